@@ -1,0 +1,38 @@
+"""Identified modes in, ranked model classes out.
+
+Bayesian structural system identification for structures whose non-structural elements may
+vibrate on their own and hide in the modal data.
+"""
+
+from bayes_ssi.data import IdentifiedMode, ModalData
+from bayes_ssi.errors import ErrorModel, IdentificationModel
+from bayes_ssi.model_class import ModelClass
+from bayes_ssi.parameters import Parameter
+from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
+from bayes_ssi.structures import (
+    AddedMass,
+    InPlaneInfill,
+    OutOfPlaneInfill,
+    Pendulum,
+    ShearBuilding,
+)
+
+__all__ = [
+    "AddedMass",
+    "ErrorModel",
+    "HalfNormal",
+    "IdentificationModel",
+    "IdentifiedMode",
+    "InPlaneInfill",
+    "LogNormal",
+    "LogUniform",
+    "ModalData",
+    "ModelClass",
+    "Normal",
+    "OutOfPlaneInfill",
+    "Parameter",
+    "Pendulum",
+    "ShearBuilding",
+    "TruncatedNormal",
+    "Uniform",
+]

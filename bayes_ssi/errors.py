@@ -1,0 +1,74 @@
+"""Error model and identification model: how identified modes differ from those of a model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from bayes_ssi.parameters import Parameter, Value, as_product
+from bayes_ssi.priors import LogNormal
+
+__all__ = ["ErrorModel", "IdentificationModel"]
+
+
+def _default_frequency_cov() -> Parameter:
+    return Parameter("frequency_cov", LogNormal(median=0.01, cov=1.0))
+
+
+def _default_shape_sd() -> Parameter:
+    return Parameter("shape_sd", LogNormal(median=0.05, cov=1.0))
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """Prediction errors of a model, common to all modes.
+
+    They are added in quadrature to each mode's own identification errors, where the data give
+    these. By default both are inferred.
+
+    Attributes:
+        frequency_cov: standard deviation of the frequency error as a fraction of the frequency
+            (half the coefficient of variation of f²).
+        shape_sd: standard deviation of each component of the shape at unit length.
+
+    Raises:
+        ValueError: one of them can be zero or negative.
+        TypeError: one of them is neither a number nor a Parameter.
+    """
+
+    frequency_cov: Value = field(default_factory=_default_frequency_cov)
+    shape_sd: Value = field(default_factory=_default_shape_sd)
+
+    def __post_init__(self) -> None:
+        for name in ("frequency_cov", "shape_sd"):
+            where = f"ErrorModel: {name}"
+            as_product(getattr(self, name), where).require_positive(where)
+
+
+@dataclass(frozen=True)
+class IdentificationModel:
+    """How modes are found and missed in the band.
+
+    Attributes:
+        detection_probability: p_D, the probability that a model mode in the band is identified.
+        expected_spurious_modes: ν, the expected number of identified modes in the band that
+            belong to no model mode.
+
+    Raises:
+        ValueError: p_D is not strictly between 0 and 1, or ν is not positive and finite.
+    """
+
+    detection_probability: float = 0.95
+    expected_spurious_modes: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.detection_probability < 1.0:
+            raise ValueError(
+                "IdentificationModel: detection_probability must lie strictly between 0 and 1, "
+                f"got {self.detection_probability!r}"
+            )
+        if not 0.0 < self.expected_spurious_modes < math.inf:
+            raise ValueError(
+                "IdentificationModel: expected_spurious_modes must be positive and finite, "
+                f"got {self.expected_spurious_modes!r}"
+            )

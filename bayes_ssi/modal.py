@@ -1,0 +1,71 @@
+"""Natural frequencies and mode shapes: batched eigen-solution, and comparison of shapes."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["Modes", "mac", "solve_modes"]
+
+
+class Modes(NamedTuple):
+    """Modes for a batch of B parameter values, in ascending order of frequency.
+
+    Attributes:
+        frequencies_hz: (B, n_modes); NaN in a row whose structure is not positive definite.
+        shapes: (B, n_dof, n_modes), normalised to unit modal mass.
+    """
+
+    frequencies_hz: FloatArray
+    shapes: FloatArray
+
+
+def solve_modes(stiffness: FloatArray, mass: FloatArray) -> Modes:
+    """Solve K φ = (2πf)² M φ for a batch of structures with a lumped mass matrix.
+
+    Args:
+        stiffness: (B, n, n), symmetric.
+        mass: (B, n) or (1, n), the diagonal of M.
+
+    Returns:
+        All n modes of each structure. A row is NaN where a mass is not positive, an entry is
+        not finite, or K is not positive definite: such a structure has no natural frequencies.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = 1.0 / np.sqrt(mass)
+        scaled = stiffness * (root[:, :, None] * root[:, None, :])
+    try:
+        eigenvalues, vectors = np.linalg.eigh(scaled)
+    except np.linalg.LinAlgError:
+        # One row that is not finite stops the whole batch; solve the others.
+        solvable = np.isfinite(scaled).all(axis=(1, 2))
+        scaled[~solvable] = np.eye(scaled.shape[-1])
+        eigenvalues, vectors = np.linalg.eigh(scaled)
+        eigenvalues[~solvable] = np.nan
+    if not eigenvalues[:, 0].min() > 0.0:  # also true when a NaN is among them
+        with np.errstate(invalid="ignore"):
+            eigenvalues[~(eigenvalues[:, 0] > 0.0)] = np.nan
+    frequencies = np.sqrt(eigenvalues) / (2.0 * math.pi)
+    return Modes(frequencies, vectors * root[:, :, None])
+
+
+def mac(shapes: FloatArray, others: FloatArray) -> FloatArray:
+    """Modal assurance criterion of every shape with every other.
+
+    Args:
+        shapes: (n_sensors, m).
+        others: (n_sensors, k).
+
+    Returns:
+        (m, k), between 0 and 1. Sensors at which either shape is NaN (not measured) are left out
+        of that pair; a pair with nothing to compare is NaN.
+    """
+    a, b = shapes.T[:, None, :], others.T[None, :, :]
+    common = np.isfinite(a) & np.isfinite(b)
+    a, b = np.where(common, a, 0.0), np.where(common, b, 0.0)
+    with np.errstate(invalid="ignore"):
+        return (a * b).sum(-1) ** 2 / ((a * a).sum(-1) * (b * b).sum(-1))

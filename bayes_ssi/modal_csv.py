@@ -1,0 +1,254 @@
+"""The CSV file of identified modes: one row a mode, as a spreadsheet saves it.
+
+::
+
+    # source, ambient vibration test of 12 May
+    # band_hz, 0, 6
+    label, frequency_hz, frequency_cov, damping, floor 1, floor 2, floor 3
+    1,     0.983,        0.001,         0.012,   0.331,   0.593,   0.734
+    2a,    2.604,        ,              ,        0.674,   0.240,
+
+Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
+the search, required) and ``source`` (text); anything else there is a remark. Then a row of column
+names: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd`` and ``damping``
+(fractions) are optional, and **every other column is a sensor**, named as the structure's degree
+of freedom. An empty cell is a value not measured. Complex components are written ``0.3+0.1j``
+(or ``i``). Columns are separated by commas, semicolons or tabs; with semicolons or tabs a decimal
+comma is understood.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayes_ssi.data import IdentifiedMode, ModalData
+
+__all__ = ["ModalCsv", "read_modal_csv", "write_modal_csv"]
+
+REQUIRED_COLUMNS = ("label", "frequency_hz")
+NUMBER_COLUMNS = ("frequency_hz", "frequency_cov", "shape_sd", "damping")
+
+
+@dataclass(frozen=True)
+class ModalCsv:
+    """A file's data and what was noticed while reading it."""
+
+    data: ModalData
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Line:
+    """The cells of one line of the file, and where it is."""
+
+    path: Path
+    number: int
+    cells: list[str]
+
+    def error(self, message: str) -> ValueError:
+        return ValueError(f"{self.path}, line {self.number}: {message}")
+
+
+def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) -> ModalCsv:
+    """Read identified modes from a CSV file (see the module's text for its form).
+
+    Args:
+        path: the file.
+        band_hz: the band, where the file names none or another is wanted.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the content is not understood; the message names file, line and column.
+    """
+    path = Path(path)
+    delimiter, lines = _split(path)
+    head = [line for line in lines if line.cells[0].startswith("#")]
+    body = [line for line in lines if not line.cells[0].startswith("#")]
+    if not body:
+        raise ValueError(f"{path}: the file holds no table of modes")
+    columns = _column_names(body[0])
+    decimal_comma = delimiter != ","
+    modes = [_mode(line, columns, decimal_comma) for line in body[1:]]
+    if not modes:
+        raise ValueError(f"{path}: no mode below the column names")
+
+    source, file_band = _read_head(head, decimal_comma)
+    band = band_hz if band_hz is not None else file_band
+    if band is None:
+        raise ValueError(
+            f"{path}: no band; add a line such as '# band_hz, 0, 6' above the column names: the "
+            "lowest and highest frequency (Hz) in which modes were sought"
+        )
+    _check_labels(body[1:], modes)
+    sensors = tuple(c for c in columns if c not in REQUIRED_COLUMNS and c not in NUMBER_COLUMNS)
+    try:
+        data = ModalData(modes=tuple(modes), band_hz=tuple(band), sensors=sensors, source=source)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    remarks = []
+    if [mode.label for mode in modes] != list(data.labels):
+        remarks.append("the modes were not in ascending order of frequency; they are now")
+    return ModalCsv(data, tuple(remarks))
+
+
+def write_modal_csv(data: ModalData, path: str | Path) -> None:
+    """Write ``data`` to a new CSV file that :func:`read_modal_csv` reads back.
+
+    Raises:
+        FileExistsError: the file exists.
+    """
+    optional = [
+        name
+        for name in NUMBER_COLUMNS[1:]
+        if any(getattr(mode, name) is not None for mode in data.modes)
+    ]
+    with Path(path).open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if data.source:
+            writer.writerow(["# source", data.source])
+        writer.writerow(["# band_hz", *(repr(float(bound)) for bound in data.band_hz)])
+        writer.writerow(["label", "frequency_hz", *optional, *data.sensors])
+        for mode in data.modes:
+            numbers = [getattr(mode, name) for name in ("frequency_hz", *optional)]
+            components = [np.nan] * len(data.sensors) if mode.shape is None else mode.shape
+            writer.writerow(
+                [mode.label]
+                + ["" if number is None else repr(float(number)) for number in numbers]
+                + [_component_text(component) for component in components]
+            )
+
+
+def _component_text(component: complex) -> str:
+    if not np.isfinite(component):
+        return ""
+    if isinstance(component, complex):
+        return f"{component.real!r}{float(component.imag):+}j"
+    return repr(float(component))
+
+
+def _split(path: Path) -> tuple[str, list[_Line]]:
+    """The file's delimiter and its lines that are not blank."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: not a text file in UTF-8; save it as CSV (UTF-8)") from None
+    if not text.strip():
+        raise ValueError(f"{path}: the file is empty")
+    header = next((row for row in text.splitlines() if "frequency_hz" in row and row[0] != "#"), "")
+    delimiter = next((d for d in (";", "\t") if d in header), ",")
+    try:
+        rows = list(csv.reader(text.splitlines(), delimiter=delimiter, skipinitialspace=True))
+    except csv.Error as error:
+        raise ValueError(f"{path}: not a CSV file: {error}") from None
+    lines = [
+        _Line(path, number, [cell.strip() for cell in row])
+        for number, row in enumerate(rows, 1)
+        if any(cell.strip() for cell in row)
+    ]
+    return delimiter, lines
+
+
+def _column_names(line: _Line) -> list[str]:
+    names = list(line.cells)
+    while names and not names[-1]:
+        names.pop()
+    for required in REQUIRED_COLUMNS:
+        if required not in names:
+            raise line.error(
+                f"no column {required!r} among {', '.join(map(repr, names))}; the columns are "
+                "label, frequency_hz, optionally frequency_cov, shape_sd and damping, and one a "
+                "sensor"
+            )
+    for name in names:
+        if not name:
+            raise line.error("a column has no name")
+        if names.count(name) > 1:
+            raise line.error(f"two columns are named {name!r}")
+    return names
+
+
+def _read_head(head: list[_Line], decimal_comma: bool) -> tuple[str, tuple[float, float] | None]:
+    source, band = "", None
+    for line in head:
+        cells = [line.cells[0].lstrip("# ").strip(), *line.cells[1:]]
+        # '# band_hz: 0, 6' and '# band_hz, 0, 6' are both what people write.
+        key, colon, rest = cells[0].partition(":")
+        if colon:
+            cells = [key.strip(), rest.strip(), *cells[1:]]
+        values = [cell for cell in cells[1:] if cell]
+        if cells[0].lower() == "source":
+            source = ", ".join(values)
+        elif cells[0].lower() == "band_hz":
+            values = (
+                [part for value in values for part in re.split(r"[,\s]+", value) if part]
+                if not decimal_comma
+                else values
+            )
+            if len(values) != 2:
+                raise line.error(f"band_hz needs two frequencies in Hz, got {values!r}")
+            low, high = (_number(value, "band_hz", line, decimal_comma) for value in values)
+            band = (low, high)
+    return source, band
+
+
+def _number(text: str, column: str, line: _Line, decimal_comma: bool) -> float:
+    try:
+        return float(text.replace(",", ".") if decimal_comma else text)
+    except ValueError:
+        raise line.error(f"{column}: {text!r} is not a number") from None
+
+
+def _component(text: str, column: str, line: _Line, decimal_comma: bool) -> complex:
+    if not text:
+        return complex("nan")
+    written = text.replace(",", ".") if decimal_comma else text
+    written = re.sub(r"\s+", "", written).replace("i", "j")
+    try:
+        value = complex(written)
+    except ValueError:
+        raise line.error(f"sensor {column!r}: {text!r} is not a number") from None
+    if not np.isfinite(value):
+        raise line.error(f"sensor {column!r}: {text!r} is not finite; leave a missing value empty")
+    return value
+
+
+def _mode(line: _Line, columns: list[str], decimal_comma: bool) -> IdentifiedMode:
+    if any(line.cells[len(columns) :]):
+        raise line.error(f"{len(line.cells)} cells for {len(columns)} columns")
+    cells = dict(zip(columns, line.cells + [""] * len(columns), strict=False))
+    numbers = {
+        name: _number(cells[name], name, line, decimal_comma)
+        for name in NUMBER_COLUMNS
+        if cells.get(name)
+    }
+    if "frequency_hz" not in numbers:
+        raise line.error("frequency_hz: the cell is empty")
+    components = [
+        _component(text, name, line, decimal_comma)
+        for name, text in cells.items()
+        if name not in REQUIRED_COLUMNS and name not in NUMBER_COLUMNS
+    ]
+    shape = np.array(components)
+    measured = shape[np.isfinite(shape)]
+    if not np.any(measured.imag):
+        shape = shape.real
+    try:
+        return IdentifiedMode(
+            label=cells["label"], shape=shape if len(measured) else None, **numbers
+        )
+    except ValueError as error:
+        raise line.error(str(error)) from None
+
+
+def _check_labels(lines: list[_Line], modes: list[IdentifiedMode]) -> None:
+    first: dict[str, _Line] = {}
+    for line, mode in zip(lines, modes, strict=True):
+        known = first.setdefault(mode.label, line)
+        if known is not line:
+            raise line.error(f"label {mode.label!r} is that of line {known.number} already")

@@ -1,0 +1,125 @@
+"""A model class: a structure, priors and a likelihood of the identified modes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.data import ModalData
+from bayes_ssi.errors import ErrorModel, IdentificationModel
+from bayes_ssi.likelihood import ModalLikelihood
+from bayes_ssi.parameters import Parameter
+from bayes_ssi.priors import FloatArray
+from bayes_ssi.structures.base import Structure
+
+__all__ = ["ModelClass"]
+
+
+@dataclass(frozen=True, eq=False)
+class ModelClass:
+    """One hypothesis about a structure: which model, which unknowns, which mode is which.
+
+    Attributes:
+        name: unique in a study.
+        structure: the structural model; its parameters carry their priors.
+        data: the identified modes.
+        error: prediction errors, inferred by default.
+        pairing: label of an identified mode → number of the model mode that it is, from 1.
+            Identified modes that are left out count as spurious, model modes that are left out
+            as not identified.
+        identification: how modes are found and missed.
+        description: a sentence for reports.
+
+    Raises:
+        ValueError: names repeat among different parameters, nothing is inferred, a sensor has no
+            degree of freedom, or the pairing is not valid. The message begins with the class's
+            name.
+        TypeError: the name, structure, data or errors are of the wrong kind.
+    """
+
+    name: str
+    structure: Structure
+    data: ModalData
+    error: ErrorModel = field(default_factory=ErrorModel)
+    pairing: Mapping[str, int] = field(kw_only=True)
+    identification: IdentificationModel = field(default_factory=IdentificationModel, kw_only=True)
+    description: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise TypeError(f"ModelClass: name must be text and not empty, got {self.name!r}")
+        for name, kind in (
+            ("structure", Structure),
+            ("data", ModalData),
+            ("error", ErrorModel),
+            ("identification", IdentificationModel),
+        ):
+            if not isinstance(getattr(self, name), kind):
+                raise TypeError(
+                    f"model class {self.name!r}: {name} must be a {kind.__name__}, "
+                    f"got {getattr(self, name)!r}"
+                )
+        try:
+            if not self.parameters:
+                raise ValueError("nothing is inferred; put a Parameter in the structure's fields")
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"model class {self.name!r}: {error}") from None
+
+    @cached_property
+    def likelihood(self) -> ModalLikelihood:
+        return ModalLikelihood(
+            self.structure, self.data, self.error, self.identification, self.pairing
+        )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The inferred parameters: the columns of ``values`` and of ``z``."""
+        return self.likelihood.parameters
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        return tuple(parameter.name for parameter in self.parameters)
+
+    def values(self, z: FloatArray) -> FloatArray:
+        """Parameter values (B, n_parameters) at standard-normal coordinates ``z``."""
+        values = np.empty(z.shape)
+        for column, parameter in enumerate(self.parameters):
+            values[:, column] = parameter.prior.from_normal(z[:, column])
+        return values
+
+    def coordinates(self, values: FloatArray) -> FloatArray:
+        """Standard-normal coordinates of parameter values; the inverse of :meth:`values`."""
+        z = np.empty(values.shape)
+        for column, parameter in enumerate(self.parameters):
+            z[:, column] = parameter.prior.to_normal(values[:, column])
+        return z
+
+    def log_likelihood(self, values: FloatArray) -> FloatArray:
+        """log p(data | values), (B,), for ``values`` (B, n_parameters)."""
+        return self.likelihood.log_likelihood(np.asarray(values, dtype=float))
+
+    def log_likelihood_at(self, z: FloatArray) -> FloatArray:
+        """The log-likelihood (B,) at standard-normal coordinates ``z`` (B, n_parameters)."""
+        return self.likelihood.log_likelihood(self.values(z))
+
+    def summary(self) -> dict[str, Any]:
+        """What the class is, for a JSON record."""
+        return {
+            "name": self.name,
+            "description": self.description,
+            "structure": type(self.structure).__name__,
+            "degrees_of_freedom": list(self.structure.degrees_of_freedom),
+            "parameters": [
+                {"name": p.name, "unit": p.unit, "prior": p.prior.as_dict()}
+                for p in self.parameters
+            ],
+            "pairing": dict(self.pairing),
+            "spurious": [label for label in self.data.labels if label not in self.pairing],
+            "detection_probability": self.identification.detection_probability,
+            "expected_spurious_modes": self.identification.expected_spurious_modes,
+            "data_digest": self.data.digest,
+        }

@@ -1,0 +1,181 @@
+"""Parameters, and the products of them that stand in the fields of structures and errors.
+
+A number in a field is fixed, a :class:`Parameter` in the same field is inferred, and the same
+Parameter in two fields ties them. ``nominal * k1`` and ``thickness**3`` are allowed: every
+such field is a :class:`Product`, a number times powers of parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayes_ssi.priors import FloatArray, Prior
+
+__all__ = ["Parameter", "Product", "ProductTable", "Value", "as_product", "collect_parameters"]
+
+# A field may not take a value at or below zero more often than this a priori.
+NEGLIGIBLE_PROBABILITY = 1e-6
+
+
+class _Multiplies:
+    """Multiplication, division by a number, and powers; shared by Parameter and Product."""
+
+    def __mul__(self, other: Value) -> Product:
+        return as_product(self) * as_product(other)  # type: ignore[arg-type]
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: float) -> Product:
+        return as_product(self) * (1.0 / float(other))  # type: ignore[arg-type]
+
+    def __pow__(self, exponent: float) -> Product:
+        product = as_product(self)  # type: ignore[arg-type]
+        return Product(
+            product.scale**exponent, tuple((p, power * exponent) for p, power in product.powers)
+        )
+
+
+@dataclass(frozen=True)
+class Parameter(_Multiplies):
+    """An uncertain quantity: a name, a proper prior, and a unit for reports.
+
+    Raises:
+        TypeError: the name is not text or the prior is not a :class:`~bayes_ssi.priors.Prior`.
+        ValueError: the name is empty.
+    """
+
+    name: str
+    prior: Prior
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise TypeError(f"Parameter: name must be text, got {self.name!r}")
+        if not self.name.strip():
+            raise ValueError("Parameter: name must not be empty")
+        if not isinstance(self.prior, Prior):
+            raise TypeError(
+                f"Parameter {self.name!r}: prior must be a prior distribution, got {self.prior!r}; "
+                "choose LogNormal, Normal, TruncatedNormal, HalfNormal, Uniform or LogUniform"
+            )
+
+
+@dataclass(frozen=True)
+class Product(_Multiplies):
+    """``scale`` times powers of parameters; with no parameters, a fixed number."""
+
+    scale: float
+    powers: tuple[tuple[Parameter, float], ...] = ()
+
+    def __mul__(self, other: Value) -> Product:
+        other = as_product(other)
+        powers = dict(self.powers)
+        for parameter, power in other.powers:
+            powers[parameter] = powers.get(parameter, 0.0) + power
+        return Product(self.scale * other.scale, tuple(powers.items()))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(parameter for parameter, _ in self.powers)
+
+    @property
+    def median(self) -> float:
+        """The product at every parameter's prior median."""
+        return self.scale * math.prod(p.prior.quantile(0.5) ** power for p, power in self.powers)
+
+    def require_positive(self, field: str) -> None:
+        """Refuse a field whose value can be zero or negative.
+
+        Raises:
+            ValueError: the number is not positive and finite, or a parameter's prior puts more
+                than a negligible probability on values that are not positive.
+        """
+        if not (math.isfinite(self.scale) and self.scale > 0):
+            raise ValueError(f"{field} must be positive and finite, got {self.scale!r}")
+        for parameter in self.parameters:
+            share = parameter.prior.probability_below(0.0)
+            if share > NEGLIGIBLE_PROBABILITY:
+                raise ValueError(
+                    f"{field} must be positive, but parameter {parameter.name!r} with prior "
+                    f"{parameter.prior} is zero or negative with probability {share:.2g}; "
+                    "choose a LogNormal or a TruncatedNormal prior"
+                )
+
+
+Value = float | Parameter | Product
+
+
+def as_product(value: Value, field: str = "value") -> Product:
+    """The :class:`Product` that a number, Parameter or Product stands for.
+
+    Raises:
+        TypeError: ``value`` is none of these; ``field`` names it in the message.
+    """
+    if isinstance(value, Product):
+        return value
+    if isinstance(value, Parameter):
+        return Product(1.0, ((value, 1.0),))
+    if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
+        return Product(float(value))
+    raise TypeError(f"{field} must be a number, a Parameter or a number times it, got {value!r}")
+
+
+def collect_parameters(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
+    """Each parameter once, in the order of first appearance.
+
+    Raises:
+        ValueError: two different parameters share a name.
+    """
+    by_name: dict[str, Parameter] = {}
+    for parameter in parameters:
+        known = by_name.setdefault(parameter.name, parameter)
+        if known != parameter:
+            raise ValueError(
+                f"two different parameters are named {parameter.name!r}: {known} and {parameter}; "
+                "use one Parameter object in both places to tie them, or two names"
+            )
+    return tuple(by_name.values())
+
+
+@dataclass(frozen=True)
+class ProductTable:
+    """Evaluates many products for a batch of parameter values at once.
+
+    Attributes:
+        products: the products, T of them.
+        parameters: the columns of the values that :meth:`evaluate` takes; every parameter in
+            ``products`` is among them.
+    """
+
+    products: tuple[Product, ...]
+    parameters: tuple[Parameter, ...]
+
+    @cached_property
+    def _scales(self) -> FloatArray:
+        return np.array([product.scale for product in self.products])
+
+    @cached_property
+    def _rounds(self) -> list[tuple[Sequence[int], list[int], FloatArray | None]]:
+        """Round r multiplies in the r-th factor of every product that has so many."""
+        column = {parameter: i for i, parameter in enumerate(self.parameters)}
+        rounds: list[tuple[Sequence[int], list[int], FloatArray | None]] = []
+        for r in range(max((len(product.powers) for product in self.products), default=0)):
+            targets = [t for t, product in enumerate(self.products) if len(product.powers) > r]
+            factors = [self.products[t].powers[r] for t in targets]
+            powers = np.array([power for _, power in factors])
+            columns = [column[parameter] for parameter, _ in factors]
+            rounds.append((targets, columns, None if np.all(powers == 1.0) else powers))
+        return rounds
+
+    def evaluate(self, values: FloatArray) -> FloatArray:
+        """The products at ``values`` (B, n_parameters), as an array (B, T)."""
+        table = np.tile(self._scales, (len(values), 1))
+        for targets, columns, powers in self._rounds:
+            factors = values[:, columns]
+            table[:, targets] *= factors if powers is None else factors**powers
+        return table

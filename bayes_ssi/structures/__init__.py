@@ -1,0 +1,23 @@
+"""Structural models: each answers one question, modes for a batch of parameter values."""
+
+from bayes_ssi.structures.base import Structure
+from bayes_ssi.structures.elements import (
+    AddedMass,
+    Element,
+    InPlaneInfill,
+    OutOfPlaneInfill,
+    Pendulum,
+)
+from bayes_ssi.structures.lumped import LumpedStructure
+from bayes_ssi.structures.shear_building import ShearBuilding
+
+__all__ = [
+    "AddedMass",
+    "Element",
+    "InPlaneInfill",
+    "LumpedStructure",
+    "OutOfPlaneInfill",
+    "Pendulum",
+    "ShearBuilding",
+    "Structure",
+]

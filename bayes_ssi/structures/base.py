@@ -1,0 +1,64 @@
+"""The question that every structure answers: modes for a batch of parameter values."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+
+from bayes_ssi.modal import Modes
+from bayes_ssi.parameters import Parameter
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["Structure"]
+
+
+class Structure(ABC):
+    """A structure with uncertain parameters.
+
+    Everything above this class (likelihood, calibration, sampling, reports) asks only these
+    four questions and does not know how modes are computed.
+    """
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The inferred parameters, in order of first appearance: the columns of ``values``."""
+
+    @property
+    @abstractmethod
+    def degrees_of_freedom(self) -> tuple[str, ...]:
+        """Labels of the degrees of freedom: the rows of a mode shape."""
+
+    @property
+    @abstractmethod
+    def n_modes(self) -> int:
+        """How many modes :meth:`modes` returns."""
+
+    @abstractmethod
+    def modes(self, values: FloatArray) -> Modes:
+        """Frequencies (B, n_modes) in Hz and shapes (B, n_dof, n_modes) for ``values``.
+
+        Args:
+            values: (B, n_parameters), columns as in :attr:`parameters`.
+        """
+
+    def sensor_rows(self, sensors: Sequence[str]) -> list[int]:
+        """The degree of freedom, as a row of the mode shapes, that each sensor measures.
+
+        Raises:
+            ValueError: a sensor names no degree of freedom of this structure.
+        """
+        row = {label: i for i, label in enumerate(self.degrees_of_freedom)}
+        unknown = [sensor for sensor in sensors if sensor not in row]
+        if unknown:
+            raise ValueError(
+                f"sensor {unknown[0]!r}: the structure has no such degree of freedom; "
+                f"choose from {', '.join(map(repr, self.degrees_of_freedom))}"
+            )
+        return [row[sensor] for sensor in sensors]
+
+    def medians(self) -> FloatArray:
+        """Every parameter at its prior median, as one row of ``values`` (1, n_parameters)."""
+        return np.array([[p.prior.quantile(0.5) for p in self.parameters]])

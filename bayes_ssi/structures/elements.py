@@ -1,0 +1,252 @@
+"""Non-structural elements: in parallel (P-NSE), in series (S-NSE), or as mass only.
+
+An element is placed on floors, counted from 1; 0 is the ground. It contributes springs and
+masses to its host structure, and an element in series adds one degree of freedom of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from bayes_ssi.parameters import Product, Value, as_product
+
+__all__ = [
+    "AddedMass",
+    "Element",
+    "InPlaneInfill",
+    "OutOfPlaneInfill",
+    "Pendulum",
+    "PointMass",
+    "Spring",
+]
+
+# Where a spring or a mass acts: a floor (0 is the ground), or a degree of freedom by its label.
+Place = int | str
+
+
+@dataclass(frozen=True)
+class Spring:
+    """Stiffness ``k v vᵀ``: a spring that resists the displacement ``Σ component · x(place)``."""
+
+    stiffness: Product
+    direction: tuple[tuple[Place, float], ...]
+
+
+@dataclass(frozen=True)
+class PointMass:
+    """A mass that moves with one place."""
+
+    mass: Product
+    place: Place
+
+
+class Element(ABC):
+    """A non-structural element on a structure.
+
+    Attributes:
+        label: names the element's own degree of freedom, if it has one, and the element in
+            messages and reports.
+    """
+
+    label: str
+
+    @property
+    def own_degree_of_freedom(self) -> str | None:
+        """Label of the degree of freedom that the element adds; None for an element without."""
+        return None
+
+    def springs(self) -> Sequence[Spring]:
+        """What the element adds to the stiffness matrix."""
+        return ()
+
+    @abstractmethod
+    def masses(self) -> Sequence[PointMass]:
+        """What the element adds to the mass matrix."""
+
+    @abstractmethod
+    def as_mass(self) -> AddedMass:
+        """The same element in the incorrect model: its mass on the floors, no dynamics."""
+
+
+def _quantity(value: Value, label: str, field: str) -> Product:
+    name = f"{label}: {field}"
+    product = as_product(value, name)
+    product.require_positive(name)
+    return product
+
+
+def _check_neighbours(between: tuple[int, int], label: str) -> None:
+    valid = (
+        isinstance(between, tuple)
+        and len(between) == 2
+        and all(isinstance(floor, int) and floor >= 0 for floor in between)
+        and between[0] != between[1]
+    )
+    if not valid:
+        raise ValueError(
+            f"{label}: between must be two different floors such as (1, 2), 0 being the ground, "
+            f"got {between!r}"
+        )
+
+
+def _spring_stiffness(mass: Product, frequency: Product, factor: Product) -> Product:
+    """k = factor · m (2πf)²."""
+    return factor * mass * frequency**2 * (2.0 * math.pi) ** 2
+
+
+@dataclass(frozen=True)
+class AddedMass(Element):
+    """Mass without dynamics, shared between places: ``shares`` of it move with each floor."""
+
+    mass: Value
+    shares: tuple[tuple[Place, float], ...]
+    label: str = "added mass"
+
+    def __post_init__(self) -> None:
+        _quantity(self.mass, self.label, "mass")
+
+    def masses(self) -> Sequence[PointMass]:
+        mass = as_product(self.mass)
+        return [PointMass(mass * share, place) for place, share in self.shares]
+
+    def as_mass(self) -> AddedMass:
+        return self
+
+
+@dataclass(frozen=True)
+class InPlaneInfill(Element):
+    """An infill in parallel with the structure (P-NSE): a spring between two floors.
+
+    Half of its mass goes to each of the two floors.
+
+    Attributes:
+        between: the two floors.
+        mass: total mass.
+        stiffness: stiffness of the spring.
+    """
+
+    between: tuple[int, int]
+    mass: Value
+    stiffness: Value
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.label:
+            object.__setattr__(self, "label", "in-plane infill {}-{}".format(*self.between))
+        _check_neighbours(self.between, self.label)
+        _quantity(self.mass, self.label, "mass")
+        _quantity(self.stiffness, self.label, "stiffness")
+
+    def springs(self) -> Sequence[Spring]:
+        low, high = self.between
+        return [Spring(as_product(self.stiffness), ((low, -1.0), (high, 1.0)))]
+
+    def masses(self) -> Sequence[PointMass]:
+        return self.as_mass().masses()
+
+    def as_mass(self) -> AddedMass:
+        low, high = self.between
+        return AddedMass(self.mass, ((low, 0.5), (high, 0.5)), label=f"{self.label}, as mass")
+
+
+@dataclass(frozen=True)
+class Pendulum(Element):
+    """A pendulous mass on one floor (S-NSE): a chimney, parapet, tank or suspended mass.
+
+    Attributes:
+        on: the floor, or the label of a degree of freedom.
+        mass: mass of the appendage.
+        frequency: natural frequency of the appendage on a fixed floor, in Hz.
+        stiffness_factor: multiplies the spring's stiffness ``m (2πf)²``.
+    """
+
+    on: Place
+    mass: Value
+    frequency: Value
+    stiffness_factor: Value = 1.0
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.label:
+            object.__setattr__(self, "label", f"pendulum {self.on}")
+        if self.on == 0:
+            raise ValueError(
+                f"{self.label}: an appendage on the ground would not move with the structure"
+            )
+        _quantity(self.mass, self.label, "mass")
+        _quantity(self.frequency, self.label, "frequency")
+        _quantity(self.stiffness_factor, self.label, "stiffness_factor")
+
+    @property
+    def own_degree_of_freedom(self) -> str:
+        return self.label
+
+    def springs(self) -> Sequence[Spring]:
+        stiffness = _spring_stiffness(
+            as_product(self.mass), as_product(self.frequency), as_product(self.stiffness_factor)
+        )
+        return [Spring(stiffness, ((self.on, -1.0), (self.label, 1.0)))]
+
+    def masses(self) -> Sequence[PointMass]:
+        return [PointMass(as_product(self.mass), self.label)]
+
+    def as_mass(self) -> AddedMass:
+        return AddedMass(self.mass, ((self.on, 1.0),), label=f"{self.label}, as mass")
+
+
+@dataclass(frozen=True)
+class OutOfPlaneInfill(Element):
+    """An infill that vibrates out of its plane between two floors (S-NSE).
+
+    Half of its mass moves on a spring between it and the mean of the two floors; a quarter moves
+    with each floor.
+
+    Attributes:
+        between: the two floors.
+        mass: total mass of the infill.
+        frequency: its natural frequency between fixed floors, in Hz.
+        stiffness_factor: multiplies the spring's stiffness ``(m/2) (2πf)²``.
+    """
+
+    between: tuple[int, int]
+    mass: Value
+    frequency: Value
+    stiffness_factor: Value = 1.0
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.label:
+            object.__setattr__(self, "label", "infill {}-{}".format(*self.between))
+        _check_neighbours(self.between, self.label)
+        _quantity(self.mass, self.label, "mass")
+        _quantity(self.frequency, self.label, "frequency")
+        _quantity(self.stiffness_factor, self.label, "stiffness_factor")
+
+    @property
+    def own_degree_of_freedom(self) -> str:
+        return self.label
+
+    def springs(self) -> Sequence[Spring]:
+        low, high = self.between
+        stiffness = _spring_stiffness(
+            as_product(self.mass) * 0.5,
+            as_product(self.frequency),
+            as_product(self.stiffness_factor),
+        )
+        return [Spring(stiffness, ((low, -0.5), (high, -0.5), (self.label, 1.0)))]
+
+    def masses(self) -> Sequence[PointMass]:
+        low, high = self.between
+        mass = as_product(self.mass)
+        return [
+            PointMass(mass * 0.25, low),
+            PointMass(mass * 0.25, high),
+            PointMass(mass * 0.5, self.label),
+        ]
+
+    def as_mass(self) -> AddedMass:
+        low, high = self.between
+        return AddedMass(self.mass, ((low, 0.5), (high, 0.5)), label=f"{self.label}, as mass")
