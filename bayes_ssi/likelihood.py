@@ -101,8 +101,15 @@ class PairedModes:
         length_sq = (shapes * shapes * self.measured).sum(1)
         # A model shape that vanishes at every sensor (a node at each) points nowhere.
         with np.errstate(divide="ignore", invalid="ignore"):
-            aligned = np.where(length_sq > 0, np.abs(cosine) / np.sqrt(length_sq), 0.0)
-        return 1.0 - np.minimum(aligned, 1.0)
+            aligned = np.where(length_sq == 0.0, 0.0, np.abs(cosine) / np.sqrt(length_sq))
+        return 1.0 - aligned
+
+    def shape_differences(self, shapes_at_sensors: FloatArray) -> FloatArray:
+        """φ - φ_e of unit shapes of matching sign, (B, s, S), whose norm over s is r_φ."""
+        shapes = shapes_at_sensors[:, :, self.model_modes[self.with_shape]] * self.measured
+        length = np.sqrt((shapes * shapes).sum(1, keepdims=True))
+        sign = np.where((shapes * self.unit_shapes).sum(1, keepdims=True) < 0, -1.0, 1.0)
+        return shapes * (sign / np.where(length == 0.0, 1.0, length)) - self.unit_shapes
 
 
 def check_pairing(pairing: Mapping[str, int], data: ModalData, n_modes: int) -> None:

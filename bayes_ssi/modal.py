@@ -46,7 +46,7 @@ def solve_modes(stiffness: FloatArray, mass: FloatArray) -> Modes:
         scaled[~solvable] = np.eye(scaled.shape[-1])
         eigenvalues, vectors = np.linalg.eigh(scaled)
         eigenvalues[~solvable] = np.nan
-    if not eigenvalues[:, 0].min() > 0.0:  # also true when a NaN is among them
+    if not eigenvalues[:, 0].min(initial=np.inf) > 0.0:  # also true when a NaN is among them
         with np.errstate(invalid="ignore"):
             eigenvalues[~(eigenvalues[:, 0] > 0.0)] = np.nan
     frequencies = np.sqrt(eigenvalues) / (2.0 * math.pi)

@@ -1,0 +1,303 @@
+"""Deterministic calibration: every distinct minimum of the paper's objective.
+
+With r_f = f/f_e - 1 and r_φ = ‖φ - φ_e‖ = √(2(1 - √MAC)) for unit shapes of matching sign,
+
+    f_ob = √[(Σ r_f² + λ² Σ r_φ²) / (Σ 1 + λ² Σ 1)]        (paper, Eq. 1)
+
+Updating problems have several minima, often with the same f_ob, so one optimum is never the
+answer: all that many starts find are listed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_ssi.modal import mac
+from bayes_ssi.model_class import ModelClass
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["Calibration", "Fit", "ModeFit", "calibrate", "rms_distance"]
+
+# The search stays within this many prior standard deviations in standard-normal coordinates.
+FARTHEST = 8.0
+# A direction counts as undetermined when moving one prior standard deviation along it changes
+# the residuals by less than this share of the most sensitive direction's change.
+RANK_TOLERANCE = 1e-6
+# Minima nearer than this in every standard-normal coordinate are one.
+SAME_MINIMUM = 1e-2
+# Ends with a relative slope above this are not minima.
+SLOPE_TOLERANCE = 1e-4
+DIFFERENCE_STEP = 1e-5
+
+
+@dataclass(frozen=True)
+class ModeFit:
+    """One paired mode: identified, and as the model has it.
+
+    Attributes:
+        label: of the identified mode.
+        model_mode: number of the model mode, from 1.
+        identified_hz: identified frequency.
+        model_hz: model frequency.
+        mac: between the two shapes; NaN where none was identified.
+    """
+
+    label: str
+    model_mode: int
+    identified_hz: float
+    model_hz: float
+    mac: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The model at one point in the space of parameters.
+
+    Attributes:
+        values: parameter values, in the order of the calibration's ``parameter_names``.
+        objective: f_ob, a fraction.
+        distance: RMS distance d from the reference values, a fraction.
+        modes: the paired modes.
+    """
+
+    values: tuple[float, ...]
+    objective: float
+    distance: float
+    modes: tuple[ModeFit, ...]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """All distinct minima of the objective.
+
+    Attributes:
+        name: of the model class.
+        parameter_names: those that the structure depends on.
+        before: the model at the reference values.
+        minima: the best first; of equally good ones the nearest to the prior median first.
+        shape_weight: λ.
+        undetermined_directions: how many directions in parameter space the residuals do not
+            determine at the best minimum; where there are any, the minimum listed is the point
+            of a whole surface that lies nearest to the prior median.
+        n_starts: local searches made.
+    """
+
+    name: str
+    parameter_names: tuple[str, ...]
+    before: Fit
+    minima: tuple[Fit, ...]
+    shape_weight: float
+    undetermined_directions: int
+    n_starts: int
+
+    @property
+    def best(self) -> Fit:
+        return self.minima[0]
+
+
+def rms_distance(values: Mapping[str, float], reference: Mapping[str, float]) -> float:
+    """RMS over the parameters of ``reference`` of value/reference - 1 (the d of paper, Table 1).
+
+    Raises:
+        ValueError: a parameter of ``reference`` is missing, or its reference is zero.
+    """
+    missing = [name for name in reference if name not in values]
+    if missing:
+        raise ValueError(f"rms_distance: no value of parameter {missing[0]!r}")
+    if any(number == 0 for number in reference.values()):
+        raise ValueError("rms_distance: a reference value is zero, so no relative distance")
+    squares = [(values[name] / number - 1.0) ** 2 for name, number in reference.items()]
+    return math.sqrt(sum(squares) / len(squares))
+
+
+def calibrate(
+    model_class: ModelClass,
+    shape_weight: float = 1.0,
+    reference: Mapping[str, float] | None = None,
+    n_starts: int = 64,
+    seed: int = 0,
+) -> Calibration:
+    """Minimise the paper's objective from many starts and list every distinct minimum.
+
+    Args:
+        model_class: its pairing says which modes are fitted; its priors say where to search.
+        shape_weight: λ, the weight of shapes relative to frequencies; 0 leaves shapes out.
+        reference: parameter name → value from which the distance d is measured, also the
+            model before calibration; prior medians where not given.
+        n_starts: local searches, spread over the prior and beyond.
+        seed: of the starts.
+
+    Raises:
+        ValueError: nothing to fit, a reference of a parameter that does not exist, or a negative
+            weight or no start.
+    """
+    if not (math.isfinite(shape_weight) and shape_weight >= 0):
+        raise ValueError(f"calibrate: shape_weight must be zero or positive, got {shape_weight!r}")
+    if n_starts < 1:
+        raise ValueError(f"calibrate: n_starts must be at least 1, got {n_starts!r}")
+    problem = _Problem(model_class, shape_weight)
+    reference_values = problem.reference_values(reference)
+    ends = [problem.descend(start) for start in problem.starts(n_starts, seed)]
+    minima, undetermined = _distinct(problem, [end for end in ends if end is not None])
+    if not minima:
+        raise ValueError(
+            f"model class {model_class.name!r}: no local search for a minimum converged"
+        )
+    fits = [problem.fit(problem.values(z), reference_values) for z in minima]
+    return Calibration(
+        name=model_class.name,
+        parameter_names=problem.names,
+        before=problem.fit(reference_values[None], reference_values),
+        minima=tuple(fits),
+        shape_weight=shape_weight,
+        undetermined_directions=undetermined,
+        n_starts=n_starts,
+    )
+
+
+class _Problem:
+    """Residuals of a model class as a function of its structure's standard-normal coordinates."""
+
+    def __init__(self, model_class: ModelClass, shape_weight: float) -> None:
+        self.model_class = model_class
+        self.parameters = model_class.structure.parameters
+        self.names = tuple(parameter.name for parameter in self.parameters)
+        self.pairs = model_class.likelihood.pairs
+        self.shape_weight = shape_weight
+        if not self.parameters:
+            raise ValueError(
+                f"model class {model_class.name!r}: its structure has no parameter to calibrate"
+            )
+        if not len(self.pairs.modes):
+            raise ValueError(f"model class {model_class.name!r}: no mode is paired, nothing to fit")
+        n_shapes = len(self.pairs.with_shape) if shape_weight > 0 else 0
+        self.count = len(self.pairs.modes) + shape_weight**2 * n_shapes
+
+    def reference_values(self, reference: Mapping[str, float] | None) -> FloatArray:
+        """(n,), the given reference values and prior medians for the others."""
+        given = dict(reference or {})
+        unknown = [name for name in given if name not in self.names]
+        if unknown:
+            raise ValueError(
+                f"model class {self.model_class.name!r}: reference for unknown parameter "
+                f"{unknown[0]!r}; choose from {', '.join(map(repr, self.names))}"
+            )
+        return np.array([given.get(p.name, p.prior.quantile(0.5)) for p in self.parameters])
+
+    def starts(self, n: int, seed: int) -> FloatArray:
+        """(n, d): the prior median, and low-discrepancy points of twice the prior's spread."""
+        from scipy.special import ndtri
+        from scipy.stats import qmc
+
+        d = len(self.parameters)
+        if n == 1:
+            return np.zeros((1, d))
+        points = qmc.Sobol(d, seed=seed).random_base2(max(1, math.ceil(math.log2(n))))[: n - 1]
+        spread = 2.0 * ndtri(np.clip(points, 1e-6, 1 - 1e-6))
+        return np.vstack([np.zeros(d), np.clip(spread, -0.9 * FARTHEST, 0.9 * FARTHEST)])
+
+    def values(self, z: FloatArray) -> FloatArray:
+        """Parameter values (1, d) at one point."""
+        columns = [p.prior.from_normal(z[i]) for i, p in enumerate(self.parameters)]
+        return np.array([columns], dtype=float)
+
+    def residuals(self, z: FloatArray) -> FloatArray:
+        """(B, m): r_f, and λ(φ - φ_e) component by component, whose squares add up to r_φ²."""
+        columns = [p.prior.from_normal(z[:, i]) for i, p in enumerate(self.parameters)]
+        modes = self.model_class.structure.modes(np.column_stack(columns))
+        residuals = [self.pairs.frequency_residuals(modes.frequencies_hz)]
+        if self.shape_weight > 0 and len(self.pairs.with_shape):
+            shapes = self.model_class.likelihood.shapes_at_sensors(modes)
+            differences = self.pairs.shape_differences(shapes)
+            residuals.append(self.shape_weight * differences.reshape(len(z), -1))
+        return np.concatenate(residuals, axis=1)
+
+    def jacobian(self, z: FloatArray) -> FloatArray:
+        """(m, d) at one point, by central differences in one batch."""
+        steps = DIFFERENCE_STEP * np.eye(len(z))
+        both = self.residuals(np.concatenate([z + steps, z - steps]))
+        return (both[: len(z)] - both[len(z) :]).T / (2.0 * DIFFERENCE_STEP)
+
+    def descend(self, start: FloatArray) -> FloatArray | None:
+        """The minimum reached from ``start``; None where the search leaves the model's domain."""
+        from scipy.optimize import least_squares
+
+        def residuals(z: FloatArray) -> FloatArray:
+            return self.residuals(z[None])[0]
+
+        if not np.isfinite(residuals(start)).all():
+            return None
+        try:
+            result = least_squares(
+                residuals,
+                start,
+                jac=self.jacobian,  # type: ignore[arg-type]
+                bounds=(-FARTHEST, FARTHEST),
+                xtol=1e-12,
+                ftol=1e-14,
+                gtol=1e-12,
+                max_nfev=200,
+            )
+        except ValueError:  # residuals that are not finite: the structure broke down on the way
+            return None
+        at_bound = np.any(np.abs(result.x) > 0.999 * FARTHEST)
+        slope = np.abs(result.grad).max() / max(1e-8, np.linalg.norm(np.asarray(result.jac)))
+        return None if at_bound or slope > SLOPE_TOLERANCE else result.x
+
+    def objective(self, z: FloatArray) -> FloatArray:
+        """f_ob, (B,)."""
+        return np.sqrt((self.residuals(z) ** 2).sum(1) / self.count)
+
+    def fit(self, values: FloatArray, reference: FloatArray) -> Fit:
+        """The model at ``values`` (1, d), beside the identified modes."""
+        modes = self.model_class.structure.modes(np.atleast_2d(values))
+        shapes = self.model_class.likelihood.shapes_at_sensors(modes)[0]
+        data = self.model_class.data
+        criteria = mac(data.unit_shapes, shapes)
+        z = np.array([p.prior.to_normal(values.ravel()[i]) for i, p in enumerate(self.parameters)])
+        numbers = [float(value) for value in values.ravel()]
+        nominal = dict(zip(self.names, reference.tolist(), strict=True))
+        return Fit(
+            values=tuple(numbers),
+            objective=float(self.objective(z[None])[0]),
+            distance=rms_distance(dict(zip(self.names, numbers, strict=True)), nominal),
+            modes=tuple(
+                ModeFit(
+                    label=label,
+                    model_mode=number,
+                    identified_hz=data.mode(label).frequency_hz,
+                    model_hz=float(modes.frequencies_hz[0, number - 1]),
+                    mac=float(criteria[data.labels.index(label), number - 1])
+                    if data.mode(label).scored_shape is not None
+                    else math.nan,
+                )
+                for label, number in self.model_class.pairing.items()
+            ),
+        )
+
+
+def _distinct(problem: _Problem, ends: list[FloatArray]) -> tuple[list[FloatArray], int]:
+    """Distinct minima, the best first, and the directions undetermined at the best one."""
+    if not ends:
+        return [], 0
+    objectives = problem.objective(np.array(ends)).tolist()
+    # Exact fits differ only by rounding: they are equally good, and the nearest comes first.
+    order = sorted(
+        range(len(ends)), key=lambda i: (round(objectives[i], 7), float(np.linalg.norm(ends[i])))
+    )
+    kept: list[int] = []
+    for i in order:
+        if all(np.abs(ends[i] - ends[j]).max() > SAME_MINIMUM for j in kept):
+            kept.append(i)
+    best = ends[kept[0]]
+    sensitivities = np.linalg.svd(problem.jacobian(best), compute_uv=False)
+    determined = int((sensitivities > RANK_TOLERANCE * sensitivities.max()).sum())
+    undetermined = len(best) - determined
+    if undetermined:
+        # The equally good points form a surface; one of them, the nearest, stands for it.
+        kept = [kept[0], *(i for i in kept if objectives[i] >= objectives[kept[0]] + 1e-7)]
+    return [ends[i] for i in kept], undetermined

@@ -1,0 +1,221 @@
+"""Mixtures of Student-t distributions fitted to draws: the proposal that knows the posterior."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.special import gammaln
+
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["StudentMixture", "choose_mixture", "fit_mixture"]
+
+MAX_EM_STEPS = 50
+EM_TOLERANCE = 1e-3  # nats per draw
+DEGREES_OF_FREEDOM = (5.0, 30.0)
+# A component whose draws had no weight keeps this share: it may yet be needed.
+LEAST_SHARE = 1e-3
+# A component needs this many draws a dimension for its covariance to mean something.
+DRAWS_PER_DIMENSION = 10
+
+
+@dataclass(frozen=True, eq=False)
+class StudentMixture:
+    """K Student-t components in d dimensions, and a share of the standard normal prior.
+
+    Attributes:
+        weights: (K,), adding up to ``1 - prior_share``.
+        means: (K, d).
+        choleskys: (K, d, d), lower Cholesky factors of the scale matrices.
+        dof: (K,), degrees of freedom.
+        prior_share: weight of N(0, I), the defensive component: it bounds every importance
+            weight by the greatest likelihood over ``prior_share``.
+    """
+
+    weights: FloatArray
+    means: FloatArray
+    choleskys: FloatArray
+    dof: FloatArray
+    prior_share: float = 0.0
+
+    @property
+    def n_components(self) -> int:
+        """Student-t components; the defensive one does not count."""
+        return len(self.weights)
+
+    @cached_property
+    def _inverses(self) -> FloatArray:
+        identity = np.eye(self.means.shape[1])
+        return np.array([solve_triangular(c, identity, lower=True) for c in self.choleskys])
+
+    @cached_property
+    def _log_constants(self) -> FloatArray:
+        d, dof = self.means.shape[1], self.dof
+        of_tails = gammaln((dof + d) / 2) - gammaln(dof / 2) - 0.5 * d * np.log(dof * math.pi)
+        diagonals = np.diagonal(self.choleskys, axis1=1, axis2=2)
+        return of_tails - np.log(diagonals).sum(1)
+
+    def squared_distances(self, z: FloatArray) -> FloatArray:
+        """Mahalanobis distances squared of ``z`` (n, d) from every component, (K, n)."""
+        whitened = np.matmul(z[None] - self.means[:, None], self._inverses.transpose(0, 2, 1))
+        return np.einsum("knd,knd->kn", whitened, whitened)
+
+    def log_components(self, z: FloatArray) -> FloatArray:
+        """log(weight · density) of every Student-t component, (K, n)."""
+        dof = self.dof[:, None]
+        tails = 0.5 * (dof + z.shape[1]) * np.log1p(self.squared_distances(z) / dof)
+        return (np.log(self.weights) + self._log_constants)[:, None] - tails
+
+    def log_pdf(self, z: FloatArray) -> FloatArray:
+        """The log density (n,) at ``z`` (n, d), the defensive component included."""
+        total = np.logaddexp.reduce(self.log_components(z), axis=0)
+        if self.prior_share == 0.0:
+            return total
+        d = z.shape[1]
+        prior = -0.5 * (np.einsum("nd,nd->n", z, z) + d * math.log(2.0 * math.pi))
+        return np.logaddexp(total, prior + math.log(self.prior_share))
+
+    def defended(self, prior_share: float) -> StudentMixture:
+        """This mixture with ``prior_share`` of its weight given to the prior N(0, I)."""
+        weights = self.weights * ((1.0 - prior_share) / self.weights.sum())
+        return StudentMixture(weights, self.means, self.choleskys, self.dof, prior_share)
+
+    def joined_with(self, other: StudentMixture, share: float) -> StudentMixture:
+        """This mixture with ``share`` of its weight given to the components of another."""
+        return StudentMixture(
+            np.concatenate([self.weights * (1.0 - share), other.weights * share]),
+            np.concatenate([self.means, other.means]),
+            np.concatenate([self.choleskys, other.choleskys]),
+            np.concatenate([self.dof, other.dof]),
+        )
+
+    def reweighted(self, z: FloatArray, weights: FloatArray) -> StudentMixture:
+        """The same components with the shares that weighted draws ``z`` (n, d) give them."""
+        log_parts = self.log_components(z)
+        shares = np.exp(log_parts - np.logaddexp.reduce(log_parts, axis=0)) @ weights
+        shares = np.maximum(shares / shares.sum(), LEAST_SHARE)
+        return replace(self, weights=shares / shares.sum())
+
+    def draw(self, counts: NDArray[np.intp], rng: np.random.Generator) -> FloatArray:
+        """``counts[k]`` draws from component k, in order; the last count is of N(0, I).
+
+        Args:
+            counts: (K + 1,).
+
+        Returns:
+            (counts.sum(), d).
+        """
+        d = self.means.shape[1]
+        component = np.repeat(np.arange(self.n_components), counts[:-1])
+        normal = rng.standard_normal((len(component), d))
+        dof = self.dof[component]
+        scale = np.sqrt(dof / rng.chisquare(dof))
+        steps = np.einsum("nij,nj->ni", self.choleskys[component], normal) * scale[:, None]
+        return np.concatenate([self.means[component] + steps, rng.standard_normal((counts[-1], d))])
+
+    @property
+    def all_weights(self) -> FloatArray:
+        """(K + 1,): the components' weights and the defensive one's."""
+        return np.append(self.weights, self.prior_share)
+
+
+def fit_mixture(
+    draws: FloatArray,
+    n_components: int,
+    dof: float,
+    rng: np.random.Generator,
+    max_steps: int = MAX_EM_STEPS,
+) -> StudentMixture:
+    """Fit a Student-t mixture to ``draws`` (n, d) by expectation-maximisation.
+
+    Components that lose their draws are dropped, so fewer than ``n_components`` may come back.
+    """
+    n, d = draws.shape
+    labels = _initial_labels(draws, n_components, rng)
+    responsibilities = (labels == np.arange(labels.max() + 1)[:, None]).astype(float)
+    scale_weights = np.ones_like(responsibilities)
+    floor = 1e-10 * np.eye(d) * max(float(draws.var(axis=0).max()), 1e-300)
+    least = min(n, d + 1.0)
+    last = -math.inf
+    for _ in range(max_steps):
+        totals = responsibilities.sum(1)
+        kept = totals >= least
+        if not kept.all() and kept.any():
+            responsibilities, scale_weights = responsibilities[kept], scale_weights[kept]
+            totals = totals[kept]
+        combined = responsibilities * scale_weights
+        means = combined @ draws / combined.sum(1, keepdims=True)
+        centred = draws[None] - means[:, None]
+        scatter = np.matmul((centred * combined[:, :, None]).transpose(0, 2, 1), centred)
+        covariances = scatter / totals[:, None, None] + floor
+        mixture = StudentMixture(
+            weights=totals / totals.sum(),
+            means=means,
+            choleskys=np.linalg.cholesky(covariances),
+            dof=np.full(len(means), dof),
+        )
+
+        log_parts = mixture.log_components(draws)
+        log_total = np.logaddexp.reduce(log_parts, axis=0)
+        responsibilities = np.exp(log_parts - log_total)
+        scale_weights = (dof + d) / (dof + mixture.squared_distances(draws))
+        mean_log_density = float(log_total.mean())
+        if mean_log_density - last < EM_TOLERANCE:
+            break
+        last = mean_log_density
+    return mixture
+
+
+def choose_mixture(
+    draws: FloatArray,
+    held_out: FloatArray,
+    n_components: Iterable[int],
+    rng: np.random.Generator,
+) -> StudentMixture:
+    """The mixture, fitted to ``draws``, under which ``held_out`` is most probable.
+
+    That is the one nearest to the posterior in the Kullback-Leibler sense. The number of
+    components grows through ``n_components`` until more of them no longer help, and the tails
+    are as heavy as suits the held-out draws.
+    """
+    n, d = draws.shape
+    best: StudentMixture | None = None
+    best_score = -math.inf
+    for count in n_components:
+        if count > 1 and count * d * DRAWS_PER_DIMENSION > n:
+            break
+        candidates = [fit_mixture(draws, count, dof, rng) for dof in DEGREES_OF_FREEDOM]
+        scores = [float(candidate.log_pdf(held_out).mean()) for candidate in candidates]
+        score = max(scores)
+        if best is not None and score < best_score + 0.01:
+            break
+        best, best_score = candidates[int(np.argmax(scores))], score
+    if best is None:
+        raise ValueError("choose_mixture: no number of components to choose from")
+    return best
+
+
+def _initial_labels(draws: FloatArray, k: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """A first partition of the draws into k groups, by k-means on standardised coordinates."""
+    if k == 1:
+        return np.zeros(len(draws), dtype=np.intp)
+    spread = draws.std(axis=0)
+    scaled = (draws - draws.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    centres = scaled[rng.integers(len(scaled))][None]
+    nearest = ((scaled - centres[0]) ** 2).sum(1)
+    while len(centres) < k and nearest.max() > 0:  # far points first: k-means++
+        chosen = rng.choice(len(scaled), p=nearest / nearest.sum())
+        centres = np.vstack([centres, scaled[chosen]])
+        nearest = np.minimum(nearest, ((scaled - scaled[chosen]) ** 2).sum(1))
+    for _ in range(5):
+        distances = ((scaled[:, None] - centres[None]) ** 2).sum(-1)
+        labels = distances.argmin(1)
+        occupied = np.unique(labels)
+        centres = np.array([scaled[labels == group].mean(0) for group in occupied])
+    return np.searchsorted(occupied, labels)

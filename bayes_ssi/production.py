@@ -1,0 +1,133 @@
+"""Production: independent emcee ensembles from the tempered starts, until they are long enough."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_ssi.mixture import StudentMixture
+from bayes_ssi.priors import FloatArray
+from bayes_ssi.target import Target, log_standard_normal
+from bayes_ssi.tempering import TemperedStart
+
+__all__ = ["Ensemble", "autocorrelation_times", "effective_sample_size", "r_hat", "run_ensemble"]
+
+# A chain is long enough at this many of the autocorrelation times that it measures.
+LENGTH_IN_AUTOCORRELATION_TIMES = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """Draws of one emcee ensemble, in standard-normal coordinates.
+
+    Attributes:
+        positions: (n_steps, n_walkers, d).
+        log_posteriors: (n_steps, n_walkers), likelihood times prior density.
+        autocorrelation_times: (d,), in steps.
+        acceptance: share of proposals accepted.
+    """
+
+    positions: FloatArray
+    log_posteriors: FloatArray
+    autocorrelation_times: FloatArray
+    acceptance: float
+
+    @property
+    def n_steps(self) -> int:
+        return len(self.positions)
+
+    @property
+    def draws(self) -> FloatArray:
+        """All draws, (n_steps · n_walkers, d)."""
+        return self.positions.reshape(-1, self.positions.shape[-1])
+
+    @property
+    def is_long_enough(self) -> bool:
+        longest = self.autocorrelation_times.max()
+        return self.n_steps >= LENGTH_IN_AUTOCORRELATION_TIMES * longest
+
+
+def run_ensemble(
+    target: Target,
+    start: TemperedStart,
+    proposal: StudentMixture,
+    n_walkers: int,
+    max_steps: int,
+    seed: np.random.SeedSequence,
+    progress: Callable[[float], None] | None = None,
+) -> Ensemble:
+    """Sample the posterior by emcee from the particles of one tempered start.
+
+    Half of the moves propose from ``proposal``, independently of where a walker is, so walkers
+    change between separate regions; the others are emcee's differential evolution and stretch
+    moves.
+
+    Args:
+        target: what is sampled.
+        start: its particles seed the walkers.
+        proposal: fitted beforehand to all tempered starts, and fixed.
+        n_walkers: even, at least twice the number of dimensions.
+        max_steps: where to stop if the autocorrelation time stays too long.
+        seed: everything random follows from it.
+        progress: called with the share of the needed length that is done.
+    """
+    from bayes_ssi.moves import ensemble_sampler, initial_state
+
+    rng = np.random.default_rng(seed)
+    chosen = rng.choice(len(start.positions), size=n_walkers, replace=False)
+    sampler = ensemble_sampler(target.log_posterior, n_walkers, target.n_dimensions, proposal)
+    positions = start.positions[chosen]
+    density = start.log_likelihoods[chosen] + log_standard_normal(positions)
+    state = initial_state(positions, density, rng)
+    wanted = min(2 * LENGTH_IN_AUTOCORRELATION_TIMES, max_steps)
+    while True:
+        state = sampler.run_mcmc(state, wanted - sampler.iteration, skip_initial_state_check=True)
+        times = autocorrelation_times(sampler.get_chain())
+        enough = int(np.ceil(LENGTH_IN_AUTOCORRELATION_TIMES * times.max()))
+        if progress is not None:
+            progress(min(sampler.iteration / min(enough, max_steps), 1.0))
+        if sampler.iteration >= min(enough, max_steps):
+            break
+        wanted = min(max_steps, int(1.1 * enough))
+    return Ensemble(
+        positions=sampler.get_chain(),
+        log_posteriors=sampler.get_log_prob(),
+        autocorrelation_times=times,
+        acceptance=float(np.mean(sampler.acceptance_fraction)),
+    )
+
+
+def autocorrelation_times(chain: FloatArray) -> FloatArray:
+    """Integrated autocorrelation time in steps of a chain (n_steps, n_walkers, k), (k,)."""
+    from emcee.autocorr import integrated_time
+
+    moving = chain.std(axis=(0, 1)) > 0
+    times = np.ones(chain.shape[-1])
+    if moving.any():
+        # tol=0: the length is judged by the caller, which then goes on sampling.
+        times[moving] = integrated_time(chain[..., moving], tol=0)
+    return np.maximum(times, 1.0)
+
+
+def effective_sample_size(ensembles: Sequence[Ensemble]) -> FloatArray:
+    """Effective number of independent draws of each coordinate, (d,), over all ensembles."""
+    return np.sum([e.positions[..., 0].size / e.autocorrelation_times for e in ensembles], axis=0)
+
+
+def r_hat(ensembles: Sequence[Ensemble]) -> FloatArray:
+    """Potential scale reduction of each coordinate, (d,) (Gelman and Rubin 1992).
+
+    The chains compared are the halves of each ensemble, all walkers together: walkers of one
+    ensemble are not independent of one another, the ensembles are.
+    """
+    n = min(e.n_steps for e in ensembles) // 2
+    halves = [half for e in ensembles for half in (e.positions[:n], e.positions[-n:])]
+    chains = [half.reshape(-1, half.shape[-1]) for half in halves]
+    within = np.mean([chain.var(axis=0, ddof=1) for chain in chains], axis=0)
+    between = np.var([chain.mean(axis=0) for chain in chains], axis=0, ddof=1)
+    size = len(chains[0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.sqrt((size - 1) / size + between / within)
+    return np.where(within > 0, ratio, np.where(between > 0, np.inf, 1.0))

@@ -1,0 +1,214 @@
+"""From a log-likelihood to draws of its posterior and its evidence, in five steps.
+
+1. Two independent tempered starts, and many ascents, discover the regions of the posterior.
+2. A Student-t mixture is fitted to what they found.
+3. Two independent emcee ensembles sample the posterior.
+4. Mixture importance sampling, from a mixture fitted to one ensemble, gives the evidence and the
+   share of the posterior in each region; bridge sampling with the other ensemble checks it.
+5. Everything that should agree is compared; what does not is a warning in the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.evidence import (
+    Estimate,
+    ImportanceSample,
+    bridge_sampling,
+    importance_sampling,
+    tempered_estimate,
+)
+from bayes_ssi.maxima import Maxima, find_maxima
+from bayes_ssi.mixture import StudentMixture, choose_mixture
+from bayes_ssi.priors import FloatArray
+from bayes_ssi.production import Ensemble, run_ensemble
+from bayes_ssi.regions import Regions, find_regions
+from bayes_ssi.target import Target
+from bayes_ssi.tempering import TemperedStart, tempered_start
+
+__all__ = ["Progress", "Sampled", "SamplingSettings", "sample_target"]
+
+# Called with the name of a step and the share of it that is done.
+Progress = Callable[[str, float], None]
+
+N_ENSEMBLES = 2
+COMPONENTS = (1, 2, 3, 4, 6, 8, 12, 16)
+DRAWS_FOR_FITTING = 3000
+# Weight of the maxima's own components in the mixtures: a region that the particles lost is
+# proposed all the same.
+MAXIMA_SHARE = 0.1
+# Importance draws count as part of a region when their weight is at least this share of the mean.
+TYPICAL_WEIGHT = 0.1
+
+
+@dataclass(frozen=True)
+class SamplingSettings:
+    """How precisely to sample.
+
+    Attributes:
+        log_evidence_error: wanted standard error of the log evidence, in nats.
+        particles: of each tempered start; None chooses by the number of parameters.
+        ascents: local searches for maxima.
+        max_steps: longest chain of an ensemble, in steps.
+
+    Raises:
+        ValueError: a setting is not positive, or there are fewer particles than 4 a parameter.
+    """
+
+    log_evidence_error: float = 0.01
+    particles: int | None = None
+    ascents: int = 256
+    max_steps: int = 5000
+
+    def __post_init__(self) -> None:
+        for name in ("log_evidence_error", "particles", "ascents", "max_steps"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ValueError(f"SamplingSettings: {name} must be positive, got {value!r}")
+
+    def n_particles(self, n_dimensions: int) -> int:
+        if self.particles is None:
+            return max(500, 100 * n_dimensions)
+        if self.particles < 4 * n_dimensions:
+            raise ValueError(
+                f"SamplingSettings: particles must be at least {4 * n_dimensions} for "
+                f"{n_dimensions} parameters, got {self.particles!r}"
+            )
+        return self.particles
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Everything that sampling one target produced, in standard-normal coordinates."""
+
+    starts: tuple[TemperedStart, ...]
+    maxima: Maxima
+    ensembles: tuple[Ensemble, ...]
+    importance: ImportanceSample
+    bridge: Estimate
+    regions: Regions
+    n_evaluations: int
+    n_failed: int
+
+    @property
+    def evidence(self) -> Estimate:
+        """The quoted log evidence."""
+        return self.importance.estimate
+
+    @property
+    def tempered(self) -> Estimate:
+        return tempered_estimate(self.starts)
+
+    @property
+    def region_shares(self) -> FloatArray:
+        """Share of the posterior in each region, (n_regions,)."""
+        return self.regions.shares(self.importance.z, self.importance.weights)
+
+    @property
+    def region_errors(self) -> FloatArray:
+        """Standard errors of :attr:`region_shares`."""
+        groups = self.regions.assign(self.importance.z)
+        return self.importance.share_errors(groups, self.regions.n_regions)
+
+
+def sample_target(
+    target: Target,
+    seed: np.random.SeedSequence,
+    settings: SamplingSettings | None = None,
+    progress: Progress | None = None,
+) -> Sampled:
+    """Sample the posterior of ``target`` and estimate its evidence.
+
+    Args:
+        target: log-likelihood over coordinates whose prior is N(0, I).
+        seed: everything random follows from it.
+        settings: how precisely.
+        progress: told what is under way.
+
+    Raises:
+        ValueError: the likelihood is zero at every draw from the prior.
+    """
+    settings = settings or SamplingSettings()
+    seeds = seed.spawn(2 * N_ENSEMBLES + 1)
+    rng = np.random.default_rng(seeds[-1])
+    starts, maxima = _discover(target, seeds[:N_ENSEMBLES], settings, progress, rng)
+    found = choose_mixture(starts[0].positions, starts[1].positions, COMPONENTS, rng)
+    proposal = found.joined_with(maxima.as_mixture(), MAXIMA_SHARE)
+    # Particles that lost a region leave its component too little weight; a few importance
+    # draws give every component its share.
+    trial = importance_sampling(target, proposal, np.inf, rng)
+    proposal = proposal.reweighted(trial.z, trial.weights).defended(MAXIMA_SHARE)
+    ensembles = []
+    for i, start in enumerate(starts):
+        report = _reporter(progress, "ensembles", i, N_ENSEMBLES)
+        n_walkers = max(32, 4 * target.n_dimensions)
+        chain_seed = seeds[N_ENSEMBLES + i]
+        ensembles.append(
+            run_ensemble(target, start, proposal, n_walkers, settings.max_steps, chain_seed, report)
+        )
+    fitted, held_out = (_thinned(ensemble.draws, rng) for ensemble in ensembles[:2])
+    mixture = choose_mixture(fitted, held_out, COMPONENTS, rng)
+    mixture = mixture.joined_with(maxima.as_mixture(), MAXIMA_SHARE)
+    importance = importance_sampling(target, mixture, settings.log_evidence_error, rng)
+    if progress is not None:
+        progress("evidence", 1.0)
+    return Sampled(
+        starts=starts,
+        maxima=maxima,
+        ensembles=tuple(ensembles),
+        importance=importance,
+        bridge=bridge_sampling(ensembles[1], importance),
+        regions=_regions(target, mixture, importance),
+        n_evaluations=target.n_evaluations,
+        n_failed=target.n_failed,
+    )
+
+
+def _discover(
+    target: Target,
+    seeds: Sequence[np.random.SeedSequence],
+    settings: SamplingSettings,
+    progress: Progress | None,
+    rng: np.random.Generator,
+) -> tuple[tuple[TemperedStart, ...], Maxima]:
+    """Independent tempered starts; ascents from draws of the prior and from their particles."""
+    n_particles = settings.n_particles(target.n_dimensions)
+    starts = []
+    for i, seed in enumerate(seeds):
+        report = _reporter(progress, "tempered start", i, len(seeds))
+        starts.append(tempered_start(target, n_particles, seed, report))
+    if progress is not None:
+        progress("maxima", 0.0)
+    from_prior = rng.standard_normal((settings.ascents // 2, target.n_dimensions))
+    from_particles = [
+        rng.choice(start.positions, settings.ascents // 2 // len(starts)) for start in starts
+    ]
+    maxima = find_maxima(target, np.concatenate([from_prior, *from_particles]))
+    return tuple(starts), maxima
+
+
+def _reporter(
+    progress: Progress | None, step: str, index: int, count: int
+) -> Callable[[float], None] | None:
+    """Progress of one of ``count`` parts as progress of the whole step."""
+    if progress is None:
+        return None
+    return lambda done: progress(step, (index + done) / count)
+
+
+def _thinned(draws: FloatArray, rng: np.random.Generator) -> FloatArray:
+    if len(draws) <= DRAWS_FOR_FITTING:
+        return draws
+    return draws[rng.choice(len(draws), DRAWS_FOR_FITTING, replace=False)]
+
+
+def _regions(target: Target, mixture: StudentMixture, sample: ImportanceSample) -> Regions:
+    weights: NDArray[np.float64] = sample.weights
+    typical = weights > TYPICAL_WEIGHT / len(weights)
+    log_posteriors = sample.log_weights + sample.log_proposals
+    return find_regions(mixture, target, sample.z[typical], log_posteriors[typical])
