@@ -4,11 +4,15 @@ Bayesian structural system identification for structures whose non-structural el
 vibrate on their own and hide in the modal data.
 """
 
+from bayes_ssi.calibration import Calibration, calibrate, rms_distance
+from bayes_ssi.comparison import Comparison, compare
 from bayes_ssi.data import IdentifiedMode, ModalData
 from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
+from bayes_ssi.posterior import Posterior, sample
 from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
+from bayes_ssi.sampling import SamplingSettings
 from bayes_ssi.structures import (
     AddedMass,
     InPlaneInfill,
@@ -16,9 +20,12 @@ from bayes_ssi.structures import (
     Pendulum,
     ShearBuilding,
 )
+from bayes_ssi.study import Study, rank
 
 __all__ = [
     "AddedMass",
+    "Calibration",
+    "Comparison",
     "ErrorModel",
     "HalfNormal",
     "IdentificationModel",
@@ -32,7 +39,15 @@ __all__ = [
     "OutOfPlaneInfill",
     "Parameter",
     "Pendulum",
+    "Posterior",
+    "SamplingSettings",
     "ShearBuilding",
+    "Study",
     "TruncatedNormal",
     "Uniform",
+    "calibrate",
+    "compare",
+    "rank",
+    "rms_distance",
+    "sample",
 ]

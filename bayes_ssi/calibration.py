@@ -235,7 +235,7 @@ class _Problem:
             result = least_squares(
                 residuals,
                 start,
-                jac=self.jacobian,  # type: ignore[arg-type]
+                jac=self.jacobian,
                 bounds=(-FARTHEST, FARTHEST),
                 xtol=1e-12,
                 ftol=1e-14,

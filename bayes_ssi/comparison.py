@@ -63,6 +63,13 @@ class RankedClass:
     n_parameters: int
     failed_checks: tuple[str, ...]
 
+    @property
+    def probability_text(self) -> str:
+        """The probability to four decimals, never rounded to a certainty that it is not."""
+        if self.probability < 1e-4:
+            return "< 0.0001"
+        return "> 0.9999" if self.probability > 0.9999 else f"{self.probability:.4f}"
+
 
 @dataclass(frozen=True)
 class Comparison:

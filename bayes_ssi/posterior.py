@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
@@ -121,6 +121,7 @@ class Posterior:
         seconds: wall-clock time.
         failed_checks: what should have agreed and did not, a sentence each.
         data_digest: identifies the data whose density the evidence is.
+        pairing: label of an identified mode → number of the model mode, from 1.
     """
 
     name: str
@@ -139,6 +140,7 @@ class Posterior:
     seconds: float
     failed_checks: tuple[str, ...]
     data_digest: str
+    pairing: Mapping[str, int]
 
     @property
     def values(self) -> FloatArray:
@@ -218,6 +220,7 @@ def sample(
         seconds=perf_counter() - started,
         failed_checks=tuple(failed_checks(sampled)),
         data_digest=model_class.data.digest,
+        pairing=dict(model_class.pairing),
     )
 
 

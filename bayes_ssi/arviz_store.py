@@ -1,0 +1,82 @@
+"""Draws to and from netCDF through arviz: the only module that touches it.
+
+arviz 0.x keeps draws in an ``InferenceData``, arviz 1.x in an xarray ``DataTree``; the files are
+the same and each version opens the other's.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["StoredDraws", "load_draws", "save_draws"]
+
+
+class StoredDraws(NamedTuple):
+    """Arrays of a stored posterior, as in :class:`~bayes_ssi.posterior.Posterior`."""
+
+    parameter_names: tuple[str, ...]
+    draws: FloatArray
+    log_likelihoods: FloatArray
+    frequencies_hz: FloatArray
+
+
+def save_draws(path: Path, stored: StoredDraws) -> None:
+    """Write draws to a new netCDF file with the groups that arviz names.
+
+    ``posterior`` holds a variable for each parameter, ``sample_stats`` the log-likelihood
+    (``log_likelihood_total``), ``posterior_predictive`` the model's frequencies.
+    """
+    arviz = _import_arviz()
+    groups: dict[str, dict[str, Any]] = {
+        "posterior": {name: stored.draws[..., i] for i, name in enumerate(stored.parameter_names)},
+        "sample_stats": {"log_likelihood_total": stored.log_likelihoods},
+        "posterior_predictive": {"frequency_hz": stored.frequencies_hz},
+    }
+    n_modes = stored.frequencies_hz.shape[-1]
+    labels: dict[str, Any] = {
+        "dims": {"frequency_hz": ["model_mode"]},
+        "coords": {"model_mode": np.arange(1, n_modes + 1)},
+    }
+    if _is_first_generation(arviz):
+        arviz.from_dict(**groups, **labels).to_netcdf(str(path), engine="h5netcdf")
+    else:
+        arviz.from_dict(groups, **labels).to_netcdf(path, engine="h5netcdf")
+
+
+def load_draws(path: Path, parameter_names: tuple[str, ...]) -> StoredDraws:
+    """Read draws that :func:`save_draws` wrote.
+
+    Raises:
+        ValueError: the file is missing, damaged, or lacks a group or a parameter.
+    """
+    arviz = _import_arviz()
+    try:
+        tree = arviz.from_netcdf(str(path), engine="h5netcdf")
+        posterior = tree["posterior"]
+        return StoredDraws(
+            parameter_names,
+            np.stack([np.asarray(posterior[name].values) for name in parameter_names], axis=-1),
+            np.asarray(tree["sample_stats"]["log_likelihood_total"].values),
+            np.asarray(tree["posterior_predictive"]["frequency_hz"].values),
+        )
+    except (OSError, KeyError, ValueError, AttributeError, TypeError) as error:
+        raise ValueError(f"{path}: not a stored posterior of this package: {error}") from error
+
+
+def _import_arviz() -> ModuleType:
+    with warnings.catch_warnings():
+        # arviz 0.23 announces version 1 at every import.
+        warnings.simplefilter("ignore", FutureWarning)
+        import arviz
+    return arviz
+
+
+def _is_first_generation(arviz: ModuleType) -> bool:
+    return int(arviz.__version__.split(".")[0]) == 0

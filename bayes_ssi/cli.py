@@ -1,0 +1,209 @@
+"""The command line: ``bayes-ssi rank``, ``calibrate`` and ``check``.
+
+Exit codes: 0, all well; 2, an input is not usable, said in one line; 3, a result was computed and
+saved but a check of it failed.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bayes_ssi.study import Study
+
+__all__ = ["main"]
+
+BAD_INPUT = 2
+FAILED_CHECK = 3
+RESULTS = Path("runs") / "results"
+WIDTH = 80
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="bayes_ssi")
+def main() -> None:
+    """Identified modes in, ranked model classes out."""
+
+
+@main.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option("--only", metavar="NAME,…", help="Rank only these model classes.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
+              help="The result follows from it.")  # fmt: skip
+@click.option("--error", "log_evidence_error", type=float, default=0.01, show_default=True,
+              help="Wanted standard error of each log evidence, in nats.")  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path),
+              help="Result directory; runs/results/STUDY if not given.")  # fmt: skip
+@click.option("--overwrite", is_flag=True, help="Replace a result directory that exists.")
+def rank(
+    study: Path,
+    only: str | None,
+    seed: int,
+    log_evidence_error: float,
+    out: Path | None,
+    overwrite: bool,
+) -> None:
+    """Sample every model class of STUDY, rank them by evidence, and save the result."""
+    with _one_line_errors():
+        from bayes_ssi.results import require_new, save_result
+        from bayes_ssi.sampling import SamplingSettings
+        from bayes_ssi.study import rank as rank_study
+
+        loaded = _load(study, only)
+        settings = SamplingSettings(log_evidence_error=log_evidence_error)
+        directory = out or RESULTS / study.stem
+        if not overwrite:
+            require_new(directory)
+        with _progress(loaded) as report:
+            ranking = rank_study(loaded, seed, settings, report)
+        result = save_result(ranking, directory, study_file=str(study), overwrite=overwrite)
+
+        from bayes_ssi.plots import save_figures
+        from bayes_ssi.tables import comparison_notes, parameter_table, ranking_table
+
+        figures = save_figures(
+            directory / "figures", result.data, result.posteriors, result.comparison
+        )
+        console = _console()
+        console.print(ranking_table(result.comparison, loaded.name))
+        console.print(parameter_table(result.posterior(result.comparison.best.name)))
+        for note in comparison_notes(result.comparison):
+            console.print(note, soft_wrap=True, markup=False, highlight=False)
+        console.print(f"Saved in {directory}, with {len(figures)} figures.", soft_wrap=True,
+                      markup=False, highlight=False)  # fmt: skip
+        if result.comparison.failed_checks:
+            sys.exit(FAILED_CHECK)
+
+
+@main.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option("--only", metavar="NAME,…", help="Calibrate only these model classes.")
+@click.option("--shape-weight", type=float, default=1.0, show_default=True,
+              help="λ: weight of shapes relative to frequencies; 0 leaves shapes out.")  # fmt: skip
+@click.option("--starts", type=int, default=64, show_default=True, help="Local searches.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
+              help="Seed of the starts.")  # fmt: skip
+def calibrate(study: Path, only: str | None, shape_weight: float, starts: int, seed: int) -> None:
+    """List every distinct minimum of the paper's objective for the model classes of STUDY."""
+    with _one_line_errors():
+        from bayes_ssi.calibration import calibrate as calibrate_class
+        from bayes_ssi.tables import calibration_modes_table, calibration_table
+
+        console = _console()
+        for candidate in _load(study, only).model_classes:
+            found = calibrate_class(candidate, shape_weight, n_starts=starts, seed=seed)
+            console.print(calibration_table(found))
+            console.print(calibration_modes_table(found))
+            if found.undetermined_directions:
+                console.print(
+                    f"(!) the data leave {found.undetermined_directions} direction(s) of the "
+                    "parameters undetermined: minimum 1 is the point of a surface of equally "
+                    "good ones that lies nearest to the prior median"
+                )
+            elif len(found.minima) > 1 and _as_good(
+                found.minima[1].objective, found.best.objective
+            ):
+                console.print("(!) the fit is not unique: several minima are equally good")
+            console.print()
+
+
+@main.command()
+@click.argument("data", type=click.Path(path_type=Path))
+def check(data: Path) -> None:
+    """Say what was read from the identified modes in DATA (CSV) and what is odd."""
+    with _one_line_errors():
+        from bayes_ssi.modal_csv import read_modal_csv
+        from bayes_ssi.tables import modes_table
+
+        read = read_modal_csv(data)
+        low, high = read.data.band_hz
+        console = _console()
+        console.print(modes_table(read.data))
+        sensors = ", ".join(read.data.sensors) or "none"
+        remarks = [*read.remarks, *read.data.oddities()]
+        for line in (
+            f"Band: {low:g} to {high:g} Hz. Sensors: {sensors}. Digest: {read.data.digest}.",
+            *(f"(!) {remark}" for remark in remarks),
+            *([] if remarks else ["Nothing odd."]),
+        ):
+            console.print(line, soft_wrap=True, markup=False, highlight=False)
+
+
+def _is_not_unique(objectives: list[float]) -> bool:
+    """Whether the second minimum fits as well as the first, for any practical purpose."""
+    return len(objectives) > 1 and objectives[1] <= 1.01 * objectives[0] + 1e-6
+
+
+def _load(path: Path, only: str | None) -> Study:
+    from bayes_ssi.study import load_study
+
+    study = load_study(path)
+    if only is None:
+        return study
+    return study.only([name.strip() for name in only.split(",") if name.strip()])
+
+
+@contextmanager
+def _one_line_errors() -> Iterator[None]:
+    """Bad input ends with one line on standard error and its own exit code."""
+    try:
+        yield
+    except (ValueError, TypeError, OSError) as error:
+        click.echo(f"Error: {' '.join(str(error).split())}", err=True)
+        sys.exit(BAD_INPUT)
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    console = Console()
+    # Piped output has no width of its own; tables are made for 80 columns.
+    return console if console.is_terminal else Console(width=WIDTH)
+
+
+# Share of a class's time at which each step of the sampling begins and ends.
+STEPS = {
+    "tempered start": (0.0, 0.4),
+    "maxima": (0.4, 0.45),
+    "ensembles": (0.45, 0.9),
+    "evidence": (0.9, 1.0),
+}
+
+
+@contextmanager
+def _progress(study: Study) -> Iterator[Callable[[str, str, float], None]]:
+    """Progress bars on standard error, one a model class; a line each where it is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+
+        def say(name: str, step: str, done: float) -> None:
+            if step == "evidence" and done >= 1.0:
+                click.echo(f"sampled {name}", err=True)
+
+        yield say
+        return
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[step]}"),
+        TimeElapsedColumn(),
+        console=console,
+    ) as progress:
+        tasks = {name: progress.add_task(name, total=1.0, step="") for name in study.names}
+
+        def show(name: str, step: str, done: float) -> None:
+            begin, end = STEPS[step]
+            progress.update(tasks[name], completed=begin + done * (end - begin), step=step)
+
+        yield show

@@ -1,0 +1,192 @@
+"""Figures of results. Every function draws on given axes or on new ones, and never samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayes_ssi.comparison import Comparison
+from bayes_ssi.data import ModalData
+from bayes_ssi.posterior import Posterior
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["plot_corner", "plot_evidence", "plot_frequencies", "save_figures", "style"]
+
+# Okabe and Ito's palette: told apart by colour-blind readers, and in grey by lightness.
+BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7F7F7F"
+
+RC: dict[Any, Any] = {
+    "figure.constrained_layout.use": True,
+    "figure.dpi": 150,
+    "savefig.dpi": 150,
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "legend.frameon": False,
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """The package's figure style, for the figures drawn within."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(RC):
+        yield
+
+
+def plot_evidence(comparison: Comparison, ax: Axes | None = None) -> Axes:
+    """Log evidence of every class, split into fit and information gained.
+
+    Each class has three marks on one axis in nats: how well it fits on average (mean
+    log-likelihood), the log evidence with its error bar, and between them, as a bar, the
+    information gained, by which the evidence falls short of the fit.
+    """
+    rows = comparison.classes
+    ax = _axes(ax, (6.4, 1.3 + 0.42 * len(rows)))
+    y = np.arange(len(rows))
+    evidence = np.array([row.log_evidence for row in rows])
+    fit = np.array([row.mean_log_likelihood for row in rows])
+    ax.barh(y, fit - evidence, left=evidence, height=0.35, color=BLUE, alpha=0.25,
+            label="information gained")  # fmt: skip
+    ax.plot(fit, y, "|", color=BLUE, markersize=11, label="fit: mean log-likelihood")
+    ax.errorbar(evidence, y, xerr=[row.error for row in rows], fmt="o", color=VERMILION,
+                capsize=3, label="log evidence ± 1 standard error")  # fmt: skip
+    ax.set_yticks(y, [f"{row.name}\n({row.probability_text})" for row in rows])
+    ax.set_ylim(len(rows) - 0.4, -0.6)
+    ax.set_xlabel("nats")
+    ax.set_title("Model classes by evidence (probability)")
+    ax.grid(axis="x", alpha=0.3)
+    _legend_below(ax, columns=3)
+    return ax
+
+
+def plot_frequencies(
+    data: ModalData, posteriors: Sequence[Posterior], ax: Axes | None = None
+) -> Axes:
+    """Posterior model frequencies relative to the identified ones, class by class.
+
+    A bar is the central 95 % of a paired model mode, a dot its median, and the grey band behind
+    an identified mode's own 95 % interval, where the data give one. Identified modes that a
+    class calls spurious are marked with a cross.
+    """
+    labels = data.labels
+    ax = _axes(ax, (6.4, 3.4))
+    offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
+    colours = [BLUE, ORANGE, GREEN, VERMILION, GREY]
+    for i, mode in enumerate(data.modes):
+        if mode.frequency_cov is not None:
+            half = 196.0 * mode.frequency_cov
+            ax.fill_between([i - 0.42, i + 0.42], -half, half, color=GREY, alpha=0.3, linewidth=0)
+    for k, (posterior, offset) in enumerate(zip(posteriors, offsets, strict=True)):
+        colour = colours[k % len(colours)]
+        marker = "osD^v"[(k // len(colours)) % 5]
+        named = False
+        for i, mode in enumerate(data.modes):
+            number = posterior.pairing.get(mode.label)
+            if number is None:
+                ax.plot(i + offset, 0.0, "x", color=colour, markersize=6)
+                continue
+            frequencies = posterior.frequencies_hz[..., number - 1].ravel()
+            low, mid, high = 100.0 * (
+                np.quantile(frequencies, [0.025, 0.5, 0.975]) / mode.frequency_hz - 1.0
+            )
+            ax.errorbar(i + offset, mid, yerr=[[mid - low], [high - mid]], fmt=marker,
+                        color=colour, markersize=4, capsize=2,
+                        label=None if named else posterior.name)  # fmt: skip
+            named = True
+    ax.axhline(0.0, color="black", linewidth=0.8)
+    ticks = [f"{m.label}\n{m.frequency_hz:.4g} Hz" for m in data.modes]
+    ax.set_xticks(range(len(labels)), ticks)
+    ax.set_xlim(-0.5, len(labels) - 0.5)
+    ax.set_xlabel("identified mode")
+    ax.set_ylabel("model / identified - 1 (%)")
+    ax.set_title("Model frequencies, 95 % of the posterior  (x: called spurious)")
+    ax.grid(axis="y", alpha=0.3)
+    _legend_below(ax, columns=4)
+    return ax
+
+
+def plot_corner(posterior: Posterior, figure: Figure | None = None) -> Figure:
+    """Marginal and joint posterior densities of the parameters."""
+    import corner
+    import matplotlib.pyplot as plt
+
+    n = len(posterior.parameter_names)
+    with style():
+        if figure is None:
+            # corner places its axes itself.
+            side = 1.2 + 1.5 * n
+            figure = plt.figure(figsize=(side, side), layout="none")
+        corner.corner(
+            posterior.values,
+            labels=list(posterior.parameter_names),
+            fig=figure,
+            color=BLUE,
+            bins=30,
+            smooth=1.0,
+            quantiles=[0.05, 0.5, 0.95],
+            show_titles=n > 1,
+            title_fmt=".3f",
+            title_quantiles=[0.05, 0.5, 0.95],
+            title_kwargs={"fontsize": 8, "loc": "center"},
+            label_kwargs={"fontsize": 9},
+            levels=(0.393, 0.865),
+            max_n_ticks=4,
+            plot_datapoints=False,
+        )
+        figure.suptitle(
+            f"{posterior.name}: median and 90 % interval; contours at 1 and 2 sigma",
+            x=0.98, y=0.98, ha="right", fontsize=10,
+        )  # fmt: skip
+    return figure
+
+
+def save_figures(
+    directory: Path, data: ModalData, posteriors: Sequence[Posterior], comparison: Comparison
+) -> list[Path]:
+    """Write the figures of a result as PNG files into ``directory``, which is created."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    directory.mkdir()
+    best = next(p for p in posteriors if p.name == comparison.best.name)
+    order = [row.name for row in comparison.classes]
+    ranked = sorted(posteriors, key=lambda posterior: order.index(posterior.name))
+    with style():
+        figures = {
+            "evidence": plot_evidence(comparison).figure,
+            "frequencies": plot_frequencies(data, ranked).figure,
+            "corner": plot_corner(best),
+        }
+        paths = []
+        for name, figure in figures.items():
+            paths.append(directory / f"{name}.png")
+            figure.savefig(paths[-1])  # type: ignore[union-attr]
+            plt.close(figure)  # type: ignore[arg-type]
+    return paths
+
+
+def _axes(ax: Axes | None, size: tuple[float, float]) -> Axes:
+    if ax is not None:
+        return ax
+    import matplotlib.pyplot as plt
+
+    with style():
+        _, ax = plt.subplots(figsize=size)
+    return ax
+
+
+def _legend_below(ax: Axes, columns: int) -> None:
+    ax.figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns)

@@ -1,0 +1,277 @@
+"""A ranking on disk: written once, whole, and read back without sampling again.
+
+A result directory holds ``result.json`` (study, inputs, versions, seed, settings and everything
+but the draws), ``data.csv`` (the identified modes), ``comparison.json`` and ``comparison.csv``,
+and ``posteriors/*.nc`` (draws of each class, which arviz opens).
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import platform
+import re
+import shutil
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.arviz_store import StoredDraws, load_draws, save_draws
+from bayes_ssi.comparison import Comparison, RankedClass
+from bayes_ssi.data import ModalData
+from bayes_ssi.evidence import Estimate
+from bayes_ssi.posterior import Evidence, Posterior, Region
+from bayes_ssi.study import Ranking
+
+__all__ = ["StoredResult", "load_result", "require_new", "save_result"]
+
+FORMAT = 1
+PACKAGES = ("bayes_ssi", "numpy", "scipy", "emcee", "arviz")
+
+
+@dataclass(frozen=True, eq=False)
+class StoredResult:
+    """What a result directory holds.
+
+    Attributes:
+        directory: where it is.
+        record: ``result.json``.
+        data: the identified modes.
+        posteriors: in the study's order.
+        comparison: the ranking.
+    """
+
+    directory: Path
+    record: Mapping[str, Any]
+    data: ModalData
+    posteriors: tuple[Posterior, ...]
+    comparison: Comparison
+
+    def posterior(self, name: str) -> Posterior:
+        """The posterior of one class.
+
+        Raises:
+            ValueError: no class has that name.
+        """
+        for posterior in self.posteriors:
+            if posterior.name == name:
+                return posterior
+        raise ValueError(
+            f"{self.directory}: no model class {name!r}; "
+            f"choose from {', '.join(repr(p.name) for p in self.posteriors)}"
+        )
+
+
+def require_new(directory: str | Path) -> None:
+    """Refuse a result directory that exists.
+
+    Raises:
+        FileExistsError: it does.
+    """
+    if Path(directory).exists():
+        raise FileExistsError(
+            f"{directory}: exists already and is not overwritten; name another with --out, or "
+            "pass --overwrite"
+        )
+
+
+def save_result(
+    ranking: Ranking, directory: str | Path, *, study_file: str = "", overwrite: bool = False
+) -> StoredResult:
+    """Write a ranking to a new directory; nothing is left there if writing fails.
+
+    Args:
+        ranking: the result.
+        directory: where to.
+        study_file: the file that defines the study, for the record.
+        overwrite: replace a directory that exists.
+
+    Raises:
+        FileExistsError: the directory exists and ``overwrite`` is false.
+    """
+    directory = Path(directory)
+    if not overwrite:
+        require_new(directory)
+    partial = directory.with_name(f".{directory.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    (partial / "posteriors").mkdir(parents=True)
+    try:
+        ranking.study.model_classes[0].data.save(partial / "data.csv")
+        files = _file_names([p.name for p in ranking.posteriors])
+        for posterior in ranking.posteriors:
+            stored = StoredDraws(
+                posterior.parameter_names,
+                posterior.draws,
+                posterior.log_likelihoods,
+                posterior.frequencies_hz,
+            )
+            save_draws(partial / "posteriors" / files[posterior.name], stored)
+        _write_json(partial / "result.json", _record(ranking, files, study_file))
+        _write_json(partial / "comparison.json", asdict(ranking.comparison))
+        _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
+        if directory.exists():
+            shutil.rmtree(directory)
+        partial.rename(directory)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return load_result(directory)
+
+
+def load_result(directory: str | Path) -> StoredResult:
+    """Read a result directory.
+
+    Raises:
+        ValueError: it does not exist, is incomplete or damaged, or another version's.
+    """
+    directory = Path(directory)
+    record = _read_json(directory / "result.json")
+    if record.get("format") != FORMAT:
+        raise ValueError(
+            f"{directory}: a result of format {record.get('format')!r}, "
+            f"this version reads format {FORMAT}; run the study again"
+        )
+    try:
+        posteriors = tuple(_posterior(directory, entry) for entry in record["posteriors"])
+        comparison = _comparison(_read_json(directory / "comparison.json"))
+        data = ModalData.load(directory / "data.csv")
+    except (KeyError, TypeError, OSError) as error:
+        raise ValueError(f"{directory}: incomplete or damaged result: {error!r}") from error
+    return StoredResult(directory, record, data, posteriors, comparison)
+
+
+def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict[str, Any]:
+    study = ranking.study
+    return {
+        "format": FORMAT,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "study": study.name,
+        "description": study.description,
+        "study_file": study_file,
+        "seed": ranking.seed,
+        "settings": asdict(ranking.settings),
+        "prior_weights": None if study.prior_weights is None else dict(study.prior_weights),
+        "data_digest": ranking.comparison.data_digest,
+        "data_source": study.model_classes[0].data.source,
+        "versions": _versions(),
+        "model_classes": [candidate.summary() for candidate in study.model_classes],
+        "posteriors": [
+            _entry(posterior, files[posterior.name]) for posterior in ranking.posteriors
+        ],
+    }
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version(), "platform": sys.platform}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:  # run from a source tree that is not installed
+            found[package] = "not installed"
+    return found
+
+
+ARRAYS = ("draws", "log_likelihoods", "frequencies_hz")
+
+
+def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
+    """Everything of a posterior but its draws."""
+    entry: dict[str, Any] = {"file": file}
+    for item in fields(posterior):
+        value = getattr(posterior, item.name)
+        if item.name in ARRAYS:
+            continue
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        elif isinstance(value, Evidence):
+            value = asdict(value)
+        elif item.name == "regions":
+            value = [asdict(region) for region in value]
+        entry[item.name] = value
+    entry["summary"] = [asdict(row) for row in posterior.summary]
+    return entry
+
+
+def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
+    names = tuple(entry["parameter_names"])
+    stored = load_draws(directory / "posteriors" / entry["file"], names)
+    evidence = dict(entry["evidence"])
+    evidence["bridge"] = Estimate(**evidence["bridge"])
+    evidence["tempered"] = Estimate(**evidence["tempered"])
+    scalars = (
+        "name", "r_hat", "autocorrelation_time", "acceptance", "n_evaluations", "seconds",
+        "data_digest", "pairing",
+    )  # fmt: skip
+    return Posterior(
+        parameter_names=names,
+        draws=stored.draws,
+        log_likelihoods=stored.log_likelihoods,
+        frequencies_hz=stored.frequencies_hz,
+        effective_sample_sizes=np.array(entry["effective_sample_sizes"]),
+        evidence=Evidence(**evidence),
+        regions=tuple(
+            Region(
+                share=region["share"],
+                error=region["error"],
+                shares_of_starts=tuple(region["shares_of_starts"]),
+                mean=tuple(region["mean"]),
+            )
+            for region in entry["regions"]
+        ),
+        maxima=np.array(entry["maxima"]),
+        failed_checks=tuple(entry["failed_checks"]),
+        **{name: entry[name] for name in scalars},
+    )
+
+
+def _comparison(record: Mapping[str, Any]) -> Comparison:
+    rows = tuple(
+        RankedClass(**{**row, "failed_checks": tuple(row["failed_checks"])})
+        for row in record["classes"]
+    )
+    return Comparison(rows, record["data_digest"], record["scale"])
+
+
+def _write_json(path: Path, record: Mapping[str, Any]) -> None:
+    path.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except OSError:
+        raise ValueError(f"{path.parent}: not a result directory: no {path.name}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: damaged: {error}") from None
+    if not isinstance(record, dict):
+        raise ValueError(f"{path}: damaged: not a record")
+    return record
+
+
+def _write_comparison_csv(path: Path, comparison: Comparison) -> None:
+    names = [item.name for item in fields(RankedClass)]
+    with path.open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        for row in comparison.classes:
+            cells = asdict(row)
+            cells["failed_checks"] = "; ".join(row.failed_checks)
+            writer.writerow([cells[name] for name in names])
+
+
+def _file_names(names: list[str]) -> dict[str, str]:
+    """A file name for each class: its own name as far as file systems allow, made unique."""
+    found: dict[str, str] = {}
+    for name in names:
+        stem = re.sub(r"[^A-Za-z0-9._+-]+", "_", name).strip(".") or "class"
+        taken = {file.lower() for file in found.values()}
+        candidate, count = f"{stem}.nc", 2
+        while candidate.lower() in taken:
+            candidate, count = f"{stem}_{count}.nc", count + 1
+        found[name] = candidate
+    return found

@@ -1,0 +1,175 @@
+"""A study: model classes that answer one question, and ranking them."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from bayes_ssi.comparison import Comparison, compare
+from bayes_ssi.model_class import ModelClass
+from bayes_ssi.posterior import Posterior, sample
+from bayes_ssi.sampling import SamplingSettings
+
+__all__ = ["Ranking", "Study", "load_study", "rank"]
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Model classes for one set of identified modes.
+
+    Attributes:
+        name: title for tables and reports.
+        model_classes: the candidates.
+        prior_weights: name of a class → its prior weight; equal where not given.
+        description: what the study asks.
+
+    Raises:
+        ValueError: there is no model class, or two have one name.
+        TypeError: one of them is not a ModelClass.
+    """
+
+    name: str
+    model_classes: Sequence[ModelClass]
+    prior_weights: Mapping[str, float] | None = field(default=None, kw_only=True)
+    description: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "model_classes", tuple(self.model_classes))
+        if not self.model_classes:
+            raise ValueError(f"study {self.name!r}: no model class")
+        for candidate in self.model_classes:
+            if not isinstance(candidate, ModelClass):
+                raise TypeError(f"study {self.name!r}: {candidate!r} is not a ModelClass")
+        repeated = [name for name in self.names if self.names.count(name) > 1]
+        if repeated:
+            raise ValueError(f"study {self.name!r}: two model classes are named {repeated[0]!r}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(candidate.name for candidate in self.model_classes)
+
+    def only(self, names: Sequence[str]) -> Study:
+        """The study with only the named classes, in the study's order.
+
+        Raises:
+            ValueError: a name is not that of a class.
+        """
+        unknown = [name for name in names if name not in self.names]
+        if unknown:
+            raise ValueError(
+                f"study {self.name!r}: no model class {unknown[0]!r}; "
+                f"choose from {', '.join(map(repr, self.names))}"
+            )
+        weights = self.prior_weights
+        return replace(
+            self,
+            model_classes=[c for c in self.model_classes if c.name in names],
+            prior_weights=None if weights is None else {n: weights[n] for n in names},
+        )
+
+    def require_same_data(self) -> None:
+        """Refuse to go on where classes explain different data.
+
+        Raises:
+            ValueError: they do.
+        """
+        first = self.model_classes[0]
+        for other in self.model_classes[1:]:
+            if other.data.digest != first.data.digest:
+                raise ValueError(
+                    f"study {self.name!r}: model classes {first.name!r} and {other.name!r} "
+                    "explain different data, so their evidences cannot be compared; give every "
+                    "class the same ModalData and leave out of a pairing what a class does not "
+                    "explain"
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """A study's result: the posterior of every class, and their comparison."""
+
+    study: Study
+    posteriors: tuple[Posterior, ...]
+    comparison: Comparison
+    seed: int
+    settings: SamplingSettings
+
+
+def rank(
+    study: Study,
+    seed: int = 0,
+    settings: SamplingSettings | None = None,
+    progress: Callable[[str, str, float], None] | None = None,
+) -> Ranking:
+    """Sample every model class of a study and rank them by evidence.
+
+    Args:
+        study: the candidates.
+        seed: a class's result follows from it and the class's name, whatever others there are.
+        settings: how precisely to sample.
+        progress: called with the name of the class, of the step, and the share of it done.
+
+    Raises:
+        ValueError: the classes explain different data, or a class's likelihood is zero
+            everywhere.
+    """
+    study.require_same_data()
+    settings = settings or SamplingSettings()
+    posteriors = []
+    for candidate in study.model_classes:
+
+        def report(step: str, done: float, name: str = candidate.name) -> None:
+            if progress is not None:
+                progress(name, step, done)
+
+        posteriors.append(sample(candidate, seed, settings, report))
+    comparison = compare(posteriors, study.prior_weights)
+    return Ranking(study, tuple(posteriors), comparison, seed, settings)
+
+
+def load_study(path: str | Path) -> Study:
+    """The one :class:`Study` that a Python file defines.
+
+    Raises:
+        ValueError: there is no such file, it is not Python, it raises, or it defines no study or
+            several.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"{path}: no such file")
+    # No cached bytecode: a study file is read as it stands, and nothing is written beside it.
+    spec = importlib.util.spec_from_file_location(f"bayes_ssi_study_{path.stem}", path)
+    if path.suffix != ".py" or spec is None or spec.loader is None:
+        raise ValueError(f"{path}: a study is a Python file, its name ending in .py")
+    module = importlib.util.module_from_spec(spec)
+    writes, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        spec.loader.exec_module(module)
+    except (SyntaxError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not Python: {_one_line(error)}") from error
+    except (Exception, SystemExit) as error:  # whatever a user's file may raise
+        lines = [
+            f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)
+        ]
+        where = f"line {lines[-1]}: " if lines else ""
+        raise ValueError(f"{path}: {where}{type(error).__name__}: {_one_line(error)}") from error
+    finally:
+        sys.dont_write_bytecode = writes
+    studies = {id(s): name for name, s in vars(module).items() if isinstance(s, Study)}
+    if not studies:
+        raise ValueError(
+            f"{path}: defines no study; end it with a line such as "
+            'study = bayes_ssi.Study("title", [model_class, ...])'
+        )
+    if len(studies) > 1:
+        raise ValueError(f"{path}: defines several studies: {', '.join(studies.values())}")
+    study: Study = vars(module)[next(iter(studies.values()))]
+    return study
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())

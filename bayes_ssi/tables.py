@@ -1,0 +1,146 @@
+"""Results as tables for a terminal, at most 80 columns wide."""
+
+from __future__ import annotations
+
+import math
+
+from rich import box
+from rich.table import Table
+
+from bayes_ssi.calibration import Calibration
+from bayes_ssi.comparison import Comparison
+from bayes_ssi.data import ModalData
+from bayes_ssi.posterior import Posterior
+
+__all__ = [
+    "calibration_modes_table",
+    "calibration_table",
+    "comparison_notes",
+    "modes_table",
+    "parameter_table",
+    "ranking_table",
+]
+
+
+def ranking_table(comparison: Comparison, title: str = "") -> Table:
+    """Model classes ranked by log evidence, the best first."""
+    table = Table(
+        title=title or None, title_justify="left", caption=_LEGEND, caption_justify="left"
+    )
+    table.add_column("model class", overflow="fold")
+    table.add_column("log evidence", justify="right", no_wrap=True)
+    table.add_column("ln B", justify="right", no_wrap=True)
+    table.add_column("prob.", justify="right", no_wrap=True)
+    table.add_column("fit", justify="right", no_wrap=True)
+    table.add_column("info", justify="right", no_wrap=True)
+    table.add_column("against it", min_width=12)
+    for row in comparison.classes:
+        name = f"{row.name} (!)" if row.failed_checks else row.name
+        table.add_row(
+            name,
+            f"{row.log_evidence:.3f} ± {row.error:.3f}",
+            f"{row.log_bayes_factor:.2f}",
+            row.probability_text,
+            f"{row.mean_log_likelihood:.1f}",
+            f"{row.information_gained:.1f}",
+            row.against,
+        )
+    return table
+
+
+def _table(title: str) -> Table:
+    return Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+
+
+_LEGEND = (
+    "log evidence = fit (mean log-likelihood) - info (information gained), in nats; "
+    "ln B: against the best class"
+)
+
+
+def comparison_notes(comparison: Comparison) -> list[str]:
+    """What must be said beside a ranking: scale, classes not told apart, failed checks."""
+    notes = [f"Words for Bayes factors: {comparison.scale}."]
+    alike = comparison.not_distinguishable
+    if alike:
+        notes.append(
+            f"The data do not tell {' or '.join(map(repr, alike))} from {comparison.best.name!r}."
+        )
+    if comparison.failed_checks:
+        notes.append("Checks that failed; do not trust the ranking before they are understood:")
+        notes.extend(f"  (!) {check}" for check in comparison.failed_checks)
+    return notes
+
+
+def parameter_table(posterior: Posterior) -> Table:
+    """Posterior mean, standard deviation and 90 % interval of every parameter."""
+    table = _table(f"Parameters of {posterior.name!r}")
+    table.add_column("parameter", overflow="fold")
+    for heading in ("mean", "sd", "5 %", "median", "95 %"):
+        table.add_column(heading, justify="right")
+    for row in posterior.summary:
+        numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)
+        table.add_row(row.name, *(f"{number:.4g}" for number in numbers))
+    return table
+
+
+def calibration_table(calibration: Calibration) -> Table:
+    """Every distinct minimum: parameter values, objective and distance."""
+    table = _table(f"Minima of {calibration.name!r}")
+    table.add_column("", justify="right")
+    for name in calibration.parameter_names:
+        table.add_column(name, justify="right")
+    table.add_column("f_ob (%)", justify="right")
+    table.add_column("d (%)", justify="right")
+    rows = [("before", calibration.before)]
+    rows += [(str(i), fit) for i, fit in enumerate(calibration.minima, 1)]
+    for label, fit in rows:
+        values = (f"{value:.4g}" for value in fit.values)
+        table.add_row(label, *values, f"{100 * fit.objective:.3f}", f"{100 * fit.distance:.1f}")
+    return table
+
+
+def calibration_modes_table(calibration: Calibration) -> Table:
+    """Frequencies and MAC before calibration and at the best minimum."""
+    table = _table(f"Modes of {calibration.name!r}")
+    for heading in ("mode", "is model mode", "identified Hz", "before Hz", "after Hz"):
+        table.add_column(heading, justify="right")
+    table.add_column("MAC before", justify="right")
+    table.add_column("MAC after", justify="right")
+    for before, after in zip(calibration.before.modes, calibration.best.modes, strict=True):
+        table.add_row(
+            before.label,
+            str(before.model_mode),
+            f"{before.identified_hz:.4g}",
+            f"{before.model_hz:.4g}",
+            f"{after.model_hz:.4g}",
+            _number(before.mac, ".4f"),
+            _number(after.mac, ".4f"),
+        )
+    return table
+
+
+def modes_table(data: ModalData) -> Table:
+    """The identified modes as they were read."""
+    table = _table(data.source)
+    for heading in ("mode", "frequency Hz", "c.o.v. %", "damping %", "shape at", "phases °"):
+        table.add_column(heading, justify="right")
+    for mode in data.modes:
+        of_all = f"{mode.n_measured} of {len(data.sensors)}"
+        table.add_row(
+            mode.label,
+            f"{mode.frequency_hz:.5g}",
+            _number(_percent(mode.frequency_cov), ".3g"),
+            _number(_percent(mode.damping), ".3g"),
+            of_all if mode.n_measured else "-",
+            f"{mode.phase_scatter_deg:.1f}" if mode.n_measured else "-",
+        )
+    return table
+
+
+def _percent(fraction: float | None) -> float:
+    return math.nan if fraction is None else 100.0 * fraction
+
+
+def _number(value: float, form: str) -> str:
+    return "-" if math.isnan(value) else format(value, form)
