@@ -108,9 +108,7 @@ def calibrate(study: Path, only: str | None, shape_weight: float, starts: int, s
                     "parameters undetermined: minimum 1 is the point of a surface of equally "
                     "good ones that lies nearest to the prior median"
                 )
-            elif len(found.minima) > 1 and _as_good(
-                found.minima[1].objective, found.best.objective
-            ):
+            elif _is_not_unique([fit.objective for fit in found.minima]):
                 console.print("(!) the fit is not unique: several minima are equally good")
             console.print()
 

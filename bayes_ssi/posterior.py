@@ -10,6 +10,7 @@ from functools import cached_property
 from time import perf_counter
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from bayes_ssi.evidence import Estimate
 from bayes_ssi.model_class import ModelClass
@@ -196,7 +197,9 @@ def sample(
     n = len(model_class.parameters)
     target = Target(model_class.log_likelihood_at, n)
     try:
-        sampled = sample_target(target, _seed_of(model_class.name, seed), settings, progress)
+        # The matrices are small: threads inside BLAS would only wait for one another.
+        with threadpool_limits(limits=1, user_api="blas"):
+            sampled = sample_target(target, _seed_of(model_class.name, seed), settings, progress)
     except ValueError as error:
         raise ValueError(f"model class {model_class.name!r}: {error}") from error
     z, log_likelihoods = _corrected_draws(sampled, np.random.default_rng(seed))
