@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 
 from bayes_ssi.mixture import StudentMixture
 from bayes_ssi.priors import FloatArray
-from bayes_ssi.target import Target
+from bayes_ssi.target import Target, log_standard_normal
 
 __all__ = ["Maxima", "find_maxima"]
 
@@ -27,6 +27,8 @@ STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])
 RISE_TO_GO_ON = 1e-3  # nats
 MAX_MAXIMA = 24
 NEGLIGIBLE_LOG_MASS = -12.0
+# Maxima with less of the mass than this make no component.
+LEAST_WEIGHT = 1e-9
 # A maximum within this many of its own standard deviations of a higher one is that one.
 SAME_MAXIMUM = 1.0
 
@@ -57,12 +59,36 @@ class Maxima:
         """Laplace's approximation of the log evidence, summed over the maxima."""
         return float(logsumexp(self.log_masses))
 
-    def as_mixture(self, dof: float = 5.0) -> StudentMixture:
-        """One component a maximum, weighted by its mass."""
-        log_masses = self.log_masses
+    def as_mixture(self, beta: float = 1.0, dof: float = 5.0) -> StudentMixture:
+        """One component a maximum, weighted by its mass, for likelihood^beta · prior.
+
+        At a temperature the likelihood's share of the precision, what exceeds the prior's 1, is
+        scaled by ``beta``, and the component sits where the tempered quadratic has its top.
+        """
+        d = self.z.shape[1]
+        identity = np.eye(d)
+        of_likelihood = np.linalg.inv(self.covariances) - identity
+        covariances = np.linalg.inv(beta * of_likelihood + identity)
+        # The likelihood alone, as a quadratic, has slope z at the posterior's maximum z.
+        slopes = self.z + np.einsum("mij,mj->mi", of_likelihood, self.z)
+        means = beta * np.einsum("mij,mj->mi", covariances, slopes)
+        log_likelihoods = self.log_posteriors - log_standard_normal(self.z)
+        steps = means - self.z
+        log_heights = beta * (
+            log_likelihoods
+            + np.einsum("mi,mi->m", self.z, steps)
+            - 0.5 * np.einsum("mi,mij,mj->m", steps, of_likelihood, steps)
+        ) - 0.5 * (means**2).sum(1)
+        log_masses = log_heights + 0.5 * np.linalg.slogdet(covariances)[1]
         weights = np.asarray(np.exp(log_masses - logsumexp(log_masses)), dtype=float)
-        choleskys = np.asarray(np.linalg.cholesky(self.covariances), dtype=float)
-        return StudentMixture(weights, self.z, choleskys, np.full(len(weights), dof))
+        choleskys = np.asarray(np.linalg.cholesky(covariances), dtype=float)
+        kept = weights > LEAST_WEIGHT
+        return StudentMixture(
+            weights[kept] / weights[kept].sum(),
+            means[kept],
+            choleskys[kept],
+            np.full(int(kept.sum()), dof),
+        )
 
 
 def find_maxima(target: Target, starts: FloatArray) -> Maxima:

@@ -63,6 +63,8 @@ def plot_evidence(comparison: Comparison, ax: Axes | None = None) -> Axes:
                 capsize=3, label="log evidence ± 1 standard error")  # fmt: skip
     ax.set_yticks(y, [f"{row.name}\n({row.probability_text})" for row in rows])
     ax.set_ylim(len(rows) - 0.4, -0.6)
+    ax.use_sticky_edges = False
+    ax.margins(x=0.04)
     ax.set_xlabel("nats")
     ax.set_title("Model classes by evidence (probability)")
     ax.grid(axis="x", alpha=0.3)

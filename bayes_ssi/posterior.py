@@ -274,11 +274,11 @@ def _regions_amiss(sampled: Sampled) -> list[str]:
     of_starts = [regions.shares(start.positions) for start in sampled.starts]
     of_chains = regions.shares(np.concatenate([e.draws for e in sampled.ensembles]))
     for region in np.flatnonzero(shares > SMALL_SHARE):
-        missed = sum(share[region] == 0 for share in of_starts)
-        if missed == len(of_starts):
+        missed = sum(start[region] == 0 for start in of_starts)
+        if missed:
             failed.append(
-                f"a region with {100 * shares[region]:.1f} % of the posterior was found by local "
-                "ascents only and by no tempered start; there may be others"
+                f"a region with {100 * shares[region]:.1f} % of the posterior was missed by "
+                f"{missed} of {len(of_starts)} tempered starts; there may be others"
             )
         if of_chains[region] == 0:
             failed.append(

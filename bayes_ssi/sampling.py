@@ -176,20 +176,20 @@ def _discover(
     progress: Progress | None,
     rng: np.random.Generator,
 ) -> tuple[tuple[TemperedStart, ...], Maxima]:
-    """Independent tempered starts; ascents from draws of the prior and from their particles."""
+    """Independent tempered starts, and the maxima that any of them found."""
     n_particles = settings.n_particles(target.n_dimensions)
+    n_ascents = settings.ascents // len(seeds)
     starts = []
     for i, seed in enumerate(seeds):
         report = _reporter(progress, "tempered start", i, len(seeds))
-        starts.append(tempered_start(target, n_particles, seed, report))
+        starts.append(tempered_start(target, n_particles, n_ascents, seed, report))
     if progress is not None:
         progress("maxima", 0.0)
-    from_prior = rng.standard_normal((settings.ascents // 2, target.n_dimensions))
-    from_particles = [
-        rng.choice(start.positions, settings.ascents // 2 // len(starts)) for start in starts
-    ]
-    maxima = find_maxima(target, np.concatenate([from_prior, *from_particles]))
-    return tuple(starts), maxima
+    # Climb again from all the maxima, which makes one of those found twice, and from where the
+    # particles ended.
+    tops = [start.maxima.z for start in starts]
+    ends = [rng.choice(start.positions, n_ascents // 4) for start in starts]
+    return tuple(starts), find_maxima(target, np.concatenate([*tops, *ends]))
 
 
 def _reporter(

@@ -21,12 +21,16 @@ __all__ = [
     "ranking_table",
 ]
 
+LEGEND = (
+    "log evidence = fit (mean log-likelihood) - info (information gained), in nats; "
+    "ln B: against the best class"
+)
+
 
 def ranking_table(comparison: Comparison, title: str = "") -> Table:
     """Model classes ranked by log evidence, the best first."""
-    table = Table(
-        title=title or None, title_justify="left", caption=_LEGEND, caption_justify="left"
-    )
+    table = _table(title)
+    table.caption, table.caption_justify = LEGEND, "left"
     table.add_column("model class", overflow="fold")
     table.add_column("log evidence", justify="right", no_wrap=True)
     table.add_column("ln B", justify="right", no_wrap=True)
@@ -46,16 +50,6 @@ def ranking_table(comparison: Comparison, title: str = "") -> Table:
             row.against,
         )
     return table
-
-
-def _table(title: str) -> Table:
-    return Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-
-
-_LEGEND = (
-    "log evidence = fit (mean log-likelihood) - info (information gained), in nats; "
-    "ln B: against the best class"
-)
 
 
 def comparison_notes(comparison: Comparison) -> list[str]:
@@ -144,3 +138,7 @@ def _percent(fraction: float | None) -> float:
 
 def _number(value: float, form: str) -> str:
     return "-" if math.isnan(value) else format(value, form)
+
+
+def _table(title: str) -> Table:
+    return Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)

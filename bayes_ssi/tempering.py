@@ -3,6 +3,10 @@
 Sequential Monte Carlo through p_β ∝ likelihood^β · prior with 0 = β_0 < … < β_m = 1: each step
 is chosen for an effective sample size of one half, then the particles are resampled and moved by
 emcee's ensemble moves. The weights give a first log evidence (Del Moral, Doucet and Jasra 2006).
+
+Before that some particles climb to the maxima of the posterior. Proposals around these maxima,
+widened to each temperature, keep the shares of separate regions right on the way: a region that
+holds few particles would otherwise be lost by chance.
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
+from bayes_ssi.maxima import Maxima, find_maxima
 from bayes_ssi.mixture import fit_mixture
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.target import Target, log_standard_normal
@@ -28,6 +33,7 @@ MAX_STAGES = 500
 MAX_COMPONENTS = 6
 EM_STEPS = 8
 PRIOR_SHARE = 0.05
+MAXIMA_SHARE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +48,7 @@ class TemperedStart:
             the correlation left between stages.
         temperatures: the β of each stage, from 0 to 1.
         steps: moves made at each stage.
+        maxima: reached by ascents from the first particles.
     """
 
     positions: FloatArray
@@ -50,11 +57,13 @@ class TemperedStart:
     log_evidence_error: float
     temperatures: tuple[float, ...]
     steps: tuple[int, ...]
+    maxima: Maxima
 
 
 def tempered_start(
     target: Target,
     n_particles: int,
+    n_ascents: int,
     seed: np.random.SeedSequence,
     progress: Callable[[float], None] | None = None,
 ) -> TemperedStart:
@@ -63,6 +72,7 @@ def tempered_start(
     Args:
         target: what is sampled.
         n_particles: at least twice the number of dimensions.
+        n_ascents: how many of them climb to a maximum first.
         seed: everything random follows from it.
         progress: called with β after each stage.
 
@@ -78,6 +88,7 @@ def tempered_start(
             f"the likelihood is zero at all of {n_particles} draws from the prior; "
             "are the priors, the pairing and the units those of the data?"
         )
+    maxima = find_maxima(target, positions[possible][:n_ascents])
     temperatures, steps = [0.0], []
     log_evidence, relative_variance, left = 0.0, 0.0, 0.0
     while temperatures[-1] < 1.0:
@@ -95,7 +106,7 @@ def tempered_start(
         chosen = _systematic(weights, rng)
         beta = 1.0 if beta + increment >= 1.0 - 1e-12 else beta + increment
         positions, log_likelihoods, made, left = _move(
-            target, positions[chosen], log_likelihoods[chosen], beta, rng
+            target, maxima, positions[chosen], log_likelihoods[chosen], beta, rng
         )
         temperatures.append(beta)
         steps.append(made)
@@ -108,6 +119,7 @@ def tempered_start(
         float(np.sqrt(relative_variance)),
         tuple(temperatures),
         tuple(steps),
+        maxima,
     )
 
 
@@ -139,6 +151,7 @@ def _systematic(weights: FloatArray, rng: np.random.Generator) -> np.ndarray:
 
 def _move(
     target: Target,
+    maxima: Maxima,
     positions: FloatArray,
     log_likelihoods: FloatArray,
     beta: float,
@@ -157,6 +170,7 @@ def _move(
     mixture = fit_mixture(
         positions, n_components=_n_components(n, d), dof=5.0, rng=rng, max_steps=EM_STEPS
     )
+    mixture = mixture.joined_with(maxima.as_mixture(beta), MAXIMA_SHARE)
     sampler = ensemble_sampler(log_density, n, d, mixture.defended(PRIOR_SHARE))
     density = beta * log_likelihoods + log_standard_normal(positions)
     start = initial_state(positions, density, rng)

@@ -1,0 +1,39 @@
+"""Rank the paper's four approaches by evidence and draw the result.
+
+    python runs/rank_shear_building.py [DIRECTORY]
+
+The result goes to DIRECTORY, runs/results/rank_shear_building if not given; it must not exist.
+"""
+
+import sys
+from pathlib import Path
+
+from rich.console import Console
+
+import bayes_ssi as bs
+from bayes_ssi.plots import save_figures
+from bayes_ssi.results import require_new, save_result
+from bayes_ssi.study import load_study
+from bayes_ssi.tables import comparison_notes, ranking_table
+
+HERE = Path(__file__).parent
+STUDY = HERE.parent / "model_classes" / "shear_building.py"
+
+
+def main() -> None:
+    default = HERE / "results" / "rank_shear_building"
+    directory = Path(sys.argv[1]) if len(sys.argv) > 1 else default
+    require_new(directory)
+    study = load_study(STUDY)
+    ranking = bs.rank(study)
+    result = save_result(ranking, directory, study_file=STUDY.name)
+    save_figures(directory / "figures", result.data, result.posteriors, result.comparison)
+    console = Console(width=80)
+    console.print(ranking_table(result.comparison, study.name))
+    for note in comparison_notes(result.comparison):
+        console.print(note)
+    print(f"saved in {directory}")
+
+
+if __name__ == "__main__":
+    main()
