@@ -13,15 +13,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bayes_ssi.modal import mac
 from bayes_ssi.priors import FloatArray
 
-__all__ = ["IdentifiedMode", "ModalData"]
+__all__ = ["RESERVED_NAMES", "IdentifiedMode", "ModalData", "checked_band"]
 
 # A shape of a lightly damped structure is nearly real; beyond this spread of the phases about
 # one line (in degrees, weighted by amplitude) the real shape is a doubtful summary of it.
 PHASE_SCATTER_WARNING_DEG = 10.0
 # Coefficients of variation above this are more likely percentages.
 LARGE_COV = 0.2
+# Columns of a file of modes; a sensor of such a name could not be told from them.
+RESERVED_NAMES = ("label", "frequency_hz", "frequency_cov", "shape_sd", "damping")
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,10 @@ class IdentifiedMode:
         return f"mode {self.label!r}: {field}"
 
     def _checked_shape(self) -> NDArray[np.float64] | NDArray[np.complex128] | None:
-        shape = np.array(self.shape)
+        try:
+            shape = np.array(self.shape)
+        except ValueError:  # rows of different lengths
+            shape = np.array(None)
         if shape.ndim != 1 or shape.dtype.kind not in "iufc":
             raise ValueError(
                 f"{self._where('shape')} must be a list of numbers, got {self.shape!r}"
@@ -147,9 +153,17 @@ class ModalData:
     source: str = ""
 
     def __post_init__(self) -> None:
-        low, high = _checked_band(self.band_hz)
+        low, high = checked_band(self.band_hz)
         object.__setattr__(self, "band_hz", (low, high))
+        if isinstance(self.sensors, str):
+            raise TypeError(f"modal data: sensors must be several names, got {self.sensors!r}")
         object.__setattr__(self, "sensors", tuple(self.sensors))
+        reserved = [sensor for sensor in self.sensors if sensor in RESERVED_NAMES]
+        if reserved:
+            raise ValueError(
+                f"modal data: a sensor may not be named {reserved[0]!r}, a column of every file "
+                "of modes"
+            )
         ordered = tuple(sorted(self.modes, key=lambda mode: mode.frequency_hz))
         object.__setattr__(self, "modes", ordered)
         if not ordered:
@@ -213,21 +227,23 @@ class ModalData:
         Evidences are comparable only where their digests agree.
         """
         scored = [
-            (
-                mode.label,
-                f"{mode.frequency_hz:.12g}",
-                None
-                if mode.scored_shape is None
-                else [
-                    (sensor, f"{component:.9f}")
-                    for sensor, component in zip(self.sensors, mode.scored_shape, strict=True)
-                    if np.isfinite(component)
-                ],
-            )
-            for mode in self.modes
+            (f"{mode.frequency_hz:.12g}", self._scored_components(mode)) for mode in self.modes
         ]
         text = json.dumps([scored, [f"{bound:.12g}" for bound in self.band_hz]])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def _scored_components(self, mode: IdentifiedMode) -> list[tuple[str, int]]:
+        """Sensors and components of a scored shape, the same for a shape and its negative."""
+        if mode.scored_shape is None:
+            return []
+        # Whole numbers of 1e-9, so that rounding and negative zeros make no difference.
+        components = [
+            (sensor, round(1e9 * component))
+            for sensor, component in sorted(zip(self.sensors, mode.scored_shape, strict=True))
+            if np.isfinite(component)
+        ]
+        negative = next(component for _, component in components if component) < 0
+        return [(sensor, -component if negative else component) for sensor, component in components]
 
     def oddities(self) -> list[str]:
         """What an analyst should know about these data before using them, a sentence each."""
@@ -268,9 +284,8 @@ class ModalData:
                 found.append(f"modes {low.label!r} and {high.label!r}: the same frequency")
             elif gap < 0.2 and low.scored_shape is not None and high.scored_shape is not None:
                 common = np.isfinite(low.scored_shape) & np.isfinite(high.scored_shape)
-                a, b = low.scored_shape[common], high.scored_shape[common]
-                alike = (a @ b) ** 2 / ((a @ a) * (b @ b)) if common.sum() >= 2 else 0.0
-                if alike > 0.8:
+                alike = mac(low.scored_shape[:, None], high.scored_shape[:, None])[0, 0]
+                if common.sum() >= 2 and alike > 0.8:
                     found.append(
                         f"modes {low.label!r} and {high.label!r}: {100 * gap:.0f} % apart with "
                         f"nearly one shape (MAC {alike:.2f}): an appendage in resonance splits "
@@ -309,7 +324,12 @@ def _require_positive(number: float, where: str) -> None:
         raise ValueError(f"{where} must be positive and finite, got {number!r}")
 
 
-def _checked_band(band_hz: Sequence[float]) -> tuple[float, float]:
+def checked_band(band_hz: Sequence[float]) -> tuple[float, float]:
+    """Lowest and highest frequency in Hz.
+
+    Raises:
+        ValueError: they are not two numbers with 0 <= lowest < highest.
+    """
     try:
         low, high = (float(bound) for bound in band_hz)
     except (TypeError, ValueError):

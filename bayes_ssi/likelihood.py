@@ -132,7 +132,8 @@ def check_pairing(pairing: Mapping[str, int], data: ModalData, n_modes: int) -> 
                 f"pairing: no identified mode {label!r}; choose from "
                 f"{', '.join(map(repr, data.labels))}"
             )
-        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= n_modes:
+        whole = isinstance(number, (int, np.integer)) and not isinstance(number, bool)
+        if not whole or not 1 <= number <= n_modes:
             raise ValueError(
                 f"pairing: identified mode {label!r} is paired with model mode {number!r}; "
                 f"the structure has modes 1 to {n_modes}"

@@ -20,6 +20,7 @@ comma is understood.
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,12 +28,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_ssi.data import IdentifiedMode, ModalData
+from bayes_ssi.data import RESERVED_NAMES, IdentifiedMode, ModalData, checked_band
 
 __all__ = ["ModalCsv", "read_modal_csv", "write_modal_csv"]
 
 REQUIRED_COLUMNS = ("label", "frequency_hz")
-NUMBER_COLUMNS = ("frequency_hz", "frequency_cov", "shape_sd", "damping")
+NUMBER_COLUMNS = RESERVED_NAMES[1:]
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,10 @@ class _Line:
     number: int
     cells: list[str]
 
+    @property
+    def is_remark(self) -> bool:
+        return self.cells[0].startswith("#")
+
     def error(self, message: str) -> ValueError:
         return ValueError(f"{self.path}, line {self.number}: {message}")
 
@@ -68,10 +73,16 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
     """
     path = Path(path)
     delimiter, lines = _split(path)
-    head = [line for line in lines if line.cells[0].startswith("#")]
-    body = [line for line in lines if not line.cells[0].startswith("#")]
+    n_head = next((i for i, line in enumerate(lines) if not line.is_remark), len(lines))
+    head, body = lines[:n_head], lines[n_head:]
     if not body:
         raise ValueError(f"{path}: the file holds no table of modes")
+    for line in body:
+        if line.is_remark:
+            raise line.error(
+                "a row that begins with '#' stands below the column names; remarks and keys "
+                "belong above them, and no mode's label may begin with '#'"
+            )
     columns = _column_names(body[0])
     decimal_comma = delimiter != ","
     modes = [_mode(line, columns, decimal_comma) for line in body[1:]]
@@ -85,10 +96,19 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
             f"{path}: no band; add a line such as '# band_hz, 0, 6' above the column names: the "
             "lowest and highest frequency (Hz) in which modes were sought"
         )
+    try:
+        low, high = checked_band(band)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
     _check_labels(body[1:], modes)
+    for line, mode in zip(body[1:], modes, strict=True):
+        if not low <= mode.frequency_hz <= high:
+            raise line.error(
+                f"frequency_hz: {mode.frequency_hz!r} lies outside the band {low!r} to {high!r} Hz"
+            )
     sensors = tuple(c for c in columns if c not in REQUIRED_COLUMNS and c not in NUMBER_COLUMNS)
     try:
-        data = ModalData(modes=tuple(modes), band_hz=tuple(band), sensors=sensors, source=source)  # type: ignore[arg-type]
+        data = ModalData(modes=tuple(modes), band_hz=(low, high), sensors=sensors, source=source)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     remarks = []
@@ -102,12 +122,19 @@ def write_modal_csv(data: ModalData, path: str | Path) -> None:
 
     Raises:
         FileExistsError: the file exists.
+        ValueError: a label begins with ``#``.
     """
     optional = [
         name
         for name in NUMBER_COLUMNS[1:]
         if any(getattr(mode, name) is not None for mode in data.modes)
     ]
+    for mode in data.modes:
+        if mode.label.startswith("#"):
+            raise ValueError(
+                f"mode {mode.label!r}: a label that begins with '#' cannot be written to CSV, "
+                "where such rows are remarks"
+            )
     with Path(path).open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         if data.source:
@@ -128,7 +155,7 @@ def _component_text(component: complex) -> str:
     if not np.isfinite(component):
         return ""
     if isinstance(component, complex):
-        return f"{component.real!r}{float(component.imag):+}j"
+        return f"{float(component.real)!r}{float(component.imag):+}j"
     return repr(float(component))
 
 
@@ -140,18 +167,25 @@ def _split(path: Path) -> tuple[str, list[_Line]]:
         raise ValueError(f"{path}: not a text file in UTF-8; save it as CSV (UTF-8)") from None
     if not text.strip():
         raise ValueError(f"{path}: the file is empty")
-    header = next((row for row in text.splitlines() if "frequency_hz" in row and row[0] != "#"), "")
-    delimiter = next((d for d in (";", "\t") if d in header), ",")
+    candidates = {delimiter: _lines(path, text, delimiter) for delimiter in (",", ";", "\t")}
+    for delimiter, lines in candidates.items():
+        if any(set(REQUIRED_COLUMNS) <= set(line.cells) for line in lines):
+            return delimiter, lines
+    return ",", candidates[","]
+
+
+def _lines(path: Path, text: str, delimiter: str) -> list[_Line]:
+    """The lines that are not blank, cut at ``delimiter``."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True)
+    lines, number = [], 1
     try:
-        rows = list(csv.reader(text.splitlines(), delimiter=delimiter, skipinitialspace=True))
+        for row in reader:
+            if any(cell.strip() for cell in row):
+                lines.append(_Line(path, number, [cell.strip() for cell in row]))
+            number = reader.line_num + 1  # a quoted cell may run over several lines
     except csv.Error as error:
-        raise ValueError(f"{path}: not a CSV file: {error}") from None
-    lines = [
-        _Line(path, number, [cell.strip() for cell in row])
-        for number, row in enumerate(rows, 1)
-        if any(cell.strip() for cell in row)
-    ]
-    return delimiter, lines
+        raise ValueError(f"{path}, line {number}: not CSV: {error}") from None
+    return lines
 
 
 def _column_names(line: _Line) -> list[str]:
@@ -199,18 +233,25 @@ def _read_head(head: list[_Line], decimal_comma: bool) -> tuple[str, tuple[float
 
 def _number(text: str, column: str, line: _Line, decimal_comma: bool) -> float:
     try:
-        return float(text.replace(",", ".") if decimal_comma else text)
+        return float(_plain(text, decimal_comma))
     except ValueError:
         raise line.error(f"{column}: {text!r} is not a number") from None
+
+
+def _plain(text: str, decimal_comma: bool) -> str:
+    """A number as Python reads it; Python would also read underscores, a typing error here."""
+    if "_" in text:
+        raise ValueError(text)
+    return text.replace(",", ".") if decimal_comma else text
 
 
 def _component(text: str, column: str, line: _Line, decimal_comma: bool) -> complex:
     if not text:
         return complex("nan")
-    written = text.replace(",", ".") if decimal_comma else text
-    written = re.sub(r"\s+", "", written).replace("i", "j")
+    # Space around the sign, as in "0.3 + 0.1i", is how people write complex numbers.
+    written = re.sub(r"(?<=[\dji])\s*([+-])\s*(?=[\d.])", r"\1", text).replace("i", "j")
     try:
-        value = complex(written)
+        value = complex(_plain(written, decimal_comma))
     except ValueError:
         raise line.error(f"sensor {column!r}: {text!r} is not a number") from None
     if not np.isfinite(value):

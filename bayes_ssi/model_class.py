@@ -11,7 +11,7 @@ import numpy as np
 
 from bayes_ssi.data import ModalData
 from bayes_ssi.errors import ErrorModel, IdentificationModel
-from bayes_ssi.likelihood import ModalLikelihood
+from bayes_ssi.likelihood import ModalLikelihood, check_pairing
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.structures.base import Structure
@@ -64,6 +64,8 @@ class ModelClass:
                     f"got {getattr(self, name)!r}"
                 )
         try:
+            check_pairing(self.pairing, self.data, self.structure.n_modes)
+            object.__setattr__(self, "pairing", {k: int(i) for k, i in self.pairing.items()})
             if not self.parameters:
                 raise ValueError("nothing is inferred; put a Parameter in the structure's fields")
         except (TypeError, ValueError) as error:

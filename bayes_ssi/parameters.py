@@ -23,15 +23,18 @@ NEGLIGIBLE_PROBABILITY = 1e-6
 
 
 class _Multiplies:
-    """Multiplication, division by a number, and powers; shared by Parameter and Product."""
+    """Multiplication, division and powers; shared by Parameter and Product."""
 
     def __mul__(self, other: Value) -> Product:
         return as_product(self) * as_product(other)  # type: ignore[arg-type]
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: float) -> Product:
-        return as_product(self) * (1.0 / float(other))  # type: ignore[arg-type]
+    def __truediv__(self, other: Value) -> Product:
+        return as_product(self) * as_product(other) ** -1.0  # type: ignore[arg-type]
+
+    def __rtruediv__(self, other: Value) -> Product:
+        return as_product(other) * as_product(self) ** -1.0  # type: ignore[arg-type]
 
     def __pow__(self, exponent: float) -> Product:
         product = as_product(self)  # type: ignore[arg-type]
@@ -77,7 +80,8 @@ class Product(_Multiplies):
         powers = dict(self.powers)
         for parameter, power in other.powers:
             powers[parameter] = powers.get(parameter, 0.0) + power
-        return Product(self.scale * other.scale, tuple(powers.items()))
+        remaining = tuple((p, power) for p, power in powers.items() if power != 0.0)
+        return Product(self.scale * other.scale, remaining)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

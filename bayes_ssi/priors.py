@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import erfcinv, erfinv, log_ndtr, ndtr, ndtri, ndtri_exp
+from scipy.special import erf, erfcinv, erfinv, log_ndtr, ndtr, ndtri, ndtri_exp
 
 __all__ = [
     "HalfNormal",
@@ -296,7 +296,7 @@ class HalfNormal(Prior):
         x = np.asarray(value, dtype=float) / self.scale
         with np.errstate(divide="ignore", invalid="ignore"):
             log_above = log_ndtr(-x) + math.log(2.0)
-            log_below = np.log(-np.expm1(log_above))
+            log_below = np.log(erf(x / math.sqrt(2.0)))
         return np.where(log_below < log_above, ndtri_exp(log_below), -ndtri_exp(log_above))
 
     def log_pdf(self, value: ArrayLike) -> FloatArray:

@@ -37,6 +37,7 @@ __all__ = ["Progress", "Sampled", "SamplingSettings", "sample_target"]
 Progress = Callable[[str, float], None]
 
 N_ENSEMBLES = 2
+WALKERS = 32
 COMPONENTS = (1, 2, 3, 4, 6, 8, 12, 16)
 DRAWS_FOR_FITTING = 3000
 # Weight of the maxima's own components in the mixtures: a region that the particles lost is
@@ -143,10 +144,11 @@ def sample_target(
     # draws give every component its share.
     trial = importance_sampling(target, proposal, np.inf, rng)
     proposal = proposal.reweighted(trial.z, trial.weights).defended(MAXIMA_SHARE)
+    # Shares of separate regions need more draws than one region's mean.
+    n_walkers = max(WALKERS * min(len(maxima.z), 3), 4 * target.n_dimensions)
     ensembles = []
     for i, start in enumerate(starts):
         report = _reporter(progress, "ensembles", i, N_ENSEMBLES)
-        n_walkers = max(32, 4 * target.n_dimensions)
         chain_seed = seeds[N_ENSEMBLES + i]
         ensembles.append(
             run_ensemble(target, start, proposal, n_walkers, settings.max_steps, chain_seed, report)

@@ -12,6 +12,8 @@ from bayes_ssi.priors import FloatArray
 __all__ = ["log_shape_normaliser", "log_sphere_area"]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
+# The integral is taken this many standard deviations about the integrand's top.
+WIDTHS = 9.0
 
 
 def log_sphere_area(d: int) -> float:
@@ -30,10 +32,17 @@ def log_shape_normaliser(shape_sd: FloatArray, d: int) -> FloatArray:
         d: number of sensors, at least 2.
     """
     sd = np.asarray(shape_sd, dtype=float)[..., None]
-    # Where it matters the integrand is a chi density of d - 1 degrees of freedom in t/σ.
-    end = np.minimum(0.5 * math.pi, sd * (10.0 + 1.7 * math.sqrt(d)))
-    t = 0.5 * end * (_NODES + 1.0)
+    # The logarithm of the integrand is highest where sin² t = (d - 2) σ² cos t, and as wide
+    # there as its second derivative says.
+    a = (d - 2) * sd * sd
+    cosine = 2.0 / (a + np.sqrt(a * a + 4.0))
+    top = np.sqrt(np.maximum(a * cosine, 0.0))  # sin t
+    curvature = cosine / sd**2 + ((d - 2) / top**2 if d > 2 else 0.0)
+    half = WIDTHS / np.sqrt(curvature)
+    begin = np.maximum(0.0, np.arcsin(np.minimum(top, 1.0)) - half)
+    end = np.minimum(0.5 * math.pi, np.arcsin(np.minimum(top, 1.0)) + half)
+    t = begin + 0.5 * (end - begin) * (_NODES + 1.0)
     log_integrand = -2.0 * (np.sin(0.5 * t) / sd) ** 2 + (d - 2) * np.log(np.sin(t))
     peak = log_integrand.max(axis=-1, keepdims=True)
-    integral = 0.5 * end[..., 0] * (np.exp(log_integrand - peak) @ _WEIGHTS)
+    integral = 0.5 * (end - begin)[..., 0] * (np.exp(log_integrand - peak) @ _WEIGHTS)
     return math.log(2.0) + log_sphere_area(d - 1) + np.log(integral) + peak[..., 0]

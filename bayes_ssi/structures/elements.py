@@ -78,18 +78,24 @@ def _quantity(value: Value, label: str, field: str) -> Product:
     return product
 
 
-def _check_neighbours(between: tuple[int, int], label: str) -> None:
+def _set_between_and_label(element: InPlaneInfill | OutOfPlaneInfill, kind: str) -> None:
+    """Check an infill's two floors, and name the infill after them if it has no name."""
+    floors = element.between
     valid = (
-        isinstance(between, tuple)
-        and len(between) == 2
-        and all(isinstance(floor, int) and floor >= 0 for floor in between)
-        and between[0] != between[1]
+        isinstance(floors, (tuple, list))
+        and len(floors) == 2
+        and all(isinstance(floor, int) and not isinstance(floor, bool) for floor in floors)
+        and min(floors) >= 0
+        and floors[0] != floors[1]
     )
     if not valid:
         raise ValueError(
-            f"{label}: between must be two different floors such as (1, 2), 0 being the ground, "
-            f"got {between!r}"
+            f"{element.label or kind}: between must be two different floors such as (1, 2), "
+            f"0 being the ground, got {floors!r}"
         )
+    object.__setattr__(element, "between", tuple(floors))
+    if not element.label:
+        object.__setattr__(element, "label", f"{kind} {floors[0]}-{floors[1]}")
 
 
 def _spring_stiffness(mass: Product, frequency: Product, factor: Product) -> Product:
@@ -107,6 +113,11 @@ class AddedMass(Element):
 
     def __post_init__(self) -> None:
         _quantity(self.mass, self.label, "mass")
+        if not self.shares or any(not 0 < share <= 1 for _, share in self.shares):
+            raise ValueError(
+                f"{self.label}: shares must be places with shares of the mass in (0, 1], "
+                f"got {self.shares!r}"
+            )
 
     def masses(self) -> Sequence[PointMass]:
         mass = as_product(self.mass)
@@ -134,9 +145,7 @@ class InPlaneInfill(Element):
     label: str = ""
 
     def __post_init__(self) -> None:
-        if not self.label:
-            object.__setattr__(self, "label", "in-plane infill {}-{}".format(*self.between))
-        _check_neighbours(self.between, self.label)
+        _set_between_and_label(self, "in-plane infill")
         _quantity(self.mass, self.label, "mass")
         _quantity(self.stiffness, self.label, "stiffness")
 
@@ -172,9 +181,10 @@ class Pendulum(Element):
     def __post_init__(self) -> None:
         if not self.label:
             object.__setattr__(self, "label", f"pendulum {self.on}")
-        if self.on == 0:
+        if self.on == 0 or self.on == self.label:
             raise ValueError(
-                f"{self.label}: an appendage on the ground would not move with the structure"
+                f"{self.label}: an appendage must stand on a floor or another degree of freedom, "
+                f"got on={self.on!r}"
             )
         _quantity(self.mass, self.label, "mass")
         _quantity(self.frequency, self.label, "frequency")
@@ -218,9 +228,7 @@ class OutOfPlaneInfill(Element):
     label: str = ""
 
     def __post_init__(self) -> None:
-        if not self.label:
-            object.__setattr__(self, "label", "infill {}-{}".format(*self.between))
-        _check_neighbours(self.between, self.label)
+        _set_between_and_label(self, "infill")
         _quantity(self.mass, self.label, "mass")
         _quantity(self.frequency, self.label, "frequency")
         _quantity(self.stiffness_factor, self.label, "stiffness_factor")

@@ -58,7 +58,8 @@ class _Sum:
         if self.is_fixed:
             return self.arrays.sum(axis=0, keepdims=True)
         coefficients = self.table.evaluate(values)
-        return (coefficients @ self.arrays.reshape(len(self.arrays), -1)).reshape(-1, *shape)
+        with np.errstate(invalid="ignore"):  # inf · 0 of a value that is not finite
+            return (coefficients @ self.arrays.reshape(len(self.arrays), -1)).reshape(-1, *shape)
 
 
 @dataclass(frozen=True)

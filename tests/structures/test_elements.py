@@ -1,0 +1,195 @@
+"""Non-structural elements on a structure, against hand-assembled matrices."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+import bayes_ssi as bs
+
+NO_VALUES = np.empty((1, 0))
+MASSES = (3.0, 2.0, 1.5)
+STIFFNESSES = (900.0, 700.0, 400.0)
+
+
+@pytest.fixture
+def building():
+    return bs.ShearBuilding(MASSES, STIFFNESSES)
+
+
+def bare_matrices(n_extra=0):
+    """Stiffness and diagonal mass of the building with room for extra degrees of freedom."""
+    k1, k2, k3 = STIFFNESSES
+    stiffness = np.zeros((3 + n_extra, 3 + n_extra))
+    stiffness[:3, :3] = [[k1 + k2, -k2, 0.0], [-k2, k2 + k3, -k3], [0.0, -k3, k3]]
+    return stiffness, np.array([*MASSES, *[0.0] * n_extra])
+
+
+def check(structure, stiffness, mass):
+    squares, vectors = eigh(stiffness, np.diag(mass))
+    modes = structure.modes(NO_VALUES)
+    np.testing.assert_allclose(modes.frequencies_hz[0], np.sqrt(squares) / math.tau, rtol=1e-11)
+    np.testing.assert_allclose(np.abs(modes.shapes[0]), np.abs(vectors), atol=1e-11)
+
+
+def test_in_plane_infill(building):
+    stiffness, mass = bare_matrices()
+    stiffness[1:, 1:] += 250.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    mass += [0.0, 0.4, 0.4]
+    check(building.with_element(bs.InPlaneInfill((2, 3), 0.8, 250.0)), stiffness, mass)
+
+
+def test_in_plane_infill_on_the_ground(building):
+    stiffness, mass = bare_matrices()
+    stiffness[0, 0] += 250.0
+    mass[0] += 0.4
+    check(building.with_element(bs.InPlaneInfill((0, 1), 0.8, 250.0)), stiffness, mass)
+
+
+def test_out_of_plane_infill(building):
+    # Half of the mass is the new degree of freedom, on a spring to the mean of the two floors;
+    # a quarter goes to each floor.
+    stiffness, mass = bare_matrices(1)
+    spring = 0.3 * (2.0 * math.pi * 1.7) ** 2
+    v = np.array([-0.5, -0.5, 0.0, 1.0])
+    stiffness += spring * np.outer(v, v)
+    mass += [0.15, 0.15, 0.0, 0.3]
+    structure = building.with_element(bs.OutOfPlaneInfill((1, 2), 0.6, 1.7))
+    check(structure, stiffness, mass)
+    assert structure.degrees_of_freedom == ("floor 1", "floor 2", "floor 3", "infill 1-2")
+
+
+def test_out_of_plane_infill_on_the_ground(building):
+    stiffness, mass = bare_matrices(1)
+    v = np.array([-0.5, 0.0, 0.0, 1.0])
+    stiffness += 0.3 * (2.0 * math.pi * 1.7) ** 2 * np.outer(v, v)
+    mass += [0.15, 0.0, 0.0, 0.3]
+    check(building.with_element(bs.OutOfPlaneInfill((0, 1), 0.6, 1.7)), stiffness, mass)
+
+
+def test_pendulum(building):
+    stiffness, mass = bare_matrices(1)
+    stiffness[[1, 3, 1, 3], [1, 3, 3, 1]] += np.array([1, 1, -1, -1]) * 0.2 * (math.tau * 2.2) ** 2
+    mass[3] = 0.2
+    check(building.with_element(bs.Pendulum(2, 0.2, 2.2)), stiffness, mass)
+
+
+def test_pendulum_on_another_element(building):
+    stiffness, mass = bare_matrices(2)
+    stiffness[[1, 3, 1, 3], [1, 3, 3, 1]] += np.array([1, 1, -1, -1]) * 0.2 * (math.tau * 2.2) ** 2
+    stiffness[[3, 4, 3, 4], [3, 4, 4, 3]] += np.array([1, 1, -1, -1]) * 0.1 * (math.tau * 1.2) ** 2
+    mass[3:] = 0.2, 0.1
+    first = building.with_element(bs.Pendulum(2, 0.2, 2.2, label="tank"))
+    check(first.with_element(bs.Pendulum("tank", 0.1, 1.2)), stiffness, mass)
+
+
+def test_added_mass(building):
+    stiffness, mass = bare_matrices()
+    mass += [0.25, 0.0, 0.75]
+    check(building.with_element(bs.AddedMass(1.0, ((1, 0.25), (3, 0.75)))), stiffness, mass)
+
+
+@pytest.mark.parametrize(
+    ("element", "added"),
+    [
+        (bs.Pendulum(2, 0.6, 2.2), [0.0, 0.6, 0.0]),
+        (bs.OutOfPlaneInfill((1, 2), 0.6, 1.7), [0.3, 0.3, 0.0]),
+        (bs.OutOfPlaneInfill((0, 1), 0.6, 1.7), [0.3, 0.0, 0.0]),
+        (bs.InPlaneInfill((2, 3), 0.6, 250.0), [0.0, 0.3, 0.3]),
+        (bs.AddedMass(0.6, ((3, 1.0),)), [0.0, 0.0, 0.6]),
+    ],
+)
+def test_as_mass(building, element, added):
+    stiffness, mass = bare_matrices()
+    structure = building.with_element(element.as_mass())
+    check(structure, stiffness, mass + added)
+    assert structure.degrees_of_freedom == ("floor 1", "floor 2", "floor 3")
+
+
+@pytest.mark.parametrize("mu", [0.01, 0.05, 0.3])
+def test_a_tuned_absorber_splits_the_frequency(mu):
+    # Equal frequencies: (f/f0)^2 = 1 + mu/2 -+ sqrt(mu + mu^2/4).
+    f0 = 1.5
+    oscillator = bs.ShearBuilding((2.0,), (2.0 * (math.tau * f0) ** 2,))
+    split = oscillator.with_element(bs.Pendulum(1, 2.0 * mu, f0)).modes(NO_VALUES)
+    root = math.sqrt(mu + mu**2 / 4.0)
+    expected = f0 * np.sqrt([1.0 + mu / 2.0 - root, 1.0 + mu / 2.0 + root])
+    np.testing.assert_allclose(split.frequencies_hz[0], expected, rtol=1e-12)
+
+
+def test_resonant_infill_of_the_numerical_study(augmented):
+    frequencies = augmented.modes(np.ones((1, 4))).frequencies_hz[0]
+    np.testing.assert_allclose(frequencies, [0.98275928, 2.6042925, 3.00473295, 3.98405175], 1e-8)
+    assert round(frequencies[1], 3) == 2.604
+    assert round(frequencies[2], 3) == 3.005
+
+
+def test_shapes_of_the_numerical_study(augmented, case_c):
+    shapes = augmented.modes(np.ones((1, 4))).shapes[0, :3]
+    shapes = shapes / np.linalg.norm(shapes, axis=0)
+    cosines = np.abs((shapes * case_c.unit_shapes).sum(0))
+    np.testing.assert_allclose(cosines, 1.0, atol=1e-13)
+
+
+def test_infill_as_mass_of_the_numerical_study(rigid):
+    frequencies = rigid.modes(np.ones((1, 3))).frequencies_hz[0]
+    np.testing.assert_allclose(frequencies, [0.9832, 2.7372, 3.9213], atol=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "place"), [(bs.Pendulum, 2), (bs.OutOfPlaneInfill, (1, 2))], ids=["pendulum", "infill"]
+)
+def test_a_spring_four_times_as_stiff_is_a_frequency_twice_as_high(building, kind, place):
+    k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+    doubled = building.with_element(kind(place, 0.2, 4.4)).modes(NO_VALUES).frequencies_hz
+    stiffer = building.with_element(kind(place, 0.2, 2.2, stiffness_factor=k))
+    np.testing.assert_allclose(stiffer.modes(np.array([[4.0]])).frequencies_hz, doubled, 1e-12)
+    faster = building.with_element(kind(place, 0.2, 2.2 * k))
+    np.testing.assert_allclose(faster.modes(np.array([[2.0]])).frequencies_hz, doubled, 1e-12)
+
+
+@pytest.mark.parametrize("kind", [bs.OutOfPlaneInfill, bs.InPlaneInfill])
+@pytest.mark.parametrize(
+    "between", [(1, 1), (1, 2, 3), (True, 2), (-1, 1), (1.0, 2.0), "12", (1,), 1, None]
+)
+def test_infills_between_impossible_floors_are_refused(kind, between):
+    with pytest.raises(ValueError, match="between must be two different floors such as"):
+        kind(between, 0.2, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: bs.Pendulum(0, 0.2, 1.0), "pendulum 0: an appendage must stand on a floor"),
+        (lambda: bs.Pendulum(1, -0.2, 1.0), "pendulum 1: mass must be positive .* -0.2"),
+        (lambda: bs.Pendulum(1, 0.2, 0.0), "pendulum 1: frequency must be positive .* 0.0"),
+        (
+            lambda: bs.Pendulum(1, 0.2, 1.0, stiffness_factor=-1.0, label="tank"),
+            "tank: stiffness_factor must be positive .* -1.0",
+        ),
+        (lambda: bs.OutOfPlaneInfill((1, 2), 0.0, 1.0), "infill 1-2: mass must be positive"),
+        (lambda: bs.OutOfPlaneInfill((1, 2), 0.1, -1.0), "infill 1-2: frequency must be positive"),
+        (
+            lambda: bs.OutOfPlaneInfill((1, 2), 0.1, 1.0, stiffness_factor=0.0),
+            "infill 1-2: stiffness_factor must be positive",
+        ),
+        (lambda: bs.InPlaneInfill((1, 2), -1.0, 1.0), "in-plane infill 1-2: mass must be"),
+        (lambda: bs.InPlaneInfill((1, 2), 1.0, 0.0), "in-plane infill 1-2: stiffness must be"),
+        (lambda: bs.AddedMass(-1.0, ((1, 1.0),)), "added mass: mass must be positive .* -1.0"),
+    ],
+)
+def test_impossible_elements_are_refused(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()
+
+
+def test_an_element_quantity_that_is_no_number_is_refused():
+    with pytest.raises(TypeError, match=r"pendulum 1: mass must be a number, a Parameter .* None"):
+        bs.Pendulum(1, None, 1.0)
+
+
+def test_an_element_mass_that_can_be_negative_is_refused():
+    mass = bs.Parameter("m", bs.Normal(1.0, 1.0))
+    with pytest.raises(ValueError, match="infill 1-2: mass must be positive, but parameter 'm'"):
+        bs.OutOfPlaneInfill((1, 2), mass, 1.0)

@@ -1,0 +1,170 @@
+"""Assembly for a batch, ties between fields, sensors, and elements that do not fit."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+import bayes_ssi as bs
+
+NO_VALUES = np.empty((1, 0))
+
+
+@pytest.fixture
+def fixed():
+    return bs.ShearBuilding((1.0, 1.0), (1.0, 1.0))
+
+
+def test_batch_equals_one_by_one(augmented):
+    values = np.exp(0.3 * np.random.default_rng(1).standard_normal((20, 4)))
+    batch = augmented.modes(values)
+    for row in range(20):
+        alone = augmented.modes(values[row : row + 1])
+        np.testing.assert_allclose(batch.frequencies_hz[row], alone.frequencies_hz[0], rtol=1e-12)
+        cosine = (batch.shapes[row] * alone.shapes[0]).sum(0) / (alone.shapes[0] ** 2).sum(0)
+        np.testing.assert_allclose(np.abs(cosine), 1.0, rtol=1e-9)
+
+
+def test_batch_against_hand_assembled_matrices(augmented):
+    k1, k2, k3, ks = values = np.array([1.2, 0.8, 1.1, 0.9])
+    storey = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
+    stiffness = np.zeros((4, 4))
+    stiffness[:3, :3] = [[k1 + k2, -k2, 0], [-k2, k2 + k3, -k3], [0, -k3, k3]]
+    v = np.array([-0.5, -0.5, 0.0, 1.0])
+    second = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
+    stiffness = storey * stiffness + ks * 0.075 * (math.tau * second) ** 2 * np.outer(v, v)
+    squares = eigh(stiffness, np.diag([1.0375, 1.0375, 1.0, 0.075]), eigvals_only=True)
+    modes = augmented.modes(np.array([np.ones(4), values]))
+    np.testing.assert_allclose(modes.frequencies_hz[1], np.sqrt(squares) / math.tau, rtol=1e-12)
+
+
+def test_a_structure_without_parameters_answers_for_every_row(fixed):
+    assert fixed.parameters == ()
+    modes = fixed.modes(np.empty((5, 0)))
+    golden = (math.sqrt(5.0) - 1.0) / 2.0
+    expected = np.broadcast_to([golden, golden + 1.0], (5, 2)) / math.tau
+    np.testing.assert_allclose(modes.frequencies_hz, expected, rtol=1e-13)
+    assert modes.shapes.shape == (5, 2, 2)
+    np.testing.assert_array_equal(modes.shapes, np.broadcast_to(modes.shapes[0], (5, 2, 2)))
+
+
+def test_an_empty_batch_gives_empty_modes(augmented):
+    assert augmented.modes(np.empty((0, 4))).frequencies_hz.shape == (0, 4)
+
+
+def test_parameters_in_masses_only():
+    m = bs.Parameter("m", bs.LogNormal(1.0, 0.3))
+    building = bs.ShearBuilding((1.0,), (50.0,)).with_element(bs.AddedMass(m, ((1, 1.0),)))
+    frequencies = building.modes(np.array([[1.0], [3.0]])).frequencies_hz[:, 0]
+    np.testing.assert_allclose(frequencies, np.sqrt([25.0, 12.5]) / math.tau, rtol=1e-13)
+
+
+def test_one_parameter_in_a_mass_and_a_stiffness_is_tied():
+    t = bs.Parameter("t", bs.LogNormal(1.0, 0.3))
+    building = bs.ShearBuilding((2.0 * t,), (50.0 * t**3,))
+    assert building.parameters == (t,)
+    frequencies = building.modes(np.array([[1.0], [2.0]])).frequencies_hz[:, 0]
+    np.testing.assert_allclose(frequencies, np.array([5.0, 10.0]) / math.tau, rtol=1e-13)
+
+
+def test_an_appendage_of_uncertain_mass_and_frequency():
+    m = bs.Parameter("m", bs.LogNormal(0.1, 0.3))
+    f = bs.Parameter("f", bs.LogNormal(1.0, 0.3))
+    building = bs.ShearBuilding((1.0,), ((2.0 * math.pi) ** 2,))
+    structure = building.with_element(bs.Pendulum(1, m, f))
+    # Columns by first appearance in stiffness, then mass: the spring is m (2 pi f)^2.
+    assert [p.name for p in structure.parameters] == ["m", "f"]
+    mu, root = 0.2, math.sqrt(0.2 + 0.01)
+    expected = np.sqrt([1.0 + mu / 2.0 - root, 1.0 + mu / 2.0 + root])
+    frequencies = structure.modes(np.array([[0.2, 1.0]])).frequencies_hz[0]
+    np.testing.assert_allclose(frequencies, expected, rtol=1e-12)
+
+
+def test_rows_that_are_not_positive_definite_are_nan(frame):
+    values = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, np.nan, 1.0], [4.0, 4.0, 4.0]])
+    frequencies = frame.modes(values).frequencies_hz
+    assert np.isnan(frequencies[1:3]).all()
+    bare = np.array([1.0, 2.80193774, 4.04891734])
+    np.testing.assert_allclose(frequencies[[0, 3]], [bare, 2.0 * bare], rtol=1e-8)
+
+
+def test_a_negative_mass_row_is_nan():
+    m = bs.Parameter("m", bs.LogNormal(1.0, 0.3))
+    frequencies = bs.ShearBuilding((m,), (1.0,)).modes(np.array([[-1.0], [1.0]])).frequencies_hz
+    assert np.isnan(frequencies[0, 0])
+    assert frequencies[1, 0] == pytest.approx(1.0 / math.tau)
+
+
+def test_with_element_leaves_the_original_alone(fixed):
+    fixed.with_element(bs.Pendulum(1, 0.1, 1.0))
+    assert fixed.elements == ()
+    assert fixed.n_modes == 2
+
+
+def test_elements_add_up_in_any_order(fixed):
+    pendulum, infill = bs.Pendulum(2, 0.1, 0.2), bs.InPlaneInfill((1, 2), 0.3, 2.0)
+    one = fixed.with_element(pendulum).with_element(infill).modes(NO_VALUES)
+    other = fixed.with_element(infill).with_element(pendulum).modes(NO_VALUES)
+    np.testing.assert_allclose(one.frequencies_hz, other.frequencies_hz, rtol=1e-13)
+
+
+def test_parameters_of_main_structure_come_first(augmented):
+    assert [p.name for p in augmented.parameters] == ["k1", "k2", "k3", "ks"]
+
+
+def test_medians_are_one_row(augmented):
+    k = bs.Parameter("k", bs.Uniform(2.0, 6.0))
+    building = bs.ShearBuilding((1.0,), (k,))
+    np.testing.assert_allclose(building.medians(), [[4.0]], rtol=1e-14)
+    np.testing.assert_allclose(augmented.medians(), np.ones((1, 4)), rtol=1e-14)
+
+
+def test_sensors_are_rows_of_the_shapes(augmented):
+    assert augmented.sensor_rows(["infill 1-2", "floor 1", "floor 3"]) == [3, 0, 2]
+    assert augmented.sensor_rows([]) == []
+
+
+def test_a_sensor_off_the_structure_is_refused(frame):
+    with pytest.raises(
+        ValueError, match=r"sensor 'roof': .*choose from 'floor 1', 'floor 2', 'floor 3'"
+    ):
+        frame.sensor_rows(["floor 1", "roof"])
+
+
+@pytest.mark.parametrize(
+    ("element", "message"),
+    [
+        (bs.Pendulum(3, 0.1, 1.0), "pendulum 3: the structure has no place 3; .* from 1 to 2"),
+        (bs.Pendulum(-1, 0.1, 1.0), "the structure has no place -1"),
+        (bs.Pendulum("tank", 0.1, 1.0), "the structure has no place 'tank'"),
+        (bs.OutOfPlaneInfill((2, 3), 0.1, 1.0), "infill 2-3: the structure has no place 3"),
+        (bs.InPlaneInfill((2, 3), 0.1, 1.0), "in-plane infill 2-3: .* no place 3"),
+        (bs.AddedMass(0.1, ((5, 1.0),)), "added mass: the structure has no place 5"),
+    ],
+)
+def test_elements_off_the_structure_are_refused(fixed, element, message):
+    with pytest.raises(ValueError, match=message):
+        fixed.with_element(element)
+
+
+def test_two_elements_of_one_label_are_refused(fixed):
+    with pytest.raises(ValueError, match=r"element 'pendulum 1': .* label of its own"):
+        fixed.with_element(bs.Pendulum(1, 0.1, 1.0)).with_element(bs.Pendulum(1, 0.2, 2.0))
+
+
+def test_an_element_named_like_a_floor_is_refused(fixed):
+    with pytest.raises(ValueError, match="element 'floor 2'"):
+        fixed.with_element(bs.Pendulum(1, 0.1, 1.0, label="floor 2"))
+
+
+def test_a_pendulum_on_itself_is_refused(fixed):
+    with pytest.raises(ValueError, match="tank"):
+        fixed.with_element(bs.Pendulum("tank", 0.1, 1.0, label="tank"))
+
+
+def test_two_of_one_kind_are_told_apart_by_label(fixed):
+    both = fixed.with_element(bs.Pendulum(1, 0.1, 1.0, label="chimney")).with_element(
+        bs.Pendulum(1, 0.2, 2.0, label="tank")
+    )
+    assert both.degrees_of_freedom == ("floor 1", "floor 2", "chimney", "tank")

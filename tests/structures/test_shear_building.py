@@ -1,0 +1,125 @@
+"""The shear building against its closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+import bayes_ssi as bs
+
+NO_VALUES = np.empty((1, 0))
+
+
+def uniform(n, mass=1.0, stiffness=1.0):
+    return bs.ShearBuilding(masses=[mass] * n, stiffnesses=[stiffness] * n)
+
+
+@pytest.mark.parametrize(("mass", "stiffness"), [(1.0, 1.0), (2.0e4, 3.0e7)])
+@pytest.mark.parametrize("n", [1, 2, 3, 5, 12, 40])
+def test_frequencies_of_a_uniform_building(n, mass, stiffness):
+    j = np.arange(1, n + 1)
+    expected = np.sqrt(stiffness / mass) / np.pi * np.sin((2 * j - 1) * np.pi / (2 * (2 * n + 1)))
+    frequencies = uniform(n, mass, stiffness).modes(NO_VALUES).frequencies_hz[0]
+    np.testing.assert_allclose(frequencies, expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("n", [1, 3, 7])
+def test_shapes_of_a_uniform_building(n):
+    floor, j = np.arange(1, n + 1)[:, None], np.arange(1, n + 1)
+    expected = np.sin(floor * (2 * j - 1) * np.pi / (2 * n + 1))
+    expected /= np.linalg.norm(expected, axis=0)
+    shapes = uniform(n).modes(NO_VALUES).shapes[0]
+    np.testing.assert_allclose(np.abs((shapes * expected).sum(0)), 1.0, rtol=1e-12)
+
+
+def test_bare_building_of_the_numerical_study(frame):
+    frequencies = frame.modes(np.ones((1, 3))).frequencies_hz[0]
+    np.testing.assert_allclose(frequencies, [1.0, 2.80193774, 4.04891734], atol=5e-9)
+
+
+@pytest.mark.parametrize(("m1", "m2", "k1", "k2"), [(1, 1, 1, 1), (2.0, 0.5, 30.0, 7.0)])
+def test_two_storeys_in_closed_form(m1, m2, k1, k2):
+    # m1 m2 w^4 - (m1 k2 + m2 (k1 + k2)) w^2 + k1 k2 = 0
+    middle = m1 * k2 + m2 * (k1 + k2)
+    root = math.sqrt(middle**2 - 4.0 * m1 * m2 * k1 * k2)
+    squares = np.array([middle - root, middle + root]) / (2.0 * m1 * m2)
+    frequencies = bs.ShearBuilding((m1, m2), (k1, k2)).modes(NO_VALUES).frequencies_hz[0]
+    np.testing.assert_allclose(frequencies, np.sqrt(squares) / math.tau, rtol=1e-12)
+
+
+def test_storey_i_stands_below_floor_i():
+    building = bs.ShearBuilding(masses=(1.0, 2.0, 3.0), stiffnesses=(10.0, 20.0, 40.0))
+    stiffness = [[30.0, -20.0, 0.0], [-20.0, 60.0, -40.0], [0.0, -40.0, 40.0]]
+    squares, vectors = eigh(stiffness, np.diag([1.0, 2.0, 3.0]))
+    modes = building.modes(NO_VALUES)
+    np.testing.assert_allclose(modes.frequencies_hz[0], np.sqrt(squares) / math.tau, rtol=1e-12)
+    np.testing.assert_allclose(np.abs(modes.shapes[0]), np.abs(vectors), rtol=1e-10)
+
+
+def test_floors_are_labelled_upwards():
+    building = uniform(3)
+    assert building.degrees_of_freedom == ("floor 1", "floor 2", "floor 3")
+    assert building.n_modes == 3
+
+
+def test_one_factor_on_every_stiffness_scales_every_frequency(frame):
+    # f goes with the square root of k, and the columns are k1, k2, k3.
+    modes = frame.modes(np.array([[1.0, 1.0, 1.0], [1.21, 1.21, 1.21]]))
+    np.testing.assert_allclose(modes.frequencies_hz[1], 1.1 * modes.frequencies_hz[0], rtol=1e-13)
+
+
+def test_parameters_in_masses_and_stiffnesses():
+    m = bs.Parameter("m", bs.LogNormal(2.0, 0.1))
+    k = bs.Parameter("k", bs.LogNormal(3.0, 0.1))
+    building = bs.ShearBuilding(masses=(m, m), stiffnesses=(10.0 * k, 10.0 * k))
+    assert building.parameters == (k, m)
+    golden = (math.sqrt(5.0) - 1.0) / 2.0
+    frequencies = building.modes(np.array([[3.0, 2.0], [5.0, 0.5]])).frequencies_hz
+    expected = np.sqrt([30.0 / 2.0, 50.0 / 0.5])[:, None] * [golden, golden + 1.0] / math.tau
+    np.testing.assert_allclose(frequencies, expected, rtol=1e-12)
+
+
+def test_same_parameter_twice_ties_the_storeys():
+    k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+    tied = bs.ShearBuilding((1.0, 1.0), (k, k))
+    assert tied.parameters == (k,)
+    np.testing.assert_allclose(
+        tied.modes(np.array([[2.0]])).frequencies_hz,
+        uniform(2, stiffness=2.0).modes(NO_VALUES).frequencies_hz,
+        rtol=1e-13,
+    )
+
+
+@pytest.mark.parametrize(
+    ("masses", "stiffnesses", "message"),
+    [
+        ((1.0, 1.0), (1.0,), "ShearBuilding: needs one mass a floor .* 2 masses and 1 stiffness"),
+        ((), (), "got 0 masses and 0 stiffnesses"),
+        ((1.0, -2.0), (1.0, 1.0), "ShearBuilding: mass of floor 2 must be positive .* got -2.0"),
+        ((1.0, 1.0), (0.0, 1.0), "ShearBuilding: stiffness of storey 1 must be .* got 0.0"),
+        ((1.0,), (math.nan,), "ShearBuilding: stiffness of storey 1 must be .* got nan"),
+    ],
+)
+def test_impossible_buildings_are_refused(masses, stiffnesses, message):
+    with pytest.raises(ValueError, match=message):
+        bs.ShearBuilding(masses, stiffnesses)
+
+
+def test_a_stiffness_that_can_be_negative_is_refused():
+    k = bs.Parameter("k", bs.Normal(1.0, 0.5))
+    with pytest.raises(ValueError, match=r"stiffness of storey 2 must be positive, but .* 'k'"):
+        bs.ShearBuilding((1.0, 1.0), (1.0, 10.0 * k))
+
+
+def test_a_mass_that_is_no_number_is_refused():
+    with pytest.raises(TypeError, match=r"ShearBuilding: mass of floor 1 must be a number, .* '1'"):
+        bs.ShearBuilding(("1",), (1.0,))
+
+
+def test_two_parameters_of_one_name_are_refused():
+    first = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+    second = bs.Parameter("k", bs.LogNormal(2.0, 0.3))
+    building = bs.ShearBuilding((1.0, 1.0), (first, second))
+    with pytest.raises(ValueError, match="two different parameters are named 'k'"):
+        building.parameters  # noqa: B018

@@ -1,0 +1,349 @@
+"""The likelihood against plain loops over its definition, quadrature, and what it must ignore."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import quad
+from scipy.linalg import eigh
+
+import bayes_ssi as bs
+from bayes_ssi.likelihood import ModalLikelihood
+from bayes_ssi.modal import Modes
+from bayes_ssi.structures import Structure
+
+SENSORS = ("floor 3", "floor 1", "infill 1-2")
+MASSES = (3.0, 2.0, 1.5)
+STIFFNESSES = (900.0, 700.0, 400.0)
+NAN = math.nan
+
+
+class Prescribed(Structure):
+    """Modes written down, not computed: a shape on the sphere given by its two angles."""
+
+    angles = tuple(bs.Parameter(name, bs.Uniform(0.0, 2.0 * math.pi)) for name in ("t", "p"))
+    parameters = angles
+    degrees_of_freedom = ("x", "y", "z")
+    n_modes = 1
+
+    def modes(self, values):
+        t, p = values.T
+        shapes = np.array([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)]).T
+        shapes[np.isnan(t)] = 0.0
+        return Modes(np.ones((len(values), 1)), 4.0 * shapes[:, :, None])
+
+
+def likelihood(structure, data, pairing, frequency_cov=0.01, shape_sd=0.05, p_d=0.9, nu=0.3):
+    error = bs.ErrorModel(frequency_cov, shape_sd)
+    return ModalLikelihood(structure, data, error, bs.IdentificationModel(p_d, nu), pairing)
+
+
+@pytest.fixture
+def building():
+    k = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.3)) for i in (1, 2, 3)]
+    frame = bs.ShearBuilding(MASSES, [s * x for s, x in zip(STIFFNESSES, k, strict=True)])
+    return frame.with_element(bs.OutOfPlaneInfill((1, 2), 0.6, 2.0))
+
+
+@pytest.fixture
+def identified():
+    """Pairs with and without shape and errors of their own, and three kinds of spurious modes."""
+    modes = (
+        bs.IdentifiedMode("first", 1.31, [1.2, 0.5, 0.8], frequency_cov=0.004, shape_sd=0.03),
+        bs.IdentifiedMode("ghost", 1.7, [1.0, NAN, 3.0]),
+        bs.IdentifiedMode("second", 2.05, [-0.3, 0.4, NAN], frequency_cov=0.007),
+        bs.IdentifiedMode("blip", 3.9),
+        bs.IdentifiedMode("dot", 4.0, [NAN, NAN, 1.0], shape_sd=0.2),
+        bs.IdentifiedMode("third", 3.2, [NAN, 0.4, NAN]),
+    )
+    return bs.ModalData(modes, (0.2, 4.7), SENSORS)
+
+
+PAIRING = {"third": 3, "first": 1, "second": 2}
+
+
+def dense_modes(k1, k2, k3):
+    """Frequencies, and shapes at the sensors, from matrices written out by hand."""
+    k1, k2, k3 = np.array(STIFFNESSES) * (k1, k2, k3)
+    stiffness = np.zeros((4, 4))
+    stiffness[:3, :3] = [[k1 + k2, -k2, 0.0], [-k2, k2 + k3, -k3], [0.0, -k3, k3]]
+    v = np.array([-0.5, -0.5, 0.0, 1.0])
+    stiffness += 0.3 * (2.0 * math.pi * 2.0) ** 2 * np.outer(v, v)
+    squares, shapes = eigh(stiffness, np.diag([3.15, 2.15, 1.5, 0.3]))
+    return np.sqrt(squares) / (2.0 * math.pi), shapes[[2, 0, 3]]
+
+
+def log_z(sd, d):
+    def integrand(t):
+        return math.exp(-(1.0 - math.cos(t)) / sd**2) * math.sin(t) ** (d - 2)
+
+    sphere = 2.0 * math.pi ** ((d - 1) / 2) / math.gamma((d - 1) / 2)
+    near, _ = quad(integrand, 0.0, 8.0 * sd, epsabs=0.0)
+    return math.log(2.0 * sphere * near)
+
+
+def by_hand(data, ks, frequency_cov, shape_sd, p_d, nu, with_shapes=True):
+    """The log-likelihood of ``data`` with PAIRING, term by term."""
+    frequencies, shapes = dense_modes(*ks)
+    low, high = data.band_hz
+    total = -nu
+    for mode in data.modes:
+        shape = np.full(3, NAN) if mode.shape is None else np.array(mode.shape)
+        seen = np.isfinite(shape)
+        unit = shape[seen] / np.linalg.norm(shape[seen])
+        d = int(seen.sum()) if with_shapes else 0
+        if mode.label not in PAIRING:
+            total += math.log(nu / (high - low))
+            if d >= 2:
+                total -= math.log(2.0 * math.pi ** (d / 2) / math.gamma(d / 2))
+            continue
+        i = PAIRING[mode.label] - 1
+        sd = math.hypot(frequency_cov, mode.frequency_cov or 0.0) * mode.frequency_hz
+        total += math.log(p_d) + stats.norm.logpdf(mode.frequency_hz, frequencies[i], sd)
+        if d >= 2:
+            model = shapes[seen, i] / np.linalg.norm(shapes[seen, i])
+            sd = math.hypot(shape_sd, mode.shape_sd or 0.0)
+            total += -(1.0 - abs(unit @ model)) / sd**2 - log_z(sd, d)
+    for i in set(range(4)) - {number - 1 for number in PAIRING.values()}:
+        own = np.mean([(mode.frequency_cov or 0.0) ** 2 for mode in data.modes])
+        sd = math.sqrt(frequency_cov**2 + own) * frequencies[i]
+        inside = stats.norm.cdf(high, frequencies[i], sd) - stats.norm.cdf(low, frequencies[i], sd)
+        total += math.log(1.0 - p_d * inside)
+    return total
+
+
+KS = [(1.0, 1.0, 1.0), (0.93, 1.1, 1.04), (1.3, 1.05, 0.9)]
+
+
+def test_the_undetected_mode_of_these_cases_lies_on_the_end_of_the_band():
+    # Otherwise the loops below would not see how P_in is computed.
+    assert [dense_modes(*ks)[0][3] for ks in KS] == pytest.approx([4.7, 4.7, 4.7], rel=0.03)
+
+
+@pytest.mark.parametrize("ks", KS)
+def test_fixed_errors_against_loops(building, identified, ks):
+    total = likelihood(building, identified, PAIRING, 0.02, 0.06).log_likelihood(np.array([ks]))
+    assert total[0] == pytest.approx(by_hand(identified, ks, 0.02, 0.06, 0.9, 0.3), rel=1e-10)
+
+
+@pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (0.4, 2.5)])
+def test_inferred_errors_against_loops(building, identified, a, b):
+    first, second = (bs.Parameter(name, bs.LogNormal(1.0, 0.5)) for name in "ab")
+    model = likelihood(building, identified, PAIRING, 0.02 * first, 0.06 * second)
+    assert [p.name for p in model.parameters] == ["k1", "k2", "k3", "a", "b"]
+    total = model.log_likelihood(np.array([[0.93, 1.1, 1.04, a, b]]))
+    expected = by_hand(identified, KS[1], 0.02 * a, 0.06 * b, 0.9, 0.3)
+    assert total[0] == pytest.approx(expected, rel=1e-10)
+
+
+@pytest.mark.parametrize(("p_d", "nu"), [(0.5, 0.01), (0.999, 3.0)])
+def test_identification_model_against_loops(building, identified, p_d, nu):
+    model = likelihood(building, identified, PAIRING, 0.02, 0.06, p_d, nu)
+    expected = by_hand(identified, KS[0], 0.02, 0.06, p_d, nu)
+    assert model.log_likelihood(np.array([KS[0]]))[0] == pytest.approx(expected, rel=1e-10)
+
+
+def test_frequencies_alone_against_loops(building, identified):
+    model = likelihood(building, identified.without_shapes(), PAIRING, 0.02, 0.06)
+    expected = by_hand(identified, KS[1], 0.02, 0.06, 0.9, 0.3, with_shapes=False)
+    assert model.log_likelihood(np.array([KS[1]]))[0] == pytest.approx(expected, rel=1e-10)
+
+
+def test_terms_add_up_and_each_is_as_documented(building, identified):
+    model = likelihood(building, identified, PAIRING)
+    values = np.array(KS)
+    terms = model.terms(values)
+    assert terms.frequency.shape == (3, 3)
+    assert terms.shape.shape == (3, 2)
+    assert terms.undetected.shape == (3,)
+    expected = terms.frequency.sum(1) + terms.shape.sum(1) + terms.undetected + terms.spurious
+    np.testing.assert_allclose(model.log_likelihood(values), expected, rtol=1e-13)
+    # Three spurious modes in 4.5 Hz, one of them with a shape on a circle.
+    spurious = -0.3 + 3.0 * math.log(0.3 / 4.5) - math.log(2.0 * math.pi)
+    assert terms.spurious == pytest.approx(spurious, rel=1e-13)
+
+
+def test_an_exact_fit_has_the_height_of_its_normal():
+    oscillator = bs.ShearBuilding(
+        (1.0,), ((2.0 * math.pi) ** 2 * bs.Parameter("k", bs.Uniform(0, 3)),)
+    )
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
+    total = likelihood(oscillator, data, {"1": 1}, 0.01).log_likelihood(np.array([[1.0]]))
+    assert total[0] == pytest.approx(math.log(0.9 / (0.01 * math.sqrt(2.0 * math.pi))) - 0.3)
+
+
+@pytest.mark.parametrize("frequency_cov", [0.002, 0.01, 0.05])
+def test_the_density_of_the_frequency_integrates_to_one(frequency_cov):
+    # Its standard deviation follows the datum, not the model: one within the variance.
+    oscillator = bs.ShearBuilding((1.0,), ((2.0 * math.pi) ** 2,))
+
+    def density(frequency_hz):
+        data = bs.ModalData((bs.IdentifiedMode("1", frequency_hz),), (0.0, 3.0))
+        terms = likelihood(oscillator, data, {"1": 1}, frequency_cov).terms(np.empty((1, 0)))
+        return math.exp(terms.frequency[0, 0]) / 0.9
+
+    ends = 1.0 + 10.0 * frequency_cov * np.array([-1.0, 0.0, 1.0])
+    integral = sum(quad(density, a, b)[0] for a, b in pairwise(ends))
+    assert abs(integral - 1.0) < 1.2 * frequency_cov**2
+
+
+@pytest.mark.parametrize("shape", [[0.3, -0.5, 0.8], [0.7, NAN, -0.2]], ids=["three", "two"])
+def test_the_density_of_the_shape_integrates_to_one(shape):
+    # It is symmetric in the two shapes, so it may be integrated over the model's.
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0, shape),), (0.0, 2.0), ("x", "y", "z"))
+    if np.isnan(shape[1]):  # a circle
+        t, weight = np.linspace(0.0, 2.0 * math.pi, 4000, endpoint=False), 2.0 * math.pi / 4000
+        p = np.zeros(4000)
+    else:  # a sphere
+        nodes, weights = np.polynomial.legendre.leggauss(160)
+        t, p = (x.ravel() for x in np.meshgrid(np.arccos(nodes), np.arange(320) * math.pi / 160))
+        weight = np.tile(weights, 320) * math.pi / 160
+    terms = likelihood(Prescribed(), data, {"1": 1}, shape_sd=0.15).terms(np.array([t, p]).T)
+    assert (np.exp(terms.shape[:, 0]) * weight).sum() == pytest.approx(1.0, abs=1e-8)
+
+
+def test_a_model_shape_that_vanishes_at_the_sensors_points_nowhere():
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0, [1, 2, 2]),), (0.0, 2.0), ("x", "y", "z"))
+    terms = likelihood(Prescribed(), data, {"1": 1}, shape_sd=0.5).terms(np.array([[NAN, 0.0]]))
+    normaliser = math.log(4.0 * math.pi * 0.25 * -math.expm1(-4.0))
+    assert terms.shape[0, 0] == pytest.approx(-4.0 - normaliser, rel=1e-12)
+
+
+def test_half_of_a_mode_on_the_end_of_the_band_may_be_missed():
+    two = bs.ShearBuilding((1.0, 1.0), (1.0, 1.0))
+    upper = (math.sqrt(5.0) + 1.0) / (4.0 * math.pi)
+    data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, upper))
+    terms = likelihood(two, data, {"1": 1}).terms(np.empty((1, 0)))
+    assert terms.undetected[0] == pytest.approx(math.log(1.0 - 0.9 / 2.0), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("band", "pairing", "undetected"),
+    [
+        ((0.0, 0.15), {"1": 1}, 0.0),
+        ((0.2, 1.0), {"1": 2}, 0.0),
+        ((0.0, 1.0), {"1": 1}, math.log(0.1)),
+        ((0.0, 1.0), {"1": 2}, math.log(0.1)),
+        ((0.0, 1.0), {}, 2.0 * math.log(0.1)),
+    ],
+)
+def test_only_a_mode_inside_the_band_can_be_missed(band, pairing, undetected):
+    two = bs.ShearBuilding((1.0, 1.0), (1.0, 1.0))  # 0.098 and 0.258 Hz
+    data = bs.ModalData((bs.IdentifiedMode("1", sum(band) / 2.0),), band)
+    terms = likelihood(two, data, pairing).terms(np.empty((1, 0)))
+    assert terms.undetected[0] == pytest.approx(undetected, abs=1e-12)
+
+
+@pytest.mark.parametrize("factor", [-1.0, 50.0, -1e-4, np.exp(1j), 1j])
+def test_sign_scale_and_phase_of_a_shape_do_not_matter(building, identified, factor):
+    turned = bs.ModalData(
+        tuple(
+            bs.IdentifiedMode(
+                m.label,
+                m.frequency_hz,
+                None if m.shape is None else factor * m.shape,
+                m.frequency_cov,
+                m.shape_sd,
+            )
+            for m in identified.modes
+        ),
+        identified.band_hz,
+        SENSORS,
+    )
+    values = np.array(KS)
+    expected = likelihood(building, identified, PAIRING).log_likelihood(values)
+    other = likelihood(building, turned, PAIRING).log_likelihood(values)
+    np.testing.assert_allclose(other, expected, rtol=1e-9)
+
+
+def test_a_batch_equals_one_by_one(building, identified):
+    size = bs.Parameter("e", bs.LogNormal(0.02, 0.5))
+    model = likelihood(building, identified, PAIRING, size, 3.0 * size)
+    rng = np.random.default_rng(3)
+    values = np.exp(0.1 * rng.standard_normal((30, 4))) * [1.0, 1.0, 1.0, 0.02]
+    one_by_one = [model.log_likelihood(row[None])[0] for row in values]
+    np.testing.assert_allclose(model.log_likelihood(values), one_by_one, rtol=1e-10)
+
+
+def test_a_fixed_structure_with_an_inferred_error():
+    size = bs.Parameter("e", bs.LogNormal(0.01, 1.0))
+    oscillator = bs.ShearBuilding((1.0,), ((2.0 * math.pi) ** 2,))
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.02),), (0.0, 2.0))
+    model = likelihood(oscillator, data, {"1": 1}, size)
+    assert model.parameters == (size,)
+    sizes = np.array([0.005, 0.02, 0.1])
+    expected = math.log(0.9) - 0.3 + stats.norm.logpdf(1.02, 1.0, 1.02 * sizes)
+    np.testing.assert_allclose(model.log_likelihood(sizes[:, None]), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("pairing", [PAIRING, {"first": 1}, {}], ids=len)
+@pytest.mark.parametrize("bad", [[-1.0, 1.0, 1.0], [1.0, NAN, 1.0], [math.inf, 1.0, 1.0]])
+def test_rows_without_modes_are_impossible_and_leave_the_others_alone(
+    building, identified, pairing, bad
+):
+    model = likelihood(building, identified, pairing)
+    total = model.log_likelihood(np.array([KS[0], bad, KS[1]]))
+    assert total[1] == -np.inf
+    alone = [model.log_likelihood(np.array([ks]))[0] for ks in KS[:2]]
+    np.testing.assert_allclose(total[[0, 2]], alone, rtol=1e-12)
+    assert np.isfinite(total[[0, 2]]).all()
+
+
+def test_the_order_of_sensors_and_pairs_does_not_matter(building, identified):
+    order = [2, 0, 1]
+    modes = [
+        bs.IdentifiedMode(
+            m.label,
+            m.frequency_hz,
+            None if m.shape is None else m.shape[order],
+            m.frequency_cov,
+            m.shape_sd,
+        )
+        for m in reversed(identified.modes)
+    ]
+    shuffled = bs.ModalData(tuple(modes), identified.band_hz, tuple(SENSORS[i] for i in order))
+    pairing = dict(sorted(PAIRING.items()))
+    np.testing.assert_allclose(
+        likelihood(building, shuffled, pairing).log_likelihood(np.array(KS)),
+        likelihood(building, identified, PAIRING).log_likelihood(np.array(KS)),
+        rtol=1e-11,
+    )
+
+
+def test_an_error_that_no_paired_datum_calls_for_is_not_inferred(building, identified):
+    size = bs.Parameter("s", bs.LogNormal(0.05, 1.0))
+    with_shape = likelihood(building, identified, {"first": 1}, shape_sd=size)
+    without = likelihood(building, identified, {"third": 3}, shape_sd=size)
+    assert [p.name for p in with_shape.parameters] == ["k1", "k2", "k3", "s"]
+    assert [p.name for p in without.parameters] == ["k1", "k2", "k3"]
+
+
+@pytest.mark.parametrize(
+    ("pairing", "error", "message"),
+    [
+        ({"fourth": 1}, ValueError, "pairing: no identified mode 'fourth'; choose from 'first', "),
+        ({"first": 0}, ValueError, "'first' is paired with model mode 0; .* modes 1 to 4"),
+        ({"first": 5}, ValueError, "'first' is paired with model mode 5; .* modes 1 to 4"),
+        ({"first": 1.0}, ValueError, "'first' is paired with model mode 1.0;"),
+        ({"first": True}, ValueError, "'first' is paired with model mode True;"),
+        ({"first": "1"}, ValueError, "'first' is paired with model mode '1';"),
+        (
+            {"first": 1, "second": 1},
+            ValueError,
+            "model mode 1 is paired with two identified modes, 'first' and 'second'",
+        ),
+        ([("first", 1)], TypeError, r"pairing must map labels .* got \[\('first', 1\)\]"),
+        (None, TypeError, "pairing must map labels .* got None"),
+    ],
+)
+def test_impossible_pairings_are_refused(building, identified, pairing, error, message):
+    with pytest.raises(error, match=message):
+        likelihood(building, identified, pairing)
+
+
+def test_a_sensor_off_the_structure_is_refused(building):
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0, [1, 2]),), (0.0, 2.0), ("floor 1", "roof"))
+    with pytest.raises(ValueError, match="sensor 'roof': the structure has no such degree of"):
+        likelihood(building, data, {"1": 1})

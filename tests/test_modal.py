@@ -1,0 +1,117 @@
+"""Modes of small matrices against closed forms and a dense solver, and the MAC."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from bayes_ssi.modal import mac, solve_modes
+
+CHAIN = np.array([[2.0, -1.0], [-1.0, 1.0]])
+# Two equal masses on two equal springs: (2 pi f)^2 = (3 -+ sqrt 5)/2.
+CHAIN_HZ = np.sqrt([(3.0 - math.sqrt(5.0)) / 2.0, (3.0 + math.sqrt(5.0)) / 2.0]) / (2.0 * math.pi)
+UNIT_MASSES = np.ones((1, 2))
+
+
+def random_structures(batch, n):
+    rng = np.random.default_rng(5)
+    factor = rng.standard_normal((batch, n, n))
+    return factor @ factor.transpose(0, 2, 1) + n * np.eye(n), rng.uniform(0.5, 3.0, (batch, n))
+
+
+@pytest.mark.parametrize(("stiffness", "mass"), [(1.0, 1.0), (2.5e6, 1.2e3), (1e-3, 40.0)])
+def test_one_mass_on_one_spring(stiffness, mass):
+    modes = solve_modes(np.array([[[stiffness]]]), np.array([[mass]]))
+    assert modes.frequencies_hz[0, 0] == pytest.approx(math.sqrt(stiffness / mass) / math.tau)
+    assert modes.shapes[0, 0, 0] ** 2 == pytest.approx(1.0 / mass)
+
+
+def test_two_equal_masses_and_springs():
+    modes = solve_modes(CHAIN[None], UNIT_MASSES)
+    np.testing.assert_allclose(modes.frequencies_hz[0], CHAIN_HZ, rtol=1e-14)
+    # Golden ratio: the upper mass moves 1.618 times the lower one, and -0.618 times.
+    ratio = modes.shapes[0, 1] / modes.shapes[0, 0]
+    golden = (1.0 + math.sqrt(5.0)) / 2.0
+    np.testing.assert_allclose(ratio, [golden, 1.0 - golden], rtol=1e-13)
+
+
+@pytest.mark.parametrize("n", [2, 5, 9])
+def test_dense_generalised_eigenproblem(n):
+    stiffness, mass = random_structures(4, n)
+    modes = solve_modes(stiffness, mass)
+    for row in range(4):
+        squares, vectors = eigh(stiffness[row], np.diag(mass[row]))
+        np.testing.assert_allclose(modes.frequencies_hz[row], np.sqrt(squares) / math.tau)
+        np.testing.assert_allclose(np.abs(modes.shapes[row]), np.abs(vectors), atol=1e-12)
+
+
+def test_shapes_have_unit_modal_mass_and_are_orthogonal():
+    stiffness, mass = random_structures(3, 6)
+    shapes = solve_modes(stiffness, mass).shapes
+    modal_mass = np.einsum("bni,bn,bnj->bij", shapes, mass, shapes)
+    np.testing.assert_allclose(modal_mass, np.broadcast_to(np.eye(6), (3, 6, 6)), atol=1e-12)
+
+
+def test_one_mass_matrix_serves_a_batch_of_stiffnesses():
+    factors = np.array([1.0, 4.0, 9.0])
+    modes = solve_modes(factors[:, None, None] * CHAIN, UNIT_MASSES)
+    np.testing.assert_allclose(modes.frequencies_hz, [[1.0], [2.0], [3.0]] * CHAIN_HZ, rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "mass"),
+    [
+        ([[-2.0, 0.0], [0.0, 1.0]], [1.0, 1.0]),
+        ([[1.0, 2.0], [2.0, 1.0]], [1.0, 1.0]),
+        ([[0.0, 0.0], [0.0, 1.0]], [1.0, 1.0]),
+        ([[2.0, -1.0], [-1.0, 1.0]], [-1.0, 1.0]),
+        ([[2.0, -1.0], [-1.0, 1.0]], [1.0, 0.0]),
+        ([[np.nan, -1.0], [-1.0, 1.0]], [1.0, 1.0]),
+        ([[np.inf, -1.0], [-1.0, 1.0]], [1.0, 1.0]),
+        ([[2.0, -1.0], [-1.0, 1.0]], [np.nan, 1.0]),
+    ],
+)
+def test_a_row_without_modes_is_nan_and_leaves_the_others_alone(stiffness, mass):
+    batch = np.array([CHAIN, stiffness, 4.0 * CHAIN])
+    modes = solve_modes(batch, np.array([[1.0, 1.0], mass, [1.0, 1.0]]))
+    assert np.isnan(modes.frequencies_hz[1]).all()
+    np.testing.assert_allclose(modes.frequencies_hz[[0, 2]], [CHAIN_HZ, 2 * CHAIN_HZ], rtol=1e-13)
+    np.testing.assert_allclose(modes.shapes[0].T @ modes.shapes[0], np.eye(2), atol=1e-13)
+    np.testing.assert_allclose(modes.shapes[2].T @ modes.shapes[2], np.eye(2), atol=1e-13)
+
+
+def test_a_batch_of_bad_rows_only_is_all_nan():
+    modes = solve_modes(np.full((2, 2, 2), np.nan), UNIT_MASSES)
+    assert np.isnan(modes.frequencies_hz).all()
+
+
+def test_an_empty_batch_gives_empty_modes():
+    modes = solve_modes(np.empty((0, 2, 2)), UNIT_MASSES)
+    assert modes.frequencies_hz.shape == (0, 2)
+    assert modes.shapes.shape == (0, 2, 2)
+
+
+def test_mac_of_known_angles():
+    angles = np.radians([0.0, 30.0, 60.0, 90.0, 180.0])
+    shapes = np.array([np.cos(angles), np.sin(angles)])
+    table = mac(shapes[:, :1], shapes)
+    np.testing.assert_allclose(table, [[1.0, 0.75, 0.25, 0.0, 1.0]], atol=1e-15)
+
+
+def test_mac_is_blind_to_scale_and_sign():
+    shapes = np.random.default_rng(2).standard_normal((4, 3))
+    scaled = shapes * [-3.0, 1e-3, 250.0]
+    np.testing.assert_allclose(mac(shapes, scaled), mac(shapes, shapes), rtol=1e-12)
+    np.testing.assert_allclose(np.diag(mac(shapes, scaled)), 1.0, rtol=1e-12)
+
+
+def test_mac_leaves_missing_sensors_out():
+    first = np.array([[1.0], [np.nan], [1.0]])
+    other = np.array([[1.0, np.nan], [5.0, 2.0], [0.0, 3.0]])
+    # Common sensors 1 and 3, (1, 1) and (1, 0): a half. Sensor 3 alone: one.
+    np.testing.assert_allclose(mac(first, other), [[0.5, 1.0]], rtol=1e-15)
+
+
+def test_mac_with_nothing_in_common_is_nan():
+    assert np.isnan(mac(np.array([[1.0], [np.nan]]), np.array([[np.nan], [1.0]])))[0, 0]

@@ -1,0 +1,274 @@
+"""The CSV file of identified modes: forms, round trips, and messages that say where."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.modal_csv import read_modal_csv
+
+HEAD = "# band_hz, 0, 6\nlabel, frequency_hz, a, b\n"
+COMMAS = """# source, ambient vibration test of 12 May
+# band_hz, 0, 6.5
+label, frequency_hz, frequency_cov, damping, floor 1, floor 2
+
+1,     0.983,        0.001,         0.012,   0.331,   0.593
+2a,    2.604,        ,              ,        -6.74e-1,
+"""
+SEMICOLONS = """# source; ambient vibration test of 12 May
+# band_hz; 0; 6,5
+label; frequency_hz; frequency_cov; damping; floor 1; floor 2
+1; 0,983; 0,001; 0,012; 0,331; 0,593
+2a; 2,604; ; ; -6,74e-1;
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Reads the modes in a text that stands in a file ``modes.csv``."""
+
+    def read_text(text, encoding="utf-8", **kwargs):
+        path = tmp_path / "modes.csv"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode(encoding))
+        return read_modal_csv(path, **kwargs)
+
+    return read_text
+
+
+@pytest.fixture
+def round_trip(tmp_path):
+    """Saves data and loads them again."""
+
+    def save_and_load(data):
+        data.save(tmp_path / "saved.csv")
+        return bs.ModalData.load(tmp_path / "saved.csv")
+
+    return save_and_load
+
+
+def assert_same(data, other):
+    assert data.labels == other.labels
+    assert data.sensors == other.sensors
+    assert data.band_hz == other.band_hz
+    assert data.source == other.source
+    assert data.digest == other.digest
+    for mode, same in zip(data.modes, other.modes, strict=True):
+        for name in ("frequency_hz", "frequency_cov", "shape_sd", "damping"):
+            assert getattr(mode, name) == getattr(same, name)
+        if mode.shape is None:
+            assert same.shape is None
+        else:
+            np.testing.assert_array_equal(mode.shape, same.shape)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        COMMAS,
+        SEMICOLONS,
+        SEMICOLONS.replace("; ", "\t").replace(";", "\t"),
+        SEMICOLONS.replace("; ", "\t").replace(";", "\t").replace(",", "."),
+        "\ufeff" + COMMAS,
+        COMMAS.replace("\n", "\r\n"),
+        COMMAS.replace(", 0, 6.5", ": 0, 6.5").replace("source,", "source:"),
+        "# a remark, 5\n\n" + COMMAS,
+        COMMAS.replace("2,\n", "2, , ,\n").replace("0.593", "0.593,,"),
+        COMMAS.replace("floor 1", '"floor 1"').replace("2a", '"2a"'),
+    ],
+    ids=[
+        "commas",
+        "semicolons with decimal commas",
+        "tabs with decimal commas",
+        "tabs",
+        "byte order mark",
+        "windows line ends",
+        "colons",
+        "remark",
+        "trailing cells",
+        "quotes",
+    ],
+)
+def test_every_form_gives_the_same_data(read, text):
+    data = read(text).data
+    assert data.source == "ambient vibration test of 12 May"
+    assert data.band_hz == (0.0, 6.5)
+    assert data.sensors == ("floor 1", "floor 2")
+    assert data.labels == ("1", "2a")
+    first, second = data.modes
+    assert (first.frequency_hz, first.frequency_cov, first.damping) == (0.983, 0.001, 0.012)
+    assert (second.frequency_hz, second.frequency_cov, second.damping) == (2.604, None, None)
+    assert first.shape.tolist() == [0.331, 0.593]
+    np.testing.assert_array_equal(second.shape, [-0.674, math.nan])
+
+
+@pytest.mark.parametrize(
+    ("cell", "value"),
+    [("0.3+0.1j", 0.3 + 0.1j), ("-3e-1 - 0.1i", -0.3 - 0.1j), ("2i", 2j), ("0.5", 0.5)],
+)
+def test_complex_components(read, cell, value):
+    shape = read(HEAD + f"1, 1.0, {cell}, 1j\n").data.modes[0].shape
+    assert shape.tolist() == [value, 1j]
+
+
+def test_complex_components_with_decimal_commas(read):
+    text = "# band_hz; 0; 6\nlabel; frequency_hz; a; b\n1; 1,5; 0,3+0,1i; \n"
+    (mode,) = read(text).data.modes
+    assert mode.frequency_hz == 1.5
+    assert mode.shape[0] == 0.3 + 0.1j
+    assert np.isnan(mode.shape[1])
+
+
+def test_components_without_imaginary_part_are_real(read):
+    assert read(HEAD + "1, 1.0, 0.3+0j, 2\n").data.modes[0].shape.dtype == float
+
+
+def test_a_row_of_empty_cells_has_no_shape(read):
+    data = read(HEAD + "1, 1.0, , \n2, 2.0\n").data
+    assert [mode.shape for mode in data.modes] == [None, None]
+    assert data.sensors == ("a", "b")
+
+
+def test_no_sensors_at_all(read):
+    data = read("# band_hz, 0, 6\nlabel, frequency_hz, shape_sd\n1, 1.0, 0.02\n").data
+    assert data.sensors == ()
+    assert data.modes[0].shape_sd == 0.02
+
+
+def test_band_from_the_caller(read):
+    text = "label, frequency_hz\n1, 1.0\n"
+    assert read(text, band_hz=(0.5, 3)).data.band_hz == (0.5, 3.0)
+    assert read("# band_hz, 0, 6\n" + text, band_hz=(0.5, 3)).data.band_hz == (0.5, 3.0)
+
+
+def test_unsorted_modes_are_sorted_with_a_remark(read):
+    unsorted = read(HEAD + "2, 2.0, 1, 2\n1, 1.0, 3, 4\n")
+    assert unsorted.data.labels == ("1", "2")
+    assert unsorted.data.modes[0].shape.tolist() == [3.0, 4.0]
+    assert unsorted.remarks == ("the modes were not in ascending order of frequency; they are now",)
+    assert read(HEAD + "1, 1.0, 3, 4\n2, 2.0, 1, 2\n").remarks == ()
+
+
+NO_NUMBER = "is not a number"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HEAD + "1, 1.O, 1, 2\n", f"line 3: frequency_hz: '1.O' {NO_NUMBER}"),
+        (HEAD + "\n1, 1.0, 1, 2\n2, x, 1, 2\n", f"line 5: frequency_hz: 'x' {NO_NUMBER}"),
+        (HEAD + "1, , 1, 2\n", "line 3: frequency_hz: the cell is empty"),
+        (HEAD + "1, 1.0, 1, two\n", f"line 3: sensor 'b': 'two' {NO_NUMBER}"),
+        (HEAD + "1, 1.0, 1 2, 3\n", f"line 3: sensor 'a': '1 2' {NO_NUMBER}"),
+        (HEAD + "1, 1.0, nan, 3\n", "line 3: sensor 'a': 'nan' is not finite; leave"),
+        (HEAD + "1, 1.0, 1e999, 3\n", "line 3: sensor 'a': '1e999' is not finite"),
+        (HEAD + "1, 1.0, 0, 0\n", "line 3: mode '1': shape is zero at every sensor"),
+        (HEAD + "1, -1.0, 1, 2\n", "line 3: mode '1': frequency_hz must be .* got -1.0"),
+        (HEAD + "1, nan, 1, 2\n", "line 3: mode '1': frequency_hz must be .* got nan"),
+        (HEAD + ", 1.0, 1, 2\n", "line 3: mode label must be text and not empty, got ''"),
+        (HEAD + "1, 1,0, 1, 2\n", "line 3: 5 cells for 4 columns"),
+        (HEAD + "1, 1, 1, 1\n1, 2, 1, 1\n", "line 4: label '1' is that of line 3 already"),
+        (HEAD + "1, 1.0, 1, 1\n2, 7.5, 1, 1\n", "line 4: frequency_hz: 7.5 lies outside"),
+        ("# band_hz, 0\n" + HEAD[16:] + "1,1,1,1", r"line 1: band_hz needs two .* \['0'\]"),
+        ("# band_hz, 0, six\nlabel, frequency_hz\n1, 1\n", f"line 1: band_hz: 'six' {NO_NUMBER}"),
+        ("\n\nlabel, frequency\n1, 1\n", "line 3: no column 'frequency_hz' among 'label', 'freq"),
+        ("name, frequency_hz\n1, 1\n", "line 1: no column 'label' among 'name'"),
+        ("label, frequency_hz, , a\n1, 1\n", "line 1: a column has no name"),
+        ("label, frequency_hz, a, a\n1, 1\n", "line 1: two columns are named 'a'"),
+        (HEAD.replace("a, b", "frequency_cov") + "1, 1, -2\n", "line 3: .*frequency_cov .* -2.0"),
+        (HEAD.replace("a, b", "frequency_cov") + "1, 1, 2 %\n", "line 3: frequency_cov: '2 %' is"),
+        (HEAD.replace("a, b", "damping") + "1, 1, 1.2\n", "line 3: .*damping must be .* 1.2"),
+        (HEAD.replace("a, b", "shape_sd") + "1, 1, 0\n", "line 3: .*shape_sd must be .* 0.0"),
+    ],
+)
+def test_messages_name_file_line_column_and_value(read, text, message):
+    with pytest.raises(ValueError, match=f"modes.csv, {message}"):
+        read(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "the file is empty"),
+        (" \n\n", "the file is empty"),
+        ("# band_hz, 0, 6\n", "the file holds no table of modes"),
+        (HEAD, "no mode below the column names"),
+        ("label, frequency_hz\n1, 1.0\n", "no band; add a line such as '# band_hz, 0, 6'"),
+        ("# band_hz, 6, 0\n" + HEAD[16:] + "1, 1, 1, 1\n", "band_hz must be 0 <= lowest < highest"),
+        (HEAD.encode("utf-16"), "not a text file in UTF-8"),
+        (HEAD.encode() + b"\xb5, 1.0, 1, 1\n", "not a text file in UTF-8"),
+    ],
+)
+def test_messages_about_the_whole_file(read, text, message):
+    with pytest.raises(ValueError, match=f"modes.csv: {re.escape(message)}"):
+        read(text)
+
+
+def test_a_number_with_an_underscore_is_refused(read):
+    with pytest.raises(ValueError, match=f"line 3: frequency_hz: '1_0' {NO_NUMBER}"):
+        read(HEAD.replace("6", "20") + "1, 1_0, 1, 1\n")
+
+
+def test_a_missing_file(tmp_path):
+    with pytest.raises(FileNotFoundError, match="absent"):
+        bs.ModalData.load(tmp_path / "absent.csv")
+
+
+def test_round_trip_of_the_numerical_study(round_trip, case_c):
+    assert_same(round_trip(case_c), case_c)
+
+
+@pytest.mark.parametrize(
+    "modes",
+    [
+        [bs.IdentifiedMode("1", 1.0 / 3.0, [1 / 3, -2 / 7], 0.001, 0.02, 0.012)],
+        [bs.IdentifiedMode("1", 1.0, [math.nan, 2.0], damping=0.0), bs.IdentifiedMode("2", 2.0)],
+        [bs.IdentifiedMode("1", 1.0, [0.3 + 0.1j, 1 / 3 - 0.5j])],
+        [bs.IdentifiedMode("1", 1.0, [-0.3j, complex(math.nan)])],
+        [bs.IdentifiedMode("1", 1.0, [1e-300, 2e150 * 1j])],
+        [bs.IdentifiedMode("a, b", 1.0), bs.IdentifiedMode('"x"', 2.0)],
+        [bs.IdentifiedMode("1#", 1.0), bs.IdentifiedMode("2", 2.0)],
+    ],
+    ids=["all columns", "gaps", "complex", "complex with gap", "sizes", "quotes", "number sign"],
+)
+def test_round_trip(round_trip, modes):
+    data = bs.ModalData(tuple(modes), (0.1, 7.0), ("floor 1", "roof, north"), "Test, of 12 May")
+    assert_same(round_trip(data), data)
+
+
+@pytest.mark.parametrize("source", ["", "a: b", 'a "quoted" word', "µ-strain; tabs", "two\nlines"])
+def test_round_trip_of_the_source(round_trip, source):
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 6.0), source=source)
+    assert round_trip(data).source == source
+
+
+@pytest.mark.parametrize("sensor", ["floor 1; x", "#5", "roof, north", "label 2"])
+def test_round_trip_of_awkward_sensor_names(round_trip, sensor):
+    mode = bs.IdentifiedMode("1", 1.0, [1.0, 2.0])
+    data = bs.ModalData((mode,), (0.0, 6.0), (sensor, "floor 2"))
+    assert_same(round_trip(data), data)
+
+
+@pytest.mark.parametrize("sensor", ["label", "frequency_hz", "frequency_cov", "damping"])
+def test_a_sensor_named_like_a_column_is_not_written(tmp_path, sensor):
+    mode = bs.IdentifiedMode("1", 1.0, [1.0, 0.5])
+    with pytest.raises(ValueError, match=f"sensor.*'{sensor}'"):
+        bs.ModalData((mode,), (0.0, 6.0), (sensor, "floor 2")).save(tmp_path / "saved.csv")
+
+
+def test_nothing_is_overwritten(tmp_path, case_c):
+    path = tmp_path / "saved.csv"
+    path.write_text("kept")
+    with pytest.raises(FileExistsError):
+        case_c.save(path)
+    assert path.read_text() == "kept"
+
+
+def test_a_label_that_would_read_as_a_remark_is_refused(tmp_path, read):
+    data = bs.ModalData((bs.IdentifiedMode("#1", 1.0),), (0.0, 2.0))
+    with pytest.raises(ValueError, match="'#1': a label that begins with '#'"):
+        data.save(tmp_path / "modes.csv")
+    assert not (tmp_path / "modes.csv").exists()
+    with pytest.raises(ValueError, match="line 3: a row that begins with '#' stands below"):
+        read(HEAD + "#1, 1.0, 1, 2\n2, 2.0, 1, 1\n")

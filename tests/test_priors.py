@@ -1,0 +1,203 @@
+"""Priors against scipy.stats, quadrature, and the normal distribution that they come from."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import quad
+
+from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
+
+LOG_SD_03 = math.sqrt(math.log(1.09))
+
+# Each prior, the same distribution in scipy, and an interval that holds all but nothing of it.
+CASES = {
+    "normal": (Normal(2.0, 0.5), stats.norm(2.0, 0.5), (-8.0, 12.0)),
+    "lognormal": (LogNormal(3.0, 0.3), stats.lognorm(LOG_SD_03, scale=3.0), (0.0, 60.0)),
+    "uniform": (Uniform(-1.0, 5.0), stats.uniform(-1.0, 6.0), (-1.0, 5.0)),
+    "log-uniform": (LogUniform(0.1, 20.0), stats.loguniform(0.1, 20.0), (0.1, 20.0)),
+    "truncated": (
+        TruncatedNormal(1.0, 0.8, 0.2, 3.0),
+        stats.truncnorm(-1.0, 2.5, 1.0, 0.8),
+        (0.2, 3.0),
+    ),
+    "positive": (
+        TruncatedNormal(1.0, 0.8),
+        stats.truncnorm(-1.25, np.inf, 1.0, 0.8),
+        (0.0, 12.0),
+    ),
+    "upper tail": (
+        TruncatedNormal(0.0, 1.0, 6.0, 8.0),
+        stats.truncnorm(6.0, 8.0),
+        (6.0, 8.0),
+    ),
+    "lower tail": (
+        TruncatedNormal(0.0, 1.0, -math.inf, -5.0),
+        stats.truncnorm(-np.inf, -5.0),
+        (-12.0, -5.0),
+    ),
+    "half-normal": (HalfNormal(0.7), stats.halfnorm(scale=0.7), (0.0, 9.0)),
+}
+PROBABILITIES = np.array([1e-9, 1e-4, 0.01, 0.2, 0.5, 0.77, 0.99, 0.9999])
+
+
+@pytest.fixture(params=CASES)
+def case(request):
+    return CASES[request.param]
+
+
+def test_log_density(case):
+    prior, scipy_prior, _ = case
+    values = scipy_prior.ppf(PROBABILITIES)
+    np.testing.assert_allclose(prior.log_pdf(values), scipy_prior.logpdf(values), rtol=1e-9)
+
+
+def test_density_is_normalised(case):
+    prior, scipy_prior, (low, high) = case
+    middle = scipy_prior.ppf([0.001, 0.05, 0.5, 0.95, 0.999])
+    integral, _ = quad(lambda x: math.exp(prior.log_pdf(x)), low, high, points=middle, limit=200)
+    assert integral == pytest.approx(1.0, abs=1e-8)
+
+
+def test_values_at_normal_coordinates_are_quantiles(case):
+    prior, scipy_prior, _ = case
+    z = stats.norm.ppf(PROBABILITIES)
+    np.testing.assert_allclose(prior.from_normal(z), scipy_prior.ppf(PROBABILITIES), rtol=1e-7)
+
+
+def test_coordinates_give_the_distribution_function(case):
+    prior, scipy_prior, _ = case
+    values = scipy_prior.ppf(PROBABILITIES)
+    cdf = stats.norm.cdf(prior.to_normal(values))
+    np.testing.assert_allclose(cdf, scipy_prior.cdf(values), rtol=1e-7)
+
+
+@pytest.mark.parametrize("probability", [0.05, 0.5, 0.8])
+def test_quantile_and_probability_below(case, probability):
+    prior, scipy_prior, _ = case
+    value = scipy_prior.ppf(probability)
+    assert prior.quantile(probability) == pytest.approx(value, rel=1e-9)
+    assert prior.probability_below(value) == pytest.approx(probability, rel=1e-9)
+
+
+def test_probability_below_the_ends_of_the_support(case):
+    prior, _, (low, high) = case
+    assert prior.probability_below(low - 50.0) == pytest.approx(0.0, abs=1e-12)
+    assert prior.probability_below(high + 1000.0) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("prior", "z"),
+    [
+        (Normal(0.0, 0.1), [-30.0, -8.0, 8.0, 30.0]),
+        (LogNormal(2.0, 0.3), [-30.0, -8.0, 8.0, 30.0]),
+        (Uniform(0.0, 1.0), [-37.0, -20.0, -8.0, 4.0]),
+        (Uniform(-1.0, 0.0), [-4.0, 8.0, 20.0, 37.0]),
+        (LogUniform(1.0, 100.0), [-5.0, -3.0, 3.0, 5.0]),
+        (TruncatedNormal(0.0, 1.0), [-5.0, 5.0, 8.0, 30.0]),
+        (TruncatedNormal(0.0, 1.0, 20.0, 30.0), [-5.0, -3.0, 0.0, 3.0, 8.0]),
+        (TruncatedNormal(0.0, 1.0, -math.inf, 3.0), [-30.0, -8.0, 0.0, 3.0]),
+        (HalfNormal(2.0), [-5.0, -3.0, 3.0, 8.0, 30.0]),
+        (HalfNormal(2.0), [-30.0, -20.0, -8.0]),
+    ],
+    ids=str,
+)
+def test_round_trip_in_the_tails(prior, z):
+    np.testing.assert_allclose(prior.to_normal(prior.from_normal(z)), z, rtol=1e-6, atol=1e-9)
+
+
+def test_coordinates_in_the_far_tails_are_those_of_the_tail_probability():
+    # P(x < 1e-30) = 1e-30 for a uniform, 2 x pdf(0) x 1e-30 for a half-normal.
+    assert Uniform(0.0, 1.0).to_normal(1e-30) == pytest.approx(stats.norm.ppf(1e-30), rel=1e-10)
+    tiny = stats.norm.ppf(2.0 * stats.norm.pdf(0.0) * 1e-10)
+    assert HalfNormal(1.0).to_normal(1e-10) == pytest.approx(tiny, rel=1e-8)
+    # P(x > 8) = 2 P(normal > 8) for a half-normal.
+    far = stats.norm.isf(2.0 * stats.norm.sf(8.0))
+    assert HalfNormal(1.0).to_normal(8.0) == pytest.approx(far, rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("prior", "outside"),
+    [
+        (LogNormal(1.0, 0.3), [-1.0, 0.0]),
+        (Uniform(1.0, 2.0), [0.999, 2.001]),
+        (LogUniform(1.0, 2.0), [-1.0, 0.0, 0.999, 2.001]),
+        (TruncatedNormal(1.0, 1.0, 0.0, 2.0), [-0.001, 2.001]),
+        (HalfNormal(1.0), [-0.001]),
+    ],
+    ids=str,
+)
+def test_density_is_zero_outside_the_support(prior, outside):
+    assert np.all(prior.log_pdf(outside) == -np.inf)
+
+
+@pytest.mark.parametrize("name", ["uniform", "log-uniform", "truncated", "upper tail"])
+def test_no_coordinate_leaves_the_bounds(name):
+    prior, _, (low, high) = CASES[name]
+    values = prior.from_normal(np.linspace(-45.0, 45.0, 1801))
+    assert values.min() == pytest.approx(low, rel=1e-12)
+    assert values.max() == pytest.approx(high, rel=1e-12)
+    assert np.all((values >= low) & (values <= high))
+    assert np.all(np.diff(values) >= 0.0)
+
+
+def test_shapes_are_kept(case):
+    prior, _, _ = case
+    z = np.linspace(-2.0, 2.0, 6).reshape(2, 3)
+    values = prior.from_normal(z)
+    assert values.shape == prior.to_normal(values).shape == prior.log_pdf(values).shape == (2, 3)
+
+
+def test_lognormal_by_median_and_cov():
+    prior = LogNormal(median=3.0, cov=0.3)
+    scipy_prior = stats.lognorm(prior.log_sd, scale=3.0)
+    assert scipy_prior.std() / scipy_prior.mean() == pytest.approx(0.3, rel=1e-12)
+    assert prior.quantile(0.5) == pytest.approx(3.0, rel=1e-12)
+
+
+def test_lognormal_from_its_logarithm():
+    prior = LogNormal.from_logarithm(mean=0.4, sd=0.5)
+    assert prior.log_sd == pytest.approx(0.5, rel=1e-12)
+    assert prior.median == pytest.approx(math.exp(0.4), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Normal(math.nan, 1.0), "Normal: mean must be a finite number, got nan"),
+        (lambda: Normal("1", 1.0), "Normal: mean must be a finite number, got '1'"),
+        (lambda: Normal(0.0, 0.0), "Normal: sd must be positive, got 0.0"),
+        (lambda: LogNormal(-1.0, 0.3), "LogNormal: median must be positive, got -1.0"),
+        (lambda: LogNormal(1.0, 0.0), "LogNormal: cov must be positive, got 0.0"),
+        (lambda: Uniform(2.0, 1.0), "Uniform: lower must be less than upper, .*lower=2.0"),
+        (lambda: Uniform(1.0, 1.0), "Uniform: lower must be less than upper, .*upper=1.0"),
+        (lambda: Uniform(0.0, math.inf), "Uniform: upper must be a finite number, got inf"),
+        (lambda: LogUniform(0.0, 1.0), "LogUniform: lower must be positive, got 0.0"),
+        (lambda: LogUniform(2.0, 1.0), "LogUniform: lower must be less than upper"),
+        (lambda: TruncatedNormal(1.0, -1.0), "TruncatedNormal: sd must be positive, got -1.0"),
+        (lambda: TruncatedNormal(1.0, 1.0, math.nan), "TruncatedNormal: bounds must be numbers"),
+        (lambda: TruncatedNormal(1.0, 1.0, 2.0, 1.0), "TruncatedNormal: lower must be less than"),
+        (lambda: TruncatedNormal(0.0, 1.0, 40.0, 41.0), "TruncatedNormal: .*holds no probability"),
+        (lambda: HalfNormal(math.inf), "HalfNormal: scale must be a finite number, got inf"),
+        (lambda: HalfNormal(-2.0), "HalfNormal: scale must be positive, got -2.0"),
+    ],
+)
+def test_improper_priors_are_refused(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()
+
+
+def test_as_dict_names_the_distribution_and_its_numbers():
+    assert LogNormal(2.0, 0.3).as_dict() == {
+        "distribution": "LogNormal",
+        "median": 2.0,
+        "cov": 0.3,
+    }
+    assert TruncatedNormal(1.0, 0.5, 0.0, 2.0).as_dict() == {
+        "distribution": "TruncatedNormal",
+        "mean": 1.0,
+        "sd": 0.5,
+        "lower": 0.0,
+        "upper": 2.0,
+    }

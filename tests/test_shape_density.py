@@ -1,0 +1,94 @@
+"""The normaliser of the shape density: quadrature, closed forms and limits."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import ive, modstruve
+
+from bayes_ssi.shape_density import log_shape_normaliser, log_sphere_area
+
+SIZES = [1e-4, 0.003, 0.02, 0.05, 0.1]
+
+
+def normaliser(shape_sd, d):
+    return float(log_shape_normaliser(np.array(shape_sd), d))
+
+
+@pytest.mark.parametrize(
+    ("d", "area"),
+    [
+        (1, 2.0),
+        (2, 2.0 * math.pi),
+        (3, 4.0 * math.pi),
+        (4, 2.0 * math.pi**2),
+        (5, 8.0 * math.pi**2 / 3.0),
+        (8, math.pi**4 / 3.0),
+    ],
+)
+def test_sphere_area(d, area):
+    assert log_sphere_area(d) == pytest.approx(math.log(area), rel=1e-13)
+
+
+@pytest.mark.parametrize("shape_sd", [0.02, 0.1, 0.5, 1.0, 4.0])
+@pytest.mark.parametrize("d", [2, 3, 4, 7, 20])
+def test_quadrature_of_the_definition(d, shape_sd):
+    def integrand(t):
+        return math.exp(-(1.0 - math.cos(t)) / shape_sd**2) * math.sin(t) ** (d - 2)
+
+    breaks = [b for b in shape_sd * np.array([1.0, 3.0, 6.0, 12.0]) if b < 0.5 * math.pi]
+    ends = [0.0, *breaks, 0.5 * math.pi]
+    pieces = [quad(integrand, a, b, epsabs=0.0) for a, b in pairwise(ends)]
+    integral = sum(value for value, _ in pieces)
+    area = 2.0 * math.pi ** ((d - 1) / 2) / math.gamma((d - 1) / 2)
+    assert normaliser(shape_sd, d) == pytest.approx(math.log(2.0 * area * integral), abs=1e-8)
+
+
+@pytest.mark.parametrize("shape_sd", [0.05, 0.2, 0.5, 2.0, 30.0])
+def test_two_sensors_in_closed_form(shape_sd):
+    # The integral of exp(k cos t) over a quarter turn is pi/2 (I0(k) + L0(k)), L0 the modified
+    # Struve function, which for a large k differs from I0 by an exp(-k)-th of it.
+    k = 1.0 / shape_sd**2
+    struve = math.exp(-k) * modstruve(0, k) if k < 100.0 else ive(0, k)
+    both = ive(0, k) + struve
+    assert normaliser(shape_sd, 2) == pytest.approx(math.log(2.0 * math.pi * both), abs=1e-11)
+
+
+@pytest.mark.parametrize("shape_sd", [*SIZES, 0.3, 1.0, 10.0])
+def test_three_sensors_in_closed_form(shape_sd):
+    exact = 4.0 * math.pi * shape_sd**2 * -math.expm1(-1.0 / shape_sd**2)
+    assert normaliser(shape_sd, 3) == pytest.approx(math.log(exact), abs=1e-11)
+
+
+@pytest.mark.parametrize("shape_sd", SIZES)
+@pytest.mark.parametrize("d", [2, 3, 5, 10, 50])
+def test_small_errors_give_two_von_mises_fisher_densities(d, shape_sd):
+    # Mardia and Jupp (2000): one has the normaliser (2 pi)^(d/2) I_(d/2-1)(k) / k^(d/2-1).
+    k = 1.0 / shape_sd**2
+    one = 0.5 * d * math.log(2.0 * math.pi) + math.log(ive(0.5 * d - 1.0, k))
+    one += (1.0 - 0.5 * d) * math.log(k)
+    assert normaliser(shape_sd, d) == pytest.approx(math.log(2.0) + one, abs=1e-9)
+
+
+@pytest.mark.parametrize("d", [2, 3, 10, 50, 100, 500])
+def test_tiny_errors_give_two_flat_normals(d):
+    # d - 1 components normal with sd s on two caps; the curvature's first term is
+    # -(d - 1)(d - 3) s^2 / 8.
+    s = 1e-4
+    flat = math.log(2.0) + 0.5 * (d - 1) * math.log(2.0 * math.pi * s**2)
+    assert normaliser(s, d) == pytest.approx(flat - (d - 1) * (d - 3) * s**2 / 8.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("d", [2, 3, 10, 50, 500])
+def test_huge_errors_give_the_uniform_density(d):
+    assert normaliser(1e4, d) == pytest.approx(log_sphere_area(d), abs=1e-7)
+
+
+def test_a_batch_of_errors_equals_one_by_one():
+    sizes = np.array([[1e-4, 0.01, 0.05], [0.3, 1.0, 10.0]])
+    batch = log_shape_normaliser(sizes, 5)
+    assert batch.shape == (2, 3)
+    one_by_one = [[normaliser(size, 5) for size in row] for row in sizes]
+    np.testing.assert_allclose(batch, one_by_one, rtol=1e-13)
