@@ -69,12 +69,12 @@ class _FromMixture(_BatchAcceptance):
 
 
 def ensemble_moves(mixture: StudentMixture) -> list[tuple[RedBlueMove, float]]:
-    """Independent proposals from ``mixture`` half of the time, else DE and stretch moves.
+    """Independent proposals from ``mixture`` most of the time, else DE and stretch moves.
 
     emcee's snooker move is not among them: it divides by zero on the duplicate walkers that
     resampling makes.
     """
-    return [(_FromMixture(mixture), 0.5), (_DifferentialEvolution(), 0.3), (_Stretch(), 0.2)]
+    return [(_FromMixture(mixture), 0.7), (_DifferentialEvolution(), 0.2), (_Stretch(), 0.1)]
 
 
 def ensemble_sampler(

@@ -60,7 +60,7 @@ def run_ensemble(
 ) -> Ensemble:
     """Sample the posterior by emcee from the particles of one tempered start.
 
-    Half of the moves propose from ``proposal``, independently of where a walker is, so walkers
+    Most of the moves propose from ``proposal``, independently of where a walker is, so walkers
     change between separate regions; the others are emcee's differential evolution and stretch
     moves.
 

@@ -9,8 +9,12 @@ import math
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 import bayes_ssi as bs
+from bayes_ssi.evidence import Estimate
+from bayes_ssi.posterior import Evidence, Posterior, Region
+from bayes_ssi.study import load_study
 
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
 SECOND_FREQUENCY = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
@@ -79,3 +83,99 @@ def model_classes(rigid, augmented, case_c, fixed_error):
         name: bs.ModelClass(name, structure, case_c, fixed_error, pairing=pairing)
         for name, (structure, pairing) in choices.items()
     }
+
+
+# A study that is sampled in half a second: a uniform two-storey shear building of unit masses
+# whose frequencies are 1/φ and φ Hz (φ the golden ratio), with one or two unknown stiffnesses.
+TINY_STUDY = """\
+import math
+
+import bayes_ssi as bs
+
+PHI = (1.0 + math.sqrt(5.0)) / 2.0
+K = (2.0 * math.pi) ** 2
+k, k1, k2 = (bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in ("k", "k1", "k2"))
+modes = bs.ModalData(
+    (
+        bs.IdentifiedMode("1", 1.0 / PHI, [1.0, PHI], frequency_cov=0.002),
+        bs.IdentifiedMode("2", PHI, [PHI, -1.0], frequency_cov=0.002),
+    ),
+    band_hz=(0.0, 3.0),
+    sensors=("floor 1", "floor 2"),
+    source="two-storey building",
+)
+error = bs.ErrorModel(frequency_cov=0.02, shape_sd=0.05)
+pairing = {"1": 1, "2": 2}
+study = bs.Study(
+    "Two storeys",
+    [
+        bs.ModelClass("one k", bs.ShearBuilding((1.0, 1.0), (K * k, K * k)), modes, error,
+                      pairing=pairing),
+        bs.ModelClass("each k", bs.ShearBuilding((1.0, 1.0), (K * k1, K * k2)), modes, error,
+                      pairing=pairing),
+    ],
+    description="One stiffness or two?",
+)
+"""
+
+
+@pytest.fixture
+def tiny_study_file(tmp_path):
+    path = tmp_path / "tiny.py"
+    path.write_text(TINY_STUDY, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="session")
+def tiny_study(tmp_path_factory):
+    path = tmp_path_factory.mktemp("tiny") / "tiny.py"
+    path.write_text(TINY_STUDY, encoding="utf-8")
+    return load_study(path)
+
+
+@pytest.fixture(scope="session")
+def tiny_ranking(tiny_study):
+    """The tiny study, sampled with seed 7; nothing may change it."""
+    return bs.rank(tiny_study, seed=7)
+
+
+@pytest.fixture
+def make_posterior():
+    """Builds a posterior of given evidence from draws of a standard normal, without sampling."""
+
+    def make(name, log_evidence=0.0, error=0.01, names=("k1", "k2"), **changes):
+        rng = np.random.default_rng(3)
+        draws = rng.standard_normal((4, 250, len(names)))
+        estimate = Estimate(log_evidence, error)
+        fields = {
+            "name": name,
+            "parameter_names": tuple(names),
+            "draws": draws,
+            "log_likelihoods": -0.5 * (draws**2).sum(-1),
+            "frequencies_hz": np.array([1.0, 2.5]) * (1.0 + 0.01 * draws[..., :1]),
+            "effective_sample_sizes": np.full(len(names), 400.0),
+            "evidence": Evidence(
+                log_evidence, error, 1500.0, 2000, estimate, estimate, log_evidence,
+                mean_log_likelihood=log_evidence + 3.0,
+            ),
+            "regions": (Region(1.0, 0.0, (1.0, 1.0), (0.0,) * len(names)),),
+            "maxima": np.zeros((1, len(names))),
+            "r_hat": 1.001,
+            "autocorrelation_time": 2.0,
+            "acceptance": 0.5,
+            "n_evaluations": 20000,
+            "seconds": 0.4,
+            "failed_checks": (),
+            "data_digest": "0123456789abcdef",
+            "pairing": {"1": 1, "2": 2},
+        }  # fmt: skip
+        return Posterior(**{**fields, **changes})
+
+    return make
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_blas_thread():
+    """Matrices here are small: threads inside BLAS would only wait for one another."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
