@@ -116,7 +116,7 @@ def rms_distance(values: Mapping[str, float], reference: Mapping[str, float]) ->
 
 def calibrate(
     model_class: ModelClass,
-    shape_weight: float = 1.0,
+    shape_weight: float | None = None,
     reference: Mapping[str, float] | None = None,
     n_starts: int = 64,
     seed: int = 0,
@@ -125,7 +125,9 @@ def calibrate(
 
     Args:
         model_class: its pairing says which modes are fitted; its priors say where to search.
-        shape_weight: λ, the weight of shapes relative to frequencies; 0 leaves shapes out.
+        shape_weight: λ, the weight of shapes relative to frequencies; 0 leaves shapes out. If
+            not given, that of the likelihood: λ = σ_f/σ_φ of the class's error model, at the
+            prior medians where these are inferred.
         reference: parameter name → value from which the distance d is measured, also the
             model before calibration; prior medians where not given.
         n_starts: local searches, spread over the prior and beyond.
@@ -135,6 +137,8 @@ def calibrate(
         ValueError: nothing to fit, a reference of a parameter that does not exist, or a negative
             weight or no start.
     """
+    if shape_weight is None:
+        shape_weight = model_class.error.shape_weight
     if not (math.isfinite(shape_weight) and shape_weight >= 0):
         raise ValueError(f"calibrate: shape_weight must be zero or positive, got {shape_weight!r}")
     if n_starts < 1:

@@ -67,14 +67,20 @@ def rank(
         result = save_result(ranking, directory, study_file=str(study), overwrite=overwrite)
 
         from bayes_ssi.plots import save_figures
-        from bayes_ssi.tables import comparison_notes, parameter_table, ranking_table
+        from bayes_ssi.tables import (
+            comparison_notes,
+            evidence_table,
+            parameter_table,
+            ranking_table,
+        )
 
         figures = save_figures(
-            directory / "figures", result.data, result.posteriors, result.comparison
+            directory / "figures", result.data, result.ranked_posteriors, result.comparison
         )
         console = _console()
         console.print(ranking_table(result.comparison, loaded.name))
-        console.print(parameter_table(result.posterior(result.comparison.best.name)))
+        console.print(evidence_table(result.ranked_posteriors))
+        console.print(parameter_table(result.ranked_posteriors[0]))
         for note in comparison_notes(result.comparison):
             console.print(note, soft_wrap=True, markup=False, highlight=False)
         console.print(f"Saved in {directory}, with {len(figures)} figures.", soft_wrap=True,
@@ -86,12 +92,15 @@ def rank(
 @main.command()
 @click.argument("study", type=click.Path(path_type=Path))
 @click.option("--only", metavar="NAME,…", help="Calibrate only these model classes.")
-@click.option("--shape-weight", type=float, default=1.0, show_default=True,
-              help="λ: weight of shapes relative to frequencies; 0 leaves shapes out.")  # fmt: skip
+@click.option("--shape-weight", type=float,
+              help="λ: weight of shapes relative to frequencies, 0 leaves them out; "
+              "σ_f/σ_φ of the class's error model if not given.")  # fmt: skip
 @click.option("--starts", type=int, default=64, show_default=True, help="Local searches.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
               help="Seed of the starts.")  # fmt: skip
-def calibrate(study: Path, only: str | None, shape_weight: float, starts: int, seed: int) -> None:
+def calibrate(
+    study: Path, only: str | None, shape_weight: float | None, starts: int, seed: int
+) -> None:
     """List every distinct minimum of the paper's objective for the model classes of STUDY."""
     with _one_line_errors():
         from bayes_ssi.calibration import calibrate as calibrate_class
@@ -155,7 +164,10 @@ def _one_line_errors() -> Iterator[None]:
     try:
         yield
     except (ValueError, TypeError, OSError) as error:
-        click.echo(f"Error: {' '.join(str(error).split())}", err=True)
+        text = str(error)
+        if isinstance(error, OSError) and error.filename is not None:
+            text = f"{error.filename}: {error.strerror}"
+        click.echo(f"Error: {' '.join(text.split())}", err=True)
         sys.exit(BAD_INPUT)
 
 

@@ -44,6 +44,11 @@ class ErrorModel:
             where = f"ErrorModel: {name}"
             as_product(getattr(self, name), where).require_positive(where)
 
+    @property
+    def shape_weight(self) -> float:
+        """λ = σ_f/σ_φ: the weight at which the paper's objective is this likelihood's exponent."""
+        return as_product(self.frequency_cov).median / as_product(self.shape_sd).median
+
 
 @dataclass(frozen=True)
 class IdentificationModel:

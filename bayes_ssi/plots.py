@@ -114,7 +114,8 @@ def plot_frequencies(
     ax.set_ylabel("model / identified - 1 (%)")
     ax.set_title("Model frequencies, 95 % of the posterior  (x: called spurious)")
     ax.grid(axis="y", alpha=0.3)
-    _legend_below(ax, columns=4)
+    longest = max(len(posterior.name) for posterior in posteriors)
+    _legend_below(ax, columns=max(1, min(4, 72 // (longest + 6))))
     return ax
 
 
@@ -154,23 +155,23 @@ def plot_corner(posterior: Posterior, figure: Figure | None = None) -> Figure:
 
 
 def save_figures(
-    directory: Path, data: ModalData, posteriors: Sequence[Posterior], comparison: Comparison
+    directory: Path, data: ModalData, ranked: Sequence[Posterior], comparison: Comparison
 ) -> list[Path]:
-    """Write the figures of a result as PNG files into ``directory``, which is created."""
+    """Write the figures of a result as PNG files into ``directory``, which is created.
+
+    ``ranked`` are the posteriors, the best first; the corner plot is the best one's.
+    """
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
     directory.mkdir()
-    best = next(p for p in posteriors if p.name == comparison.best.name)
-    order = [row.name for row in comparison.classes]
-    ranked = sorted(posteriors, key=lambda posterior: order.index(posterior.name))
     with style():
         figures = {
             "evidence": plot_evidence(comparison).figure,
             "frequencies": plot_frequencies(data, ranked).figure,
-            "corner": plot_corner(best),
+            "corner": plot_corner(ranked[0]),
         }
         paths = []
         for name, figure in figures.items():

@@ -53,6 +53,11 @@ class StoredResult:
     posteriors: tuple[Posterior, ...]
     comparison: Comparison
 
+    @property
+    def ranked_posteriors(self) -> tuple[Posterior, ...]:
+        """The posteriors in the order of the ranking, the best first."""
+        return tuple(self.posterior(row.name) for row in self.comparison.classes)
+
     def posterior(self, name: str) -> Posterior:
         """The posterior of one class.
 

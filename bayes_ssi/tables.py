@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from rich import box
 from rich.table import Table
@@ -16,28 +17,21 @@ __all__ = [
     "calibration_modes_table",
     "calibration_table",
     "comparison_notes",
+    "evidence_table",
     "modes_table",
     "parameter_table",
     "ranking_table",
 ]
 
-LEGEND = (
-    "log evidence = fit (mean log-likelihood) - info (information gained), in nats; "
-    "ln B: against the best class"
-)
-
 
 def ranking_table(comparison: Comparison, title: str = "") -> Table:
     """Model classes ranked by log evidence, the best first."""
     table = _table(title)
-    table.caption, table.caption_justify = LEGEND, "left"
     table.add_column("model class", overflow="fold")
     table.add_column("log evidence", justify="right", no_wrap=True)
-    table.add_column("ln B", justify="right", no_wrap=True)
-    table.add_column("prob.", justify="right", no_wrap=True)
-    table.add_column("fit", justify="right", no_wrap=True)
-    table.add_column("info", justify="right", no_wrap=True)
-    table.add_column("against it", min_width=12)
+    table.add_column("ln B to best", justify="right", no_wrap=True)
+    table.add_column("probability", justify="right", no_wrap=True)
+    table.add_column("against it")
     for row in comparison.classes:
         name = f"{row.name} (!)" if row.failed_checks else row.name
         table.add_row(
@@ -45,9 +39,26 @@ def ranking_table(comparison: Comparison, title: str = "") -> Table:
             f"{row.log_evidence:.3f} ± {row.error:.3f}",
             f"{row.log_bayes_factor:.2f}",
             row.probability_text,
-            f"{row.mean_log_likelihood:.1f}",
-            f"{row.information_gained:.1f}",
             row.against,
+        )
+    return table
+
+
+def evidence_table(posteriors: Sequence[Posterior]) -> Table:
+    """What each log evidence is made of, and the estimates that check it, in nats."""
+    table = _table("Log evidence = fit - information gained, and its checks (nats)")
+    table.add_column("model class", overflow="fold")
+    for heading in ("fit", "information", "bridge", "tempered", "Laplace"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for posterior in posteriors:
+        evidence = posterior.evidence
+        table.add_row(
+            posterior.name,
+            f"{evidence.mean_log_likelihood:.2f}",
+            f"{evidence.information_gained:.2f}",
+            f"{evidence.bridge.log_evidence:.3f}",
+            f"{evidence.tempered.log_evidence:.1f}",
+            f"{evidence.laplace:.2f}",
         )
     return table
 
@@ -80,7 +91,7 @@ def parameter_table(posterior: Posterior) -> Table:
 
 def calibration_table(calibration: Calibration) -> Table:
     """Every distinct minimum: parameter values, objective and distance."""
-    table = _table(f"Minima of {calibration.name!r}")
+    table = _table(f"Minima of {calibration.name!r}, λ = {calibration.shape_weight:g}")
     table.add_column("", justify="right")
     for name in calibration.parameter_names:
         table.add_column(name, justify="right")
