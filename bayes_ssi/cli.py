@@ -72,6 +72,7 @@ def rank(
             evidence_table,
             parameter_table,
             ranking_table,
+            region_notes,
         )
 
         figures = save_figures(
@@ -81,7 +82,8 @@ def rank(
         console.print(ranking_table(result.comparison, loaded.name))
         console.print(evidence_table(result.ranked_posteriors))
         console.print(parameter_table(result.ranked_posteriors[0]))
-        for note in comparison_notes(result.comparison):
+        regions = [note for posterior in result.posteriors for note in region_notes(posterior)]
+        for note in (*comparison_notes(result.comparison), *regions):
             console.print(note, soft_wrap=True, markup=False, highlight=False)
         console.print(f"Saved in {directory}, with {len(figures)} figures.", soft_wrap=True,
                       markup=False, highlight=False)  # fmt: skip

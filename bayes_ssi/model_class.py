@@ -113,7 +113,8 @@ class ModelClass:
         return {
             "name": self.name,
             "description": self.description,
-            "structure": type(self.structure).__name__,
+            "structure": repr(self.structure),
+            "error": repr(self.error),
             "degrees_of_freedom": list(self.structure.degrees_of_freedom),
             "parameters": [
                 {"name": p.name, "unit": p.unit, "prior": p.prior.as_dict()}

@@ -75,6 +75,11 @@ class Product(_Multiplies):
     scale: float
     powers: tuple[tuple[Parameter, float], ...] = ()
 
+    def __repr__(self) -> str:
+        """As it is written in a study: ``199.3 * k1 * t**3``."""
+        factors = [p.name if power == 1 else f"{p.name}**{power:g}" for p, power in self.powers]
+        return " * ".join([f"{self.scale:.6g}", *factors])
+
     def __mul__(self, other: Value) -> Product:
         other = as_product(other)
         powers = dict(self.powers)

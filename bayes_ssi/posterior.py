@@ -87,7 +87,11 @@ class Region:
 
 @dataclass(frozen=True)
 class ParameterSummary:
-    """Posterior of one parameter; ``mean_error`` and ``sd_error`` are Monte Carlo errors."""
+    """Posterior of one parameter.
+
+    ``mean_error`` and ``sd_error`` are Monte Carlo errors; ``relative_spread`` is as in
+    :class:`Posterior`.
+    """
 
     name: str
     mean: float
@@ -97,6 +101,7 @@ class ParameterSummary:
     quantile_05: float
     median: float
     quantile_95: float
+    relative_spread: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +128,8 @@ class Posterior:
         failed_checks: what should have agreed and did not, a sentence each.
         data_digest: identifies the data whose density the evidence is.
         pairing: label of an identified mode → number of the model mode, from 1.
+        relative_spreads: (n_parameters,), standard deviation of the posterior over that of the
+            prior, both in standard-normal coordinates: 1 where the data say nothing.
     """
 
     name: str
@@ -142,6 +149,7 @@ class Posterior:
     failed_checks: tuple[str, ...]
     data_digest: str
     pairing: Mapping[str, int]
+    relative_spreads: FloatArray
 
     @property
     def values(self) -> FloatArray:
@@ -171,6 +179,7 @@ class Posterior:
                 quantile_05=float(quantiles[0, i]),
                 median=float(quantiles[1, i]),
                 quantile_95=float(quantiles[2, i]),
+                relative_spread=float(self.relative_spreads[i]),
             )
             for i, name in enumerate(self.parameter_names)
         )
@@ -224,6 +233,7 @@ def sample(
         failed_checks=tuple(failed_checks(sampled)),
         data_digest=model_class.data.digest,
         pairing=dict(model_class.pairing),
+        relative_spreads=z.reshape(-1, n).std(axis=0),
     )
 
 

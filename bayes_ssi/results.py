@@ -229,6 +229,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
             for region in entry["regions"]
         ),
         maxima=np.array(entry["maxima"]),
+        relative_spreads=np.array(entry["relative_spreads"]),
         failed_checks=tuple(entry["failed_checks"]),
         **{name: entry[name] for name in scalars},
     )

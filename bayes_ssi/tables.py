@@ -21,6 +21,7 @@ __all__ = [
     "modes_table",
     "parameter_table",
     "ranking_table",
+    "region_notes",
 ]
 
 
@@ -29,9 +30,9 @@ def ranking_table(comparison: Comparison, title: str = "") -> Table:
     table = _table(title)
     table.add_column("model class", overflow="fold")
     table.add_column("log evidence", justify="right", no_wrap=True)
-    table.add_column("ln B to best", justify="right", no_wrap=True)
+    table.add_column("ln B", justify="right", no_wrap=True)
     table.add_column("probability", justify="right", no_wrap=True)
-    table.add_column("against it")
+    table.add_column("against it", no_wrap=True)
     for row in comparison.classes:
         name = f"{row.name} (!)" if row.failed_checks else row.name
         table.add_row(
@@ -78,15 +79,32 @@ def comparison_notes(comparison: Comparison) -> list[str]:
 
 
 def parameter_table(posterior: Posterior) -> Table:
-    """Posterior mean, standard deviation and 90 % interval of every parameter."""
+    """Posterior mean, standard deviation and 90 % interval of every parameter.
+
+    The last column is the posterior's spread as a share of the prior's: 1 where the data say
+    nothing.
+    """
     table = _table(f"Parameters of {posterior.name!r}")
     table.add_column("parameter", overflow="fold")
-    for heading in ("mean", "sd", "5 %", "median", "95 %"):
+    for heading in ("mean", "sd", "5 %", "median", "95 %", "of prior"):
         table.add_column(heading, justify="right")
     for row in posterior.summary:
         numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)
-        table.add_row(row.name, *(f"{number:.4g}" for number in numbers))
+        cells = [f"{number:.4g}" for number in numbers]
+        table.add_row(row.name, *cells, f"{row.relative_spread:.2f}")
     return table
+
+
+def region_notes(posterior: Posterior) -> list[str]:
+    """The separate regions of a posterior, where there are several: the fit is not unique."""
+    if len(posterior.regions) < 2:
+        return []
+    notes = [f"The posterior of {posterior.name!r} has {len(posterior.regions)} separate regions:"]
+    for region in posterior.regions:
+        means = zip(posterior.parameter_names, region.mean, strict=True)
+        values = ", ".join(f"{name} = {mean:.4g}" for name, mean in means)
+        notes.append(f"  {100 * region.share:.1f} ± {100 * region.error:.1f} % around {values}")
+    return notes
 
 
 def calibration_table(calibration: Calibration) -> Table:
