@@ -7,6 +7,7 @@ the same and each version opens the other's.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -16,6 +17,10 @@ import numpy as np
 from bayes_ssi.priors import FloatArray
 
 __all__ = ["StoredDraws", "load_draws", "save_draws"]
+
+
+FREQUENCY, MODE = "frequency_hz", "model_mode"
+RESERVED = {"chain", "draw", FREQUENCY, MODE}
 
 
 class StoredDraws(NamedTuple):
@@ -35,14 +40,17 @@ def save_draws(path: Path, stored: StoredDraws) -> None:
     """
     arviz = _import_arviz()
     groups: dict[str, dict[str, Any]] = {
-        "posterior": {name: stored.draws[..., i] for i, name in enumerate(stored.parameter_names)},
+        "posterior": {
+            name: stored.draws[..., i]
+            for i, name in enumerate(variable_names(stored.parameter_names))
+        },
         "sample_stats": {"log_likelihood_total": stored.log_likelihoods},
-        "posterior_predictive": {"frequency_hz": stored.frequencies_hz},
+        "posterior_predictive": {FREQUENCY: stored.frequencies_hz},
     }
     n_modes = stored.frequencies_hz.shape[-1]
     labels: dict[str, Any] = {
-        "dims": {"frequency_hz": ["model_mode"]},
-        "coords": {"model_mode": np.arange(1, n_modes + 1)},
+        "dims": {FREQUENCY: [MODE]},
+        "coords": {MODE: np.arange(1, n_modes + 1)},
     }
     if _is_first_generation(arviz):
         arviz.from_dict(**groups, **labels).to_netcdf(str(path), engine="h5netcdf")
@@ -62,12 +70,30 @@ def load_draws(path: Path, parameter_names: tuple[str, ...]) -> StoredDraws:
         posterior = tree["posterior"]
         return StoredDraws(
             parameter_names,
-            np.stack([np.asarray(posterior[name].values) for name in parameter_names], axis=-1),
+            np.stack(
+                [np.asarray(posterior[name].values) for name in variable_names(parameter_names)],
+                axis=-1,
+            ),
             np.asarray(tree["sample_stats"]["log_likelihood_total"].values),
-            np.asarray(tree["posterior_predictive"]["frequency_hz"].values),
+            np.asarray(tree["posterior_predictive"][FREQUENCY].values),
         )
     except (OSError, KeyError, ValueError, AttributeError, TypeError) as error:
         raise ValueError(f"{path}: not a stored posterior of this package: {error}") from error
+
+
+def variable_names(parameter_names: Sequence[str]) -> list[str]:
+    """Names of the parameters' variables in the file: their own, where netCDF allows them.
+
+    A slash separates groups and becomes an underscore; a name that arviz uses, or that is taken,
+    gets an underscore at its end.
+    """
+    names: list[str] = []
+    for parameter_name in parameter_names:
+        name = parameter_name.replace("/", "_")
+        while name in RESERVED or name in names:
+            name += "_"
+        names.append(name)
+    return names
 
 
 def _import_arviz() -> ModuleType:

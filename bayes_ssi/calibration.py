@@ -11,7 +11,7 @@ answer: all that many starts find are listed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +60,8 @@ class Fit:
     Attributes:
         values: parameter values, in the order of the calibration's ``parameter_names``.
         objective: f_ob, a fraction.
-        distance: RMS distance d from the reference values, a fraction.
+        distance: RMS distance d from the reference values, every parameter divided by its prior
+            median.
         modes: the paired modes.
     """
 
@@ -100,17 +101,22 @@ class Calibration:
 
 
 def rms_distance(values: Mapping[str, float], reference: Mapping[str, float]) -> float:
-    """RMS over the parameters of ``reference`` of value/reference - 1 (the d of paper, Table 1).
+    """RMS difference of normalised parameters, the d of the paper's Table 1 and section 4.5.
+
+    Args:
+        values: parameter name → value divided by its nominal value.
+        reference: the same for the solution from which the distance is measured; the mean is
+            over its parameters, also those that were not updated and are 1 in both.
 
     Raises:
-        ValueError: a parameter of ``reference`` is missing, or its reference is zero.
+        ValueError: there is no parameter in ``reference``, or one is missing in ``values``.
     """
     missing = [name for name in reference if name not in values]
     if missing:
         raise ValueError(f"rms_distance: no value of parameter {missing[0]!r}")
-    if any(number == 0 for number in reference.values()):
-        raise ValueError("rms_distance: a reference value is zero, so no relative distance")
-    squares = [(values[name] / number - 1.0) ** 2 for name, number in reference.items()]
+    if not reference:
+        raise ValueError("rms_distance: the reference has no parameter")
+    squares = [(values[name] - number) ** 2 for name, number in reference.items()]
     return math.sqrt(sum(squares) / len(squares))
 
 
@@ -192,6 +198,12 @@ class _Problem:
             )
         return np.array([given.get(p.name, p.prior.quantile(0.5)) for p in self.parameters])
 
+    def normalised(self, values: Sequence[float]) -> dict[str, float]:
+        """Parameter name → value over prior median (over 1 where the median is zero)."""
+        medians = [p.prior.quantile(0.5) or 1.0 for p in self.parameters]
+        each = zip(self.names, values, medians, strict=True)
+        return {name: value / median for name, value, median in each}
+
     def starts(self, n: int, seed: int) -> FloatArray:
         """(n, d): the prior median, and low-discrepancy points of twice the prior's spread."""
         from scipy.special import ndtri
@@ -264,11 +276,10 @@ class _Problem:
         criteria = mac(data.unit_shapes, shapes)
         z = np.array([p.prior.to_normal(values.ravel()[i]) for i, p in enumerate(self.parameters)])
         numbers = [float(value) for value in values.ravel()]
-        nominal = dict(zip(self.names, reference.tolist(), strict=True))
         return Fit(
             values=tuple(numbers),
             objective=float(self.objective(z[None])[0]),
-            distance=rms_distance(dict(zip(self.names, numbers, strict=True)), nominal),
+            distance=rms_distance(self.normalised(numbers), self.normalised(reference.tolist())),
             modes=tuple(
                 ModeFit(
                     label=label,

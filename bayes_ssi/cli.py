@@ -60,8 +60,7 @@ def rank(
         loaded = _load(study, only)
         settings = SamplingSettings(log_evidence_error=log_evidence_error)
         directory = out or RESULTS / study.stem
-        if not overwrite:
-            require_new(directory)
+        require_new(directory, overwrite=overwrite)
         with _progress(loaded) as report:
             ranking = rank_study(loaded, seed, settings, report)
         result = save_result(ranking, directory, study_file=str(study), overwrite=overwrite)

@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from bayes_ssi.posterior import Posterior
 
-__all__ = ["Comparison", "RankedClass", "bayes_factor_scale", "compare"]
+__all__ = ["Comparison", "RankedClass", "bayes_factor_scale", "checked_weights", "compare"]
 
 # Kass and Raftery (1995), Bayes Factors, section 3.2, in 2 ln B.
 SCALE_NAME = "Kass and Raftery (1995)"
@@ -120,7 +120,7 @@ def compare(
     if repeated:
         raise ValueError(f"compare: two model classes are named {repeated[0]!r}")
     _require_same_data(posteriors)
-    weights = _checked_weights(names, prior_weights)
+    weights = checked_weights(names, prior_weights)
     log_masses = [p.evidence.log_evidence + math.log(weights[p.name]) for p in posteriors]
     log_total = float(logsumexp(log_masses))
     best = max(posteriors, key=lambda posterior: posterior.evidence.log_evidence)
@@ -175,21 +175,26 @@ def _require_same_data(posteriors: Sequence[Posterior]) -> None:
             )
 
 
-def _checked_weights(
+def checked_weights(
     names: Sequence[str], prior_weights: Mapping[str, float] | None
 ) -> dict[str, float]:
+    """Name → prior weight of every model class, 1 for each where none are given.
+
+    Raises:
+        ValueError: a weight is missing, of an unknown class, or not positive and finite.
+    """
     if prior_weights is None:
         return dict.fromkeys(names, 1.0)
     for name in prior_weights:
         if name not in names:
             raise ValueError(
-                f"compare: prior weight for unknown model class {name!r}; "
+                f"prior weight for unknown model class {name!r}; "
                 f"choose from {', '.join(map(repr, names))}"
             )
     for name in names:
         if not 0 < prior_weights.get(name, 0.0) < math.inf:
             raise ValueError(
-                f"compare: prior weight of {name!r} must be positive and finite, "
+                f"prior weight of {name!r} must be positive and finite, "
                 f"got {prior_weights.get(name)!r}"
             )
     return dict(prior_weights)

@@ -209,12 +209,11 @@ def _precision(target: Target, z: FloatArray, height: float) -> FloatArray:
     points = [z + s * steps[i] for i in range(d) for s in (1, -1)]
     points += [z + a * steps[i] + b * steps[j] for i, j in pairs for a, b in signs]
     heights = target.log_posterior(np.array(points))
+    if not np.isfinite(heights).all():  # at the edge of where the likelihood is positive
+        return np.eye(d)
     hessian = np.empty((d, d))
     hessian[range(d), range(d)] = heights[: 2 * d].reshape(d, 2).sum(1) - 2.0 * height
     for (i, j), values in zip(pairs, heights[2 * d :].reshape(-1, 4), strict=True):
         hessian[i, j] = hessian[j, i] = (values[0] - values[1] - values[2] + values[3]) / 4.0
-    hessian /= HESSIAN_STEP**2
-    if not np.isfinite(hessian).all():
-        return np.eye(d)
-    eigenvalues, vectors = np.linalg.eigh(-hessian)
+    eigenvalues, vectors = np.linalg.eigh(-hessian / HESSIAN_STEP**2)
     return (vectors * np.maximum(eigenvalues, 1.0)) @ vectors.T

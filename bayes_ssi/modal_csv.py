@@ -104,7 +104,8 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
     for line, mode in zip(body[1:], modes, strict=True):
         if not low <= mode.frequency_hz <= high:
             raise line.error(
-                f"frequency_hz: {mode.frequency_hz!r} lies outside the band {low!r} to {high!r} Hz"
+                f"mode {mode.label!r}: frequency_hz {mode.frequency_hz!r} lies outside the band "
+                f"{low!r} to {high!r} Hz"
             )
     sensors = tuple(c for c in columns if c not in REQUIRED_COLUMNS and c not in NUMBER_COLUMNS)
     try:

@@ -105,15 +105,19 @@ class ModelClass:
         return self.likelihood.log_likelihood(np.asarray(values, dtype=float))
 
     def log_likelihood_at(self, z: FloatArray) -> FloatArray:
-        """The log-likelihood (B,) at standard-normal coordinates ``z`` (B, n_parameters)."""
-        return self.likelihood.log_likelihood(self.values(z))
+        """The log-likelihood (B,) at standard-normal coordinates ``z`` (B, n_parameters).
+
+        NaN where the structure has no modes, so that whoever samples can count such points.
+        """
+        return self.likelihood.terms(self.values(z)).total()
 
     def summary(self) -> dict[str, Any]:
         """What the class is, for a JSON record."""
         return {
             "name": self.name,
             "description": self.description,
-            "structure": repr(self.structure),
+            "structure": type(self.structure).__name__,
+            "definition": repr(self.structure),
             "error": repr(self.error),
             "degrees_of_freedom": list(self.structure.degrees_of_freedom),
             "parameters": [

@@ -192,4 +192,13 @@ def _axes(ax: Axes | None, size: tuple[float, float]) -> Axes:
 
 
 def _legend_below(ax: Axes, columns: int) -> None:
-    ax.figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
+    # matplotlib leaves out labels that begin with an underscore, its own and a class's alike.
+    drawn: list[Any] = [*ax.containers, *ax.lines]
+    named = [
+        artist
+        for artist in drawn
+        if artist.get_label()
+        and not artist.get_label().startswith(("_child", "_container", "_nolegend_"))
+    ]
+    labels = [artist.get_label() for artist in named]
+    ax.figure.legend(named, labels, loc="outside lower center", ncols=columns)

@@ -16,6 +16,7 @@ __all__ = ["Ensemble", "autocorrelation_times", "effective_sample_size", "r_hat"
 
 # A chain is long enough at this many of the autocorrelation times that it measures.
 LENGTH_IN_AUTOCORRELATION_TIMES = 50
+SOKAL_WINDOW = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,8 @@ def run_ensemble(
     from bayes_ssi.moves import ensemble_sampler, initial_state
 
     rng = np.random.default_rng(seed)
-    chosen = rng.choice(len(start.positions), size=n_walkers, replace=False)
+    scarce = len(start.positions) < n_walkers
+    chosen = rng.choice(len(start.positions), size=n_walkers, replace=scarce)
     sampler = ensemble_sampler(target.log_posterior, n_walkers, target.n_dimensions, proposal)
     positions = start.positions[chosen]
     density = start.log_likelihoods[chosen] + log_standard_normal(positions)
@@ -100,15 +102,23 @@ def run_ensemble(
 
 
 def autocorrelation_times(chain: FloatArray) -> FloatArray:
-    """Integrated autocorrelation time in steps of a chain (n_steps, n_walkers, k), (k,)."""
-    from emcee.autocorr import integrated_time
+    """Integrated autocorrelation times in steps of a chain (n_steps, n_walkers, k), (k,).
 
-    moving = chain.std(axis=(0, 1)) > 0
-    times = np.ones(chain.shape[-1])
-    if moving.any():
-        # tol=0: the length is judged by the caller, which then goes on sampling.
-        times[moving] = integrated_time(chain[..., moving], tol=0)
-    return np.maximum(times, 1.0)
+    The autocovariance is averaged over the walkers before it is normalised, and taken about the
+    mean of all of them: a walker that stays where it is then lengthens the time, while emcee's
+    estimate, normalised walker by walker, is not defined for it. Summed over Sokal's window, the
+    first M that exceeds five times the estimate.
+    """
+    n = len(chain)
+    centred = chain - chain.mean(axis=(0, 1))
+    transformed = np.fft.rfft(centred, n=2 * n, axis=0)
+    covariance = np.fft.irfft(np.abs(transformed) ** 2, axis=0)[:n].mean(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        times = 2.0 * np.cumsum(covariance / covariance[0], axis=0) - 1.0
+    beyond = np.arange(n)[:, None] > SOKAL_WINDOW * times
+    last = np.where(beyond.any(axis=0), beyond.argmax(axis=0), n - 1)
+    found = times[last, np.arange(chain.shape[-1])]
+    return np.where(np.isfinite(found), np.maximum(found, 1.0), 1.0)
 
 
 def effective_sample_size(ensembles: Sequence[Ensemble]) -> FloatArray:

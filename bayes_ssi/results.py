@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import platform
 import re
 import shutil
@@ -73,13 +74,21 @@ class StoredResult:
         )
 
 
-def require_new(directory: str | Path) -> None:
-    """Refuse a result directory that exists.
+def require_new(directory: str | Path, *, overwrite: bool = False) -> None:
+    """Refuse a result directory that exists, unless it holds a result that may be overwritten.
 
     Raises:
-        FileExistsError: it does.
+        FileExistsError: it exists, and ``overwrite`` is false or it holds something else.
     """
-    if Path(directory).exists():
+    path = Path(directory)
+    if not path.exists():
+        return
+    if overwrite:
+        if not (path / "result.json").is_file():
+            raise FileExistsError(
+                f"{directory}: holds no result of this package and is not overwritten"
+            )
+    else:
         raise FileExistsError(
             f"{directory}: exists already and is not overwritten; name another with --out, or "
             "pass --overwrite"
@@ -95,14 +104,14 @@ def save_result(
         ranking: the result.
         directory: where to.
         study_file: the file that defines the study, for the record.
-        overwrite: replace a directory that exists.
+        overwrite: replace a result that exists.
 
     Raises:
-        FileExistsError: the directory exists and ``overwrite`` is false.
+        FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
+            than a result.
     """
     directory = Path(directory)
-    if not overwrite:
-        require_new(directory)
+    require_new(directory, overwrite=overwrite)
     partial = directory.with_name(f".{directory.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     (partial / "posteriors").mkdir(parents=True)
@@ -206,18 +215,17 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
     names = tuple(entry["parameter_names"])
     stored = load_draws(directory / "posteriors" / entry["file"], names)
     evidence = dict(entry["evidence"])
-    evidence["bridge"] = Estimate(**evidence["bridge"])
-    evidence["tempered"] = Estimate(**evidence["tempered"])
-    scalars = (
-        "name", "r_hat", "autocorrelation_time", "acceptance", "n_evaluations", "seconds",
-        "data_digest", "pairing",
-    )  # fmt: skip
+    for check in ("bridge", "tempered"):
+        evidence[check] = Estimate(**{k: float(v) for k, v in evidence[check].items()})
+    for number, value in evidence.items():
+        if isinstance(value, str):  # an infinity or NaN
+            evidence[number] = float(value)
     return Posterior(
         parameter_names=names,
         draws=stored.draws,
         log_likelihoods=stored.log_likelihoods,
         frequencies_hz=stored.frequencies_hz,
-        effective_sample_sizes=np.array(entry["effective_sample_sizes"]),
+        effective_sample_sizes=np.array(entry["effective_sample_sizes"], dtype=float),
         evidence=Evidence(**evidence),
         regions=tuple(
             Region(
@@ -228,10 +236,17 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
             )
             for region in entry["regions"]
         ),
-        maxima=np.array(entry["maxima"]),
-        relative_spreads=np.array(entry["relative_spreads"]),
+        maxima=np.array(entry["maxima"], dtype=float),
+        relative_spreads=np.array(entry["relative_spreads"], dtype=float),
         failed_checks=tuple(entry["failed_checks"]),
-        **{name: entry[name] for name in scalars},
+        name=entry["name"],
+        n_evaluations=entry["n_evaluations"],
+        data_digest=entry["data_digest"],
+        pairing=entry["pairing"],
+        r_hat=float(entry["r_hat"]),
+        autocorrelation_time=float(entry["autocorrelation_time"]),
+        acceptance=float(entry["acceptance"]),
+        seconds=float(entry["seconds"]),
     )
 
 
@@ -244,7 +259,21 @@ def _comparison(record: Mapping[str, Any]) -> Comparison:
 
 
 def _write_json(path: Path, record: Mapping[str, Any]) -> None:
-    path.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    text = json.dumps(_plain(record), indent=2, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    """The value as JSON has it: numpy's numbers as numbers, and infinities and NaN as text."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value
 
 
 def _read_json(path: Path) -> dict[str, Any]:

@@ -10,11 +10,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from bayes_ssi.evidence import (
     Estimate,
@@ -134,7 +136,17 @@ def sample_target(
     Raises:
         ValueError: the likelihood is zero at every draw from the prior.
     """
-    settings = settings or SamplingSettings()
+    # The matrices are small: threads inside BLAS would only wait for one another.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _sample(target, seed, settings or SamplingSettings(), progress)
+
+
+def _sample(
+    target: Target,
+    seed: np.random.SeedSequence,
+    settings: SamplingSettings,
+    progress: Progress | None,
+) -> Sampled:
     seeds = seed.spawn(2 * N_ENSEMBLES + 1)
     rng = np.random.default_rng(seeds[-1])
     starts, maxima = _discover(target, seeds[:N_ENSEMBLES], settings, progress, rng)
@@ -180,7 +192,7 @@ def _discover(
 ) -> tuple[tuple[TemperedStart, ...], Maxima]:
     """Independent tempered starts, and the maxima that any of them found."""
     n_particles = settings.n_particles(target.n_dimensions)
-    n_ascents = settings.ascents // len(seeds)
+    n_ascents = math.ceil(settings.ascents / len(seeds))
     starts = []
     for i, seed in enumerate(seeds):
         report = _reporter(progress, "tempered start", i, len(seeds))

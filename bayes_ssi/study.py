@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from bayes_ssi.comparison import Comparison, compare
+from bayes_ssi.comparison import Comparison, checked_weights, compare
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Posterior, sample
 from bayes_ssi.sampling import SamplingSettings
@@ -28,7 +28,8 @@ class Study:
         description: what the study asks.
 
     Raises:
-        ValueError: there is no model class, or two have one name.
+        ValueError: there is no model class, two have one name, or the prior weights are not one
+            positive number a class.
         TypeError: one of them is not a ModelClass.
     """
 
@@ -47,6 +48,10 @@ class Study:
         repeated = [name for name in self.names if self.names.count(name) > 1]
         if repeated:
             raise ValueError(f"study {self.name!r}: two model classes are named {repeated[0]!r}")
+        try:
+            checked_weights(self.names, self.prior_weights)
+        except ValueError as error:
+            raise ValueError(f"study {self.name!r}: {error}") from None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -146,6 +151,8 @@ def load_study(path: str | Path) -> Study:
     if path.suffix != ".py" or spec is None or spec.loader is None:
         raise ValueError(f"{path}: a study is a Python file, its name ending in .py")
     module = importlib.util.module_from_spec(spec)
+    # Dataclasses and pickles defined in a study look their module up by name.
+    sys.modules[spec.name] = module
     writes, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         spec.loader.exec_module(module)

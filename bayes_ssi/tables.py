@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from rich import box
 from rich.table import Table
+from rich.text import Text
 
 from bayes_ssi.calibration import Calibration
 from bayes_ssi.comparison import Comparison
@@ -35,7 +36,8 @@ def ranking_table(comparison: Comparison, title: str = "") -> Table:
     table.add_column("against it", no_wrap=True)
     for row in comparison.classes:
         name = f"{row.name} (!)" if row.failed_checks else row.name
-        table.add_row(
+        _add_row(
+            table,
             name,
             f"{row.log_evidence:.3f} ± {row.error:.3f}",
             f"{row.log_bayes_factor:.2f}",
@@ -53,7 +55,8 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
         table.add_column(heading, justify="right", no_wrap=True)
     for posterior in posteriors:
         evidence = posterior.evidence
-        table.add_row(
+        _add_row(
+            table,
             posterior.name,
             f"{evidence.mean_log_likelihood:.2f}",
             f"{evidence.information_gained:.2f}",
@@ -91,7 +94,7 @@ def parameter_table(posterior: Posterior) -> Table:
     for row in posterior.summary:
         numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)
         cells = [f"{number:.4g}" for number in numbers]
-        table.add_row(row.name, *cells, f"{row.relative_spread:.2f}")
+        _add_row(table, row.name, *cells, f"{row.relative_spread:.2f}")
     return table
 
 
@@ -112,14 +115,14 @@ def calibration_table(calibration: Calibration) -> Table:
     table = _table(f"Minima of {calibration.name!r}, λ = {calibration.shape_weight:g}")
     table.add_column("", justify="right")
     for name in calibration.parameter_names:
-        table.add_column(name, justify="right")
+        table.add_column(Text(name), justify="right")
     table.add_column("f_ob (%)", justify="right")
     table.add_column("d (%)", justify="right")
     rows = [("before", calibration.before)]
     rows += [(str(i), fit) for i, fit in enumerate(calibration.minima, 1)]
     for label, fit in rows:
         values = (f"{value:.4g}" for value in fit.values)
-        table.add_row(label, *values, f"{100 * fit.objective:.3f}", f"{100 * fit.distance:.1f}")
+        _add_row(table, label, *values, f"{100 * fit.objective:.3f}", f"{100 * fit.distance:.1f}")
     return table
 
 
@@ -131,7 +134,8 @@ def calibration_modes_table(calibration: Calibration) -> Table:
     table.add_column("MAC before", justify="right")
     table.add_column("MAC after", justify="right")
     for before, after in zip(calibration.before.modes, calibration.best.modes, strict=True):
-        table.add_row(
+        _add_row(
+            table,
             before.label,
             str(before.model_mode),
             f"{before.identified_hz:.4g}",
@@ -150,7 +154,8 @@ def modes_table(data: ModalData) -> Table:
         table.add_column(heading, justify="right")
     for mode in data.modes:
         of_all = f"{mode.n_measured} of {len(data.sensors)}"
-        table.add_row(
+        _add_row(
+            table,
             mode.label,
             f"{mode.frequency_hz:.5g}",
             _number(_percent(mode.frequency_cov), ".3g"),
@@ -170,4 +175,14 @@ def _number(value: float, form: str) -> str:
 
 
 def _table(title: str) -> Table:
-    return Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    return Table(
+        title=Text(title) if title else None,
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+    )
+
+
+def _add_row(table: Table, *cells: str) -> None:
+    """Add cells as they are: names may hold square brackets, which rich takes for markup."""
+    table.add_row(*(Text(cell) for cell in cells))

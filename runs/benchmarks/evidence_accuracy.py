@@ -1,0 +1,116 @@
+"""Log evidences against known answers, over many seeds, beside two nested samplers.
+
+    pip install -e ".[benchmarks]"
+    python runs/benchmarks/evidence_accuracy.py [--seeds 20] [--peer-seeds 3] [--only NAME,…]
+
+For each problem: the root-mean-square error of the quoted log evidence, its scatter, the claimed
+error over the scatter, the largest error of a region's probability, evaluations, time, and how
+many runs flag themselves; then, in the same run, dynesty and nautilus at their defaults,
+vectorised where they can be (``--peer-seeds 0`` leaves them out).
+"""
+
+import argparse
+from time import perf_counter
+
+import numpy as np
+from problems import Problem, all_problems, from_unit_cube
+from threadpoolctl import threadpool_limits
+
+from bayes_ssi.posterior import failed_checks
+from bayes_ssi.sampling import sample_target
+from bayes_ssi.target import Target
+
+
+def ours(problem: Problem, seed: int) -> dict[str, float]:
+    begun = perf_counter()
+    target = Target(problem.log_likelihood, problem.n_dimensions)
+    sampled = sample_target(target, np.random.SeedSequence(seed))
+    seconds = perf_counter() - begun
+    weights, z = sampled.importance.weights, sampled.importance.z
+    shares = [abs(weights[test(z)].sum() - known) for test, known in problem.regions.values()]
+    return {
+        "log_evidence": sampled.evidence.log_evidence,
+        "claimed": sampled.evidence.error,
+        "share_error": max(shares, default=0.0),
+        "evaluations": sampled.n_evaluations,
+        "seconds": seconds,
+        "flagged": bool(failed_checks(sampled)),
+    }
+
+
+def dynesty_default(problem: Problem, seed: int) -> dict[str, float]:
+    import dynesty
+
+    def log_likelihood(z: np.ndarray) -> float:
+        return float(problem.log_likelihood(z[None])[0])
+
+    begun = perf_counter()
+    sampler = dynesty.NestedSampler(
+        log_likelihood, from_unit_cube, problem.n_dimensions, rstate=np.random.default_rng(seed)
+    )
+    sampler.run_nested(print_progress=False)
+    found = sampler.results
+    return {
+        "log_evidence": float(found.logz[-1]),
+        "claimed": float(found.logzerr[-1]),
+        "evaluations": int(np.sum(found.ncall)),
+        "seconds": perf_counter() - begun,
+    }
+
+
+def nautilus_default(problem: Problem, seed: int) -> dict[str, float]:
+    import nautilus
+
+    begun = perf_counter()
+    sampler = nautilus.Sampler(
+        from_unit_cube, problem.log_likelihood, n_dim=problem.n_dimensions, vectorized=True,
+        pass_dict=False, seed=seed,
+    )  # fmt: skip
+    sampler.run()
+    return {
+        "log_evidence": float(sampler.log_z),
+        "claimed": float(1.0 / np.sqrt(sampler.n_eff)),
+        "evaluations": int(sampler.n_like),
+        "seconds": perf_counter() - begun,
+    }
+
+
+def report(name: str, runs: list[dict[str, float]], exact: float) -> None:
+    found = {key: np.array([run[key] for run in runs]) for key in runs[0]}
+    errors = found["log_evidence"] - exact
+    line = (
+        f"  {name:9s} rms error {np.sqrt(np.mean(errors**2)):.4f}  largest "
+        f"{np.abs(errors).max():.4f}  claimed {found['claimed'].mean():.4f}"
+    )
+    if len(runs) > 3:
+        line += f"  claimed/scatter {found['claimed'].mean() / errors.std(ddof=1):.2f}"
+    if "share_error" in found:
+        line += f"  region {found['share_error'].max():.3f}  flagged {found['flagged'].sum():.0f}"
+    line += f"  evaluations {found['evaluations'].mean():.0f}  {found['seconds'].mean():.2f} s"
+    print(line, flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--peer-seeds", type=int, default=3)
+    parser.add_argument("--only", default="", help="names of problems, separated by commas")
+    options = parser.parse_args()
+    wanted = [name.strip() for name in options.only.split(",") if name.strip()]
+    with threadpool_limits(limits=1, user_api="blas"):
+        for problem in all_problems():
+            if wanted and problem.name not in wanted:
+                continue
+            print(f"{problem.name}: log evidence {problem.log_evidence:.4f}", flush=True)
+            for name, run, n in (
+                ("bayes_ssi", ours, options.seeds),
+                ("dynesty", dynesty_default, options.peer_seeds),
+                ("nautilus", nautilus_default, options.peer_seeds),
+            ):
+                if n:
+                    runs = [run(problem, seed) for seed in range(n)]
+                    report(name, runs, problem.log_evidence)
+
+
+if __name__ == "__main__":
+    main()

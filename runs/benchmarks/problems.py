@@ -1,0 +1,210 @@
+"""Problems whose log evidence is known: by quadrature, a closed form, or a large sample.
+
+Each is a log-likelihood over standard-normal coordinates. Sources: Beck and Au (2002) with the
+settings of Straub and Papaioannou (2015); Yuen (2010) with the data of SimCenter's UCSD_UQ
+examples; the others are textbook cases.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+from scipy.stats import multivariate_normal
+
+import bayes_ssi as bs
+from bayes_ssi.study import load_study
+
+Array = np.ndarray
+STUDY = Path(__file__).parents[2] / "model_classes" / "shear_building.py"
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A log-likelihood with a known log evidence.
+
+    ``regions`` maps a name to a test of coordinates (B, d) → (B,) and the known probability.
+    """
+
+    name: str
+    n_dimensions: int
+    log_likelihood: Callable[[Array], Array]
+    log_evidence: float
+    regions: Mapping[str, tuple[Callable[[Array], Array], float]] = field(default_factory=dict)
+
+
+def log_normal_pdf(x: Array, mean: Array | float, sd: Array | float) -> Array:
+    return -0.5 * ((x - mean) / sd) ** 2 - np.log(sd) - 0.5 * math.log(2.0 * math.pi)
+
+
+def beck_au() -> Problem:
+    """Two-storey shear building; no normalising constant in the likelihood."""
+    m1, m2, k = 16531.0, 16131.0, 29.7e6
+
+    def factors(z: Array) -> Array:
+        return np.exp([0.5102367348, 0.1695776862] + z * [0.4978679246, 0.6266747462])
+
+    def log_likelihood(z: Array) -> Array:
+        k1, k2 = k * factors(z).T
+        half_trace = 0.5 * ((k1 + k2) / m1 + k2 / m2)
+        root = np.sqrt(half_trace**2 - k1 * k2 / (m1 * m2))
+        squares = np.array([half_trace - root, half_trace + root]) / (2.0 * math.pi) ** 2
+        return -128.0 * ((squares.T / [3.13**2, 9.83**2] - 1.0) ** 2).sum(1)
+
+    return Problem(
+        "Beck-Au", 2, log_likelihood, -6.48699,
+        {"t1 < 1": (lambda z: factors(z)[:, 0] < 1.0, 0.5317)},
+    )  # fmt: skip
+
+
+def yuen(case: int) -> Problem:
+    """Two eigenvalues and a shape ratio, five measurements of each; cases use some of them."""
+    lambda1 = np.array([0.386, 0.3922, 0.4157, 0.3592, 0.3615])
+    lambda2 = np.array([2.3614, 2.5877, 2.707, 2.3875, 2.7272])
+    ratio = np.array([1.68245252, 1.71103903, 1.57876073, 1.58722342, 1.61878479])
+
+    def log_likelihood(z: Array) -> Array:
+        k1, k2 = 0.8 + 1.4 * ndtr(z[:, 0]), 0.4 + 0.8 * ndtr(z[:, 1])
+        h = 0.5 * k1 + k2
+        root = np.sqrt(h * h - k1 * k2)
+        total = log_normal_pdf((h - root)[:, None], lambda1, 0.0191).sum(1)
+        if case == 2:
+            total = total + log_normal_pdf((h + root)[:, None], lambda2, 0.1309).sum(1)
+        if case == 3:
+            shape = (k1 + k2 - (h - root)) / k2
+            total = total + log_normal_pdf(shape[:, None], ratio, 0.0809).sum(1)
+        return total
+
+    return Problem(f"Yuen {case}", 2, log_likelihood, (9.68747, 10.00599, 14.01714)[case - 1])
+
+
+def linear_gaussian(d: int, seed: int = 0) -> Problem:
+    """3d observations of d parameters, two columns of the design correlated 0.95."""
+    rng = np.random.default_rng([seed, d])
+    design = rng.standard_normal((3 * d, d))
+    design[:, 1] = 0.95 * design[:, 0] + math.sqrt(1 - 0.95**2) * design[:, 1]
+    observed = design @ (2.0 * rng.standard_normal(d)) + 0.3 * rng.standard_normal(3 * d)
+    covariance = 0.09 * np.eye(3 * d) + 4.0 * design @ design.T
+    exact = float(multivariate_normal(np.zeros(3 * d), covariance).logpdf(observed))
+
+    def log_likelihood(z: Array) -> Array:
+        return log_normal_pdf(2.0 * z @ design.T, observed, 0.3).sum(1)
+
+    return Problem(f"linear d={d}", d, log_likelihood, exact)
+
+
+def shells(d: int) -> Problem:
+    """Two shells of radius 2 and width 0.1, centres ±3.5 on the first axis, prior U(-6, 6)^d."""
+    centre = np.zeros(d)
+    centre[0] = 3.5
+
+    def log_likelihood(z: Array) -> Array:
+        x = -6.0 + 12.0 * ndtr(z)
+        distances = [np.linalg.norm(x - sign * centre, axis=1) for sign in (1.0, -1.0)]
+        return np.logaddexp(*(log_normal_pdf(distance, 2.0, 0.1) for distance in distances))
+
+    exact = {2: -1.7456, 5: -5.6736, 10: -14.5905}[d]
+    return Problem(
+        f"shells d={d}", d, log_likelihood, exact, {"x1 > 0": (lambda z: z[:, 0] > 0.0, 0.5)}
+    )
+
+
+def edge() -> Problem:
+    """The posterior leans on the edge of the support: log L = -Σt/0.02, prior U(0, 1)³."""
+    return Problem("edge", 3, lambda z: -ndtr(z).sum(1) / 0.02, -11.7361)
+
+
+def one_dimension() -> Problem:
+    return Problem("one dimension", 1, lambda z: log_normal_pdf(z[:, 0], 5.0, 0.2), -12.95778)
+
+
+def four_regions(seed: int = 0) -> Problem:
+    """Four spherical Gaussians of unequal weight and width in a box of side 10, d = 4."""
+    centres = np.random.default_rng(seed).uniform(-3.0, 3.0, (4, 4))
+    weights, sds = np.array([0.6, 0.25, 0.1, 0.05]), np.array([0.1, 0.2, 0.15, 0.3])
+
+    def parts(z: Array) -> Array:
+        x = -5.0 + 10.0 * ndtr(z)
+        squares = ((x[:, None] - centres) ** 2).sum(-1)
+        return np.log(weights) - 2.0 * np.log(2.0 * math.pi * sds**2) - 0.5 * squares / sds**2
+
+    def member(k: int) -> Callable[[Array], Array]:
+        return lambda z: parts(z).argmax(1) == k
+
+    return Problem(
+        "four regions", 4, lambda z: np.logaddexp.reduce(parts(z), axis=1), -4.0 * math.log(10.0),
+        {f"region {k + 1}": (member(k), float(weights[k])) for k in range(4)},
+    )  # fmt: skip
+
+
+def shifted(problem: Problem, by: float) -> Problem:
+    return Problem(
+        f"{problem.name} {by:+g}", problem.n_dimensions,
+        lambda z: problem.log_likelihood(z) + by, problem.log_evidence + by, problem.regions,
+    )  # fmt: skip
+
+
+def wider_prior() -> Problem:
+    """The one-dimensional problem's likelihood with a uniform prior, 100 times as wide."""
+    narrow = 4.0  # U(3, 7) loses 1.5e-23 of the likelihood's mass outside
+
+    def log_likelihood(z: Array) -> Array:
+        return log_normal_pdf(5.0 + 100.0 * narrow * (ndtr(z[:, 0]) - 0.5), 5.0, 0.2)
+
+    return Problem("wider prior", 1, log_likelihood, -math.log(100.0 * narrow))
+
+
+def several_maxima() -> Problem:
+    """Approach 3 of the numerical study on frequencies alone; three separate regions."""
+    augmented = load_study(STUDY).only(["3"]).model_classes[0]
+    narrow_sd = bs.LogNormal(1.0, 0.3).log_sd
+    wide = bs.LogNormal(1.0, 0.5)
+    data = augmented.data.without_shapes()
+    candidate = bs.ModelClass(
+        "several maxima", augmented.structure, data,
+        bs.ErrorModel(frequency_cov=0.002, shape_sd=0.05), pairing=augmented.pairing,
+    )  # fmt: skip
+
+    def log_likelihood(z: Array) -> Array:
+        # The study's priors are narrower: the same values lie at farther coordinates.
+        return candidate.log_likelihood_at(z * (wide.log_sd / narrow_sd))
+
+    def k1(z: Array) -> Array:
+        return wide.from_normal(z[:, 0])
+
+    def k3(z: Array) -> Array:
+        return wide.from_normal(z[:, 2])
+
+    return Problem(
+        "several maxima", 4, log_likelihood, 2.694,
+        {
+            "k1 > 1.8": (lambda z: k1(z) > 1.8, 0.029),
+            "k3 > 1.06": (lambda z: (k1(z) < 1.8) & (k3(z) > 1.06), 0.534),
+            "true values": (lambda z: (k1(z) < 1.8) & (k3(z) <= 1.06), 0.437),
+        },
+    )  # fmt: skip
+
+
+def all_problems() -> list[Problem]:
+    return [
+        beck_au(),
+        *(yuen(case) for case in (1, 2, 3)),
+        *(linear_gaussian(d) for d in (2, 6, 12, 20)),
+        *(shells(d) for d in (2, 5, 10)),
+        edge(),
+        one_dimension(),
+        wider_prior(),
+        four_regions(),
+        shifted(beck_au(), 1000.0),
+        shifted(beck_au(), -1000.0),
+        several_maxima(),
+    ]
+
+
+def from_unit_cube(u: Array) -> Array:
+    """Standard-normal coordinates of points in the unit cube, for nested samplers."""
+    return ndtri(u)
