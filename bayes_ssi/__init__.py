@@ -4,8 +4,8 @@ Bayesian structural system identification for structures whose non-structural el
 vibrate on their own and hide in the modal data.
 """
 
-from bayes_ssi.calibration import Calibration, calibrate, rms_distance
-from bayes_ssi.comparison import Comparison, compare
+from bayes_ssi.calibration import calibrate, rms_distance
+from bayes_ssi.comparison import compare
 from bayes_ssi.data import IdentifiedMode, ModalData
 from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.model_class import ModelClass
@@ -24,8 +24,6 @@ from bayes_ssi.study import Study, rank
 
 __all__ = [
     "AddedMass",
-    "Calibration",
-    "Comparison",
     "ErrorModel",
     "HalfNormal",
     "IdentificationModel",

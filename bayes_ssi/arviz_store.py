@@ -67,16 +67,17 @@ def load_draws(path: Path, parameter_names: tuple[str, ...]) -> StoredDraws:
     arviz = _import_arviz()
     try:
         tree = arviz.from_netcdf(str(path), engine="h5netcdf")
-        posterior = tree["posterior"]
-        return StoredDraws(
-            parameter_names,
-            np.stack(
-                [np.asarray(posterior[name].values) for name in variable_names(parameter_names)],
-                axis=-1,
-            ),
-            np.asarray(tree["sample_stats"]["log_likelihood_total"].values),
-            np.asarray(tree["posterior_predictive"][FREQUENCY].values),
-        )
+        try:
+            posterior = tree["posterior"]
+            columns = [np.array(posterior[n].values) for n in variable_names(parameter_names)]
+            return StoredDraws(
+                parameter_names,
+                np.stack(columns, axis=-1),
+                np.array(tree["sample_stats"]["log_likelihood_total"].values),
+                np.array(tree["posterior_predictive"][FREQUENCY].values),
+            )
+        finally:
+            tree.close()  # arviz 1.x reads when asked and keeps the file open until then
     except (OSError, KeyError, ValueError, AttributeError, TypeError) as error:
         raise ValueError(f"{path}: not a stored posterior of this package: {error}") from error
 

@@ -25,9 +25,15 @@ STANDARD_ERRORS = 2.0
 
 
 def bayes_factor_scale(log_bayes_factor: float) -> str:
-    """What a Bayes factor means on the scale of Kass and Raftery (1995); the sign is ignored."""
+    """What a Bayes factor means on the scale of Kass and Raftery (1995); the sign is ignored.
+
+    Raises:
+        ValueError: it is not a number.
+    """
+    if math.isnan(log_bayes_factor):
+        raise ValueError("bayes_factor_scale: the log Bayes factor is not a number")
     twice = 2.0 * abs(log_bayes_factor)
-    return next(words for limit, words in SCALE if twice < limit)
+    return next((words for limit, words in SCALE if twice < limit), SCALE[-1][1])
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,8 @@ __all__ = ["plot_corner", "plot_evidence", "plot_frequencies", "save_figures", "
 # Okabe and Ito's palette: told apart by colour-blind readers, and in grey by lightness.
 BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7F7F7F"
 
+FREQUENCIES_SIZE = (6.4, 3.4)  # inches
+
 RC: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
     "figure.dpi": 150,
@@ -52,7 +54,7 @@ def plot_evidence(comparison: Comparison, ax: Axes | None = None) -> Axes:
     information gained, by which the evidence falls short of the fit.
     """
     rows = comparison.classes
-    ax = _axes(ax, (6.4, 1.3 + 0.42 * len(rows)))
+    ax = _axes(ax, _evidence_size(comparison))
     y = np.arange(len(rows))
     evidence = np.array([row.log_evidence for row in rows])
     fit = np.array([row.mean_log_likelihood for row in rows])
@@ -62,6 +64,7 @@ def plot_evidence(comparison: Comparison, ax: Axes | None = None) -> Axes:
     ax.errorbar(evidence, y, xerr=[row.error for row in rows], fmt="o", color=VERMILION,
                 capsize=3, label="log evidence ± 1 standard error")  # fmt: skip
     ax.set_yticks(y, [f"{row.name}\n({row.probability_text})" for row in rows])
+    _as_they_are(ax.get_yticklabels())
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.use_sticky_edges = False
     ax.margins(x=0.04)
@@ -82,7 +85,7 @@ def plot_frequencies(
     class calls spurious are marked with a cross.
     """
     labels = data.labels
-    ax = _axes(ax, (6.4, 3.4))
+    ax = _axes(ax, FREQUENCIES_SIZE)
     offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
     colours = [BLUE, ORANGE, GREEN, VERMILION, GREY]
     for i, mode in enumerate(data.modes):
@@ -109,6 +112,7 @@ def plot_frequencies(
     ax.axhline(0.0, color="black", linewidth=0.8)
     ticks = [f"{m.label}\n{m.frequency_hz:.4g} Hz" for m in data.modes]
     ax.set_xticks(range(len(labels)), ticks)
+    _as_they_are(ax.get_xticklabels())
     ax.set_xlim(-0.5, len(labels) - 0.5)
     ax.set_xlabel("identified mode")
     ax.set_ylabel("model / identified - 1 (%)")
@@ -128,11 +132,10 @@ def plot_corner(posterior: Posterior, figure: Figure | None = None) -> Figure:
     with style():
         if figure is None:
             # corner places its axes itself.
-            side = 1.2 + 1.5 * n
-            figure = plt.figure(figsize=(side, side), layout="none")
+            figure = plt.figure(figsize=_corner_size(posterior), layout="none")
         corner.corner(
             posterior.values,
-            labels=list(posterior.parameter_names),
+            labels=[name.replace("$", r"\$") for name in posterior.parameter_names],
             fig=figure,
             color=BLUE,
             bins=30,
@@ -147,10 +150,11 @@ def plot_corner(posterior: Posterior, figure: Figure | None = None) -> Figure:
             max_n_ticks=4,
             plot_datapoints=False,
         )
-        figure.suptitle(
+        title = figure.suptitle(
             f"{posterior.name}: median and 90 % interval; contours at 1 and 2 sigma",
             x=0.98, y=0.98, ha="right", fontsize=10,
         )  # fmt: skip
+        _as_they_are([title])
     return figure
 
 
@@ -161,24 +165,41 @@ def save_figures(
 
     ``ranked`` are the posteriors, the best first; the corner plot is the best one's.
     """
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    # Figures of their own, not pyplot's: nothing is shown, and no backend is switched.
     directory.mkdir()
+    corner = Figure(figsize=_corner_size(ranked[0]))  # outside the style: corner has its own layout
     with style():
-        figures = {
-            "evidence": plot_evidence(comparison).figure,
-            "frequencies": plot_frequencies(data, ranked).figure,
-            "corner": plot_corner(ranked[0]),
-        }
+        evidence = Figure(figsize=_evidence_size(comparison))
+        frequencies = Figure(figsize=FREQUENCIES_SIZE)
+        plot_evidence(comparison, evidence.subplots())
+        plot_frequencies(data, ranked, frequencies.subplots())
+        plot_corner(ranked[0], corner)
         paths = []
-        for name, figure in figures.items():
+        for name, figure in (
+            ("evidence", evidence),
+            ("frequencies", frequencies),
+            ("corner", corner),
+        ):
             paths.append(directory / f"{name}.png")
-            figure.savefig(paths[-1])  # type: ignore[union-attr]
-            plt.close(figure)  # type: ignore[arg-type]
+            figure.savefig(paths[-1])
     return paths
+
+
+def _evidence_size(comparison: Comparison) -> tuple[float, float]:
+    return 6.4, 1.3 + 0.42 * len(comparison.classes)
+
+
+def _corner_size(posterior: Posterior) -> tuple[float, float]:
+    side = 1.2 + 1.5 * len(posterior.parameter_names)
+    return side, side
+
+
+def _as_they_are(texts: Sequence[Any]) -> None:
+    """Draw names as they are: between dollar signs matplotlib would set them as mathematics."""
+    for text in texts:
+        text.set_parse_math(False)
 
 
 def _axes(ax: Axes | None, size: tuple[float, float]) -> Axes:
@@ -201,4 +222,8 @@ def _legend_below(ax: Axes, columns: int) -> None:
         and not artist.get_label().startswith(("_child", "_container", "_nolegend_"))
     ]
     labels = [artist.get_label() for artist in named]
-    ax.figure.legend(named, labels, loc="outside lower center", ncols=columns)
+    if len(ax.figure.axes) == 1:
+        legend = ax.figure.legend(named, labels, loc="outside lower center", ncols=columns)
+    else:  # other axes beside: the legend stays with these
+        legend = ax.legend(named, labels, loc="best", fontsize="small")
+    _as_they_are(legend.get_texts())

@@ -153,6 +153,7 @@ def make_posterior():
             "draws": draws,
             "log_likelihoods": -0.5 * (draws**2).sum(-1),
             "frequencies_hz": np.array([1.0, 2.5]) * (1.0 + 0.01 * draws[..., :1]),
+            "relative_spreads": (0.25,) * len(names),
             "effective_sample_sizes": np.full(len(names), 400.0),
             "evidence": Evidence(
                 log_evidence, error, 1500.0, 2000, estimate, estimate, log_evidence,

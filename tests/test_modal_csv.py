@@ -169,7 +169,7 @@ NO_NUMBER = "is not a number"
         (HEAD + ", 1.0, 1, 2\n", "line 3: mode label must be text and not empty, got ''"),
         (HEAD + "1, 1,0, 1, 2\n", "line 3: 5 cells for 4 columns"),
         (HEAD + "1, 1, 1, 1\n1, 2, 1, 1\n", "line 4: label '1' is that of line 3 already"),
-        (HEAD + "1, 1.0, 1, 1\n2, 7.5, 1, 1\n", "line 4: frequency_hz: 7.5 lies outside"),
+        (HEAD + "1, 1.0, 1, 1\n2, 7.5, 1, 1\n", "line 4: mode '2': frequency_hz 7.5 lies outside"),
         ("# band_hz, 0\n" + HEAD[16:] + "1,1,1,1", r"line 1: band_hz needs two .* \['0'\]"),
         ("# band_hz, 0, six\nlabel, frequency_hz\n1, 1\n", f"line 1: band_hz: 'six' {NO_NUMBER}"),
         ("\n\nlabel, frequency\n1, 1\n", "line 3: no column 'frequency_hz' among 'label', 'freq"),

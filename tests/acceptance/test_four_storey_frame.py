@@ -1,0 +1,86 @@
+"""The four-storey laboratory frame: calibration as published, and what the study finds."""
+
+import functools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.study import load_study
+
+ROOT = Path(__file__).parents[2]
+# Published least-squares fit to four frequencies and four shapes.
+STIFFNESSES = [7.19, 8.06, 9.00, 14.75]  # lb/in
+FREQUENCIES = [0.883, 2.747, 4.299, 5.533]  # Hz
+MACS = [0.999, 0.994, 0.997, 0.995]
+# The published values, to their last digit, are those at this weight of the shapes.
+SHAPE_WEIGHT = 0.1
+
+
+@functools.cache
+def study():
+    return load_study(ROOT / "model_classes" / "four_storey_frame.py")
+
+
+@functools.cache
+def ranking():
+    return bs.rank(study())
+
+
+@functools.cache
+def calibration():
+    (each,) = study().only(["each storey"]).model_classes
+    return bs.calibrate(each, SHAPE_WEIGHT)
+
+
+def test_the_modes_that_were_identified():
+    data = study().model_classes[0].data
+    np.testing.assert_allclose(data.frequencies_hz, [0.882898, 2.747738, 4.299764, 5.529474])
+    assert data.sensors == ("floor 1", "floor 2", "floor 3", "floor 4")
+
+
+def test_calibrated_stiffnesses():
+    # Nominal stiffnesses are 10 lb/in; parameters multiply them.
+    np.testing.assert_allclose(10.0 * np.array(calibration().best.values), STIFFNESSES, atol=0.02)
+    assert calibration().undetermined_directions == 0
+
+
+def test_calibrated_modes():
+    modes = calibration().best.modes
+    np.testing.assert_allclose([mode.model_hz for mode in modes], FREQUENCIES, atol=5.1e-4)
+    np.testing.assert_allclose([mode.mac for mode in modes], MACS, atol=5.1e-4)
+
+
+@pytest.mark.parametrize("shape_weight", [None, 0.1, 1.0])
+def test_every_mode_fits_whatever_the_weight_of_shapes(shape_weight):
+    (each,) = study().only(["each storey"]).model_classes
+    for mode in bs.calibrate(each, shape_weight).best.modes:
+        assert mode.mac >= 0.99
+        assert mode.model_hz == pytest.approx(mode.identified_hz, rel=0.01)
+
+
+def test_nominal_stiffnesses_do_not_fit():
+    worst = max(abs(m.model_hz / m.identified_hz - 1.0) for m in calibration().before.modes)
+    assert worst > 0.05
+
+
+def test_each_storey_needs_its_own_stiffness():
+    probability = {row.name: row.probability for row in ranking().comparison.classes}
+    own = probability["each storey"] + probability["each storey, free errors"]
+    assert own > 0.999
+    assert ranking().comparison.failed_checks == ()
+
+
+def test_the_posterior_agrees_with_the_calibration():
+    (each,) = [p for p in ranking().posteriors if p.name == "each storey"]
+    for row, stiffness in zip(each.summary, STIFFNESSES, strict=True):
+        assert abs(10.0 * row.mean - stiffness) < 3.0 * 10.0 * row.sd
+
+
+def test_inferred_errors_are_learnt_from_the_data():
+    (free,) = [p for p in ranking().posteriors if p.name == "each storey, free errors"]
+    assert free.parameter_names[-2:] == ("frequency_cov", "shape_sd")
+    frequency_cov, shape_sd = free.summary[-2:]
+    assert 0.0 < frequency_cov.median < 0.02
+    assert 0.0 < shape_sd.median < 0.1

@@ -1,0 +1,144 @@
+"""The numerical study: evidences, posteriors and error bars against independent references."""
+
+import functools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.study import load_study
+
+ROOT = Path(__file__).parents[2]
+SEEDS = range(10)
+
+# By adaptive importance sampling of another implementation, each log evidence to 0.002.
+LOG_EVIDENCES = {"1-a": 0.248, "1-b": -10.057, "2": -9.304, "3": 16.067}
+ON_FREQUENCIES = {"1-a": -2.396, "1-b": -3.677, "3": 3.622}
+POSTERIORS = {
+    "1-a": ([0.9160, 1.1316, 0.9011], [0.0324, 0.0391, 0.0285]),
+    "1-b": ([1.3292, 0.8030, 1.1621], [0.0836, 0.0498, 0.0326]),
+    "2": ([0.9719, 1.0568, 1.0043], [0.0451, 0.0568, 0.0647]),
+    "3": ([1.0095, 0.9936, 1.0034, 0.9959], [0.0484, 0.0445, 0.0333, 0.0308]),
+}
+# Means and deviations of the references come from draws too, and are rounded to 5e-5.
+REFERENCE_ERROR = 5e-4
+
+
+@functools.cache
+def study():
+    return load_study(ROOT / "model_classes" / "shear_building.py")
+
+
+@functools.cache
+def model_class(name):
+    (found,) = study().only([name]).model_classes
+    return found
+
+
+@functools.cache
+def log_evidence_and_summary(name, seed):
+    """Only what the tests ask for is kept; draws would fill the memory."""
+    posterior = bs.sample(model_class(name), seed=seed)
+    assert posterior.failed_checks == ()
+    return posterior.evidence, posterior.summary
+
+
+def several_maxima():
+    """Approach 3 on frequencies alone, small errors and wide priors: three places that fit."""
+    k1, k2, k3, ks = (
+        bs.Parameter(name, bs.LogNormal(1.0, 0.5)) for name in ("k1", "k2", "k3", "ks")
+    )
+    stiffness = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
+    second = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
+    frame = bs.ShearBuilding((1.0,) * 3, [stiffness * k for k in (k1, k2, k3)])
+    infill = bs.OutOfPlaneInfill(between=(1, 2), mass=0.15, frequency=second, stiffness_factor=ks)
+    whole = model_class("3")
+    return bs.ModelClass(
+        "3", frame.with_element(infill), whole.data.without_shapes(),
+        bs.ErrorModel(frequency_cov=0.002, shape_sd=0.05), pairing=whole.pairing,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LOG_EVIDENCES)
+def test_log_evidence(name):
+    for seed in SEEDS:
+        evidence, _ = log_evidence_and_summary(name, seed)
+        assert evidence.log_evidence == pytest.approx(LOG_EVIDENCES[name], abs=0.02)
+        assert evidence.error <= 0.01
+
+
+@pytest.mark.parametrize("name", POSTERIORS)
+def test_posterior_means_and_standard_deviations(name):
+    """Ten seeds pooled: the mean of ten estimates has a tenth of the root of their errors."""
+    summaries = [log_evidence_and_summary(name, seed)[1] for seed in SEEDS]
+    for i, (mean, sd) in enumerate(zip(*POSTERIORS[name], strict=True)):
+        for quantity, expected in (("mean", mean), ("sd", sd)):
+            found = np.mean([getattr(summary[i], quantity) for summary in summaries])
+            own = np.linalg.norm(
+                [getattr(summary[i], f"{quantity}_error") for summary in summaries]
+            )
+            error = math.hypot(own / len(summaries), REFERENCE_ERROR)
+            assert found == pytest.approx(expected, abs=3.0 * error)
+
+
+def test_error_bars_are_those_of_the_scatter():
+    """Forty seeds: what an error bar claims is what the results do."""
+    results = [log_evidence_and_summary("1-a", seed) for seed in range(40)]
+    log_evidences = np.array([evidence.log_evidence for evidence, _ in results])
+    reported = np.mean([evidence.error for evidence, _ in results])
+    assert 0.7 < reported / log_evidences.std(ddof=1) < 1.5
+    within = np.abs(log_evidences - log_evidences.mean()) < reported
+    assert 0.5 < within.mean() < 0.85
+    for i in range(3):
+        for quantity in ("mean", "sd"):
+            values = [getattr(summary[i], quantity) for _, summary in results]
+            claimed = np.mean([getattr(summary[i], f"{quantity}_error") for _, summary in results])
+            assert 0.7 < claimed / np.std(values, ddof=1) < 1.5
+
+
+def test_the_correct_model_is_certain():
+    ranking = bs.rank(study())
+    assert ranking.comparison.best.name == "3"
+    assert ranking.comparison.best.probability > 0.9999
+    assert ranking.comparison.not_distinguishable == ()
+    assert [row.name for row in ranking.comparison.classes] == ["3", "1-a", "2", "1-b"]
+    assert ranking.comparison.failed_checks == ()
+
+
+@pytest.mark.parametrize("name", ON_FREQUENCIES)
+def test_log_evidence_from_frequencies_alone(name):
+    whole = model_class(name)
+    bare = bs.ModelClass(
+        name, whole.structure, whole.data.without_shapes(), whole.error, pairing=whole.pairing
+    )
+    for seed in range(4):
+        evidence = bs.sample(bare, seed=seed).evidence
+        assert evidence.log_evidence == pytest.approx(ON_FREQUENCIES[name], abs=0.02)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_several_maxima(seed):
+    """No place that fits is lost, and each has its share."""
+    found = bs.sample(several_maxima(), seed=seed)
+    assert found.evidence.log_evidence == pytest.approx(2.694, abs=0.03)
+    k1, _, k3, _ = found.values.T
+    far, near = k1 > 1.8, (k1 < 1.8) & (k3 > 1.06)
+    shares = [far.mean(), near.mean(), 1.0 - far.mean() - near.mean()]
+    np.testing.assert_allclose(shares, [0.029, 0.534, 0.437], atol=0.03)
+    assert far.mean() == pytest.approx(0.029, abs=0.01)
+    np.testing.assert_allclose(
+        [row.mean for row in found.summary], [1.0747, 0.9298, 1.0600, 0.9659], atol=0.02
+    )
+    assert found.failed_checks == ()
+
+
+def test_data_are_those_of_the_correct_model():
+    """Frequencies and shapes by an independent computation, to the digits given."""
+    data = model_class("3").data
+    np.testing.assert_allclose(
+        data.frequencies_hz, [0.98275928, 2.6042925, 3.00473295, 3.98405175], atol=5e-9
+    )
+    second = data.mode("2a").unit_shape
+    np.testing.assert_allclose(np.abs(second), [0.67446666, 0.239743, 0.69829652], atol=5e-8)

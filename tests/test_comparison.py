@@ -1,0 +1,150 @@
+"""Ranking: probabilities, Bayes factors, what cannot be told apart, and what is refused."""
+
+import math
+
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.comparison import bayes_factor_scale
+
+
+@pytest.mark.parametrize(
+    ("twice_log_bayes_factor", "words"),
+    [
+        (0.0, "not worth more than a bare mention"),
+        (1.99, "not worth more than a bare mention"),
+        (2.01, "positive"),
+        (5.99, "positive"),
+        (6.01, "strong"),
+        (9.99, "strong"),
+        (10.01, "very strong"),
+        (500.0, "very strong"),
+    ],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_scale_of_kass_and_raftery(twice_log_bayes_factor, words, sign):
+    assert bayes_factor_scale(0.5 * sign * twice_log_bayes_factor) == words
+
+
+def test_the_numerical_study(make_posterior):
+    """Probabilities and Bayes factors that follow from the four log evidences."""
+    log_evidences = {"1-a": 0.248, "1-b": -10.057, "2": -9.304, "3": 16.067}
+    found = bs.compare([make_posterior(name, value) for name, value in log_evidences.items()])
+    assert [row.name for row in found.classes] == ["3", "1-a", "2", "1-b"]
+    assert found.best.name == "3"
+    total = sum(math.exp(value) for value in log_evidences.values())
+    for row in found.classes:
+        assert row.log_evidence == log_evidences[row.name]
+        assert row.probability == pytest.approx(math.exp(row.log_evidence) / total, rel=1e-12)
+        assert row.log_bayes_factor == pytest.approx(row.log_evidence - 16.067)
+    assert [row.against for row in found.classes] == ["best", *["very strong"] * 3]
+    assert found.classes[1].log_bayes_factor_error == pytest.approx(math.hypot(0.01, 0.01))
+    assert found.best.log_bayes_factor_error == 0.0
+    assert found.not_distinguishable == ()
+    assert found.data_digest == "0123456789abcdef"
+    assert found.scale == "Kass and Raftery (1995)"
+
+
+@pytest.mark.parametrize(
+    ("difference", "error", "distinguishable", "against"),
+    [
+        (0.9, 0.001, False, "not distinguishable"),  # precisely known, but too small
+        (1.1, 0.001, True, "positive"),
+        (4.0, 1.0, True, "strong"),
+        (4.0, 1.5, False, "not distinguishable"),  # below two errors, 2 √2 · 1.5
+        (0.0, 0.01, False, "not distinguishable"),
+    ],
+)
+def test_what_cannot_be_told_apart(make_posterior, difference, error, distinguishable, against):
+    found = bs.compare([make_posterior("a", -difference, error), make_posterior("b", 0.0, error)])
+    # Of two equal evidences the first given is the best.
+    other = found.classes[1]
+    assert (other.distinguishable, other.against) == (distinguishable, against)
+    assert found.not_distinguishable == (() if distinguishable else (other.name,))
+
+
+def test_what_a_row_tells(make_posterior):
+    checks = ("the ensembles differ",)
+    worse = make_posterior("worse", -2.0, 0.02, names=("a", "b", "c"), failed_checks=checks)
+    found = bs.compare([worse, make_posterior("better", 1.0)])
+    row = found.classes[1]
+    assert (row.name, row.error, row.n_parameters) == ("worse", 0.02, 3)
+    assert row.mean_log_likelihood == pytest.approx(1.0)
+    assert row.information_gained == pytest.approx(3.0)
+    assert row.failed_checks == checks
+    assert found.failed_checks == ("worse: the ensembles differ",)
+
+
+@pytest.mark.parametrize("shift", [-1e4, 1e4])
+def test_probabilities_do_not_depend_on_a_common_constant(make_posterior, shift):
+    here = bs.compare([make_posterior("a", 0.0), make_posterior("b", 1.0)])
+    there = bs.compare([make_posterior("a", shift), make_posterior("b", 1.0 + shift)])
+    for a, b in zip(here.classes, there.classes, strict=True):
+        assert b.probability == pytest.approx(a.probability, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("log_evidence", "text"),
+    [(0.0, "0.5000"), (-2.0, "0.1192"), (2.0, "0.8808"), (-20.0, "< 0.0001"), (20.0, "> 0.9999")],
+)
+def test_a_probability_is_never_rounded_to_a_certainty(make_posterior, log_evidence, text):
+    found = bs.compare([make_posterior("a", log_evidence), make_posterior("b", 0.0)])
+    (row,) = [row for row in found.classes if row.name == "a"]
+    assert row.probability_text == text
+
+
+def test_prior_weights_multiply_the_evidences(make_posterior):
+    posteriors = [make_posterior("a", 0.0), make_posterior("b", math.log(2.0))]
+    found = bs.compare(posteriors, {"a": 6.0, "b": 1.0})
+    probability = {row.name: row.probability for row in found.classes}
+    assert probability == {"a": pytest.approx(0.75), "b": pytest.approx(0.25)}
+    # Bayes factors and the order are the data's alone.
+    assert found.best.name == "b"
+    assert found.classes[1].log_bayes_factor == pytest.approx(-math.log(2.0))
+    scaled = bs.compare(posteriors, {"a": 60.0, "b": 10.0})
+    assert [row.probability for row in scaled.classes] == pytest.approx([0.25, 0.75])
+
+
+def test_equal_weights_are_no_weights(make_posterior):
+    posteriors = [make_posterior("a", 0.0), make_posterior("b", 1.0)]
+    weighted, plain = bs.compare(posteriors, {"b": 2.0, "a": 2.0}), bs.compare(posteriors)
+    for a, b in zip(weighted.classes, plain.classes, strict=True):
+        assert (a.name, a.probability) == (b.name, pytest.approx(b.probability, rel=1e-12))
+
+
+def test_one_class_alone(make_posterior):
+    (row,) = bs.compare([make_posterior("a", -5.0)]).classes
+    assert (row.probability, row.against, row.probability_text) == (1.0, "best", "> 0.9999")
+
+
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        ({"a": 1.0}, "prior weight of 'b' must be positive and finite, got None"),
+        ({"a": 1.0, "b": 0.0}, "prior weight of 'b' must be positive and finite, got 0.0"),
+        ({"a": -1.0, "b": 1.0}, "prior weight of 'a' must be positive and finite, got -1.0"),
+        ({"a": math.inf, "b": 1.0}, "prior weight of 'a' must be positive and finite, got inf"),
+        ({"a": math.nan, "b": 1.0}, "prior weight of 'a' must be positive and finite, got nan"),
+        ({"a": 1.0, "b": 1.0, "c": 1.0}, "unknown model class 'c'; choose from 'a', 'b'"),
+    ],
+)
+def test_bad_prior_weights_are_refused(make_posterior, weights, message):
+    with pytest.raises(ValueError, match=message):
+        bs.compare([make_posterior("a"), make_posterior("b")], weights)
+
+
+def test_evidences_of_different_data_are_not_compared(make_posterior):
+    other = make_posterior("b", data_digest="fedcba9876543210")
+    message = "'a' and 'b' explain different data .*0123456789abcdef and fedcba9876543210"
+    with pytest.raises(ValueError, match=message):
+        bs.compare([make_posterior("a"), other])
+
+
+def test_names_must_differ(make_posterior):
+    with pytest.raises(ValueError, match="two model classes are named 'a'"):
+        bs.compare([make_posterior("a"), make_posterior("b"), make_posterior("a")])
+
+
+def test_nothing_to_compare():
+    with pytest.raises(ValueError, match="no posterior to compare"):
+        bs.compare([])

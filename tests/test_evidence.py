@@ -1,0 +1,222 @@
+"""Importance and bridge sampling on posteriors whose evidence is known."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bayes_ssi.evidence import (
+    FIRST_BATCH,
+    Estimate,
+    ImportanceSample,
+    bridge_sampling,
+    importance_sampling,
+    tempered_estimate,
+)
+from bayes_ssi.maxima import Maxima
+from bayes_ssi.mixture import StudentMixture
+from bayes_ssi.production import Ensemble
+from bayes_ssi.target import Target, log_standard_normal
+from bayes_ssi.tempering import TemperedStart
+
+LOG_EVIDENCE = -3.25
+MEAN, SD = np.array([0.4, -0.2]), np.array([0.3, 0.5])
+
+
+def gaussian(z):
+    """Likelihood times prior is e^LOG_EVIDENCE times N(MEAN, SD²)."""
+    away = (z - MEAN) / SD
+    log_density = -0.5 * (away**2).sum(1) - np.log(2.0 * math.pi * SD.prod())
+    return log_density + LOG_EVIDENCE - log_standard_normal(z)
+
+
+@pytest.fixture
+def target():
+    return Target(gaussian, 2)
+
+
+@pytest.fixture
+def mixture():
+    """Two components around the posterior, neither of which is it."""
+    return StudentMixture(
+        np.array([0.6, 0.4]),
+        np.array([MEAN + 0.1, MEAN - 0.2]),
+        np.array([np.diag(SD * 1.2), np.diag(SD * 0.9)]),
+        np.array([5.0, 30.0]),
+    )
+
+
+def importance(target, mixture, seed, wanted_error=0.01):
+    return importance_sampling(target, mixture, wanted_error, np.random.default_rng(seed))
+
+
+def weighted(log_weights, strata=None, log_likelihoods=None):
+    """A hand-made importance sample of the given log weights."""
+    n = len(log_weights)
+    z = np.zeros((n, 1))
+    log_likelihoods = np.zeros(n) if log_likelihoods is None else np.array(log_likelihoods)
+    log_proposals = log_likelihoods + log_standard_normal(z) - np.array(log_weights)
+    strata = np.zeros(n, dtype=int) if strata is None else np.array(strata)
+    return ImportanceSample(None, z, log_likelihoods, log_proposals, strata)
+
+
+def exact_ensemble(seed, n_steps=200, n_walkers=32):
+    """Independent draws of the posterior in the form of an ensemble."""
+    rng = np.random.default_rng(seed)
+    z = MEAN + SD * rng.standard_normal((n_steps, n_walkers, 2))
+    heights = Target(gaussian, 2).log_posterior(z.reshape(-1, 2)).reshape(n_steps, n_walkers)
+    return Ensemble(z, heights, np.ones(2), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("weights", "size"), [([1.0] * 8, 8.0), ([1.0, 0.0, 0.0], 1.0), ([3.0, 1.0], 1.6)]
+)
+def test_kish_effective_sample_size(weights, size):
+    with np.errstate(divide="ignore"):
+        sample = weighted(np.log(weights))
+    assert sample.effective_sample_size == pytest.approx(size, rel=1e-12)
+
+
+def test_the_estimate_is_the_log_of_the_mean_weight():
+    sample = weighted(np.log([1.0, 2.0, 6.0]))
+    assert sample.estimate.log_evidence == pytest.approx(math.log(3.0), rel=1e-12)
+    # Variance of three draws with ddof 1 is 7, of their mean 7/3, relative to the mean 3.
+    assert sample.estimate.error == pytest.approx(math.sqrt(7.0 / 3.0) / 3.0, rel=1e-12)
+    np.testing.assert_allclose(sample.weights, [1 / 9, 2 / 9, 6 / 9])
+
+
+def test_only_the_spread_within_strata_counts():
+    sample = weighted(np.log([1.0, 3.0, 10.0, 10.0]), strata=[0, 0, 1, 1])
+    # Stratum 0 has variance 2 and stratum 1 none: √(2 · 2) / 4 relative to the mean 6.
+    assert sample.estimate.error == pytest.approx(0.5 / 6.0, rel=1e-12)
+
+
+def test_mean_log_likelihood_is_weighted():
+    sample = weighted(np.log([1.0, 3.0]), log_likelihoods=[-5.0, -1.0])
+    assert sample.log_likelihood_mean == pytest.approx(-2.0)
+
+
+def test_a_draw_of_likelihood_zero_has_no_part_in_the_mean():
+    with np.errstate(divide="ignore"):
+        sample = ImportanceSample(
+            None, np.zeros((2, 1)), np.array([-1.0, -np.inf]), np.zeros(2), np.zeros(2, dtype=int)
+        )
+    assert sample.log_likelihood_mean == -1.0
+    assert sample.weights.tolist() == [1.0, 0.0]
+
+
+def test_errors_of_shares_with_equal_weights_are_binomial():
+    sample = weighted(np.zeros(400))
+    groups = np.repeat([0, 1], [100, 300])
+    errors = sample.share_errors(groups, 2)
+    np.testing.assert_allclose(errors, math.sqrt(0.25 * 0.75 / 400), rtol=1e-12)
+
+
+def test_importance_sampling_reaches_the_wanted_error(target, mixture):
+    found = [importance(target, mixture, seed, wanted_error=0.004) for seed in range(20)]
+    errors = np.array([sample.estimate.error for sample in found])
+    off = np.array([sample.estimate.log_evidence for sample in found]) - LOG_EVIDENCE
+    assert errors.max() <= 0.004
+    assert errors.min() > 0.002  # no more draws than it takes
+    assert (np.abs(off) < 4.0 * errors).all()
+    assert 0.6 < off.std(ddof=1) / errors.mean() < 1.5
+
+
+def test_a_coarse_error_takes_the_first_batch_only(target, mixture):
+    sample = importance(target, mixture, 0, wanted_error=np.inf)
+    assert len(sample.z) == target.n_evaluations == FIRST_BATCH
+
+
+def test_importance_sampling_from_the_posterior_itself_has_no_error(target):
+    exact = StudentMixture(np.ones(1), MEAN[None], np.diag(SD)[None], np.array([1e9]))
+    sample = importance(target, exact, 0)
+    assert sample.estimate.log_evidence == pytest.approx(LOG_EVIDENCE, abs=0.005)
+    assert sample.effective_sample_size > 0.95 * len(sample.z)
+
+
+def test_every_component_draws_in_proportion_to_its_weight(target, mixture):
+    sample = importance(target, mixture, 0, wanted_error=np.inf)
+    counts = np.bincount(sample.strata, minlength=3)
+    expected = len(sample.z) * sample.mixture.all_weights
+    np.testing.assert_array_less(np.abs(counts - expected), 1.0 + 1e-9)
+    # The last stratum is the prior: there the draws are standard normal.
+    assert sample.mixture.prior_share > 0
+    assert counts[2] > 0
+
+
+def test_the_posterior_moments_follow_from_the_weights(target, mixture):
+    sample = importance(target, mixture, 3, wanted_error=0.003)
+    mean = sample.weights @ sample.z
+    tolerance = 4.0 / math.sqrt(sample.effective_sample_size)
+    np.testing.assert_array_less(np.abs(mean - MEAN) / SD, tolerance)
+    sd = np.sqrt(sample.weights @ (sample.z - mean) ** 2)
+    np.testing.assert_allclose(sd, SD, rtol=tolerance)
+
+
+@pytest.mark.parametrize("shift", [1000.0, -1000.0])
+def test_a_constant_moves_every_estimate_by_exactly_that(target, mixture, shift):
+    moved = Target(lambda z: gaussian(z) + shift, 2)
+    here, there = importance(target, mixture, 1), importance(moved, mixture, 1)
+    assert there.estimate.log_evidence - here.estimate.log_evidence == pytest.approx(
+        shift, abs=1e-9
+    )
+    assert there.estimate.error == pytest.approx(here.estimate.error, rel=1e-9)
+    ensemble = exact_ensemble(2)
+    raised = Ensemble(ensemble.positions, ensemble.log_posteriors + shift, np.ones(2), 0.5)
+    a, b = bridge_sampling(ensemble, here), bridge_sampling(raised, there)
+    assert b.log_evidence - a.log_evidence == pytest.approx(shift, abs=1e-7)
+
+
+def test_bridge_sampling_recovers_the_evidence_within_its_error(target, mixture):
+    found = []
+    for seed in range(30):
+        sample = importance(target, mixture, 100 + seed, wanted_error=np.inf)
+        found.append(bridge_sampling(exact_ensemble(seed), sample))
+    errors = np.array([estimate.error for estimate in found])
+    off = np.array([estimate.log_evidence for estimate in found]) - LOG_EVIDENCE
+    assert errors.max() < 0.02
+    assert (np.abs(off) < 4.0 * errors).all()
+    assert 0.7 < off.std(ddof=1) / errors.mean() < 1.5
+
+
+def test_the_bridge_gets_by_with_a_proposal_that_misses_the_tails(target):
+    """Importance sampling from half the posterior's width is poor; the bridge repairs it."""
+    narrow = StudentMixture(np.ones(1), MEAN[None] + 0.2, 0.5 * np.diag(SD)[None], np.full(1, 30.0))
+    sample = importance(target, narrow, 4, wanted_error=np.inf)
+    found = bridge_sampling(exact_ensemble(4), sample)
+    assert found.error < sample.estimate.error
+    assert found.log_evidence == pytest.approx(LOG_EVIDENCE, abs=4.0 * found.error)
+
+
+def test_correlated_chains_widen_the_error_of_the_bridge(target, mixture):
+    sample = importance(target, mixture, 5, wanted_error=np.inf)
+    ensemble = exact_ensemble(6)
+    repeated = Ensemble(
+        ensemble.positions.repeat(10, axis=0),
+        ensemble.log_posteriors.repeat(10, axis=0),
+        np.full(2, 10.0),
+        0.5,
+    )
+    a, b = bridge_sampling(ensemble, sample), bridge_sampling(repeated, sample)
+    assert b.log_evidence == pytest.approx(a.log_evidence, abs=1e-6)
+    assert b.error == pytest.approx(a.error, rel=0.1)
+
+
+def tempered(log_evidence, error):
+    maxima = Maxima(np.zeros((1, 1)), np.zeros(1), np.ones((1, 1, 1)))
+    return TemperedStart(
+        np.zeros((4, 1)), np.zeros(4), log_evidence, error, (0.0, 1.0), (2,), maxima
+    )
+
+
+@pytest.mark.parametrize(
+    ("starts", "log_evidence", "error"),
+    [
+        ([(2.0, 0.3)], 2.0, 0.3),
+        ([(2.0, 0.3), (2.0, 0.4)], 2.0, 0.25),  # √(0.09 + 0.16) / 2
+        ([(math.log(1.0), 0.01), (math.log(3.0), 0.01)], math.log(2.0), math.log(3.0) / 2.0),
+    ],
+)
+def test_tempered_estimates_are_averaged_with_the_larger_error(starts, log_evidence, error):
+    found = tempered_estimate([tempered(*start) for start in starts])
+    assert found == Estimate(pytest.approx(log_evidence), pytest.approx(error))

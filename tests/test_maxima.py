@@ -1,0 +1,140 @@
+"""Maxima of posteriors that are known in closed form, and Laplace's approximation at them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bayes_ssi.maxima import find_maxima
+from bayes_ssi.target import Target, log_standard_normal
+
+PEAKS = np.array([[2.0, 0.0], [-2.0, 0.5], [0.0, 2.5], [0.5, -2.5]])
+SHARES = np.array([0.4, 0.3, 0.2, 0.1])
+PEAK_SD = 0.15
+
+
+def four_peaks(z):
+    """Likelihood times prior is a mixture of four normals: its evidence is 1."""
+    away = ((z[None] - PEAKS[:, None]) ** 2).sum(-1) / PEAK_SD**2
+    log_parts = np.log(SHARES)[:, None] - 0.5 * away - math.log(2.0 * math.pi * PEAK_SD**2)
+    return np.logaddexp.reduce(log_parts, axis=0) - log_standard_normal(z)
+
+
+class Linear:
+    """y = A z + noise of standard deviation s, prior N(0, I): everything in closed form."""
+
+    def __init__(self, d=3, sd=0.3):
+        rng = np.random.default_rng(d)
+        self.a, self.y, self.sd = rng.standard_normal((2 * d, d)), rng.standard_normal(2 * d), sd
+        self.precision_of_data = self.a.T @ self.a / sd**2
+        self.slope = self.a.T @ self.y / sd**2
+        self.covariance = np.linalg.inv(np.eye(d) + self.precision_of_data)
+        self.mean = self.covariance @ self.slope
+        total = sd**2 * np.eye(2 * d) + self.a @ self.a.T
+        self.log_evidence = -0.5 * (
+            self.y @ np.linalg.solve(total, self.y)
+            + np.linalg.slogdet(2.0 * math.pi * total).logabsdet
+        )
+        self.target = Target(self.log_likelihood, d)
+
+    def log_likelihood(self, z):
+        residuals = (self.y - z @ self.a.T) / self.sd
+        return (-0.5 * residuals**2 - math.log(self.sd * math.sqrt(2.0 * math.pi))).sum(1)
+
+
+@pytest.fixture
+def starts():
+    return np.random.default_rng(8).standard_normal((64, 2))
+
+
+@pytest.fixture
+def linear():
+    return Linear()
+
+
+def test_all_four_peaks_are_found(starts):
+    maxima = find_maxima(Target(four_peaks, 2), 2.0 * starts)
+    np.testing.assert_allclose(maxima.z, PEAKS, atol=2e-3)  # the highest first
+    for covariance in maxima.covariances:
+        np.testing.assert_allclose(covariance, PEAK_SD**2 * np.eye(2), rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(np.exp(maxima.log_masses), SHARES, rtol=2e-3)
+    assert maxima.log_evidence == pytest.approx(0.0, abs=1e-3)
+
+
+def test_the_heights_are_likelihood_times_prior(starts):
+    target = Target(four_peaks, 2)
+    maxima = find_maxima(target, starts)
+    np.testing.assert_allclose(maxima.log_posteriors, target.log_posterior(maxima.z), rtol=1e-12)
+    assert np.all(np.diff(maxima.log_posteriors) <= 0)
+
+
+def test_laplace_is_exact_for_a_linear_model(linear):
+    starts = np.random.default_rng(1).standard_normal((8, 3))
+    maxima = find_maxima(linear.target, starts)
+    assert len(maxima.z) == 1
+    sd = np.sqrt(np.diag(linear.covariance))
+    # A top 0.05 standard deviations away is 0.001 nats lower: that is when ascents stop.
+    np.testing.assert_array_less(np.abs(maxima.z[0] - linear.mean) / sd, 0.1)
+    np.testing.assert_allclose(maxima.covariances[0], linear.covariance, rtol=1e-3, atol=1e-6)
+    assert maxima.log_evidence == pytest.approx(linear.log_evidence, abs=3e-3)
+
+
+@pytest.mark.parametrize("beta", [1.0, 0.3, 0.01])
+def test_the_components_of_a_linear_model_at_a_temperature(linear, beta):
+    """likelihood^β · prior is normal: precision I + β AᵀA/s², mean β C Aᵀy/s²."""
+    starts = np.random.default_rng(1).standard_normal((8, 3))
+    mixture = find_maxima(linear.target, starts).as_mixture(beta)
+    covariance = np.linalg.inv(np.eye(3) + beta * linear.precision_of_data)
+    found = mixture.choleskys[0] @ mixture.choleskys[0].T
+    np.testing.assert_allclose(found, covariance, rtol=2e-3, atol=1e-6)
+    tolerance = 0.1 * np.sqrt(np.diag(covariance))
+    np.testing.assert_array_less(
+        np.abs(mixture.means[0] - beta * covariance @ linear.slope), tolerance
+    )
+
+
+def test_components_are_weighted_by_their_mass(starts):
+    mixture = find_maxima(Target(four_peaks, 2), 2.0 * starts).as_mixture()
+    np.testing.assert_allclose(mixture.weights, SHARES, atol=1e-3)
+    np.testing.assert_allclose(mixture.means, PEAKS, atol=2e-3)
+
+
+def test_the_end_of_a_curved_ridge_is_reached(starts):
+    """Rosenbrock's valley, ten times longer than wide; prior taken out."""
+
+    def rosenbrock(z):
+        return (
+            -100.0 * (z[:, 1] - z[:, 0] ** 2) ** 2 - (1.0 - z[:, 0]) ** 2 - log_standard_normal(z)
+        )
+
+    maxima = find_maxima(Target(rosenbrock, 2), starts)
+    np.testing.assert_allclose(maxima.z[0], [1.0, 1.0], atol=0.1)
+    assert maxima.log_posteriors[0] == pytest.approx(0.0, abs=2e-3)
+
+
+def test_a_maximum_of_negligible_mass_is_left_out(starts):
+    def lopsided(z):
+        parts = [-0.5 * ((z[:, 0] - 1.5 * s) / 0.1) ** 2 + h for s, h in ((1, 0.0), (-1, -20.0))]
+        return np.logaddexp(*parts)
+
+    maxima = find_maxima(Target(lopsided, 2), starts)
+    assert len(maxima.z) == 1
+    assert maxima.z[0, 0] == pytest.approx(1.5 / 1.01, abs=0.01)
+
+
+def test_starts_of_zero_likelihood_are_passed_over(starts):
+    target = Target(lambda z: np.where(z[:, 0] > 0, -0.5 * (z[:, 0] - 1.0) ** 2, -np.inf), 2)
+    maxima = find_maxima(target, starts)
+    np.testing.assert_allclose(maxima.z, [[0.5, 0.0]], atol=0.05)
+
+
+def test_a_maximum_at_the_edge_of_the_support(starts):
+    target = Target(lambda z: np.where(z[:, 0] > 0.0, -3.0 * z[:, 0], np.nan), 2)
+    maxima = find_maxima(target, starts)
+    assert np.isfinite(maxima.covariances).all()
+    np.testing.assert_allclose(maxima.z[0], [0.0, 0.0], atol=0.05)
+
+
+def test_no_start_is_possible(starts):
+    with pytest.raises(ValueError, match="the likelihood is zero at every start"):
+        find_maxima(Target(lambda z: np.full(len(z), -np.inf), 2), starts)

@@ -1,0 +1,35 @@
+"""The README's Python runs as it stands, and says what the package does."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+
+
+def test_the_readme_has_a_script_of_at_most_15_lines():
+    assert len(BLOCKS[0].strip().splitlines()) <= 15
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_every_block_runs_as_it_stands(block, monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
+    exec(compile(block, "README.md", "exec"), {})
+    name, probability = capsys.readouterr().out.rsplit(maxsplit=1)
+    assert name == "resonant infill"
+    assert float(probability) > 0.9999
+
+
+def test_the_example_of_a_data_file_is_read(tmp_path):
+    from bayes_ssi import ModalData
+
+    (example,) = re.findall(
+        r"```\n(# source.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
+    )
+    (tmp_path / "modes.csv").write_text(example, "utf-8")
+    data = ModalData.load(tmp_path / "modes.csv")
+    assert data.labels == ("1", "2a", "2b")
+    assert data.band_hz == (0.0, 6.0)
+    assert [mode.n_measured for mode in data.modes] == [3, 2, 0]

@@ -1,0 +1,191 @@
+"""Studies: what they accept, how they are loaded from a file, and ranking them."""
+
+import math
+import sys
+
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.study import load_study
+
+
+def test_classes_keep_their_order(model_classes):
+    study = bs.Study("s", list(model_classes.values()))
+    assert study.names == ("1-a", "1-b", "2", "3")
+    assert isinstance(study.model_classes, tuple)
+
+
+def test_only_keeps_the_order_of_the_study(model_classes):
+    weights = {"1-a": 1.0, "1-b": 2.0, "2": 3.0, "3": 4.0}
+    study = bs.Study("s", model_classes.values(), prior_weights=weights, description="why")
+    part = study.only(["3", "1-b"])
+    assert part.names == ("1-b", "3")
+    assert part.prior_weights == {"1-b": 2.0, "3": 4.0}
+    assert (part.name, part.description) == ("s", "why")
+    assert bs.Study("s", model_classes.values()).only(["2"]).prior_weights is None
+
+
+def test_an_unknown_class_is_refused(model_classes):
+    study = bs.Study("s", model_classes.values())
+    with pytest.raises(ValueError, match="study 's': no model class '4'; choose from '1-a', '1-b'"):
+        study.only(["3", "4"])
+
+
+@pytest.mark.parametrize(
+    "weights",
+    [{"1-a": 1.0}, {"1-a": 1.0, "1-b": 0.0}, {"1-a": 1.0, "1-b": 1.0, "x": 1.0}],
+)
+def test_bad_prior_weights_are_refused_before_anything_is_sampled(model_classes, weights):
+    """Whether when the study is made or ranked: a run must not be lost to them."""
+    classes = [model_classes["1-a"], model_classes["1-b"]]
+
+    def sampling_begins(*_):
+        pytest.fail("sampling begins")
+
+    with pytest.raises(ValueError, match="prior weight"):
+        bs.rank(bs.Study("s", classes, prior_weights=weights), progress=sampling_begins)
+
+
+def test_only_with_a_missing_prior_weight_is_refused(model_classes):
+    classes = [model_classes["1-a"], model_classes["1-b"]]
+    with pytest.raises(ValueError, match="prior weight"):
+        bs.Study("s", classes, prior_weights={"1-a": 1.0}).only(["1-b"])
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda _: [], ValueError, "study 's': no model class"),
+        (lambda c: [c["3"], c["2"], c["3"]], ValueError, "two model classes are named '3'"),
+        (lambda c: [c["3"], "2"], TypeError, "study 's': '2' is not a ModelClass"),
+    ],
+)
+def test_studies_that_make_no_sense_are_refused(model_classes, make, error, message):
+    with pytest.raises(error, match=message):
+        bs.Study("s", make(model_classes))
+
+
+def other_data(model_class):
+    return bs.ModelClass(
+        "other", model_class.structure, model_class.data.without_shapes(), model_class.error,
+        pairing=model_class.pairing,
+    )  # fmt: skip
+
+
+def test_different_data_are_refused_before_anything_is_sampled(model_classes):
+    study = bs.Study("s", [model_classes["3"], other_data(model_classes["3"])])
+    with pytest.raises(ValueError, match="study 's': model classes '3' and 'other' explain diff"):
+        bs.rank(study, progress=lambda *_: pytest.fail("sampling begins"))
+
+
+def test_rank(tiny_ranking, tiny_study):
+    assert tiny_ranking.study is tiny_study
+    assert tiny_ranking.seed == 7
+    assert tiny_ranking.settings == bs.SamplingSettings()
+    assert [posterior.name for posterior in tiny_ranking.posteriors] == ["one k", "each k"]
+    comparison = tiny_ranking.comparison
+    assert {row.name for row in comparison.classes} == {"one k", "each k"}
+    for posterior in tiny_ranking.posteriors:
+        (row,) = [row for row in comparison.classes if row.name == posterior.name]
+        assert row.log_evidence == posterior.evidence.log_evidence
+        assert posterior.failed_checks == ()
+
+
+def test_ranking_again_gives_the_same(tiny_ranking, tiny_study):
+    assert bs.rank(tiny_study, seed=7).comparison == tiny_ranking.comparison
+
+
+def test_a_class_does_not_depend_on_the_others(tiny_ranking, tiny_study):
+    alone = bs.rank(tiny_study.only(["each k"]), seed=7).posteriors[0]
+    among_others = tiny_ranking.posteriors[1]
+    assert alone.evidence == among_others.evidence
+    assert (alone.draws == among_others.draws).all()
+
+
+def test_prior_weights_enter_the_ranking(tiny_ranking, tiny_study):
+    weighted = bs.Study("w", tiny_study.model_classes, prior_weights={"one k": 1.0, "each k": 1e6})
+    found = {row.name: row.probability for row in bs.rank(weighted, seed=7).comparison.classes}
+    before = {row.name: row.probability for row in tiny_ranking.comparison.classes}
+    odds = before["each k"] / before["one k"]
+    assert math.log(found["each k"] / found["one k"]) == pytest.approx(math.log(1e6 * odds))
+
+
+def test_settings_reach_the_sampling(tiny_study):
+    settings = bs.SamplingSettings(max_steps=20)
+    ranking = bs.rank(tiny_study.only(["one k"]), settings=settings)
+    assert ranking.posteriors[0].draws.shape[1] == 20
+    assert ranking.settings is settings
+
+
+def test_progress_names_class_and_step(tiny_study):
+    seen = []
+    bs.rank(tiny_study, progress=lambda *call: seen.append(call))
+    assert list(dict.fromkeys(name for name, _, _ in seen)) == ["one k", "each k"]
+    assert seen[-1] == ("each k", "evidence", 1.0)
+
+
+def test_loading_a_file(tiny_study_file):
+    study = load_study(tiny_study_file)
+    assert (study.name, study.names) == ("Two storeys", ("one k", "each k"))
+    assert load_study(str(tiny_study_file)).names == study.names
+
+
+def test_loading_leaves_nothing_beside_the_file(tiny_study_file):
+    before = sys.dont_write_bytecode
+    load_study(tiny_study_file)
+    assert list(tiny_study_file.parent.iterdir()) == [tiny_study_file]
+    assert sys.dont_write_bytecode == before
+
+
+def test_a_study_of_two_names_is_one(tiny_study_file):
+    with tiny_study_file.open("a") as file:
+        file.write("same = study\n")
+    assert load_study(tiny_study_file).name == "Two storeys"
+
+
+def test_a_study_may_define_dataclasses(tiny_study_file):
+    text = tiny_study_file.read_text()
+    head = "from __future__ import annotations\nfrom dataclasses import dataclass\n"
+    body = "\n@dataclass\nclass Storey:\n    height: float\n"
+    tiny_study_file.write_text(head + text + body)
+    assert load_study(tiny_study_file).name == "Two storeys"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("s.py", None, "no such file"),
+        ("s.txt", b"study = 1", r"a study is a Python file, its name ending in \.py"),
+        ("s.py", b"", "defines no study; end it with a line such as study = "),
+        ("s.py", b"def (", r"not Python: .*line 1"),
+        ("s.py", b"x = '\xff'", "not Python"),
+        ("s.py", b"x = 1\0", "null bytes"),
+        ("s.py", b"x = 1\n\n1 / 0\n", "line 3: ZeroDivisionError: division by zero"),
+        ("s.py", b"raise SystemExit('a\\nb')", "line 1: SystemExit: a b"),
+        ("s.py", b"import no_such_module", "line 1: ModuleNotFoundError: No module named"),
+    ],
+)
+def test_files_that_are_no_study_are_refused_in_one_line(tmp_path, name, content, message):
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ValueError, match=message) as caught:
+        load_study(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_two_studies_in_one_file_are_refused(tiny_study_file):
+    with tiny_study_file.open("a") as file:
+        file.write("another = study.only(['one k'])\n")
+    with pytest.raises(ValueError, match="defines several studies: study, another"):
+        load_study(tiny_study_file)
+
+
+def test_errors_tell_the_line_of_the_file(tiny_study_file):
+    with tiny_study_file.open("a") as file:
+        file.write("bs.LogNormal(median=1.0,\n            cov=-1.0)\n")
+    n_lines = len(tiny_study_file.read_text().splitlines())
+    message = rf"line ({n_lines - 1}|{n_lines}): ValueError: LogNormal: cov must be positive"
+    with pytest.raises(ValueError, match=message):
+        load_study(tiny_study_file)
