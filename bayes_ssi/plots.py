@@ -142,18 +142,19 @@ def plot_corner(posterior: Posterior, figure: Figure | None = None) -> Figure:
             smooth=1.0,
             quantiles=[0.05, 0.5, 0.95],
             show_titles=n > 1,
-            title_fmt=".3f",
+            title_fmt=".3g",
             title_quantiles=[0.05, 0.5, 0.95],
             title_kwargs={"fontsize": 8, "loc": "center"},
             label_kwargs={"fontsize": 9},
+            labelpad=0.07,
             levels=(0.393, 0.865),
             max_n_ticks=4,
             plot_datapoints=False,
         )
-        title = figure.suptitle(
-            f"{posterior.name}: median and 90 % interval; contours at 1 and 2 sigma",
-            x=0.98, y=0.98, ha="right", fontsize=10,
-        )  # fmt: skip
+        height = figure.get_figheight()
+        figure.subplots_adjust(top=1.0 - 0.8 / height)
+        text = f"{posterior.name}\nmedian, 90 % interval" + ("; 1 and 2 sigma" if n > 1 else "")
+        title = figure.suptitle(text, y=1.0 - 0.1 / height, va="top", fontsize=10)
         _as_they_are([title])
     return figure
 
@@ -192,8 +193,8 @@ def _evidence_size(comparison: Comparison) -> tuple[float, float]:
 
 
 def _corner_size(posterior: Posterior) -> tuple[float, float]:
-    side = 1.2 + 1.5 * len(posterior.parameter_names)
-    return side, side
+    side = 1.4 + 1.5 * len(posterior.parameter_names)
+    return side, side + 0.6
 
 
 def _as_they_are(texts: Sequence[Any]) -> None:

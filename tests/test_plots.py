@@ -113,9 +113,9 @@ def test_corner(make_posterior):
     axes = np.array(figure.axes).reshape(3, 3)
     assert [ax.get_xlabel() for ax in axes[-1]] == ["k1", "k2", "ks"]
     assert [ax.get_ylabel() for ax in axes[1:, 0]] == ["k2", "ks"]
-    assert figure.get_suptitle().startswith("3: ")
+    assert figure.get_suptitle().startswith("3\n")
     median = np.median(posterior.values[:, 2])
-    assert f"{median:.3f}" in axes[2, 2].get_title()
+    assert f"{median:.3g}" in axes[2, 2].get_title()
     figure.canvas.draw()
 
 
