@@ -186,9 +186,8 @@ class Pendulum(Element):
                 f"{self.label}: an appendage must stand on a floor or another degree of freedom, "
                 f"got on={self.on!r}"
             )
-        _quantity(self.mass, self.label, "mass")
-        _quantity(self.frequency, self.label, "frequency")
-        _quantity(self.stiffness_factor, self.label, "stiffness_factor")
+        for field in ("mass", "frequency", "stiffness_factor"):
+            _quantity(getattr(self, field), self.label, field)
 
     @property
     def own_degree_of_freedom(self) -> str:
@@ -229,9 +228,8 @@ class OutOfPlaneInfill(Element):
 
     def __post_init__(self) -> None:
         _set_between_and_label(self, "infill")
-        _quantity(self.mass, self.label, "mass")
-        _quantity(self.frequency, self.label, "frequency")
-        _quantity(self.stiffness_factor, self.label, "stiffness_factor")
+        for field in ("mass", "frequency", "stiffness_factor"):
+            _quantity(getattr(self, field), self.label, field)
 
     @property
     def own_degree_of_freedom(self) -> str:

@@ -8,33 +8,16 @@ reference, the scatter, the claimed error bar and their ratio, and failed checks
 """
 
 import sys
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+from problems import STUDY, several_maxima_class
 
 import bayes_ssi as bs
 from bayes_ssi.study import load_study
 
-STUDY = Path(__file__).parents[2] / "model_classes" / "shear_building.py"
 REFERENCE = {"1-a": 0.248, "1-b": -10.057, "2": -9.304, "3": 16.067}
 SEVERAL_MAXIMA = 2.694
 REGIONS = {"k1 > 1.8": 0.029, "k1 < 1.8 and k3 > 1.06": 0.534, "around the true values": 0.437}
-
-
-def several_maxima(augmented: bs.ModelClass) -> bs.ModelClass:
-    """Approach 3 on frequencies alone, errors of 0.2 %, priors with a c.o.v. of 0.5."""
-    wide = {p.name: bs.Parameter(p.name, bs.LogNormal(1.0, 0.5)) for p in augmented.parameters}
-    frame, (infill,) = augmented.structure, augmented.structure.elements
-    structure = bs.ShearBuilding(
-        masses=frame.masses,
-        stiffnesses=[
-            product.scale * wide[f"k{i}"] for i, product in enumerate(frame.stiffnesses, 1)
-        ],
-    ).with_element(replace(infill, stiffness_factor=wide["ks"]))
-    data = augmented.data.without_shapes()
-    error = bs.ErrorModel(frequency_cov=0.002, shape_sd=0.05)
-    return bs.ModelClass("several maxima", structure, data, error, pairing=augmented.pairing)
 
 
 def region_shares(posterior: bs.Posterior) -> np.ndarray:
@@ -46,7 +29,7 @@ def region_shares(posterior: bs.Posterior) -> np.ndarray:
 def main() -> None:
     n_seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 40
     candidates = list(load_study(STUDY).model_classes)
-    candidates.append(several_maxima(candidates[-1]))
+    candidates.append(several_maxima_class())
     for candidate in candidates:
         posteriors = [bs.sample(candidate, seed) for seed in range(n_seeds)]
         values = np.array([posterior.evidence.log_evidence for posterior in posteriors])
