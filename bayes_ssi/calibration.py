@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_ssi.modal import mac
+from bayes_ssi.modal import Modes, mac
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.priors import FloatArray
 
-__all__ = ["Calibration", "Fit", "ModeFit", "calibrate", "rms_distance"]
+__all__ = ["Calibration", "Fit", "ModeFit", "NothingToCalibrateError", "calibrate", "rms_distance"]
 
 # The search stays within this many prior standard deviations in standard-normal coordinates.
 FARTHEST = 8.0
@@ -32,6 +32,10 @@ SAME_MINIMUM = 1e-2
 # Ends with a relative slope above this are not minima.
 SLOPE_TOLERANCE = 1e-4
 DIFFERENCE_STEP = 1e-5
+
+
+class NothingToCalibrateError(ValueError):
+    """A model class without a parameter in its structure, or without a paired mode."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +144,8 @@ def calibrate(
         seed: of the starts.
 
     Raises:
-        ValueError: nothing to fit, a reference of a parameter that does not exist, or a negative
+        NothingToCalibrateError: no mode is paired, or the structure has no parameter.
+        ValueError: a reference of a parameter that does not exist, or a negative
             weight or no start.
     """
     if shape_weight is None:
@@ -149,6 +154,7 @@ def calibrate(
         raise ValueError(f"calibrate: shape_weight must be zero or positive, got {shape_weight!r}")
     if n_starts < 1:
         raise ValueError(f"calibrate: n_starts must be at least 1, got {n_starts!r}")
+    model_class.check_structure()
     problem = _Problem(model_class, shape_weight)
     reference_values = problem.reference_values(reference)
     ends = [problem.descend(start) for start in problem.starts(n_starts, seed)]
@@ -179,11 +185,13 @@ class _Problem:
         self.pairs = model_class.likelihood.pairs
         self.shape_weight = shape_weight
         if not self.parameters:
-            raise ValueError(
+            raise NothingToCalibrateError(
                 f"model class {model_class.name!r}: its structure has no parameter to calibrate"
             )
         if not len(self.pairs.modes):
-            raise ValueError(f"model class {model_class.name!r}: no mode is paired, nothing to fit")
+            raise NothingToCalibrateError(
+                f"model class {model_class.name!r}: no mode is paired, nothing to fit"
+            )
         n_shapes = len(self.pairs.with_shape) if shape_weight > 0 else 0
         self.count = len(self.pairs.modes) + shape_weight**2 * n_shapes
 
@@ -224,7 +232,7 @@ class _Problem:
     def residuals(self, z: FloatArray) -> FloatArray:
         """(B, m): r_f, and λ(φ - φ_e) component by component, whose squares add up to r_φ²."""
         columns = [p.prior.from_normal(z[:, i]) for i, p in enumerate(self.parameters)]
-        modes = self.model_class.structure.modes(np.column_stack(columns))
+        modes = Modes(*self.model_class.structure.modes(np.column_stack(columns)))
         residuals = [self.pairs.frequency_residuals(modes.frequencies_hz)]
         if self.shape_weight > 0 and len(self.pairs.with_shape):
             shapes = self.model_class.likelihood.shapes_at_sensors(modes)
@@ -270,7 +278,7 @@ class _Problem:
 
     def fit(self, values: FloatArray, reference: FloatArray) -> Fit:
         """The model at ``values`` (1, d), beside the identified modes."""
-        modes = self.model_class.structure.modes(np.atleast_2d(values))
+        modes = Modes(*self.model_class.structure.modes(np.atleast_2d(values)))
         shapes = self.model_class.likelihood.shapes_at_sensors(modes)[0]
         data = self.model_class.data
         criteria = mac(data.unit_shapes, shapes)

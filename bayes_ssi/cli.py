@@ -35,6 +35,9 @@ class _OneLineErrors(click.Group):
             return super().main(*args, standalone_mode=False, **extra)  # type: ignore[call-overload]
         try:
             code = super().main(*args, standalone_mode=False, **extra)  # type: ignore[call-overload]
+        except click.exceptions.NoArgsIsHelpError as error:
+            click.echo(error.format_message(), err=True)
+            sys.exit(BAD_INPUT)
         except click.ClickException as error:
             _fail(error.format_message())
         except click.Abort:
@@ -79,6 +82,7 @@ def rank(
         loaded = _load(study, only)
         settings = SamplingSettings(log_evidence_error=log_evidence_error)
         directory = out or RESULTS / study.stem
+        loaded.require_same_data()
         require_new(directory, overwrite=overwrite)
         with _progress(loaded) as report:
             ranking = rank_study(loaded, seed, settings, report)
@@ -123,12 +127,20 @@ def calibrate(
 ) -> None:
     """List every distinct minimum of the paper's objective for the model classes of STUDY."""
     with _one_line_errors():
+        from bayes_ssi.calibration import NothingToCalibrateError
         from bayes_ssi.calibration import calibrate as calibrate_class
         from bayes_ssi.tables import calibration_modes_table, calibration_table
 
         console = _console()
-        for candidate in _load(study, only).model_classes:
-            found = calibrate_class(candidate, shape_weight, n_starts=starts, seed=seed)
+        candidates = _load(study, only).model_classes
+        for candidate in candidates:
+            try:
+                found = calibrate_class(candidate, shape_weight, n_starts=starts, seed=seed)
+            except NothingToCalibrateError as error:
+                if len(candidates) == 1:
+                    raise
+                console.print(f"(!) {error}", soft_wrap=True, markup=False, highlight=False)
+                continue
             console.print(calibration_table(found))
             console.print(calibration_modes_table(found))
             if found.undetermined_directions:
@@ -175,6 +187,8 @@ def _load(path: Path, only: str | None) -> Study:
     study = load_study(path)
     if only is None:
         return study
+    if only in study.names:  # a name may itself hold commas
+        return study.only([only])
     return study.only([name.strip() for name in only.split(",") if name.strip()])
 
 
@@ -184,6 +198,8 @@ def _one_line_errors() -> Iterator[None]:
     try:
         yield
     except (ValueError, TypeError, OSError) as error:
+        if type(error).__name__ == "LinAlgError":  # a ValueError, but no fault of the input's
+            raise
         text = str(error)
         if isinstance(error, OSError) and error.filename is not None:
             text = f"{error.filename}: {error.strerror}"

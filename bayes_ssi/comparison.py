@@ -44,7 +44,8 @@ class RankedClass:
         name: of the model class.
         log_evidence: in nats, and ``error``, its standard error.
         probability: posterior probability of the class among those compared.
-        log_bayes_factor: log evidence less that of the best class, at most 0.
+        log_bayes_factor: log evidence less that of the most probable class; positive only where
+            prior weights outweigh it.
         log_bayes_factor_error: standard error of the difference.
         against: what the Bayes factor says against this class on the named scale; for a class
             that cannot be told from the best one it says that.
@@ -79,7 +80,7 @@ class RankedClass:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Model classes ranked by evidence, the best first.
+    """Model classes ranked by probability, the best first; on equal prior weights, by evidence.
 
     Attributes:
         classes: the rows.
@@ -129,13 +130,10 @@ def compare(
     weights = checked_weights(names, prior_weights)
     log_masses = [p.evidence.log_evidence + math.log(weights[p.name]) for p in posteriors]
     log_total = float(logsumexp(log_masses))
-    best = max(posteriors, key=lambda posterior: posterior.evidence.log_evidence)
-    rows = [
-        _row(posterior, best, math.exp(log_mass - log_total))
-        for posterior, log_mass in zip(posteriors, log_masses, strict=True)
-    ]
-    rows.sort(key=lambda row: -row.log_evidence)
-    return Comparison(tuple(rows), posteriors[0].data_digest)
+    ranked = sorted(zip(log_masses, posteriors, strict=True), key=lambda pair: -pair[0])
+    best = ranked[0][1]
+    rows = [_row(each, best, math.exp(log_mass - log_total)) for log_mass, each in ranked]
+    return Comparison(tuple(rows), best.data_digest)
 
 
 def _row(posterior: Posterior, best: Posterior, probability: float) -> RankedClass:
@@ -149,6 +147,8 @@ def _row(posterior: Posterior, best: Posterior, probability: float) -> RankedCla
     )
     if posterior is best:
         against = "best"
+    elif distinguishable and difference > 0:
+        against = "prior weights only"
     elif distinguishable:
         against = bayes_factor_scale(difference)
     else:

@@ -52,8 +52,12 @@ class IdentifiedMode:
     damping: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.label, str) or not self.label.strip():
-            raise ValueError(f"mode label must be text and not empty, got {self.label!r}")
+        _require_name(self.label, "mode label")
+        if self.label.startswith("#"):
+            raise ValueError(
+                f"mode label may not begin with '#', which marks remarks in files of modes, "
+                f"got {self.label!r}"
+            )
         _require_positive(self.frequency_hz, self._where("frequency_hz"))
         if self.frequency_cov is not None:
             _require_positive(self.frequency_cov, self._where("frequency_cov"))
@@ -158,6 +162,8 @@ class ModalData:
         if isinstance(self.sensors, str):
             raise TypeError(f"modal data: sensors must be several names, got {self.sensors!r}")
         object.__setattr__(self, "sensors", tuple(self.sensors))
+        for sensor in self.sensors:
+            _require_name(sensor, "sensor name")
         reserved = [sensor for sensor in self.sensors if sensor in RESERVED_NAMES]
         if reserved:
             raise ValueError(
@@ -315,6 +321,16 @@ class ModalData:
         from bayes_ssi.modal_csv import write_modal_csv
 
         write_modal_csv(self, path)
+
+
+def _require_name(name: str, what: str) -> None:
+    """Refuse a name that a file of modes could not hold."""
+    if not isinstance(name, str) or not name.strip():
+        raise ValueError(f"{what} must be text and not empty, got {name!r}")
+    if name != name.strip() or not name.isprintable():
+        raise ValueError(
+            f"{what} may not begin or end with a space, or hold a line break or tab, got {name!r}"
+        )
 
 
 def _require_positive(number: float, where: str) -> None:

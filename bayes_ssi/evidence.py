@@ -34,6 +34,7 @@ __all__ = [
 
 PRIOR_SHARE = 0.02
 FIRST_BATCH = 3000
+LEAST_STRATUM = 20
 MAX_DRAWS = 200_000
 
 
@@ -87,11 +88,11 @@ class ImportanceSample:
         of each stratum: Var = Σ n_k var_k / n².
         """
         weights = self.weights
-        variance = sum(
-            len(own) * own.var(ddof=1)
-            for own in (weights[self.strata == k] for k in np.unique(self.strata))
-            if len(own) > 1
-        )
+        counts = np.bincount(self.strata)
+        # A handful of draws say nothing of their stratum's variance: these strata count as one.
+        strata = np.where(counts[self.strata] < LEAST_STRATUM, -1, self.strata)
+        each = [weights[strata == k] for k in np.unique(strata)]
+        variance = sum(len(own) * own.var(ddof=1) for own in each if len(own) > 1)
         log_mean = float(logsumexp(self.log_weights)) - math.log(len(weights))
         return Estimate(log_mean, float(np.sqrt(variance)))
 

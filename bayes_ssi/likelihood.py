@@ -201,7 +201,7 @@ class ModalLikelihood:
 
     def modes(self, values: FloatArray) -> Modes:
         """The structure's modes at ``values``, columns as in :attr:`parameters`."""
-        return self.structure.modes(values[:, : len(self.structure.parameters)])
+        return Modes(*self.structure.modes(values[:, : len(self.structure.parameters)]))
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised."""
@@ -212,14 +212,16 @@ class ModalLikelihood:
         residuals = self.pairs.frequency_residuals(modes.frequencies_hz)
         detected = math.log(self.identification.detection_probability)
         constant = detected - 0.5 * math.log(2.0 * math.pi) - np.log(self.pairs.frequencies_hz)
-        return constant - 0.5 * (residuals * residuals / variance + np.log(variance))
+        with np.errstate(divide="ignore", invalid="ignore"):  # an error size of zero
+            return constant - 0.5 * (residuals * residuals / variance + np.log(variance))
 
     def _shape_terms(self, modes: Modes, prediction_var: FloatArray) -> FloatArray:
         if not len(self.pairs.with_shape):
             return np.zeros((len(modes.frequencies_hz), 0))
         variance = prediction_var + self.pairs.shape_var
         distances = self.pairs.shape_distances(self.shapes_at_sensors(modes))
-        return -distances / variance - self._log_normalisers(variance)
+        with np.errstate(divide="ignore", invalid="ignore"):  # an error size of zero
+            return -distances / variance - self._log_normalisers(variance)
 
     def _log_normalisers(self, variance: FloatArray) -> FloatArray:
         """log Z_d(σ) of every paired shape, one evaluation for those that share σ and d."""
@@ -240,7 +242,8 @@ class ModalLikelihood:
         low, high = self.data.band_hz
         frequencies = modes.frequencies_hz[:, self._unpaired_model_modes]
         sd = np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
-        inside = ndtr((high - frequencies) / sd) - ndtr((low - frequencies) / sd)
+        with np.errstate(divide="ignore", invalid="ignore"):  # an error size of zero
+            inside = ndtr((high - frequencies) / sd) - ndtr((low - frequencies) / sd)
         return np.log1p(-self.identification.detection_probability * inside).sum(1)
 
     @cached_property

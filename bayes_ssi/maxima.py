@@ -26,6 +26,8 @@ LONGEST_STEP = 2.0  # prior standard deviations
 STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])
 RISE_TO_GO_ON = 1e-3  # nats
 MAX_MAXIMA = 24
+# Beyond this ratio to the prior's precision, 1, rounding would lose the prior's.
+GREATEST_PRECISION = 1e12
 NEGLIGIBLE_LOG_MASS = -12.0
 # Maxima with less of the mass than this make no component.
 LEAST_WEIGHT = 1e-9
@@ -40,19 +42,24 @@ class Maxima:
     Attributes:
         z: (m, d), the highest first.
         log_posteriors: (m,), likelihood times prior density.
-        covariances: (m, d, d), inverse of the negative Hessian.
+        precisions: (m, d, d), the negative Hessian.
     """
 
     z: FloatArray
     log_posteriors: FloatArray
-    covariances: FloatArray
+    precisions: FloatArray
+
+    @property
+    def covariances(self) -> FloatArray:
+        """Inverses of the precisions, (m, d, d)."""
+        return _inverse(self.precisions)
 
     @property
     def log_masses(self) -> FloatArray:
         """Laplace's approximation of the log evidence of each maximum, (m,)."""
         d = self.z.shape[1]
-        _, log_determinants = np.linalg.slogdet(self.covariances)
-        return self.log_posteriors + 0.5 * d * math.log(2.0 * math.pi) + 0.5 * log_determinants
+        _, log_determinants = np.linalg.slogdet(self.precisions)
+        return self.log_posteriors + 0.5 * d * math.log(2.0 * math.pi) - 0.5 * log_determinants
 
     @property
     def log_evidence(self) -> float:
@@ -67,10 +74,10 @@ class Maxima:
         """
         d = self.z.shape[1]
         identity = np.eye(d)
-        of_likelihood = np.linalg.inv(self.covariances) - identity
-        covariances = np.linalg.inv(beta * of_likelihood + identity)
+        of_likelihood = self.precisions - identity
+        covariances = _inverse(beta * self.precisions + (1.0 - beta) * identity)
         # The likelihood alone, as a quadratic, has slope z at the posterior's maximum z.
-        slopes = self.z + np.einsum("mij,mj->mi", of_likelihood, self.z)
+        slopes = np.einsum("mij,mj->mi", self.precisions, self.z)
         means = beta * np.einsum("mij,mj->mi", covariances, slopes)
         log_likelihoods = self.log_posteriors - log_standard_normal(self.z)
         steps = means - self.z
@@ -104,7 +111,7 @@ def find_maxima(target: Target, starts: FloatArray) -> Maxima:
     maxima = _distinct(target, *_ascend(target, rough.z, rough.covariances))
     log_masses = maxima.log_masses
     kept = np.flatnonzero(log_masses > log_masses.max() + NEGLIGIBLE_LOG_MASS)
-    return Maxima(maxima.z[kept], maxima.log_posteriors[kept], maxima.covariances[kept])
+    return Maxima(maxima.z[kept], maxima.log_posteriors[kept], maxima.precisions[kept])
 
 
 def _distinct(target: Target, tops: FloatArray, heights: FloatArray) -> Maxima:
@@ -121,12 +128,12 @@ def _distinct(target: Target, tops: FloatArray, heights: FloatArray) -> Maxima:
         if found and height < found[0][1] + NEGLIGIBLE_LOG_MASS - target.n_dimensions:
             break
         precision = _precision(target, z, height)
-        found.append((z, height, np.asarray(np.linalg.inv(precision), dtype=float)))
+        found.append((z, height, precision))
         away = tops[left] - z
         distances = np.einsum("ni,ij,nj->n", away, precision, away)
         left = left[np.maximum(distances, 0.0) > SAME_MAXIMUM**2 * target.n_dimensions]
-    z, log_posteriors, covariances = (np.array(column) for column in zip(*found, strict=True))
-    return Maxima(z, log_posteriors, covariances)
+    z, log_posteriors, precisions = (np.array(column) for column in zip(*found, strict=True))
+    return Maxima(z, log_posteriors, precisions)
 
 
 def _ascend(
@@ -216,4 +223,10 @@ def _precision(target: Target, z: FloatArray, height: float) -> FloatArray:
     for (i, j), values in zip(pairs, heights[2 * d :].reshape(-1, 4), strict=True):
         hessian[i, j] = hessian[j, i] = (values[0] - values[1] - values[2] + values[3]) / 4.0
     eigenvalues, vectors = np.linalg.eigh(-hessian / HESSIAN_STEP**2)
-    return (vectors * np.maximum(eigenvalues, 1.0)) @ vectors.T
+    return (vectors * np.clip(eigenvalues, 1.0, GREATEST_PRECISION)) @ vectors.T
+
+
+def _inverse(precisions: FloatArray) -> FloatArray:
+    """Inverses (m, d, d) of positive definite matrices, symmetric to the last digit."""
+    inverses = np.linalg.inv(precisions)
+    return np.asarray(0.5 * (inverses + inverses.transpose(0, 2, 1)), dtype=float)

@@ -123,19 +123,12 @@ def write_modal_csv(data: ModalData, path: str | Path) -> None:
 
     Raises:
         FileExistsError: the file exists.
-        ValueError: a label begins with ``#``.
     """
     optional = [
         name
         for name in NUMBER_COLUMNS[1:]
         if any(getattr(mode, name) is not None for mode in data.modes)
     ]
-    for mode in data.modes:
-        if mode.label.startswith("#"):
-            raise ValueError(
-                f"mode {mode.label!r}: a label that begins with '#' cannot be written to CSV, "
-                "where such rows are remarks"
-            )
     with Path(path).open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         if data.source:

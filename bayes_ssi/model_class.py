@@ -111,6 +111,27 @@ class ModelClass:
         """
         return self.likelihood.terms(self.values(z)).total()
 
+    def check_structure(self) -> None:
+        """Ask the structure once, at the prior medians, whether it answers as it should.
+
+        Raises:
+            ValueError: it raises, or what it returns has not the shapes that it announces.
+        """
+        n_dof, n_modes = len(self.structure.degrees_of_freedom), self.structure.n_modes
+        kind = f"model class {self.name!r}: structure {type(self.structure).__name__}"
+        try:
+            frequencies_hz, shapes = self.structure.modes(self.structure.medians())
+        except Exception as error:  # whatever a user's structure may raise
+            raise ValueError(
+                f"{kind} fails at the prior medians: {type(error).__name__}: {error}"
+            ) from error
+        found = np.shape(frequencies_hz), np.shape(shapes)
+        if found != ((1, n_modes), (1, n_dof, n_modes)):
+            raise ValueError(
+                f"{kind} returns frequencies and shapes of shapes {found[0]} and {found[1]} for "
+                f"one set of values, expected {(1, n_modes)} and {(1, n_dof, n_modes)}"
+            )
+
     def summary(self) -> dict[str, Any]:
         """What the class is, for a JSON record."""
         return {
@@ -128,5 +149,9 @@ class ModelClass:
             "spurious": [label for label in self.data.labels if label not in self.pairing],
             "detection_probability": self.identification.detection_probability,
             "expected_spurious_modes": self.identification.expected_spurious_modes,
+            "identification_errors": {
+                mode.label: {"frequency_cov": mode.frequency_cov, "shape_sd": mode.shape_sd}
+                for mode in self.data.modes
+            },
             "data_digest": self.data.digest,
         }

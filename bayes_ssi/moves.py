@@ -16,7 +16,7 @@ from emcee.moves.red_blue import RedBlueMove
 from bayes_ssi.mixture import StudentMixture
 from bayes_ssi.priors import FloatArray
 
-__all__ = ["ensemble_moves", "ensemble_sampler", "initial_state"]
+__all__ = ["ensemble_moves", "ensemble_sampler", "initial_state", "raise_if_failed"]
 
 
 class _BatchAcceptance(RedBlueMove):
@@ -77,15 +77,47 @@ def ensemble_moves(mixture: StudentMixture) -> list[tuple[RedBlueMove, float]]:
     return [(_FromMixture(mixture), 0.7), (_DifferentialEvolution(), 0.2), (_Stretch(), 0.1)]
 
 
+class _Guarded:
+    """A log density that keeps its first error for later, and is -inf from then on.
+
+    emcee would print the error, with all positions and a traceback, before it raises it again.
+    """
+
+    def __init__(self, log_density: Callable[[FloatArray], FloatArray]) -> None:
+        self.log_density = log_density
+        self.error: ValueError | None = None
+
+    def __call__(self, z: FloatArray) -> FloatArray:
+        if self.error is None:
+            try:
+                return self.log_density(z)
+            except ValueError as error:
+                self.error = error
+        return np.full(len(z), -np.inf)
+
+
+def raise_if_failed(sampler: emcee.EnsembleSampler) -> None:
+    """Raise the error that the sampler's log density met, if it met one."""
+    if sampler.log_prob_fn.f.error is not None:
+        raise sampler.log_prob_fn.f.error
+
+
 def ensemble_sampler(
     log_density: Callable[[FloatArray], FloatArray],
     n_walkers: int,
     n_dimensions: int,
     mixture: StudentMixture,
 ) -> emcee.EnsembleSampler:
-    """A vectorised emcee sampler with the moves of :func:`ensemble_moves`."""
+    """A vectorised emcee sampler with the moves of :func:`ensemble_moves`.
+
+    After it has run, :func:`raise_if_failed` tells of errors in the log density.
+    """
     return emcee.EnsembleSampler(
-        n_walkers, n_dimensions, log_density, moves=ensemble_moves(mixture), vectorize=True
+        n_walkers,
+        n_dimensions,
+        _Guarded(log_density),
+        moves=ensemble_moves(mixture),
+        vectorize=True,
     )
 
 

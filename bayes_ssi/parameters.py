@@ -47,6 +47,8 @@ class _Multiplies:
 class Parameter(_Multiplies):
     """An uncertain quantity: a name, a proper prior, and a unit for reports.
 
+    Two objects of the same name, prior and unit are the same parameter.
+
     Raises:
         TypeError: the name is not text or the prior is not a :class:`~bayes_ssi.priors.Prior`.
         ValueError: the name is empty.

@@ -29,7 +29,7 @@ LARGEST_WEIGHT_LIMIT = 0.02
 # Estimates that differ by more than this many of their standard errors disagree.
 DISAGREEMENT = 4.0
 # The tempered start's estimate is coarse: smaller differences from it mean nothing.
-TEMPERED_TOLERANCE = 0.5
+TEMPERED_TOLERANCE = 1.0
 # A region with less of the posterior than this need not be found by every tempered start.
 SMALL_SHARE = 0.02
 # Evaluations without modes in a smaller share than this lie in the far tails of a prior.
@@ -160,13 +160,11 @@ class Posterior:
     @cached_property
     def summary(self) -> tuple[ParameterSummary, ...]:
         """Mean, standard deviation and quantiles of every parameter."""
-        between = sum(
-            (region.error * (np.array(region.mean) - self.values.mean(0))) ** 2
-            for region in self.regions
-            if len(self.regions) > 1
-        )
         means, sds = self.values.mean(0), self.values.std(0)
-        mean_errors = np.sqrt(sds**2 / self.effective_sample_sizes + between)
+        # What the errors of the regions' shares do to the mean. Shares add up to one, so their
+        # errors go together: exact for two regions, a bound for more.
+        between = sum(region.error * np.abs(region.mean - means) for region in self.regions)
+        mean_errors = np.sqrt(sds**2 / self.effective_sample_sizes + between**2)
         fourth = ((self.values - means) ** 4).mean(0)
         sd_errors = np.sqrt(np.maximum(fourth - sds**4, 0.0) / self.effective_sample_sizes)
         quantiles = np.quantile(self.values, [0.05, 0.5, 0.95], axis=0)
@@ -204,10 +202,13 @@ def sample(
         ValueError: the likelihood is zero at every draw from the prior.
     """
     started = perf_counter()
+    model_class.check_structure()
     n = len(model_class.parameters)
     target = Target(model_class.log_likelihood_at, n)
     try:
         sampled = sample_target(target, _seed_of(model_class.name, seed), settings, progress)
+    except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
+        raise
     except ValueError as error:
         raise ValueError(f"model class {model_class.name!r}: {error}") from error
     z, log_likelihoods = _corrected_draws(sampled, np.random.default_rng(seed))

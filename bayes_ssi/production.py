@@ -74,7 +74,7 @@ def run_ensemble(
         seed: everything random follows from it.
         progress: called with the share of the needed length that is done.
     """
-    from bayes_ssi.moves import ensemble_sampler, initial_state
+    from bayes_ssi.moves import ensemble_sampler, initial_state, raise_if_failed
 
     rng = np.random.default_rng(seed)
     scarce = len(start.positions) < n_walkers
@@ -86,6 +86,7 @@ def run_ensemble(
     wanted = min(2 * LENGTH_IN_AUTOCORRELATION_TIMES, max_steps)
     while True:
         state = sampler.run_mcmc(state, wanted - sampler.iteration, skip_initial_state_check=True)
+        raise_if_failed(sampler)
         times = autocorrelation_times(sampler.get_chain())
         enough = int(np.ceil(LENGTH_IN_AUTOCORRELATION_TIMES * times.max()))
         if progress is not None:

@@ -77,13 +77,16 @@ class StoredResult:
 def require_new(directory: str | Path, *, overwrite: bool = False) -> None:
     """Refuse a result directory that exists, unless it holds a result that may be overwritten.
 
+    The directory above it is made, so that a place that cannot be written is known at once.
+
     Raises:
         FileExistsError: it exists, and ``overwrite`` is false or it holds something else.
+        OSError: the directory above it cannot be made.
     """
     path = Path(directory)
     if not path.exists():
-        return
-    if overwrite:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    elif overwrite:
         if not (path / "result.json").is_file():
             raise FileExistsError(
                 f"{directory}: holds no result of this package and is not overwritten"

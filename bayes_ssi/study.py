@@ -39,6 +39,8 @@ class Study:
     description: str = field(default="", kw_only=True)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise TypeError(f"Study: name must be text, got {self.name!r}")
         object.__setattr__(self, "model_classes", tuple(self.model_classes))
         if not self.model_classes:
             raise ValueError(f"study {self.name!r}: no model class")

@@ -59,7 +59,7 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
             table,
             posterior.name,
             f"{evidence.mean_log_likelihood:.2f}",
-            f"{evidence.information_gained:.2f}",
+            f"{round(evidence.information_gained, 2) + 0.0:.2f}",  # not -0.00
             f"{evidence.bridge.log_evidence:.3f}",
             f"{evidence.tempered.log_evidence:.1f}",
             f"{evidence.laplace:.2f}",

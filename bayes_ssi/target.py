@@ -53,7 +53,12 @@ class Target:
             self.n_failed += int(failed.sum())
             values = np.where(failed, -np.inf, values)
         if np.isposinf(values).any():
-            raise ValueError(f"log-likelihood: +inf at coordinates {z[np.isposinf(values)][0]}")
+            where = np.array2string(z[np.isposinf(values)][0], precision=3)
+            raise ValueError(
+                f"the log-likelihood is +inf at coordinates {where}: did an error size go to zero "
+                "where the data are fitted exactly? Give it a prior that keeps away from zero, "
+                "such as LogNormal"
+            )
         return values
 
     def log_posterior(self, z: FloatArray) -> FloatArray:

@@ -31,6 +31,7 @@ MIN_STEPS, MAX_STEPS = 2, 25
 MAX_STAGES = 500
 # The mixture that proposes moves: coarse, refitted at every stage.
 MAX_COMPONENTS = 6
+PARTICLES_PER_COMPONENT = 120  # and dimension
 EM_STEPS = 8
 PRIOR_SHARE = 0.05
 MAXIMA_SHARE = 0.3
@@ -102,7 +103,8 @@ def tempered_start(
         weights = np.exp(log_weights - log_total)
         # Particles that remember the last stage count for less than as many independent ones.
         memory = (1.0 + left) / (1.0 - left)
-        relative_variance += memory * (float(np.sum(weights**2)) - 1.0 / n_particles)
+        spread = float(np.sum(weights**2)) - 1.0 / n_particles
+        relative_variance += memory * max(0.0, spread)  # equal weights round to below zero
         chosen = _systematic(weights, rng)
         beta = 1.0 if beta + increment >= 1.0 - 1e-12 else beta + increment
         positions, log_likelihoods, made, left = _move(
@@ -161,7 +163,7 @@ def _move(
 
     Returns positions, log-likelihoods, the moves made and the correlation left.
     """
-    from bayes_ssi.moves import ensemble_sampler, initial_state
+    from bayes_ssi.moves import ensemble_sampler, initial_state, raise_if_failed
 
     def log_density(z: FloatArray) -> FloatArray:
         return beta * target.log_likelihood(z) + log_standard_normal(z)
@@ -190,13 +192,18 @@ def _move(
         # Between separate regions nothing may move: then the correlation settles above the mark.
         if made >= 4 * MIN_STEPS and before - left < 0.002:
             break
+    raise_if_failed(sampler)
     moved = np.array(state.coords)
     return moved, log_now, made, float(np.clip(left, 0.0, 0.9))
 
 
 def _n_components(n: int, d: int) -> int:
-    """As many components as the particles can tell apart; too many do no harm."""
-    return max(1, min(MAX_COMPONENTS, n // (25 * d)))
+    """Components of the proposals' mixture, few enough that it does not follow single particles.
+
+    Fitted too closely to the very particles that it moves, it keeps them where they are, and the
+    evidence comes out too low.
+    """
+    return max(1, min(MAX_COMPONENTS, n // (PARTICLES_PER_COMPONENT * d)))
 
 
 def _ranks(values: FloatArray) -> FloatArray:

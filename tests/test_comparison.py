@@ -98,11 +98,18 @@ def test_prior_weights_multiply_the_evidences(make_posterior):
     found = bs.compare(posteriors, {"a": 6.0, "b": 1.0})
     probability = {row.name: row.probability for row in found.classes}
     assert probability == {"a": pytest.approx(0.75), "b": pytest.approx(0.25)}
-    # Bayes factors and the order are the data's alone.
-    assert found.best.name == "b"
-    assert found.classes[1].log_bayes_factor == pytest.approx(-math.log(2.0))
+    # The most probable class is the best; Bayes factors are the data's alone.
+    assert found.best.name == "a"
+    assert found.classes[1].log_bayes_factor == pytest.approx(math.log(2.0))
     scaled = bs.compare(posteriors, {"a": 60.0, "b": 10.0})
-    assert [row.probability for row in scaled.classes] == pytest.approx([0.25, 0.75])
+    assert [row.probability for row in scaled.classes] == pytest.approx([0.75, 0.25])
+
+
+def test_a_class_that_only_prior_weights_hold_down(make_posterior):
+    posteriors = [make_posterior("a", 0.0), make_posterior("b", 5.0)]
+    found = bs.compare(posteriors, {"a": 1.0, "b": 1e-6})
+    assert [row.name for row in found.classes] == ["a", "b"]
+    assert found.classes[1].against == "prior weights only"
 
 
 def test_equal_weights_are_no_weights(make_posterior):

@@ -86,9 +86,18 @@ def test_the_estimate_is_the_log_of_the_mean_weight():
 
 
 def test_only_the_spread_within_strata_counts():
-    sample = weighted(np.log([1.0, 3.0, 10.0, 10.0]), strata=[0, 0, 1, 1])
-    # Stratum 0 has variance 2 and stratum 1 none: √(2 · 2) / 4 relative to the mean 6.
-    assert sample.estimate.error == pytest.approx(0.5 / 6.0, rel=1e-12)
+    sample = weighted(np.log([1.0, 3.0] * 10 + [10.0] * 20), strata=[0] * 20 + [1] * 20)
+    # Stratum 0 has variance 20/19 and stratum 1 none: √(20 · 20/19) / 40 relative to the mean 6.
+    assert sample.estimate.error == pytest.approx(20.0 / np.sqrt(19.0) / 40.0 / 6.0, rel=1e-12)
+
+
+def test_a_draw_alone_in_its_stratum_counts():
+    strata = [0] * 40 + [1, 2, 3]
+    weights = np.array([1.0] * 40 + [0.0, 0.0, 5.0])
+    with np.errstate(divide="ignore"):
+        sample = weighted(np.log(weights), strata=strata)
+    # The three are one stratum of variance 25/3: √(3 · 25/3) relative to the sum 45.
+    assert sample.estimate.error == pytest.approx(5.0 / 45.0, rel=1e-12)
 
 
 def test_mean_log_likelihood_is_weighted():

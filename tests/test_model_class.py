@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.structures import Structure
 
 # Log evidence, posterior means and standard deviations of the numerical study, computed
 # independently by adaptive importance sampling (error of a log evidence below 0.002).
@@ -221,3 +222,47 @@ def test_two_parameters_of_one_name_in_the_structure_are_refused(case_c, fixed_e
     building = bs.ShearBuilding((1.0, 1.0, 1.0), k)
     with pytest.raises(ValueError, match=r"^model class 'x': two different parameters are named"):
         build(building, case_c, fixed_error)
+
+
+class _Answers(Structure):
+    """A structure that answers whatever it is told to."""
+
+    parameters = (bs.Parameter("k", bs.LogNormal(1.0, 0.3)),)
+    degrees_of_freedom = ("floor 1",)
+    n_modes = 1
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def modes(self, values):
+        return self.answer(values)
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (lambda _: 1 / 0, "_Answers fails at the prior medians: ZeroDivisionError"),
+        (lambda v: (np.ones((len(v), 2)), np.ones((len(v), 1, 2))), r"expected \(1, 1\) and"),
+    ],
+)
+def test_a_structure_that_does_not_answer_is_named(answer, message):
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
+    candidate = bs.ModelClass("a", _Answers(answer), data, pairing={"1": 1})
+    with pytest.raises(ValueError, match=f"model class 'a': structure {message}"):
+        bs.sample(candidate)
+
+
+def test_a_structure_may_answer_with_a_plain_pair():
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
+    answer = lambda v: (np.sqrt(v), np.ones((len(v), 1, 1)))  # noqa: E731
+    candidate = bs.ModelClass("a", _Answers(answer), data, pairing={"1": 1})
+    assert np.isfinite(candidate.log_likelihood(np.array([[1.0]]))).all()
+
+
+def test_a_class_that_pairs_nothing_is_sampled():
+    building = bs.ShearBuilding((1.0,), (40.0 * bs.Parameter("k", bs.LogNormal(1.0, 0.3)),))
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
+    for seed in range(4):
+        found = bs.sample(bs.ModelClass("none", building, data, pairing={}), seed)
+        assert np.isfinite(found.evidence.tempered.error)
+        assert found.failed_checks == ()

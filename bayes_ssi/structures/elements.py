@@ -113,10 +113,11 @@ class AddedMass(Element):
 
     def __post_init__(self) -> None:
         _quantity(self.mass, self.label, "mass")
-        if not self.shares or any(not 0 < share <= 1 for _, share in self.shares):
+        each = [share for _, share in self.shares]
+        if any(not share > 0 for share in each) or abs(sum(each) - 1.0) > 1e-9:
             raise ValueError(
-                f"{self.label}: shares must be places with shares of the mass in (0, 1], "
-                f"got {self.shares!r}"
+                f"{self.label}: shares must be places with positive shares of the mass that add "
+                f"up to 1, got {self.shares!r}"
             )
 
     def masses(self) -> Sequence[PointMass]:
