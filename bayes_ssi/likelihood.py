@@ -192,12 +192,14 @@ class ModalLikelihood:
         """The log-likelihood in parts; NaN where the structure has no modes."""
         modes = self.modes(values)
         error_var = self._error_sizes.evaluate(values) ** 2
-        return ModalTerms(
-            frequency=self._frequency_terms(modes, error_var[:, :1]),
-            shape=self._shape_terms(modes, error_var[:, 1:]),
-            undetected=self._undetected_terms(modes, error_var[:, :1]),
-            spurious=self._spurious_term,
-        )
+        # Far out in the tail of its prior an error size can be so small that its square is zero.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return ModalTerms(
+                frequency=self._frequency_terms(modes, error_var[:, :1]),
+                shape=self._shape_terms(modes, error_var[:, 1:]),
+                undetected=self._undetected_terms(modes, error_var[:, :1]),
+                spurious=self._spurious_term,
+            )
 
     def modes(self, values: FloatArray) -> Modes:
         """The structure's modes at ``values``, columns as in :attr:`parameters`."""
@@ -212,16 +214,14 @@ class ModalLikelihood:
         residuals = self.pairs.frequency_residuals(modes.frequencies_hz)
         detected = math.log(self.identification.detection_probability)
         constant = detected - 0.5 * math.log(2.0 * math.pi) - np.log(self.pairs.frequencies_hz)
-        with np.errstate(divide="ignore", invalid="ignore"):  # an error size of zero
-            return constant - 0.5 * (residuals * residuals / variance + np.log(variance))
+        return constant - 0.5 * (residuals * residuals / variance + np.log(variance))
 
     def _shape_terms(self, modes: Modes, prediction_var: FloatArray) -> FloatArray:
         if not len(self.pairs.with_shape):
             return np.zeros((len(modes.frequencies_hz), 0))
         variance = prediction_var + self.pairs.shape_var
         distances = self.pairs.shape_distances(self.shapes_at_sensors(modes))
-        with np.errstate(divide="ignore", invalid="ignore"):  # an error size of zero
-            return -distances / variance - self._log_normalisers(variance)
+        return -distances / variance - self._log_normalisers(variance)
 
     def _log_normalisers(self, variance: FloatArray) -> FloatArray:
         """log Z_d(σ) of every paired shape, one evaluation for those that share σ and d."""
@@ -242,8 +242,7 @@ class ModalLikelihood:
         low, high = self.data.band_hz
         frequencies = modes.frequencies_hz[:, self._unpaired_model_modes]
         sd = np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
-        with np.errstate(divide="ignore", invalid="ignore"):  # an error size of zero
-            inside = ndtr((high - frequencies) / sd) - ndtr((low - frequencies) / sd)
+        inside = ndtr((high - frequencies) / sd) - ndtr((low - frequencies) / sd)
         return np.log1p(-self.identification.detection_probability * inside).sum(1)
 
     @cached_property

@@ -242,12 +242,15 @@ class _Answers(Structure):
     ("answer", "message"),
     [
         (lambda _: 1 / 0, "_Answers fails at the prior medians: ZeroDivisionError"),
-        (lambda v: (np.ones((len(v), 2)), np.ones((len(v), 1, 2))), r"expected \(1, 1\) and"),
+        (
+            lambda v: (np.ones((len(v), 2)), np.ones((len(v), 1, 2))),
+            r"_Answers returns .* expected \(1, 1\) and",
+        ),
     ],
 )
 def test_a_structure_that_does_not_answer_is_named(answer, message):
     data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
-    candidate = bs.ModelClass("a", _Answers(answer), data, pairing={"1": 1})
+    candidate = bs.ModelClass("a", _Answers(answer), data, bs.ErrorModel(0.01), pairing={"1": 1})
     with pytest.raises(ValueError, match=f"model class 'a': structure {message}"):
         bs.sample(candidate)
 
@@ -255,7 +258,7 @@ def test_a_structure_that_does_not_answer_is_named(answer, message):
 def test_a_structure_may_answer_with_a_plain_pair():
     data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
     answer = lambda v: (np.sqrt(v), np.ones((len(v), 1, 1)))  # noqa: E731
-    candidate = bs.ModelClass("a", _Answers(answer), data, pairing={"1": 1})
+    candidate = bs.ModelClass("a", _Answers(answer), data, bs.ErrorModel(0.01), pairing={"1": 1})
     assert np.isfinite(candidate.log_likelihood(np.array([[1.0]]))).all()
 
 
