@@ -88,9 +88,14 @@ def test_error_bars_are_those_of_the_scatter():
     results = [log_evidence_and_summary("1-a", seed) for seed in range(40)]
     log_evidences = np.array([evidence.log_evidence for evidence, _ in results])
     reported = np.mean([evidence.error for evidence, _ in results])
-    assert 0.7 < reported / log_evidences.std(ddof=1) < 1.5
+    ratio = reported / log_evidences.std(ddof=1)
+    assert 0.7 < ratio < 1.5
+    # The errors are normal: so many lie within one error bar, to 3 binomial standard errors.
     within = np.abs(log_evidences - log_evidences.mean()) < reported
-    assert 0.5 < within.mean() < 0.85
+    expected = math.erf(ratio / math.sqrt(2.0))
+    assert within.mean() == pytest.approx(
+        expected, abs=3.0 * math.sqrt(expected * (1.0 - expected) / len(results))
+    )
     for i in range(3):
         for quantity in ("mean", "sd"):
             values = [getattr(summary[i], quantity) for _, summary in results]
