@@ -148,4 +148,5 @@ def test_priors_that_can_be_negative_are_refused(prior, share):
     "prior", [Normal(1.0, 0.1), Uniform(0.0, 1.0), HalfNormal(1.0), LogNormal(1.0, 2.0)]
 )
 def test_priors_that_are_all_but_positive_are_accepted(prior):
+    assert prior.probability_below(0.0) < 1e-6
     as_product(Parameter("k1", prior)).require_positive("mass")

@@ -162,5 +162,10 @@ def test_names_are_drawn_as_they_are(tmp_path, data, make_posterior, name):
 
 def test_many_classes(data, make_posterior):
     posteriors = [make_posterior(f"class {i}", -i) for i in range(12)]
-    plot_frequencies(data, posteriors).figure.canvas.draw()
-    plot_evidence(bs.compare(posteriors)).figure.canvas.draw()
+    names = [posterior.name for posterior in posteriors]
+    frequencies = plot_frequencies(data, posteriors)
+    frequencies.figure.canvas.draw()
+    assert texts(frequencies.figure.legends[0]) == names
+    evidence = plot_evidence(bs.compare(posteriors))
+    evidence.figure.canvas.draw()
+    assert [tick.get_text().split("\n")[0] for tick in evidence.get_yticklabels()] == names
