@@ -1,14 +1,14 @@
 """The command line: ``bayes-ssi rank``, ``calibrate`` and ``check``.
 
 Exit codes: 0, all well; 2, an input is not usable, said in one line; 3, a result was computed and
-saved but a check of it failed.
+saved but a check of it failed, unless that is accepted.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -64,7 +64,16 @@ def main() -> None:
               help="Wanted standard error of each log evidence, in nats.")  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path),
               help="Result directory; runs/results/STUDY if not given.")  # fmt: skip
-@click.option("--overwrite", is_flag=True, help="Replace a result directory that exists.")
+@click.option("--overwrite", is_flag=True,
+              help="Replace a result, or an unfinished run, that exists.")  # fmt: skip
+@click.option("--workers", type=click.IntRange(min=1), metavar="N",
+              help="Evaluate the models in N processes; for models that take milliseconds or "
+              "more.")  # fmt: skip
+@click.option("--dask", metavar="ADDRESS",
+              help="Evaluate them on a Dask cluster, by its scheduler's address.")  # fmt: skip
+@click.option("--accept-failed-checks", is_flag=True,
+              help="Exit with code 0 where checks failed; they are shown and saved all the "
+              "same.")  # fmt: skip
 def rank(
     study: Path,
     only: str | None,
@@ -72,21 +81,54 @@ def rank(
     log_evidence_error: float,
     out: Path | None,
     overwrite: bool,
+    workers: int | None,
+    dask: str | None,
+    accept_failed_checks: bool,
 ) -> None:
-    """Sample every model class of STUDY, rank them by evidence, and save the result."""
+    """Sample every model class of STUDY, rank them by evidence, and save the result.
+
+    A run that was stopped goes on when the same command is given again.
+    """
     with _one_line_errors():
+        from bayes_ssi.checkpoint import Checkpoint
         from bayes_ssi.results import require_new, save_result
         from bayes_ssi.sampling import SamplingSettings
         from bayes_ssi.study import rank as rank_study
+        from bayes_ssi.workers import dask_workers
 
+        if workers is not None and dask is not None:
+            raise ValueError("--workers and --dask: give one of them")
         loaded = _load(study, only)
         settings = SamplingSettings(log_evidence_error=log_evidence_error)
         directory = out or RESULTS / study.stem
         loaded.require_same_data()
+        checkpoint = Checkpoint(
+            directory.with_name(f".{directory.name}.checkpoint"),
+            discard_others=overwrite,
+            say=lambda text: click.echo(text, err=True),
+        )
+        overwrite = overwrite or checkpoint.is_saving
         require_new(directory, overwrite=overwrite)
-        with _progress(loaded) as report:
-            ranking = rank_study(loaded, seed, settings, report)
-        result = save_result(ranking, directory, study_file=str(study), overwrite=overwrite)
+        with (
+            nullcontext(workers) if dask is None else dask_workers(dask) as pool,
+            _progress(loaded) as report,
+        ):
+            try:
+                ranking = rank_study(
+                    loaded, seed, settings, report, workers=pool, checkpoint=checkpoint
+                )
+            except KeyboardInterrupt:
+                click.echo("Stopped; the same command goes on from here.", err=True)
+                raise
+        require_new(directory, overwrite=overwrite)
+        checkpoint.begin_saving()
+        result = save_result(
+            ranking,
+            directory,
+            study_file=str(study),
+            overwrite=overwrite,
+            accept_failed_checks=accept_failed_checks,
+        )
 
         from bayes_ssi.plots import save_figures
         from bayes_ssi.tables import (
@@ -109,7 +151,8 @@ def rank(
             console.print(note, soft_wrap=True, markup=False, highlight=False)
         console.print(f"Saved in {directory}, with {len(figures)} figures.", soft_wrap=True,
                       markup=False, highlight=False)  # fmt: skip
-        if result.comparison.failed_checks:
+        checkpoint.remove(loaded.names)
+        if result.comparison.failed_checks and not accept_failed_checks:
             sys.exit(FAILED_CHECK)
 
 
@@ -221,8 +264,8 @@ def _console() -> Console:
 
 # Share of a class's time at which each step of the sampling begins and ends.
 STEPS = {
-    "tempered start": (0.0, 0.4),
-    "maxima": (0.4, 0.45),
+    "searches": (0.0, 0.1),
+    "tempered start": (0.1, 0.45),
     "ensembles": (0.45, 0.9),
     "evidence": (0.9, 1.0),
 }

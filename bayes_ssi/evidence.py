@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,7 @@ __all__ = [
     "ImportanceSample",
     "bridge_sampling",
     "importance_sampling",
+    "pareto_shape",
     "tempered_estimate",
 ]
 
@@ -36,6 +37,12 @@ PRIOR_SHARE = 0.02
 FIRST_BATCH = 3000
 LEAST_STRATUM = 20
 MAX_DRAWS = 200_000
+# The tail of the weights is to be lighter than this; where it is not, components are added.
+PARETO_K_LIMIT = 0.7
+MAX_ADDED_COMPONENTS = 12
+DRAWS_OF_ADDED_COMPONENT = 500
+# Share of the draws whose spread gives an added component its shape.
+NEIGHBOURHOOD = 0.05
 
 
 @dataclass(frozen=True)
@@ -81,6 +88,15 @@ class ImportanceSample:
         return float(1.0 / np.sum(self.weights**2))
 
     @property
+    def pareto_k(self) -> float:
+        """Shape of the generalised Pareto distribution of the largest weights.
+
+        The mean of weights has a finite variance where it is below one half; beyond 0.7 neither
+        the mean nor its error can be trusted (Vehtari et al. 2024).
+        """
+        return pareto_shape(self.weights)
+
+    @property
     def estimate(self) -> Estimate:
         """The log of the mean weight, its error by strata.
 
@@ -110,19 +126,54 @@ class ImportanceSample:
         return np.sqrt(((weights * (member - shares[:, None])) ** 2).sum(1))
 
 
+def pareto_shape(weights: FloatArray) -> float:
+    """The shape k of the tail of positive weights (n,), by the fit of Zhang and Stephens (2009).
+
+    The tail is the largest min(n/5, 3√n) weights, as for Pareto-smoothed importance sampling,
+    whose weak prior, 10 draws at k = 1/2, steadies short tails. -inf where the tail is flat.
+    """
+    n = len(weights)
+    n_tail = int(min(0.2 * n, 3.0 * math.sqrt(n)))
+    if n_tail < 5:
+        return math.nan
+    largest = np.sort(weights)[-n_tail - 1 :]
+    excess = largest[1:] - largest[0]
+    if not excess[-1] > 0:
+        return -math.inf
+    n_trials = 30 + int(math.sqrt(n_tail))
+    quartile = excess[int(n_tail / 4 + 0.5) - 1]
+    if not quartile > 0:
+        return math.inf  # so few weights count that their tail cannot be told
+    trials = 1.0 - np.sqrt(n_trials / (np.arange(1, n_trials + 1) - 0.5))
+    trials = 1.0 / excess[-1] + trials / (3.0 * quartile)
+    shapes = np.log1p(-trials[:, None] * excess).mean(axis=1)
+    log_profile = n_tail * (np.log(-trials / shapes) - shapes - 1.0)
+    chances = np.exp(log_profile - logsumexp(log_profile))
+    k = float(np.log1p(-(chances @ trials) * excess).mean())
+    return (n_tail * k + 5.0) / (n_tail + 10.0)
+
+
 def importance_sampling(
     target: Target, mixture: StudentMixture, wanted_error: float, rng: np.random.Generator
 ) -> ImportanceSample:
     """Draw from ``mixture`` until the log evidence's error is ``wanted_error``.
 
-    The number of draws is set from the error of a first batch, which is kept.
+    The number of draws is set from the error of a first batch, which is kept. Where the weights
+    of that batch have a heavy tail, components are added at the heaviest draws first (incremental
+    mixture importance sampling, Raftery and Bao 2010).
     """
-    mixture = mixture.defended(PRIOR_SHARE)
-    sample = _draw(target, mixture, FIRST_BATCH, rng)
+    sample = _draw(target, mixture.defended(PRIOR_SHARE), FIRST_BATCH, rng)
+    if not math.isfinite(wanted_error):
+        return sample
+    for _ in range(MAX_ADDED_COMPONENTS):
+        if not sample.pareto_k > PARETO_K_LIMIT:
+            break
+        sample = _with_component(target, sample, rng)
     while sample.estimate.error > wanted_error and len(sample.z) < MAX_DRAWS:
         needed = len(sample.z) * (sample.estimate.error / wanted_error) ** 2
         more = int(min(1.1 * needed, 4.0 * len(sample.z), MAX_DRAWS)) - len(sample.z)
-        sample = _concatenated(sample, _draw(target, mixture, max(more, FIRST_BATCH), rng))
+        new = _draw(target, sample.mixture, max(more, FIRST_BATCH), rng)
+        sample = _concatenated(sample, new)
     return sample
 
 
@@ -140,6 +191,46 @@ def _draw(
     z = mixture.draw(counts, rng)
     strata = np.repeat(np.arange(len(counts)), counts)
     return ImportanceSample(mixture, z, target.log_likelihood(z), mixture.log_pdf(z), strata)
+
+
+def _with_component(
+    target: Target, sample: ImportanceSample, rng: np.random.Generator
+) -> ImportanceSample:
+    """The sample with one more component, and draws from it, where its heaviest draw is.
+
+    All draws are weighted anew against the larger mixture, in which every component counts by
+    the draws that it gave.
+    """
+    old, n = sample.mixture, len(sample.z)
+    centre = sample.z[sample.weights.argmax()]
+    weights = 0.5 * (sample.weights + 1.0 / n)
+    spread = np.sqrt(np.maximum(sample.weights @ (sample.z - centre) ** 2, 1e-300))
+    distances = (((sample.z - centre) / spread) ** 2).sum(1)
+    near = np.argsort(distances)[: max(int(NEIGHBOURHOOD * n), 2 * sample.z.shape[1] + 1)]
+    away = sample.z[near] - centre
+    covariance = (away * weights[near, None]).T @ away / weights[near].sum()
+    floor = 1e-6 * max(float(np.trace(covariance)) / len(centre), 1e-300)
+    more = DRAWS_OF_ADDED_COMPONENT
+    component = StudentMixture(
+        np.ones(1),
+        centre[None],
+        np.linalg.cholesky(covariance + floor * np.eye(len(centre)))[None],
+        np.full(1, 5.0),
+    )
+    mixture = old.joined_with(component, more / (n + more))
+    mixture = replace(mixture, prior_share=old.prior_share * n / (n + more))
+    drawn = component.draw(np.array([more, 0]), rng)
+    z = np.concatenate([sample.z, drawn])
+    # Strata are numbered as the components are, the defensive one last.
+    last = old.n_components
+    strata = np.where(sample.strata == last, last + 1, sample.strata)
+    return ImportanceSample(
+        mixture,
+        z,
+        np.concatenate([sample.log_likelihoods, target.log_likelihood(drawn)]),
+        mixture.log_pdf(z),
+        np.concatenate([strata, np.full(more, last)]),
+    )
 
 
 def _concatenated(a: ImportanceSample, b: ImportanceSample) -> ImportanceSample:

@@ -209,6 +209,21 @@ class ModalLikelihood:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised."""
         return modes.shapes[:, self._sensor_rows, :]
 
+    def at_band_edge(self, values: FloatArray) -> NDArray[np.bool_]:
+        """Whether each model mode lies on the edge of the band, (B, n_modes).
+
+        That is, paired with nothing and within two standard errors of a limit other than zero.
+        """
+        frequencies = self.modes(values).frequencies_hz
+        prediction_var = self._error_sizes.evaluate(values)[:, :1] ** 2
+        reach = 2.0 * np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
+        limits = [limit for limit in self.data.band_hz if limit > 0]
+        near = np.zeros(frequencies.shape, dtype=bool)
+        for mode in self._unpaired_model_modes:
+            for limit in limits:
+                near[:, mode] |= np.abs(frequencies[:, mode] - limit) < reach[:, mode]
+        return near
+
     def _frequency_terms(self, modes: Modes, prediction_var: FloatArray) -> FloatArray:
         variance = prediction_var + self.pairs.frequency_var
         residuals = self.pairs.frequency_residuals(modes.frequencies_hz)

@@ -54,6 +54,11 @@ class Maxima:
         """Inverses of the precisions, (m, d, d)."""
         return _inverse(self.precisions)
 
+    def squared_distances(self, z: FloatArray) -> FloatArray:
+        """Mahalanobis distances squared (m, n) of ``z`` (n, d) from every maximum."""
+        away = z[None] - self.z[:, None]
+        return np.maximum(np.einsum("mni,mij,mnj->mn", away, self.precisions, away), 0.0)
+
     @property
     def log_masses(self) -> FloatArray:
         """Laplace's approximation of the log evidence of each maximum, (m,)."""

@@ -86,6 +86,14 @@ class StudentMixture:
         weights = self.weights * ((1.0 - prior_share) / self.weights.sum())
         return StudentMixture(weights, self.means, self.choleskys, self.dof, prior_share)
 
+    def widened(self, factor: float, share: float) -> StudentMixture:
+        """This mixture with ``share`` of its weight given to its own components, widened.
+
+        They cover what lies just beyond a mixture that was fitted to draws: weights of draws
+        from it then have no heavy tail.
+        """
+        return self.joined_with(replace(self, choleskys=factor * self.choleskys), share)
+
     def joined_with(self, other: StudentMixture, share: float) -> StudentMixture:
         """This mixture with ``share`` of its weight given to the components of another."""
         return StudentMixture(

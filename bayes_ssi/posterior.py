@@ -11,28 +11,19 @@ from time import perf_counter
 
 import numpy as np
 
+from bayes_ssi.checks import failed_checks, failed_edge_checks
 from bayes_ssi.evidence import Estimate
+from bayes_ssi.journal import Journal
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.priors import FloatArray
-from bayes_ssi.production import (
-    LENGTH_IN_AUTOCORRELATION_TIMES,
-    effective_sample_size,
-    r_hat,
-)
+from bayes_ssi.production import effective_sample_size, r_hat
 from bayes_ssi.sampling import Progress, Sampled, SamplingSettings, sample_target
 from bayes_ssi.target import Target
+from bayes_ssi.workers import Workers
 
 __all__ = ["Evidence", "ParameterSummary", "Posterior", "Region", "sample"]
 
-R_HAT_LIMIT = 1.01
-LARGEST_WEIGHT_LIMIT = 0.02
-# Estimates that differ by more than this many of their standard errors disagree.
-DISAGREEMENT = 4.0
-# The tempered start's estimate is coarse: smaller differences from it mean nothing.
-TEMPERED_TOLERANCE = 1.0
-# A region with less of the posterior than this need not be found by every tempered start.
-SMALL_SHARE = 0.02
-# Evaluations without modes in a smaller share than this lie in the far tails of a prior.
+# Failed evaluations in a smaller share than this lie in the far tails of a prior.
 NEGLIGIBLE_FAILURES = 1e-3
 
 
@@ -44,6 +35,7 @@ class Evidence:
         log_evidence: by mixture importance sampling, the quoted value.
         error: its standard error.
         effective_sample_size: of the importance draws.
+        pareto_k: shape of the tail of their weights; the error is to be trusted below 0.7.
         n_draws: number of importance draws.
         bridge: bridge sampling's estimate.
         tempered: the tempered starts' estimate, coarse.
@@ -54,6 +46,7 @@ class Evidence:
     log_evidence: float
     error: float
     effective_sample_size: float
+    pareto_k: float
     n_draws: int
     bridge: Estimate
     tempered: Estimate
@@ -76,12 +69,14 @@ class Region:
     Attributes:
         share: probability of the region, by importance sampling.
         error: its standard error.
+        n_searches: how many of the independent searches for maxima found one in it.
         shares_of_starts: share of each tempered start's particles.
         mean: posterior mean of every parameter within the region.
     """
 
     share: float
     error: float
+    n_searches: int
     shares_of_starts: tuple[float, ...]
     mean: tuple[float, ...]
 
@@ -125,6 +120,7 @@ class Posterior:
         autocorrelation_time: the longest, in steps.
         acceptance: share of proposals accepted.
         n_evaluations: of the log-likelihood, all steps together.
+        n_searches: independent searches for maxima.
         seconds: wall-clock time.
         failed_checks: what should have agreed and did not, a sentence each.
         data_digest: identifies the data whose density the evidence is.
@@ -146,6 +142,7 @@ class Posterior:
     autocorrelation_time: float
     acceptance: float
     n_evaluations: int
+    n_searches: int
     seconds: float
     failed_checks: tuple[str, ...]
     data_digest: str
@@ -189,6 +186,9 @@ def sample(
     seed: int = 0,
     settings: SamplingSettings | None = None,
     progress: Progress | None = None,
+    *,
+    workers: Workers | None = None,
+    journal: Journal | None = None,
 ) -> Posterior:
     """Sample the posterior of a model class and estimate its evidence.
 
@@ -197,20 +197,25 @@ def sample(
         seed: the result follows from it and from the class's name alone.
         settings: how precisely.
         progress: called with the name of a step and the share of it that is done.
+        workers: where the model is evaluated; in this process if None. The result is the same.
+        journal: of an earlier run with the same arguments that was stopped; its evaluations are
+            used, and the new ones are added.
 
     Raises:
-        ValueError: the likelihood is zero at every draw from the prior.
+        ValueError: the likelihood is zero at every draw from the prior, or the model cannot be
+            evaluated by the workers, or is not that of the journal.
     """
     started = perf_counter()
     model_class.check_structure()
     n = len(model_class.parameters)
-    target = Target(model_class.log_likelihood_at, n)
+    target = Target(model_class.log_likelihood_at, n, workers, journal)
     try:
         sampled = sample_target(target, _seed_of(model_class.name, seed), settings, progress)
     except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
         raise
     except ValueError as error:
-        raise ValueError(f"model class {model_class.name!r}: {error}") from error
+        told = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
+        raise ValueError(f"model class {model_class.name!r}: {error}{told}") from error
     z, log_likelihoods = _corrected_draws(sampled, np.random.default_rng(seed))
     values = model_class.values(z.reshape(-1, n))
     frequencies_hz = model_class.likelihood.modes(values).frequencies_hz
@@ -229,77 +234,31 @@ def sample(
         autocorrelation_time=max(float(e.autocorrelation_times.max()) for e in sampled.ensembles),
         acceptance=float(np.mean([e.acceptance for e in sampled.ensembles])),
         n_evaluations=sampled.n_evaluations,
+        n_searches=sampled.discovery.n_searches,
         seconds=perf_counter() - started,
-        failed_checks=tuple(failed_checks(sampled)),
+        failed_checks=(
+            *failed_checks(sampled),
+            *failed_edge_checks(model_class, z.reshape(-1, n)),
+            *_failures(model_class, target),
+        ),
         data_digest=model_class.data.digest,
         pairing=dict(model_class.pairing),
         relative_spreads=z.reshape(-1, n).std(axis=0),
     )
 
 
-def failed_checks(sampled: Sampled) -> list[str]:
-    """What should agree in a result and does not, a sentence each; empty when all is well."""
-    failed = []
-    wanted = LENGTH_IN_AUTOCORRELATION_TIMES
-    for ensemble in sampled.ensembles:
-        if not ensemble.is_long_enough:
-            failed.append(
-                f"a chain of {ensemble.n_steps} steps is shorter than {wanted} autocorrelation "
-                f"times of {ensemble.autocorrelation_times.max():.0f} steps"
-            )
-    largest = float(r_hat(sampled.ensembles).max())
-    if not largest <= R_HAT_LIMIT:
-        failed.append(f"the ensembles differ: R-hat is {largest:.3f}, above {R_HAT_LIMIT}")
-    quoted, bridge, tempered = sampled.evidence, sampled.bridge, sampled.tempered
-    weight = float(sampled.importance.weights.max())
-    if weight > LARGEST_WEIGHT_LIMIT:
-        failed.append(f"one importance draw carries {100 * weight:.0f} % of the evidence")
-    apart = abs(bridge.log_evidence - quoted.log_evidence)
-    if not apart <= DISAGREEMENT * math.hypot(bridge.error, quoted.error):
-        failed.append(
-            f"log evidence by importance sampling, {_plus_minus(quoted)}, and by bridge "
-            f"sampling, {_plus_minus(bridge)}, disagree"
-        )
-    apart = abs(tempered.log_evidence - quoted.log_evidence)
-    if not apart <= max(DISAGREEMENT * tempered.error, TEMPERED_TOLERANCE):
-        failed.append(
-            f"log evidence by importance sampling, {_plus_minus(quoted)}, and by the tempered "
-            f"start, {_plus_minus(tempered)}, disagree"
-        )
-    failed.extend(_regions_amiss(sampled))
-    if sampled.n_failed > NEGLIGIBLE_FAILURES * sampled.n_evaluations:
-        failed.append(
-            f"the model gave NaN at {sampled.n_failed} of {sampled.n_evaluations} evaluations; "
-            "they count as likelihood zero"
-        )
-    return failed
-
-
-def _regions_amiss(sampled: Sampled) -> list[str]:
-    """Regions that a part of the sampling did not see."""
-    failed: list[str] = []
-    regions, shares = sampled.regions, sampled.region_shares
-    if regions.n_regions == 1:
-        return failed
-    of_starts = [regions.shares(start.positions) for start in sampled.starts]
-    of_chains = regions.shares(np.concatenate([e.draws for e in sampled.ensembles]))
-    for region in np.flatnonzero(shares > SMALL_SHARE):
-        missed = sum(start[region] == 0 for start in of_starts)
-        if missed:
-            failed.append(
-                f"a region with {100 * shares[region]:.1f} % of the posterior was missed by "
-                f"{missed} of {len(of_starts)} tempered starts; there may be others"
-            )
-        if of_chains[region] == 0:
-            failed.append(
-                f"a region with {100 * shares[region]:.1f} % of the posterior was never visited "
-                "by the chains"
-            )
-    return failed
-
-
-def _plus_minus(estimate: Estimate) -> str:
-    return f"{estimate.log_evidence:.3f} ± {estimate.error:.3f}"
+def _failures(model_class: ModelClass, target: Target) -> list[str]:
+    """One sentence on where and why the model has no answer, unless that is hardly ever."""
+    if target.n_failed <= NEGLIGIBLE_FAILURES * target.n_evaluations:
+        return []
+    first = target.failures[0]
+    values = model_class.values(first.z[None])[0]
+    each = zip(model_class.parameter_names, values, strict=True)
+    where = ", ".join(f"{name} = {value:.6g}" for name, value in each)
+    return [
+        f"the model failed at {target.n_failed} of {target.n_evaluations} evaluations, which count "
+        f"as likelihood zero; the first time at {where}: {first.reason}"
+    ]
 
 
 def _seed_of(name: str, seed: int) -> np.random.SeedSequence:
@@ -314,6 +273,7 @@ def _evidence(sampled: Sampled) -> Evidence:
         log_evidence=quoted.log_evidence,
         error=quoted.error,
         effective_sample_size=sampled.importance.effective_sample_size,
+        pareto_k=sampled.importance.pareto_k,
         n_draws=len(sampled.importance.z),
         bridge=sampled.bridge,
         tempered=sampled.tempered,
@@ -355,6 +315,7 @@ def _regions(sampled: Sampled, z: FloatArray, values: FloatArray) -> tuple[Regio
         Region(
             share=float(shares[k]),
             error=float(errors[k]),
+            n_searches=int(sampled.searches_of_regions[k]),
             shares_of_starts=tuple(float(share) for share in of_starts[:, k]),
             mean=tuple(float(mean) for mean in flat[labels == k].mean(0)),
         )

@@ -10,14 +10,11 @@ from __future__ import annotations
 import csv
 import json
 import math
-import platform
 import re
 import shutil
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +26,11 @@ from bayes_ssi.data import ModalData
 from bayes_ssi.evidence import Estimate
 from bayes_ssi.posterior import Evidence, Posterior, Region
 from bayes_ssi.study import Ranking
+from bayes_ssi.versions import versions
 
 __all__ = ["StoredResult", "load_result", "require_new", "save_result"]
 
-FORMAT = 1
-PACKAGES = ("bayes_ssi", "numpy", "scipy", "emcee", "arviz")
+FORMAT = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +96,12 @@ def require_new(directory: str | Path, *, overwrite: bool = False) -> None:
 
 
 def save_result(
-    ranking: Ranking, directory: str | Path, *, study_file: str = "", overwrite: bool = False
+    ranking: Ranking,
+    directory: str | Path,
+    *,
+    study_file: str = "",
+    overwrite: bool = False,
+    accept_failed_checks: bool = False,
 ) -> StoredResult:
     """Write a ranking to a new directory; nothing is left there if writing fails.
 
@@ -108,6 +110,7 @@ def save_result(
         directory: where to.
         study_file: the file that defines the study, for the record.
         overwrite: replace a result that exists.
+        accept_failed_checks: put on record that failed checks were accepted.
 
     Raises:
         FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
@@ -129,7 +132,9 @@ def save_result(
                 posterior.frequencies_hz,
             )
             save_draws(partial / "posteriors" / files[posterior.name], stored)
-        _write_json(partial / "result.json", _record(ranking, files, study_file))
+        record = _record(ranking, files, study_file)
+        record["failed_checks_accepted"] = accept_failed_checks
+        _write_json(partial / "result.json", record)
         _write_json(partial / "comparison.json", asdict(ranking.comparison))
         _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
         if directory.exists():
@@ -175,22 +180,12 @@ def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict
         "prior_weights": None if study.prior_weights is None else dict(study.prior_weights),
         "data_digest": ranking.comparison.data_digest,
         "data_source": study.model_classes[0].data.source,
-        "versions": _versions(),
+        "versions": versions(),
         "model_classes": [candidate.summary() for candidate in study.model_classes],
         "posteriors": [
             _entry(posterior, files[posterior.name]) for posterior in ranking.posteriors
         ],
     }
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version(), "platform": sys.platform}
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:  # run from a source tree that is not installed
-            found[package] = "not installed"
-    return found
 
 
 ARRAYS = ("draws", "log_likelihoods", "frequencies_hz")
@@ -234,6 +229,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
             Region(
                 share=region["share"],
                 error=region["error"],
+                n_searches=region["n_searches"],
                 shares_of_starts=tuple(region["shares_of_starts"]),
                 mean=tuple(region["mean"]),
             )
@@ -244,6 +240,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
         failed_checks=tuple(entry["failed_checks"]),
         name=entry["name"],
         n_evaluations=entry["n_evaluations"],
+        n_searches=entry["n_searches"],
         data_digest=entry["data_digest"],
         pairing=entry["pairing"],
         r_hat=float(entry["r_hat"]),

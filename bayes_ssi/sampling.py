@@ -1,6 +1,7 @@
 """From a log-likelihood to draws of its posterior and its evidence, in five steps.
 
-1. Two independent tempered starts, and many ascents, discover the regions of the posterior.
+1. Independent searches find the maxima of the posterior; two independent tempered starts carry
+   particles from the prior to the regions around them.
 2. A Student-t mixture is fitted to what they found.
 3. Two independent emcee ensembles sample the posterior.
 4. Mixture importance sampling, from a mixture fitted to one ensemble, gives the evidence and the
@@ -10,14 +11,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from bayes_ssi.discovery import Discovery, discover
 from bayes_ssi.evidence import (
     Estimate,
     ImportanceSample,
@@ -40,11 +41,14 @@ Progress = Callable[[str, float], None]
 
 N_ENSEMBLES = 2
 WALKERS = 32
+ENDS_TO_CLIMB_FROM = 32
 COMPONENTS = (1, 2, 3, 4, 6, 8, 12, 16)
 DRAWS_FOR_FITTING = 3000
 # Weight of the maxima's own components in the mixtures: a region that the particles lost is
 # proposed all the same.
 MAXIMA_SHARE = 0.1
+# Factor and weight of a wider copy of the mixture from which the importance draws come.
+WIDER = (2.0, 0.1)
 # Importance draws count as part of a region when their weight is at least this share of the mean.
 TYPICAL_WEIGHT = 0.1
 
@@ -56,7 +60,7 @@ class SamplingSettings:
     Attributes:
         log_evidence_error: wanted standard error of the log evidence, in nats.
         particles: of each tempered start; None chooses by the number of parameters.
-        ascents: local searches for maxima.
+        searches: least number of independent searches for maxima.
         max_steps: longest chain of an ensemble, in steps.
 
     Raises:
@@ -65,11 +69,11 @@ class SamplingSettings:
 
     log_evidence_error: float = 0.01
     particles: int | None = None
-    ascents: int = 256
+    searches: int = 4
     max_steps: int = 5000
 
     def __post_init__(self) -> None:
-        for name in ("log_evidence_error", "particles", "ascents", "max_steps"):
+        for name in ("log_evidence_error", "particles", "searches", "max_steps"):
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise ValueError(f"SamplingSettings: {name} must be positive, got {value!r}")
@@ -89,6 +93,7 @@ class SamplingSettings:
 class Sampled:
     """Everything that sampling one target produced, in standard-normal coordinates."""
 
+    discovery: Discovery
     starts: tuple[TemperedStart, ...]
     maxima: Maxima
     ensembles: tuple[Ensemble, ...]
@@ -96,7 +101,6 @@ class Sampled:
     bridge: Estimate
     regions: Regions
     n_evaluations: int
-    n_failed: int
 
     @property
     def evidence(self) -> Estimate:
@@ -111,6 +115,14 @@ class Sampled:
     def region_shares(self) -> FloatArray:
         """Share of the posterior in each region, (n_regions,)."""
         return self.regions.shares(self.importance.z, self.importance.weights)
+
+    @property
+    def searches_of_regions(self) -> NDArray[np.intp]:
+        """How many of the independent searches found a maximum in each region, (n_regions,)."""
+        label = self.regions.assign(self.discovery.maxima.z)
+        inside = label == np.arange(self.regions.n_regions)[:, None]
+        found: NDArray[np.intp] = (self.discovery.found_by @ inside.T).sum(axis=0)
+        return found
 
     @property
     def region_errors(self) -> FloatArray:
@@ -147,9 +159,19 @@ def _sample(
     settings: SamplingSettings,
     progress: Progress | None,
 ) -> Sampled:
-    seeds = seed.spawn(2 * N_ENSEMBLES + 1)
+    seeds = seed.spawn(2 * N_ENSEMBLES + 2)
     rng = np.random.default_rng(seeds[-1])
-    starts, maxima = _discover(target, seeds[:N_ENSEMBLES], settings, progress, rng)
+    discovery = discover(
+        target, settings.searches, seeds[-2], _reporter(progress, "searches", 0, 1)
+    )
+    n_particles = settings.n_particles(target.n_dimensions)
+    starts = []
+    for i in range(N_ENSEMBLES):
+        report = _reporter(progress, "tempered start", i, N_ENSEMBLES)
+        starts.append(tempered_start(target, n_particles, discovery.maxima, seeds[i], report))
+    # Particles may have ended in regions that no search found: climb from there, too.
+    ends = [rng.choice(start.positions, ENDS_TO_CLIMB_FROM) for start in starts]
+    maxima = find_maxima(target, np.concatenate([discovery.maxima.z, *ends]))
     found = choose_mixture(starts[0].positions, starts[1].positions, COMPONENTS, rng)
     proposal = found.joined_with(maxima.as_mixture(), MAXIMA_SHARE)
     # Particles that lost a region leave its component too little weight; a few importance
@@ -168,42 +190,20 @@ def _sample(
     fitted, held_out = (_thinned(ensemble.draws, rng) for ensemble in ensembles[:2])
     mixture = choose_mixture(fitted, held_out, COMPONENTS, rng)
     mixture = mixture.joined_with(maxima.as_mixture(), MAXIMA_SHARE)
-    importance = importance_sampling(target, mixture, settings.log_evidence_error, rng)
+    wider = mixture.widened(*WIDER)
+    importance = importance_sampling(target, wider, settings.log_evidence_error, rng)
     if progress is not None:
         progress("evidence", 1.0)
     return Sampled(
-        starts=starts,
+        discovery=discovery,
+        starts=tuple(starts),
         maxima=maxima,
         ensembles=tuple(ensembles),
         importance=importance,
         bridge=bridge_sampling(ensembles[1], importance),
         regions=_regions(target, mixture, importance),
         n_evaluations=target.n_evaluations,
-        n_failed=target.n_failed,
     )
-
-
-def _discover(
-    target: Target,
-    seeds: Sequence[np.random.SeedSequence],
-    settings: SamplingSettings,
-    progress: Progress | None,
-    rng: np.random.Generator,
-) -> tuple[tuple[TemperedStart, ...], Maxima]:
-    """Independent tempered starts, and the maxima that any of them found."""
-    n_particles = settings.n_particles(target.n_dimensions)
-    n_ascents = math.ceil(settings.ascents / len(seeds))
-    starts = []
-    for i, seed in enumerate(seeds):
-        report = _reporter(progress, "tempered start", i, len(seeds))
-        starts.append(tempered_start(target, n_particles, n_ascents, seed, report))
-    if progress is not None:
-        progress("maxima", 0.0)
-    # Climb again from all the maxima, which makes one of those found twice, and from where the
-    # particles ended.
-    tops = [start.maxima.z for start in starts]
-    ends = [rng.choice(start.positions, n_ascents // 4) for start in starts]
-    return tuple(starts), find_maxima(target, np.concatenate([*tops, *ends]))
 
 
 def _reporter(

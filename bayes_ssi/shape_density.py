@@ -44,5 +44,6 @@ def log_shape_normaliser(shape_sd: FloatArray, d: int) -> FloatArray:
     t = begin + 0.5 * (end - begin) * (_NODES + 1.0)
     log_integrand = -2.0 * (np.sin(0.5 * t) / sd) ** 2 + (d - 2) * np.log(np.sin(t))
     peak = log_integrand.max(axis=-1, keepdims=True)
-    integral = 0.5 * (end - begin)[..., 0] * (np.exp(log_integrand - peak) @ _WEIGHTS)
+    # Not by a matrix product, whose rounding of one value depends on how many there are.
+    integral = 0.5 * (end - begin)[..., 0] * (np.exp(log_integrand - peak) * _WEIGHTS).sum(-1)
     return math.log(2.0) + log_sphere_area(d - 1) + np.log(integral) + peak[..., 0]

@@ -6,13 +6,17 @@ import importlib.util
 import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from bayes_ssi.checkpoint import Checkpoint
 from bayes_ssi.comparison import Comparison, checked_weights, compare
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Posterior, sample
 from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.workers import STUDY_MODULE, Workers, as_workers
 
 __all__ = ["Ranking", "Study", "load_study", "rank"]
 
@@ -111,6 +115,9 @@ def rank(
     seed: int = 0,
     settings: SamplingSettings | None = None,
     progress: Callable[[str, str, float], None] | None = None,
+    *,
+    workers: int | Executor | Workers | None = None,
+    checkpoint: str | Path | Checkpoint | None = None,
 ) -> Ranking:
     """Sample every model class of a study and rank them by evidence.
 
@@ -119,21 +126,31 @@ def rank(
         seed: a class's result follows from it and the class's name, whatever others there are.
         settings: how precisely to sample.
         progress: called with the name of the class, of the step, and the share of it done.
+        workers: where the model is evaluated: so many processes, or an executor; here if None.
+            The result is the same.
+        checkpoint: directory to keep the evaluations in; a run that was stopped is continued
+            from it, to the same result. It is left there for the caller to remove.
 
     Raises:
-        ValueError: the classes explain different data, or a class's likelihood is zero
-            everywhere.
+        ValueError: the classes explain different data, a class's likelihood is zero everywhere,
+            the model cannot be evaluated by the workers, or the checkpoint is of another run.
     """
     study.require_same_data()
     settings = settings or SamplingSettings()
+    if isinstance(checkpoint, (str, Path)):
+        checkpoint = Checkpoint(checkpoint)
     posteriors = []
-    for candidate in study.model_classes:
+    with as_workers(workers) as pool:
+        for candidate in study.model_classes:
 
-        def report(step: str, done: float, name: str = candidate.name) -> None:
-            if progress is not None:
-                progress(name, step, done)
+            def report(step: str, done: float, name: str = candidate.name) -> None:
+                if progress is not None:
+                    progress(name, step, done)
 
-        posteriors.append(sample(candidate, seed, settings, report))
+            kept = checkpoint.journal(candidate, seed, settings) if checkpoint else nullcontext()
+            with kept as journal:
+                posterior = sample(candidate, seed, settings, report, workers=pool, journal=journal)
+            posteriors.append(posterior)
     comparison = compare(posteriors, study.prior_weights)
     return Ranking(study, tuple(posteriors), comparison, seed, settings)
 
@@ -149,7 +166,7 @@ def load_study(path: str | Path) -> Study:
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
     # No cached bytecode: a study file is read as it stands, and nothing is written beside it.
-    spec = importlib.util.spec_from_file_location(f"bayes_ssi_study_{path.stem}", path)
+    spec = importlib.util.spec_from_file_location(f"{STUDY_MODULE}{path.stem}", path)
     if path.suffix != ".py" or spec is None or spec.loader is None:
         raise ValueError(f"{path}: a study is a Python file, its name ending in .py")
     module = importlib.util.module_from_spec(spec)

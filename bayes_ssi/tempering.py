@@ -4,9 +4,9 @@ Sequential Monte Carlo through p_β ∝ likelihood^β · prior with 0 = β_0 < �
 is chosen for an effective sample size of one half, then the particles are resampled and moved by
 emcee's ensemble moves. The weights give a first log evidence (Del Moral, Doucet and Jasra 2006).
 
-Before that some particles climb to the maxima of the posterior. Proposals around these maxima,
-widened to each temperature, keep the shares of separate regions right on the way: a region that
-holds few particles would otherwise be lost by chance.
+Proposals around the maxima of the posterior that are known beforehand, widened to each
+temperature, keep the shares of separate regions right on the way: a region that holds few
+particles would otherwise be lost by chance.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_ssi.maxima import Maxima, find_maxima
+from bayes_ssi.maxima import Maxima
 from bayes_ssi.mixture import fit_mixture
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.target import Target, log_standard_normal
@@ -49,7 +49,6 @@ class TemperedStart:
             the correlation left between stages.
         temperatures: the β of each stage, from 0 to 1.
         steps: moves made at each stage.
-        maxima: reached by ascents from the first particles.
     """
 
     positions: FloatArray
@@ -58,13 +57,12 @@ class TemperedStart:
     log_evidence_error: float
     temperatures: tuple[float, ...]
     steps: tuple[int, ...]
-    maxima: Maxima
 
 
 def tempered_start(
     target: Target,
     n_particles: int,
-    n_ascents: int,
+    maxima: Maxima,
     seed: np.random.SeedSequence,
     progress: Callable[[float], None] | None = None,
 ) -> TemperedStart:
@@ -73,23 +71,18 @@ def tempered_start(
     Args:
         target: what is sampled.
         n_particles: at least twice the number of dimensions.
-        n_ascents: how many of them climb to a maximum first.
+        maxima: of the posterior, as far as they are known.
         seed: everything random follows from it.
         progress: called with β after each stage.
 
     Raises:
-        ValueError: the likelihood is zero at every draw from the prior, or β does not reach 1.
+        ValueError: the likelihood is zero at every particle, or β does not reach 1.
     """
     rng = np.random.default_rng(seed)
     positions = rng.standard_normal((n_particles, target.n_dimensions))
     log_likelihoods = target.log_likelihood(positions)
-    possible = np.isfinite(log_likelihoods)
-    if not possible.any():
-        raise ValueError(
-            f"the likelihood is zero at all of {n_particles} draws from the prior; "
-            "are the priors, the pairing and the units those of the data?"
-        )
-    maxima = find_maxima(target, positions[possible][:n_ascents])
+    if not np.isfinite(log_likelihoods).any():
+        raise ValueError(f"the likelihood is zero at all of {n_particles} draws from the prior")
     temperatures, steps = [0.0], []
     log_evidence, relative_variance, left = 0.0, 0.0, 0.0
     while temperatures[-1] < 1.0:
@@ -121,7 +114,6 @@ def tempered_start(
         float(np.sqrt(relative_variance)),
         tuple(temperatures),
         tuple(steps),
-        maxima,
     )
 
 

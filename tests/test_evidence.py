@@ -13,7 +13,6 @@ from bayes_ssi.evidence import (
     importance_sampling,
     tempered_estimate,
 )
-from bayes_ssi.maxima import Maxima
 from bayes_ssi.mixture import StudentMixture
 from bayes_ssi.production import Ensemble
 from bayes_ssi.target import Target, log_standard_normal
@@ -212,10 +211,7 @@ def test_correlated_chains_widen_the_error_of_the_bridge(target, mixture):
 
 
 def tempered(log_evidence, error):
-    maxima = Maxima(np.zeros((1, 1)), np.zeros(1), np.ones((1, 1, 1)))
-    return TemperedStart(
-        np.zeros((4, 1)), np.zeros(4), log_evidence, error, (0.0, 1.0), (2,), maxima
-    )
+    return TemperedStart(np.zeros((4, 1)), np.zeros(4), log_evidence, error, (0.0, 1.0), (2,))
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.checks import failed_checks
 from bayes_ssi.modal import Modes
-from bayes_ssi.posterior import failed_checks
 from bayes_ssi.regions import Regions
 from bayes_ssi.sampling import sample_target
 from bayes_ssi.structures.base import Structure
@@ -133,9 +133,13 @@ def test_a_model_that_breaks_down_in_places_is_reported():
     whole = one_mass()
     broken = replace(whole, structure=WithoutModes(whole.parameters, limit=0.9))
     found = bs.sample(broken, seed=1)
-    (check,) = [c for c in found.failed_checks if "NaN" in c]
-    assert check.startswith("the model gave NaN at ")
-    assert "likelihood zero" in check
+    (check,) = found.failed_checks
+    number = r"[0-9.e+-]+"
+    assert re.fullmatch(
+        rf"the model failed at \d+ of {found.n_evaluations} evaluations, which count as likelihood "
+        rf"zero; the first time at k = {number}: the answer is NaN",
+        check,
+    )
     assert found.values.min() > 0.9
 
 
@@ -195,10 +199,6 @@ def spoil_weights(s):
     return replace(s, importance=replace(s.importance, log_likelihoods=heavy))
 
 
-def spoil_count(s):
-    return replace(s, n_failed=s.n_evaluations // 50)
-
-
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
@@ -207,7 +207,6 @@ def spoil_count(s):
         (spoil_bridge, r"importance sampling, -?0\.\d+ ± 0\.\d+, and by bridge sampling, .* dis"),
         (spoil_tempered, r"importance sampling, .*, and by the tempered start, .*, disagree"),
         (spoil_weights, r"^one importance draw carries 3 % of the evidence"),
-        (spoil_count, r"^the model gave NaN at \d+ of \d+ evaluations"),
     ],
 )
 def test_each_check_fires_alone(sampled, spoil, message):
@@ -215,8 +214,10 @@ def test_each_check_fires_alone(sampled, spoil, message):
     assert re.search(message, check)
 
 
-def test_a_few_failures_in_the_far_tails_of_a_prior_are_let_pass(sampled):
-    assert failed_checks(replace(sampled, n_failed=3)) == []
+def test_a_few_failures_in_the_far_tails_of_a_prior_are_let_pass():
+    whole = one_mass()
+    broken = replace(whole, structure=WithoutModes(whole.parameters, limit=0.3))
+    assert bs.sample(broken, seed=1).failed_checks == ()
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])

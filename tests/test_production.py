@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from bayes_ssi.maxima import find_maxima
 from bayes_ssi.mixture import StudentMixture
 from bayes_ssi.production import (
     Ensemble,
@@ -114,7 +115,8 @@ def gaussian(z):
 
 def run(function=gaussian, proposal=None, seed=0, max_steps=5000, n_walkers=32, **kwargs):
     target = Target(function, 2)
-    start = tempered_start(target, 300, 32, np.random.SeedSequence(9))
+    maxima = find_maxima(target, np.zeros((1, 2)))
+    start = tempered_start(target, 300, maxima, np.random.SeedSequence(9))
     if proposal is None:
         proposal = StudentMixture(
             np.ones(1), MEAN[None] + 0.1, 0.4 * np.eye(2)[None], np.full(1, 5.0)

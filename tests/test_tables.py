@@ -74,8 +74,8 @@ def test_parameters(make_posterior):
 
 def test_regions(make_posterior):
     regions = (
-        Region(0.75, 0.01, (0.7, 0.8), (1.0, 2.0)),
-        Region(0.25, 0.01, (0.3, 0.2), (3.0, 4.0)),
+        Region(0.75, 0.01, 4, (0.7, 0.8), (1.0, 2.0)),
+        Region(0.25, 0.01, 4, (0.3, 0.2), (3.0, 4.0)),
     )
     assert region_notes(make_posterior("x")) == []
     notes = region_notes(make_posterior("x", regions=regions))

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from bayes_ssi.maxima import find_maxima
 from bayes_ssi.target import Target
 from bayes_ssi.tempering import tempered_start
 
@@ -21,10 +22,12 @@ def gaussian(z):
 
 
 def start(function=gaussian, d=3, seed=0, n_particles=500, **kwargs):
+    target = Target(function, d)
+    climbers = np.random.default_rng(seed).standard_normal((32, d))
     return tempered_start(
-        Target(function, d),
+        target,
         n_particles=n_particles,
-        n_ascents=32,
+        maxima=find_maxima(target, climbers),
         seed=np.random.SeedSequence(seed),
         **kwargs,
     )
@@ -65,7 +68,8 @@ def test_temperatures_rise_from_prior_to_posterior():
 def test_the_first_step_halves_the_effective_sample_size():
     n = 400
     target = Target(gaussian, 3)
-    first = tempered_start(target, n, 32, np.random.SeedSequence(5))
+    maxima = find_maxima(target, np.zeros((1, 3)))
+    first = tempered_start(target, n, maxima, np.random.SeedSequence(5))
     # Its first particles are the first draws of the seed's generator.
     z = np.random.default_rng(np.random.SeedSequence(5)).standard_normal((n, 3))
     log_weights = first.temperatures[1] * gaussian(z)
@@ -106,8 +110,10 @@ def test_regions_keep_their_shares():
 
 @pytest.mark.parametrize("value", [-np.inf, np.nan])
 def test_an_impossible_likelihood_is_refused(value):
+    maxima = find_maxima(Target(gaussian, 3), np.zeros((1, 3)))
+    nowhere = Target(lambda z: np.full(len(z), value), 3)
     with pytest.raises(ValueError, match="likelihood is zero at all of 500 draws from the prior"):
-        start(lambda z: np.full(len(z), value))
+        tempered_start(nowhere, 500, maxima, np.random.SeedSequence(0))
 
 
 def test_a_likelihood_that_is_zero_in_places():

@@ -42,6 +42,10 @@ class Structure(ABC):
 
         Args:
             values: (B, n_parameters), columns as in :attr:`parameters`.
+
+        Row i of the answer must depend on row i of ``values`` alone, to the last digit, since a
+        batch may be evaluated in parts. Where there are no modes, give NaN, or raise: a row that
+        raises counts as failed, and the others are evaluated without it.
         """
 
     def sensor_rows(self, sensors: Sequence[str]) -> list[int]:

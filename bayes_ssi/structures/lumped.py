@@ -1,7 +1,7 @@
 """Structures made of springs and point masses, with any number of elements on them.
 
 Stiffness and mass are sums of fixed matrices times products of parameters,
-``K(θ) = Σ c_t(θ) K_t``, so a whole batch is assembled by one matrix product.
+``K(θ) = Σ c_t(θ) K_t``, assembled for a whole batch at once.
 """
 
 from __future__ import annotations
@@ -59,7 +59,12 @@ class _Sum:
             return self.arrays.sum(axis=0, keepdims=True)
         coefficients = self.table.evaluate(values)
         with np.errstate(invalid="ignore"):  # inf · 0 of a value that is not finite
-            return (coefficients @ self.arrays.reshape(len(self.arrays), -1)).reshape(-1, *shape)
+            # Term by term, not by a matrix product: BLAS rounds a row differently in a batch of
+            # another size, and a batch may be evaluated in parts.
+            total = np.zeros((len(values), self.arrays[0].size))
+            for column, array in zip(coefficients.T, self.arrays, strict=True):
+                total += column[:, None] * array.ravel()
+            return total.reshape(-1, *shape)
 
 
 @dataclass(frozen=True)

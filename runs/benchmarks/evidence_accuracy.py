@@ -16,7 +16,7 @@ import numpy as np
 from problems import Problem, all_problems, from_unit_cube
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.posterior import failed_checks
+from bayes_ssi.checks import failed_checks
 from bayes_ssi.sampling import sample_target
 from bayes_ssi.target import Target
 

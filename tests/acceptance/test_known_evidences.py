@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
-from bayes_ssi.posterior import failed_checks
+from bayes_ssi.checks import failed_checks
 from bayes_ssi.sampling import sample_target
 from bayes_ssi.target import Target
 

@@ -1,0 +1,113 @@
+"""The checkpoint of a study's run: a journal for each model class, in one directory."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import warnings
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+from bayes_ssi.journal import Journal
+from bayes_ssi.model_class import ModelClass
+from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.versions import versions
+
+__all__ = ["Checkpoint"]
+
+# Exists from when the result of the run begins to be written.
+SAVING = "saving"
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, RuntimeWarning, stacklevel=4)
+
+
+class Checkpoint:
+    """Journals of the model classes of one run.
+
+    Attributes:
+        directory: made when the first journal is opened.
+    """
+
+    def __init__(
+        self,
+        directory: str | Path,
+        *,
+        discard_others: bool = False,
+        say: Callable[[str], None] = _warn,
+    ) -> None:
+        """Use a directory for the journals of a run.
+
+        Args:
+            directory: its parent must exist.
+            discard_others: throw another run's journals away instead of refusing them.
+            say: told when an earlier run is continued, and of damage.
+        """
+        self.directory = Path(directory)
+        self._discard_others = discard_others
+        self._say = say
+
+    def journal(self, model_class: ModelClass, seed: int, settings: SamplingSettings) -> Journal:
+        """The journal of one model class, to be closed by the caller.
+
+        Raises:
+            ValueError: it is of another run, damaged beyond use, or in use.
+            OSError: it cannot be read or written.
+        """
+        self.directory.mkdir(exist_ok=True)
+        path = self._path(model_class.name)
+        run = {
+            "model class": model_class.name,
+            "definition": _definition(model_class),
+            "seed": seed,
+            **asdict(settings),
+            **versions(),
+        }
+        try:
+            journal = Journal(path, run)
+        except ValueError:
+            if not self._discard_others:
+                raise
+            path.unlink()
+            journal = Journal(path, run)
+        if journal.damage:
+            self._say(journal.damage)
+        elif journal.n_kept:
+            self._say(
+                f"model class {model_class.name!r}: continues after {journal.n_kept} evaluations"
+            )
+        return journal
+
+    @property
+    def is_saving(self) -> bool:
+        """Whether an earlier run was stopped while, or after, it wrote its result."""
+        return (self.directory / SAVING).exists()
+
+    def begin_saving(self) -> None:
+        """Mark that whatever stands where the result belongs is this run's own from now on."""
+        (self.directory / SAVING).touch()
+
+    def remove(self, names: tuple[str, ...]) -> None:
+        """Remove the journals of these model classes, and the directory if that empties it."""
+        for name in names:
+            self._path(name).unlink(missing_ok=True)
+        (self.directory / SAVING).unlink(missing_ok=True)
+        if self.directory.exists() and not any(self.directory.iterdir()):
+            shutil.rmtree(self.directory)
+
+    def _path(self, name: str) -> Path:
+        stem = re.sub(r"[^A-Za-z0-9._+-]+", "_", name)[:60]
+        digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+        return self.directory / f"{stem}-{digest}.journal"
+
+
+def _definition(model_class: ModelClass) -> str:
+    """A digest of everything that a model class is, as far as its description tells."""
+    text = json.dumps(model_class.summary(), sort_keys=True, default=str)
+    # The default description of an object holds its address, which is another in every process.
+    text = re.sub(r" at 0x[0-9a-fA-F]+", "", text)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

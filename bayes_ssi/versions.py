@@ -1,0 +1,22 @@
+"""Versions of what results depend on, for the record."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from importlib.metadata import PackageNotFoundError, version
+
+__all__ = ["versions"]
+
+PACKAGES = ("bayes_ssi", "numpy", "scipy", "emcee", "arviz")
+
+
+def versions() -> dict[str, str]:
+    """Name → version of Python, the platform and the packages that results depend on."""
+    found = {"python": platform.python_version(), "platform": sys.platform}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:  # run from a source tree that is not installed
+            found[package] = "not installed"
+    return found
