@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 
 from bayes_ssi.priors import FloatArray
@@ -21,6 +20,10 @@ EM_TOLERANCE = 1e-3  # nats per draw
 DEGREES_OF_FREEDOM = (5.0, 30.0)
 # A component whose draws had no weight keeps this share: it may yet be needed.
 LEAST_SHARE = 1e-3
+# More components must raise the mean log density of held-out draws by this much, in nats.
+LEAST_GAIN = 0.01
+# Numbers of components that are tried in vain before no larger one is.
+PATIENCE = 2
 # A component needs this many draws a dimension for its covariance to mean something.
 DRAWS_PER_DIMENSION = 10
 
@@ -50,9 +53,13 @@ class StudentMixture:
         return len(self.weights)
 
     @cached_property
-    def _inverses(self) -> FloatArray:
-        identity = np.eye(self.means.shape[1])
-        return np.array([solve_triangular(c, identity, lower=True) for c in self.choleskys])
+    def _whitening(self) -> tuple[FloatArray, FloatArray]:
+        """All inverse Cholesky factors side by side (d, K·d), and the whitened means (K·d,)."""
+        inverses = np.linalg.inv(self.choleskys)
+        side_by_side = np.ascontiguousarray(
+            inverses.transpose(2, 0, 1).reshape(len(inverses[0]), -1)
+        )
+        return side_by_side, np.einsum("kij,kj->ki", inverses, self.means).ravel()
 
     @cached_property
     def _log_constants(self) -> FloatArray:
@@ -63,8 +70,19 @@ class StudentMixture:
 
     def squared_distances(self, z: FloatArray) -> FloatArray:
         """Mahalanobis distances squared of ``z`` (n, d) from every component, (K, n)."""
-        whitened = np.matmul(z[None] - self.means[:, None], self._inverses.transpose(0, 2, 1))
-        return np.einsum("knd,knd->kn", whitened, whitened)
+        factors, means = self._whitening
+        whitened = z @ factors
+        whitened -= means
+        whitened *= whitened
+        k, d = self.means.shape
+        # For few dimensions adding columns up is faster than a reduction over a short axis.
+        if d > 4:
+            squares = whitened.reshape(len(z), k, d).sum(axis=2)
+        else:
+            squares = whitened[:, ::d].copy()
+            for i in range(1, d):
+                squares += whitened[:, i::d]
+        return np.ascontiguousarray(squares.T)
 
     def log_components(self, z: FloatArray) -> FloatArray:
         """log(weight · density) of every Student-t component, (K, n)."""
@@ -193,20 +211,24 @@ def choose_mixture(
     are as heavy as suits the held-out draws.
     """
     n, d = draws.shape
+    heavy, light = DEGREES_OF_FREEDOM
     best: StudentMixture | None = None
-    best_score = -math.inf
+    best_count, best_score, in_vain = 0, -math.inf, 0
     for count in n_components:
         if count > 1 and count * d * DRAWS_PER_DIMENSION > n:
             break
-        candidates = [fit_mixture(draws, count, dof, rng) for dof in DEGREES_OF_FREEDOM]
-        scores = [float(candidate.log_pdf(held_out).mean()) for candidate in candidates]
-        score = max(scores)
-        if best is not None and score < best_score + 0.01:
-            break
-        best, best_score = candidates[int(np.argmax(scores))], score
+        candidate = fit_mixture(draws, count, light, rng)
+        score = float(candidate.log_pdf(held_out).mean())
+        if best is None or score > best_score + LEAST_GAIN:
+            best, best_count, best_score, in_vain = candidate, count, score, 0
+        else:
+            in_vain += 1
+            if in_vain == PATIENCE:
+                break
     if best is None:
         raise ValueError("choose_mixture: no number of components to choose from")
-    return best
+    heavier = fit_mixture(draws, best_count, heavy, rng)
+    return heavier if float(heavier.log_pdf(held_out).mean()) > best_score else best
 
 
 def _initial_labels(draws: FloatArray, k: int, rng: np.random.Generator) -> NDArray[np.intp]:

@@ -27,7 +27,7 @@ from bayes_ssi.evidence import (
     tempered_estimate,
 )
 from bayes_ssi.maxima import Maxima, find_maxima
-from bayes_ssi.mixture import StudentMixture, choose_mixture
+from bayes_ssi.mixture import choose_mixture
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.production import Ensemble, run_ensemble
 from bayes_ssi.regions import Regions, find_regions
@@ -190,8 +190,8 @@ def _sample(
     fitted, held_out = (_thinned(ensemble.draws, rng) for ensemble in ensembles[:2])
     mixture = choose_mixture(fitted, held_out, COMPONENTS, rng)
     mixture = mixture.joined_with(maxima.as_mixture(), MAXIMA_SHARE)
-    wider = mixture.widened(*WIDER)
-    importance = importance_sampling(target, wider, settings.log_evidence_error, rng)
+    mixture = mixture.widened(*WIDER)
+    importance = importance_sampling(target, mixture, settings.log_evidence_error, rng)
     if progress is not None:
         progress("evidence", 1.0)
     return Sampled(
@@ -201,7 +201,7 @@ def _sample(
         ensembles=tuple(ensembles),
         importance=importance,
         bridge=bridge_sampling(ensembles[1], importance),
-        regions=_regions(target, mixture, importance),
+        regions=_regions(target, importance),
         n_evaluations=target.n_evaluations,
     )
 
@@ -221,8 +221,8 @@ def _thinned(draws: FloatArray, rng: np.random.Generator) -> FloatArray:
     return draws[rng.choice(len(draws), DRAWS_FOR_FITTING, replace=False)]
 
 
-def _regions(target: Target, mixture: StudentMixture, sample: ImportanceSample) -> Regions:
+def _regions(target: Target, sample: ImportanceSample) -> Regions:
     weights: NDArray[np.float64] = sample.weights
     typical = weights > TYPICAL_WEIGHT / len(weights)
     log_posteriors = sample.log_weights + sample.log_proposals
-    return find_regions(mixture, target, sample.z[typical], log_posteriors[typical])
+    return find_regions(target, sample.z[typical], log_posteriors[typical])

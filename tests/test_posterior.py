@@ -273,7 +273,7 @@ def test_a_small_region_may_be_missed(sampled):
 
 
 def test_regions_of_one_are_not_asked_for(sampled):
-    one = Regions(sampled.regions.mixture, np.zeros_like(sampled.regions.of_component))
+    one = Regions(sampled.regions.draws, np.zeros_like(sampled.regions.labels))
     assert failed_checks(replace(sampled, regions=one)) == []
 
 

@@ -1,12 +1,13 @@
 """Log evidences against known answers, over many seeds, beside two nested samplers.
 
     pip install -e ".[benchmarks]"
-    python runs/benchmarks/evidence_accuracy.py [--seeds 20] [--peer-seeds 3] [--only NAME,…]
+    python runs/benchmarks/evidence_accuracy.py [--seeds 20] [--dynesty-seeds 3]
+        [--nautilus-seeds 3] [--only NAME,…]
 
 For each problem: the root-mean-square error of the quoted log evidence, its scatter, the claimed
 error over the scatter, the largest error of a region's probability, evaluations, time, and how
 many runs flag themselves; then, in the same run, dynesty and nautilus at their defaults,
-vectorised where they can be (``--peer-seeds 0`` leaves them out).
+vectorised where they can be (no seeds leave a peer out).
 """
 
 import argparse
@@ -93,7 +94,8 @@ def report(name: str, runs: list[dict[str, float]], exact: float) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--peer-seeds", type=int, default=3)
+    parser.add_argument("--dynesty-seeds", type=int, default=3)
+    parser.add_argument("--nautilus-seeds", type=int, default=3)
     parser.add_argument("--only", default="", help="names of problems, separated by commas")
     options = parser.parse_args()
     wanted = [name.strip() for name in options.only.split(",") if name.strip()]
@@ -104,8 +106,8 @@ def main() -> None:
             print(f"{problem.name}: log evidence {problem.log_evidence:.4f}", flush=True)
             for name, run, n in (
                 ("bayes_ssi", ours, options.seeds),
-                ("dynesty", dynesty_default, options.peer_seeds),
-                ("nautilus", nautilus_default, options.peer_seeds),
+                ("dynesty", dynesty_default, options.dynesty_seeds),
+                ("nautilus", nautilus_default, options.nautilus_seeds),
             ):
                 if n:
                     runs = [run(problem, seed) for seed in range(n)]
