@@ -53,7 +53,10 @@ def save_draws(path: Path, stored: StoredDraws) -> None:
         "coords": {MODE: np.arange(1, n_modes + 1)},
     }
     if _is_first_generation(arviz):
-        arviz.from_dict(**groups, **labels).to_netcdf(str(path), engine="h5netcdf")
+        with warnings.catch_warnings():
+            # Every walker is a chain: there may well be more of them than steps.
+            warnings.filterwarnings("ignore", "More chains", UserWarning)
+            arviz.from_dict(**groups, **labels).to_netcdf(str(path), engine="h5netcdf")
     else:
         arviz.from_dict(groups, **labels).to_netcdf(path, engine="h5netcdf")
 

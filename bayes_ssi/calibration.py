@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_ssi.any_pairing import AnyPairing
 from bayes_ssi.modal import Modes, mac
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.priors import FloatArray
@@ -35,7 +36,7 @@ DIFFERENCE_STEP = 1e-5
 
 
 class NothingToCalibrateError(ValueError):
-    """A model class without a parameter in its structure, or without a paired mode."""
+    """A model class without a parameter in its structure, or without a pairing of modes."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,8 @@ def calibrate(
         seed: of the starts.
 
     Raises:
-        NothingToCalibrateError: no mode is paired, or the structure has no parameter.
+        NothingToCalibrateError: no mode is paired, the pairing is inferred, or the structure has
+            no parameter.
         ValueError: a reference of a parameter that does not exist, or a negative
             weight or no start.
     """
@@ -180,6 +182,11 @@ class _Problem:
 
     def __init__(self, model_class: ModelClass, shape_weight: float) -> None:
         self.model_class = model_class
+        if isinstance(model_class.likelihood, AnyPairing):
+            raise NothingToCalibrateError(
+                f"model class {model_class.name!r}: its pairing is 'any'; a fit needs to know "
+                "which identified mode is which model mode"
+            )
         self.parameters = model_class.structure.parameters
         self.names = tuple(parameter.name for parameter in self.parameters)
         self.pairs = model_class.likelihood.pairs
@@ -298,7 +305,7 @@ class _Problem:
                     if data.mode(label).scored_shape is not None
                     else math.nan,
                 )
-                for label, number in self.model_class.pairing.items()
+                for label, number in self.model_class.likelihood.pairing.items()
             ),
         )
 

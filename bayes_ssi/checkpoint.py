@@ -26,6 +26,10 @@ def _warn(text: str) -> None:
     warnings.warn(text, RuntimeWarning, stacklevel=4)
 
 
+def _keep_quiet(text: str) -> None:
+    del text
+
+
 class Checkpoint:
     """Journals of the model classes of one run.
 
@@ -81,6 +85,10 @@ class Checkpoint:
                 f"model class {model_class.name!r}: continues after {journal.n_kept} evaluations"
             )
         return journal
+
+    def silent(self) -> Checkpoint:
+        """The same, saying nothing, for use in another process."""
+        return Checkpoint(self.directory, discard_others=self._discard_others, say=_keep_quiet)
 
     @property
     def is_saving(self) -> bool:

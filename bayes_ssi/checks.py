@@ -102,7 +102,7 @@ def _evidence_amiss(sampled: Sampled) -> list[str]:
     if weight > LARGEST_WEIGHT_LIMIT:
         failed.append(f"one importance draw carries {100 * weight:.0f} % of the evidence")
     tail = sampled.importance.pareto_k
-    if tail > PARETO_K_LIMIT:
+    if not tail <= PARETO_K_LIMIT:
         failed.append(
             f"a few importance draws may carry the evidence: Pareto k is {tail:.2f}, above "
             f"{PARETO_K_LIMIT}"

@@ -1,4 +1,4 @@
-"""The command line: ``bayes-ssi rank``, ``calibrate`` and ``check``.
+"""The command line: ``bayes-ssi rank``, ``search``, ``calibrate`` and ``check``.
 
 Exit codes: 0, all well; 2, an input is not usable, said in one line; 3, a result was computed and
 saved but a check of it failed, unless that is accepted.
@@ -6,9 +6,11 @@ saved but a check of it failed, unless that is accepted.
 
 from __future__ import annotations
 
+import functools
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -17,7 +19,9 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bayes_ssi.study import Study
+    from bayes_ssi.results import StoredResult
+    from bayes_ssi.search import AppendageSearch
+    from bayes_ssi.study import Ranking, Study
 
 __all__ = ["main"]
 
@@ -55,105 +59,247 @@ def main() -> None:
     """Identified modes in, ranked model classes out."""
 
 
-@main.command()
-@click.argument("study", type=click.Path(path_type=Path))
-@click.option("--only", metavar="NAME,…", help="Rank only these model classes.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
-              help="The result follows from it.")  # fmt: skip
-@click.option("--error", "log_evidence_error", type=float, default=0.01, show_default=True,
-              help="Wanted standard error of each log evidence, in nats.")  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path),
-              help="Result directory; runs/results/STUDY if not given.")  # fmt: skip
-@click.option("--overwrite", is_flag=True,
-              help="Replace a result, or an unfinished run, that exists.")  # fmt: skip
-@click.option("--workers", type=click.IntRange(min=1), metavar="N",
-              help="Evaluate the models in N processes; for models that take milliseconds or "
-              "more.")  # fmt: skip
-@click.option("--dask", metavar="ADDRESS",
-              help="Evaluate them on a Dask cluster, by its scheduler's address.")  # fmt: skip
-@click.option("--accept-failed-checks", is_flag=True,
-              help="Exit with code 0 where checks failed; they are shown and saved all the "
-              "same.")  # fmt: skip
-def rank(
-    study: Path,
-    only: str | None,
-    seed: int,
-    log_evidence_error: float,
-    out: Path | None,
-    overwrite: bool,
-    workers: int | None,
-    dask: str | None,
-    accept_failed_checks: bool,
-) -> None:
-    """Sample every model class of STUDY, rank them by evidence, and save the result.
+@dataclass(frozen=True)
+class _Run:
+    """Options that every command which samples has, and what they all do with them."""
 
-    A run that was stopped goes on when the same command is given again.
-    """
-    with _one_line_errors():
+    seed: int
+    log_evidence_error: float
+    out: Path | None
+    overwrite: bool
+    workers: int | None
+    dask: str | None
+    accept_failed_checks: bool
+
+    def sample_and_save(
+        self, study_file: Path, default: str, sample: Callable[..., _Found]
+    ) -> tuple[_Found, StoredResult]:
+        """Call ``sample(seed, settings, report, workers=, checkpoint=)`` and save its ranking.
+
+        A run that was stopped goes on from its checkpoint beside the result directory.
+        """
         from bayes_ssi.checkpoint import Checkpoint
         from bayes_ssi.results import require_new, save_result
         from bayes_ssi.sampling import SamplingSettings
-        from bayes_ssi.study import rank as rank_study
         from bayes_ssi.workers import dask_workers
 
-        if workers is not None and dask is not None:
+        if self.workers is not None and self.dask is not None:
             raise ValueError("--workers and --dask: give one of them")
-        loaded = _load(study, only)
-        settings = SamplingSettings(log_evidence_error=log_evidence_error)
-        directory = out or RESULTS / study.stem
-        loaded.require_same_data()
+        settings = SamplingSettings(log_evidence_error=self.log_evidence_error)
+        directory = self.out or RESULTS / default
         checkpoint = Checkpoint(
             directory.with_name(f".{directory.name}.checkpoint"),
-            discard_others=overwrite,
+            discard_others=self.overwrite,
             say=lambda text: click.echo(text, err=True),
         )
-        overwrite = overwrite or checkpoint.is_saving
+        overwrite = self.overwrite or checkpoint.is_saving
         require_new(directory, overwrite=overwrite)
         with (
-            nullcontext(workers) if dask is None else dask_workers(dask) as pool,
-            _progress(loaded) as report,
+            nullcontext(self.workers) if self.dask is None else dask_workers(self.dask) as pool,
+            _progress() as report,
         ):
             try:
-                ranking = rank_study(
-                    loaded, seed, settings, report, workers=pool, checkpoint=checkpoint
-                )
+                found = sample(self.seed, settings, report, workers=pool, checkpoint=checkpoint)
             except KeyboardInterrupt:
                 click.echo("Stopped; the same command goes on from here.", err=True)
                 raise
         require_new(directory, overwrite=overwrite)
         checkpoint.begin_saving()
         result = save_result(
-            ranking,
+            found.ranking,
             directory,
-            study_file=str(study),
+            study_file=str(study_file),
             overwrite=overwrite,
-            accept_failed_checks=accept_failed_checks,
+            accept_failed_checks=self.accept_failed_checks,
+            extra=found.extra,
         )
+        self._figures(result, found)
+        checkpoint.remove(found.ranking.study.names)
+        return found, result
 
+    def _figures(self, result: StoredResult, found: _Found) -> None:
         from bayes_ssi.plots import save_figures
-        from bayes_ssi.tables import (
-            comparison_notes,
-            evidence_table,
-            parameter_table,
-            ranking_table,
-            region_notes,
-        )
 
-        figures = save_figures(
-            directory / "figures", result.data, result.ranked_posteriors, result.comparison
-        )
+        directory = result.directory / "figures"
+        save_figures(directory, result.data, result.ranked_posteriors, result.comparison)
+        if found.draw is not None:
+            found.draw(directory)
+
+    def end(self, result: StoredResult) -> None:
+        """Say where the result is, and exit as its checks demand."""
+        n_figures = len(list((result.directory / "figures").iterdir()))
+        _say(_console(), f"Saved in {result.directory}, with {n_figures} figures.")
+        if result.comparison.failed_checks and not self.accept_failed_checks:
+            sys.exit(FAILED_CHECK)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A ranking, further records to save with it, and a further figure to draw."""
+
+    ranking: Ranking
+    extra: Mapping[str, Any] = field(default_factory=dict)
+    draw: Callable[[Path], object] | None = None
+
+
+def _run_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of :class:`_Run`, as one argument ``run``."""
+
+    @functools.wraps(command)
+    def wrapped(**options: Any) -> None:
+        own = {item.name: options.pop(item.name) for item in fields(_Run)}
+        command(run=_Run(**own), **options)
+
+    for option in (
+        click.option("--accept-failed-checks", is_flag=True,
+                     help="Exit with code 0 where checks failed; they are shown and saved all "
+                     "the same."),
+        click.option("--dask", metavar="ADDRESS",
+                     help="Evaluate on a Dask cluster, by its scheduler's address."),
+        click.option("--workers", type=click.IntRange(min=1), metavar="N",
+                     help="Evaluate in N processes on this machine."),
+        click.option("--overwrite", is_flag=True,
+                     help="Replace a result, or an unfinished run, that exists."),
+        click.option("--out", type=click.Path(path_type=Path),
+                     help="Result directory; in runs/results if not given."),
+        click.option("--error", "log_evidence_error", type=float, default=0.01,
+                     show_default=True,
+                     help="Wanted standard error of each log evidence, in nats."),
+        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
+                     help="The result follows from it."),
+    ):  # fmt: skip
+        wrapped = option(wrapped)
+    return wrapped
+
+
+@main.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option("--only", metavar="NAME,…", help="Rank only these model classes.")
+@click.option("--any-pairing", is_flag=True,
+              help="Infer which identified mode is which model mode; classes that differ in "
+              "nothing else become one.")  # fmt: skip
+@_run_options
+def rank(study: Path, only: str | None, any_pairing: bool, run: _Run) -> None:
+    """Sample every model class of STUDY, rank them by evidence, and save the result.
+
+    A run that was stopped goes on when the same command is given again. Workers share the
+    evaluations of one model, which pays where one takes milliseconds or more.
+    """
+    with _one_line_errors():
+        from bayes_ssi.study import rank as rank_study
+
+        loaded = _load(study, only)
+        if any_pairing:
+            loaded = loaded.with_any_pairing()
+        loaded.require_same_data()
+
+        def sample(*arguments: Any, **options: Any) -> _Found:
+            return _Found(rank_study(loaded, *arguments, **options))
+
+        _, result = run.sample_and_save(study, study.stem, sample)
+
+        from bayes_ssi.tables import evidence_table, parameter_table, ranking_table
+
         console = _console()
         console.print(ranking_table(result.comparison, loaded.name))
         console.print(evidence_table(result.ranked_posteriors))
         console.print(parameter_table(result.ranked_posteriors[0]))
-        regions = [note for posterior in result.posteriors for note in region_notes(posterior)]
-        for note in (*comparison_notes(result.comparison), *regions):
-            console.print(note, soft_wrap=True, markup=False, highlight=False)
-        console.print(f"Saved in {directory}, with {len(figures)} figures.", soft_wrap=True,
-                      markup=False, highlight=False)  # fmt: skip
-        checkpoint.remove(loaded.names)
-        if result.comparison.failed_checks and not accept_failed_checks:
-            sys.exit(FAILED_CHECK)
+        _say(console, *_notes(result))
+        run.end(result)
+
+
+@main.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option(
+    "--baseline",
+    metavar="NAME",
+    help="Model class to hang appendages on; the study's first if not given.",
+)
+@click.option(
+    "--mass-ratio",
+    type=(float, float),
+    metavar="MEDIAN COV",
+    default=(0.05, 1.0),
+    show_default=True,
+    help="Lognormal prior of the mass that vibrates over the mean floor mass.",
+)
+@click.option(
+    "--frequency",
+    type=(float, float),
+    metavar="LOW HIGH",
+    help="Log-uniform prior of an appendage's frequency in Hz; from half the lowest "
+    "identified frequency to the band's upper limit if not given.",
+)
+@click.option(
+    "--most",
+    type=click.IntRange(min=1),
+    default=2,
+    show_default=True,
+    help="Largest number of appendages at once.",
+)
+@_run_options
+def search(
+    study: Path,
+    baseline: str | None,
+    mass_ratio: tuple[float, float],
+    frequency: tuple[float, float] | None,
+    most: int,
+    run: _Run,
+) -> None:
+    """Search for appendages that hide in the identified modes of STUDY.
+
+    Hypotheses (no appendage; a pendulum on each floor; an infill in each storey; then two) are
+    built on one model class, which should hold none itself, and ranked over all pairings of
+    modes. Workers sample whole hypotheses side by side.
+    """
+    with _one_line_errors():
+        from bayes_ssi.priors import LogNormal, LogUniform
+        from bayes_ssi.search import SearchSettings, search_record
+        from bayes_ssi.search import search as search_appendages
+
+        loaded = _load(study, baseline)
+        options = SearchSettings(
+            mass_ratio=LogNormal(*mass_ratio),
+            frequency=None if frequency is None else LogUniform(*frequency),
+            number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
+        )
+        done: list[AppendageSearch] = []
+
+        def sample(*arguments: Any, **more: Any) -> _Found:
+            from bayes_ssi.plots import save_places
+
+            found = search_appendages(loaded.model_classes[0], options, *arguments, **more)
+            done.append(found)
+            return _Found(
+                found.ranking,
+                {"search.json": search_record(found)},
+                lambda directory: save_places(found, directory / "places.png"),
+            )
+
+        _, result = run.sample_and_save(study, f"{study.stem}_search", sample)
+
+        from bayes_ssi.tables import averaged_table, search_notes, search_table
+
+        console = _console()
+        console.print(search_table(done[0]))
+        console.print(averaged_table(done[0]))
+        _say(console, *search_notes(done[0]), *_notes(result, best_only=True))
+        run.end(result)
+
+
+def _notes(result: StoredResult, best_only: bool = False) -> list[str]:
+    """What must be said beside a ranking's tables."""
+    from bayes_ssi.tables import comparison_notes, pairing_notes, region_notes
+
+    notes = comparison_notes(result.comparison)
+    for posterior in result.ranked_posteriors[: 1 if best_only else None]:
+        notes += [*pairing_notes(posterior), *region_notes(posterior)]
+    return notes
+
+
+def _say(console: Console, *lines: str) -> None:
+    for line in lines:
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
 
 
 @main.command()
@@ -272,10 +418,10 @@ STEPS = {
 
 
 @contextmanager
-def _progress(study: Study) -> Iterator[Callable[[str, str, float], None]]:
+def _progress() -> Iterator[Callable[[str, str, float], None]]:
     """Progress bars on standard error, one a model class; a line each where it is no terminal."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -293,9 +439,11 @@ def _progress(study: Study) -> Iterator[Callable[[str, str, float], None]]:
         TimeElapsedColumn(),
         console=console,
     ) as progress:
-        tasks = {name: progress.add_task(name, total=1.0, step="") for name in study.names}
+        tasks: dict[str, TaskID] = {}
 
         def show(name: str, step: str, done: float) -> None:
+            if name not in tasks:
+                tasks[name] = progress.add_task(name, total=1.0, step="")
             begin, end = STEPS[step]
             progress.update(tasks[name], completed=begin + done * (end - begin), step=step)
 

@@ -72,10 +72,14 @@ class RankedClass:
 
     @property
     def probability_text(self) -> str:
-        """The probability to four decimals, never rounded to a certainty that it is not."""
-        if self.probability < 1e-4:
-            return "< 0.0001"
-        return "> 0.9999" if self.probability > 0.9999 else f"{self.probability:.4f}"
+        return probability_text(self.probability)
+
+
+def probability_text(probability: float) -> str:
+    """A probability to four decimals, never rounded to a certainty that it is not."""
+    if probability < 1e-4:
+        return "< 0.0001"
+    return "> 0.9999" if probability > 0.9999 else f"{probability:.4f}"
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ def discover(
     Raises:
         ValueError: the likelihood is zero at every draw from the prior.
     """
-    found: list[Maxima] = []
+    found: list[Maxima | None] = []
     seeds = seed.spawn(max(PATIENCE * n_searches, 2))
     for each in seeds:
         found.append(_search(target, np.random.default_rng(each)))
@@ -85,31 +85,39 @@ def discover(
             progress(min(len(found) / n_searches, 1.0))
         if len(found) < n_searches:
             continue
+        if not any(found):
+            n = len(found) * _n_draws(target)
+            raise ValueError(
+                f"the likelihood is zero at all of {n} draws from the prior; "
+                "are the priors, the pairing and the units those of the data?"
+            )
         discovery = _agreed(target, found)
         if discovery.is_settled:
             break
     return discovery
 
 
-def _agreed(target: Target, found: list[Maxima]) -> Discovery:
+def _agreed(target: Target, found: list[Maxima | None]) -> Discovery:
     """The maxima of all searches as one list, and who found which."""
+    tops = [np.empty((0, target.n_dimensions)) if each is None else each.z for each in found]
     # Climbing on from all of them makes one of those that stopped short of the same top.
-    maxima = find_maxima(target, np.concatenate([each.z for each in found]))
+    maxima = find_maxima(target, np.concatenate(tops))
     reach = SAME_MAXIMUM**2 * target.n_dimensions
-    found_by = [(maxima.squared_distances(each.z) < reach).any(axis=1) for each in found]
+    found_by = [(maxima.squared_distances(own) < reach).any(axis=1) for own in tops]
     return Discovery(maxima, np.array(found_by))
 
 
-def _search(target: Target, rng: np.random.Generator) -> Maxima:
-    n = DRAWS if target.n_dimensions < MANY_DIMENSIONS else DRAWS_IN_MANY_DIMENSIONS
-    draws = rng.standard_normal((n, target.n_dimensions))
+def _n_draws(target: Target) -> int:
+    return DRAWS if target.n_dimensions < MANY_DIMENSIONS else DRAWS_IN_MANY_DIMENSIONS
+
+
+def _search(target: Target, rng: np.random.Generator) -> Maxima | None:
+    """The maxima that one search finds; None if the likelihood is zero at all its draws."""
+    draws = rng.standard_normal((_n_draws(target), target.n_dimensions))
     log_likelihoods = target.log_likelihood(draws)
     possible = np.isfinite(log_likelihoods)
     if not possible.any():
-        raise ValueError(
-            f"the likelihood is zero at all of {n} draws from the prior; "
-            "are the priors, the pairing and the units those of the data?"
-        )
+        return None
     return find_maxima(target, _tops(draws[possible], log_likelihoods[possible]))
 
 

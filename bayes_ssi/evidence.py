@@ -41,6 +41,8 @@ MAX_DRAWS = 200_000
 PARETO_K_LIMIT = 0.7
 MAX_ADDED_COMPONENTS = 12
 DRAWS_OF_ADDED_COMPONENT = 500
+# Weights that differ by less than this are equal, but for rounding.
+FLAT = 1e-10
 # Share of the draws whose spread gives an added component its shape.
 NEIGHBOURHOOD = 0.05
 
@@ -103,14 +105,16 @@ class ImportanceSample:
         Every component gives draws in proportion to its weight, so what varies is only the mean
         of each stratum: Var = Σ n_k var_k / n².
         """
-        weights = self.weights
+        log_mean = float(logsumexp(self.log_weights)) - math.log(len(self.weights))
+        return Estimate(log_mean, self._error_of_sum(self.weights))
+
+    def _error_of_sum(self, terms: FloatArray) -> float:
+        """Standard error of the sum of one term (n,) a draw, by strata."""
         counts = np.bincount(self.strata)
         # A handful of draws say nothing of their stratum's variance: these strata count as one.
         strata = np.where(counts[self.strata] < LEAST_STRATUM, -1, self.strata)
-        each = [weights[strata == k] for k in np.unique(strata)]
-        variance = sum(len(own) * own.var(ddof=1) for own in each if len(own) > 1)
-        log_mean = float(logsumexp(self.log_weights)) - math.log(len(weights))
-        return Estimate(log_mean, float(np.sqrt(variance)))
+        each = [terms[strata == k] for k in np.unique(strata)]
+        return math.sqrt(sum(len(own) * own.var(ddof=1) for own in each if len(own) > 1))
 
     @property
     def log_likelihood_mean(self) -> float:
@@ -123,7 +127,8 @@ class ImportanceSample:
         weights = self.weights
         shares = np.bincount(groups, weights, minlength=n_groups)
         member = groups == np.arange(n_groups)[:, None]
-        return np.sqrt(((weights * (member - shares[:, None])) ** 2).sum(1))
+        terms = weights * (member - shares[:, None])
+        return np.array([self._error_of_sum(of_group) for of_group in terms])
 
 
 def pareto_shape(weights: FloatArray) -> float:
@@ -138,11 +143,11 @@ def pareto_shape(weights: FloatArray) -> float:
         return math.nan
     largest = np.sort(weights)[-n_tail - 1 :]
     excess = largest[1:] - largest[0]
-    if not excess[-1] > 0:
+    if not excess[-1] > FLAT * largest[-1]:
         return -math.inf
     n_trials = 30 + int(math.sqrt(n_tail))
     quartile = excess[int(n_tail / 4 + 0.5) - 1]
-    if not quartile > 0:
+    if not quartile > 1e-290 * excess[-1]:
         return math.inf  # so few weights count that their tail cannot be told
     trials = 1.0 - np.sqrt(n_trials / (np.arange(1, n_trials + 1) - 0.5))
     trials = 1.0 / excess[-1] + trials / (3.0 * quartile)
@@ -159,22 +164,24 @@ def importance_sampling(
     """Draw from ``mixture`` until the log evidence's error is ``wanted_error``.
 
     The number of draws is set from the error of a first batch, which is kept. Where the weights
-    of that batch have a heavy tail, components are added at the heaviest draws first (incremental
-    mixture importance sampling, Raftery and Bao 2010).
+    have a heavy tail, components are added at the heaviest draws first (incremental mixture
+    importance sampling, Raftery and Bao 2010).
     """
     sample = _draw(target, mixture.defended(PRIOR_SHARE), FIRST_BATCH, rng)
     if not math.isfinite(wanted_error):
         return sample
-    for _ in range(MAX_ADDED_COMPONENTS):
-        if not sample.pareto_k > PARETO_K_LIMIT:
-            break
-        sample = _with_component(target, sample, rng)
-    while sample.estimate.error > wanted_error and len(sample.z) < MAX_DRAWS:
+    added = 0
+    while True:
+        if sample.pareto_k > PARETO_K_LIMIT and added < MAX_ADDED_COMPONENTS:
+            sample = _with_component(target, sample, rng)
+            added += 1
+            continue
+        if not sample.estimate.error > wanted_error or len(sample.z) >= MAX_DRAWS:
+            return sample
         needed = len(sample.z) * (sample.estimate.error / wanted_error) ** 2
         more = int(min(1.1 * needed, 4.0 * len(sample.z), MAX_DRAWS)) - len(sample.z)
         new = _draw(target, sample.mixture, max(more, FIRST_BATCH), rng)
         sample = _concatenated(sample, new)
-    return sample
 
 
 def _draw(
@@ -210,7 +217,7 @@ def _with_component(
     away = sample.z[near] - centre
     covariance = (away * weights[near, None]).T @ away / weights[near].sum()
     floor = 1e-6 * max(float(np.trace(covariance)) / len(centre), 1e-300)
-    more = DRAWS_OF_ADDED_COMPONENT
+    more = max(DRAWS_OF_ADDED_COMPONENT, n // 6)
     component = StudentMixture(
         np.ones(1),
         centre[None],

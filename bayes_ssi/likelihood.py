@@ -16,7 +16,7 @@ that a model mode would have been identified inside the band.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -33,7 +33,7 @@ from bayes_ssi.priors import FloatArray
 from bayes_ssi.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.structures.base import Structure
 
-__all__ = ["ModalLikelihood", "ModalTerms", "PairedModes", "check_pairing"]
+__all__ = ["ModalLikelihood", "ModalTerms", "PairedModes", "check_pairing", "row_sums"]
 
 
 class ModalTerms(NamedTuple):
@@ -53,7 +53,15 @@ class ModalTerms(NamedTuple):
 
     def total(self) -> FloatArray:
         """The log-likelihood (B,)."""
-        return self.frequency.sum(1) + self.shape.sum(1) + self.undetected + self.spurious
+        return row_sums(self.frequency) + row_sums(self.shape) + self.undetected + self.spurious
+
+
+def row_sums(terms: FloatArray) -> FloatArray:
+    """The sum over the second axis of (B, m) or (B, m, …), the same for a row in any batch.
+
+    numpy adds in an order that depends on the memory layout, which a batch of one may change.
+    """
+    return np.ascontiguousarray(terms).sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +82,15 @@ class PairedModes:
     shape_var: FloatArray  # (S,), identification error squared; 0 if not given
 
     @classmethod
-    def of(cls, data: ModalData, pairing: Mapping[str, int]) -> PairedModes:
-        modes = tuple(data.mode(label) for label in pairing)
+    def of(cls, data: ModalData, pairs: Iterable[tuple[str, int]]) -> PairedModes:
+        """Pairs of a label of an identified mode and a number of a model mode, from 1."""
+        pairs = tuple(pairs)
+        modes = tuple(data.mode(label) for label, _ in pairs)
         with_shape = [i for i, mode in enumerate(modes) if mode.scored_shape is not None]
         shapes = data.unit_shapes[:, [data.labels.index(modes[i].label) for i in with_shape]]
         return cls(
             modes=modes,
-            model_modes=np.array([number - 1 for number in pairing.values()], dtype=np.intp),
+            model_modes=np.array([number - 1 for _, number in pairs], dtype=np.intp),
             frequencies_hz=np.array([mode.frequency_hz for mode in modes]),
             frequency_var=np.array([mode.frequency_cov or 0.0 for mode in modes]) ** 2,
             with_shape=np.array(with_shape, dtype=np.intp),
@@ -97,8 +107,8 @@ class PairedModes:
     def shape_distances(self, shapes_at_sensors: FloatArray) -> FloatArray:
         """1 - |φ_e·φ| = ½ r_φ², (B, S), for model shapes (B, s, n_modes)."""
         shapes = shapes_at_sensors[:, :, self.model_modes[self.with_shape]]
-        cosine = (shapes * self.unit_shapes).sum(1)
-        length_sq = (shapes * shapes * self.measured).sum(1)
+        cosine = row_sums(shapes * self.unit_shapes)
+        length_sq = row_sums(shapes * shapes * self.measured)
         # A model shape that vanishes at every sensor (a node at each) points nowhere.
         with np.errstate(divide="ignore", invalid="ignore"):
             aligned = np.where(length_sq == 0.0, 0.0, np.abs(cosine) / np.sqrt(length_sq))
@@ -122,8 +132,8 @@ def check_pairing(pairing: Mapping[str, int], data: ModalData, n_modes: int) -> 
     """
     if not isinstance(pairing, Mapping):
         raise TypeError(
-            "pairing must map labels of identified modes to numbers of model modes, "
-            f"got {pairing!r}"
+            "pairing must map labels of identified modes to numbers of model modes, or be "
+            f"'any', got {pairing!r}"
         )
     first: dict[int, str] = {}
     for label, number in pairing.items():
@@ -172,7 +182,7 @@ class ModalLikelihood:
 
     @cached_property
     def pairs(self) -> PairedModes:
-        return PairedModes.of(self.data, self.pairing)
+        return PairedModes.of(self.data, self.pairing.items())
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -185,21 +195,34 @@ class ModalLikelihood:
 
         Columns are as in :attr:`parameters`.
         """
-        total = self.terms(values).total()
+        total = self.log_density(values)
         return np.where(np.isnan(total), -np.inf, total)
+
+    def log_density(self, values: FloatArray) -> FloatArray:
+        """As :meth:`log_likelihood`, but NaN where there are no modes."""
+        return self.terms(values).total()
 
     def terms(self, values: FloatArray) -> ModalTerms:
         """The log-likelihood in parts; NaN where the structure has no modes."""
-        modes = self.modes(values)
-        error_var = self._error_sizes.evaluate(values) ** 2
+        modes, error_var = self.modes(values), self._error_variances(values)
         # Far out in the tail of its prior an error size can be so small that its square is zero.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            missed = self._missed_terms(modes, error_var[:, :1], self._unpaired_model_modes)
             return ModalTerms(
                 frequency=self._frequency_terms(modes, error_var[:, :1]),
                 shape=self._shape_terms(modes, error_var[:, 1:]),
-                undetected=self._undetected_terms(modes, error_var[:, :1]),
-                spurious=self._spurious_term,
+                undetected=row_sums(missed),
+                spurious=-self.identification.expected_spurious_modes
+                + sum(
+                    self._spurious_term(mode)
+                    for mode in self.data.modes
+                    if mode.label not in self.pairing
+                ),
             )
+
+    def _error_variances(self, values: FloatArray) -> FloatArray:
+        """Squared prediction errors (B, 1 or 2) of frequencies and, where scored, shapes."""
+        return self._error_sizes.evaluate(values) ** 2
 
     def modes(self, values: FloatArray) -> Modes:
         """The structure's modes at ``values``, columns as in :attr:`parameters`."""
@@ -215,7 +238,7 @@ class ModalLikelihood:
         That is, paired with nothing and within two standard errors of a limit other than zero.
         """
         frequencies = self.modes(values).frequencies_hz
-        prediction_var = self._error_sizes.evaluate(values)[:, :1] ** 2
+        prediction_var = self._error_variances(values)[:, :1]
         reach = 2.0 * np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
         limits = [limit for limit in self.data.band_hz if limit > 0]
         near = np.zeros(frequencies.shape, dtype=bool)
@@ -252,25 +275,21 @@ class ModalLikelihood:
             return None
         return _log_normalisers(np.array([[shape_sd.scale**2]]) + self.pairs.shape_var, self.pairs)
 
-    def _undetected_terms(self, modes: Modes, prediction_var: FloatArray) -> FloatArray:
-        """Σ log(1 - p_D P_in) over the model modes that are paired with no identified mode."""
+    def _missed_terms(
+        self, modes: Modes, prediction_var: FloatArray, which: list[int]
+    ) -> FloatArray:
+        """log(1 - p_D P_in) of some model modes, (B, len(which)): that nothing was identified."""
         low, high = self.data.band_hz
-        frequencies = modes.frequencies_hz[:, self._unpaired_model_modes]
+        frequencies = modes.frequencies_hz[:, which]
         sd = np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
         inside = ndtr((high - frequencies) / sd) - ndtr((low - frequencies) / sd)
-        return np.log1p(-self.identification.detection_probability * inside).sum(1)
+        return np.log1p(-self.identification.detection_probability * inside)
 
-    @cached_property
-    def _spurious_term(self) -> float:
-        expected = self.identification.expected_spurious_modes
+    def _spurious_term(self, mode: IdentifiedMode) -> float:
+        """The log density of an identified mode that belongs to no model mode."""
         low, high = self.data.band_hz
-        total = -expected
-        for mode in self.data.modes:
-            if mode.label not in self.pairing:
-                total += math.log(expected / (high - low))
-                if mode.scored_shape is not None:
-                    total -= log_sphere_area(mode.n_measured)
-        return total
+        density = math.log(self.identification.expected_spurious_modes / (high - low))
+        return density - (log_sphere_area(mode.n_measured) if mode.scored_shape is not None else 0)
 
     @cached_property
     def _error_products(self) -> list[Product]:

@@ -18,8 +18,9 @@ __all__ = ["StudentMixture", "choose_mixture", "fit_mixture"]
 MAX_EM_STEPS = 50
 EM_TOLERANCE = 1e-3  # nats per draw
 DEGREES_OF_FREEDOM = (5.0, 30.0)
-# A component whose draws had no weight keeps this share: it may yet be needed.
-LEAST_SHARE = 1e-3
+# A component whose draws had little weight keeps this share, or all such components share
+# the other: a walker that meets what it covers could not leave again if it were hardly proposed.
+LEAST_SHARE, SHARE_OF_ALL = 0.01, 0.3
 # More components must raise the mean log density of held-out draws by this much, in nats.
 LEAST_GAIN = 0.01
 # Numbers of components that are tried in vain before no larger one is.
@@ -125,7 +126,8 @@ class StudentMixture:
         """The same components with the shares that weighted draws ``z`` (n, d) give them."""
         log_parts = self.log_components(z)
         shares = np.exp(log_parts - np.logaddexp.reduce(log_parts, axis=0)) @ weights
-        shares = np.maximum(shares / shares.sum(), LEAST_SHARE)
+        least = min(LEAST_SHARE, SHARE_OF_ALL / len(shares))
+        shares = np.maximum(shares / shares.sum(), least)
         return replace(self, weights=shares / shares.sum())
 
     def draw(self, counts: NDArray[np.intp], rng: np.random.Generator) -> FloatArray:

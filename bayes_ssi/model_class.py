@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from bayes_ssi.any_pairing import AnyPairing
 from bayes_ssi.data import ModalData
 from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.likelihood import ModalLikelihood, check_pairing
@@ -30,7 +31,8 @@ class ModelClass:
         error: prediction errors, inferred by default.
         pairing: label of an identified mode → number of the model mode that it is, from 1.
             Identified modes that are left out count as spurious, model modes that are left out
-            as not identified.
+            as not identified. Or "any": the likelihood is summed over all pairings, and which
+            mode is which is inferred.
         identification: how modes are found and missed.
         description: a sentence for reports.
 
@@ -45,7 +47,7 @@ class ModelClass:
     structure: Structure
     data: ModalData
     error: ErrorModel = field(default_factory=ErrorModel)
-    pairing: Mapping[str, int] = field(kw_only=True)
+    pairing: Mapping[str, int] | Literal["any"] = field(kw_only=True)
     identification: IdentificationModel = field(default_factory=IdentificationModel, kw_only=True)
     description: str = field(default="", kw_only=True)
 
@@ -64,8 +66,9 @@ class ModelClass:
                     f"got {getattr(self, name)!r}"
                 )
         try:
-            check_pairing(self.pairing, self.data, self.structure.n_modes)
-            object.__setattr__(self, "pairing", {k: int(i) for k, i in self.pairing.items()})
+            if self.pairing != "any":
+                check_pairing(self.pairing, self.data, self.structure.n_modes)
+                object.__setattr__(self, "pairing", {k: int(i) for k, i in self.pairing.items()})
             if not self.parameters:
                 raise ValueError("nothing is inferred; put a Parameter in the structure's fields")
         except (TypeError, ValueError) as error:
@@ -73,9 +76,10 @@ class ModelClass:
 
     @cached_property
     def likelihood(self) -> ModalLikelihood:
-        return ModalLikelihood(
-            self.structure, self.data, self.error, self.identification, self.pairing
-        )
+        parts = (self.structure, self.data, self.error, self.identification)
+        if self.pairing == "any":
+            return AnyPairing(*parts, pairing={})
+        return ModalLikelihood(*parts, self.pairing)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -109,7 +113,7 @@ class ModelClass:
 
         NaN where the structure has no modes, so that whoever samples can count such points.
         """
-        return self.likelihood.terms(self.values(z)).total()
+        return self.likelihood.log_density(self.values(z))
 
     def check_structure(self) -> None:
         """Ask the structure once, at the prior medians, whether it answers as it should.
@@ -145,8 +149,10 @@ class ModelClass:
                 {"name": p.name, "unit": p.unit, "prior": p.prior.as_dict()}
                 for p in self.parameters
             ],
-            "pairing": dict(self.pairing),
-            "spurious": [label for label in self.data.labels if label not in self.pairing],
+            "pairing": self.pairing if self.pairing == "any" else dict(self.pairing),
+            "spurious": None
+            if self.pairing == "any"
+            else [label for label in self.data.labels if label not in self.pairing],
             "detection_probability": self.identification.detection_probability,
             "expected_spurious_modes": self.identification.expected_spurious_modes,
             "identification_errors": {

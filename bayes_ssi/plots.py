@@ -9,15 +9,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_ssi.comparison import Comparison
+from bayes_ssi.comparison import Comparison, probability_text
 from bayes_ssi.data import ModalData
 from bayes_ssi.posterior import Posterior
+from bayes_ssi.search import AppendageSearch
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["plot_corner", "plot_evidence", "plot_frequencies", "save_figures", "style"]
+__all__ = [
+    "plot_corner",
+    "plot_evidence",
+    "plot_frequencies",
+    "plot_places",
+    "save_figures",
+    "save_places",
+    "style",
+]
 
 # Okabe and Ito's palette: told apart by colour-blind readers, and in grey by lightness.
 BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7F7F7F"
@@ -157,6 +166,57 @@ def plot_corner(posterior: Posterior, figure: Figure | None = None) -> Figure:
         title = figure.suptitle(text, y=1.0 - 0.1 / height, va="top", fontsize=10)
         _as_they_are([title])
     return figure
+
+
+def plot_places(found: AppendageSearch, ax: Axes | None = None) -> Axes:
+    """The building, and the probability that an appendage hangs at each place.
+
+    A pendulum's circle stands beside its floor, an infill's in its storey; the circle's area and
+    darkness grow with the probability, which is written beside it.
+    """
+    n_floors = max(max(place.floors) for place in found.candidates)
+    ax = _axes(ax, _places_size(found))
+    ax.plot([-1.6, 1.6], [0, 0], color="black", linewidth=2.0)
+    for side in (-1.0, 1.0):
+        ax.plot([side, side], [0, n_floors], color=GREY, linewidth=1.5)
+    for floor in range(1, n_floors + 1):
+        ax.plot([-1.0, 1.0], [floor, floor], color="black", linewidth=2.5)
+        ax.text(-1.15, floor, f"floor {floor}", ha="right", va="center")
+    for place, probability in found.place_probabilities.items():
+        infill = len(place.floors) == 2
+        x, y = 0.0 if infill else 1.6, sum(place.floors) / len(place.floors)
+        if not infill:
+            ax.plot([1.0, x], [y, y], color=GREY, linewidth=0.8, linestyle=":")
+        ax.scatter(
+            x, y, s=40.0 + 260.0 * probability, marker="s" if infill else "o", zorder=3,
+            facecolor=VERMILION, edgecolor="black", alpha=0.12 + 0.88 * probability, linewidth=0.8,
+        )  # fmt: skip
+        ax.text(x + 0.2, y, probability_text(probability), va="center", fontsize=8)
+    ax.set_xlim(-2.2, 2.8)
+    ax.set_ylim(-0.3, n_floors + 0.5)
+    ax.set_aspect("auto")
+    ax.axis("off")
+    ax.set_title(
+        "Appendages: probability by place\n"
+        "(square: infill in a storey; circle: pendulum on a floor)"
+    )
+    return ax
+
+
+def save_places(found: AppendageSearch, path: Path) -> Path:
+    """Write :func:`plot_places` as a PNG file."""
+    from matplotlib.figure import Figure
+
+    with style():
+        figure = Figure(figsize=_places_size(found))
+        plot_places(found, figure.subplots())
+        figure.savefig(path)
+    return path
+
+
+def _places_size(found: AppendageSearch) -> tuple[float, float]:
+    n_floors = max(max(place.floors) for place in found.candidates)
+    return 4.6, 1.2 + 0.7 * n_floors
 
 
 def save_figures(

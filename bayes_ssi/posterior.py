@@ -11,8 +11,10 @@ from time import perf_counter
 
 import numpy as np
 
+from bayes_ssi.any_pairing import AnyPairing
 from bayes_ssi.checks import failed_checks, failed_edge_checks
 from bayes_ssi.evidence import Estimate
+from bayes_ssi.inferred_pairing import InferredPairing, infer_pairing
 from bayes_ssi.journal import Journal
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.priors import FloatArray
@@ -124,7 +126,9 @@ class Posterior:
         seconds: wall-clock time.
         failed_checks: what should have agreed and did not, a sentence each.
         data_digest: identifies the data whose density the evidence is.
-        pairing: label of an identified mode → number of the model mode, from 1.
+        pairing: label of an identified mode → number of the model mode, from 1; where it was
+            inferred, the most probable one.
+        inferred_pairing: how probable pairings are; None where the pairing was given.
         relative_spreads: (n_parameters,), standard deviation of the posterior over that of the
             prior, both in standard-normal coordinates: 1 where the data say nothing.
     """
@@ -147,6 +151,7 @@ class Posterior:
     failed_checks: tuple[str, ...]
     data_digest: str
     pairing: Mapping[str, int]
+    inferred_pairing: InferredPairing | None
     relative_spreads: FloatArray
 
     @property
@@ -219,6 +224,8 @@ def sample(
     z, log_likelihoods = _corrected_draws(sampled, np.random.default_rng(seed))
     values = model_class.values(z.reshape(-1, n))
     frequencies_hz = model_class.likelihood.modes(values).frequencies_hz
+    likelihood = model_class.likelihood
+    inferred = infer_pairing(likelihood, values) if isinstance(likelihood, AnyPairing) else None
     values = values.reshape(z.shape)
     return Posterior(
         name=model_class.name,
@@ -242,7 +249,8 @@ def sample(
             *_failures(model_class, target),
         ),
         data_digest=model_class.data.digest,
-        pairing=dict(model_class.pairing),
+        pairing=dict(inferred.best if inferred else likelihood.pairing),
+        inferred_pairing=inferred,
         relative_spreads=z.reshape(-1, n).std(axis=0),
     )
 

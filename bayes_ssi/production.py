@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,11 +14,31 @@ from bayes_ssi.priors import FloatArray
 from bayes_ssi.target import Target, log_standard_normal
 from bayes_ssi.tempering import TemperedStart
 
-__all__ = ["Ensemble", "autocorrelation_times", "effective_sample_size", "r_hat", "run_ensemble"]
+__all__ = [
+    "Ensemble",
+    "Walkers",
+    "autocorrelation_times",
+    "effective_sample_size",
+    "first_walkers",
+    "r_hat",
+    "run_ensemble",
+]
 
 # A chain is long enough at this many of the autocorrelation times that it measures.
 LENGTH_IN_AUTOCORRELATION_TIMES = 50
 SOKAL_WINDOW = 5.0
+
+
+class Walkers(NamedTuple):
+    """Where the walkers of an ensemble are.
+
+    Attributes:
+        positions: (n_walkers, d), an even number of at least 2 d walkers.
+        log_posteriors: (n_walkers,), likelihood times prior density.
+    """
+
+    positions: FloatArray
+    log_posteriors: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +67,11 @@ class Ensemble:
         return self.positions.reshape(-1, self.positions.shape[-1])
 
     @property
+    def walkers(self) -> Walkers:
+        """Where the ensemble ended."""
+        return Walkers(self.positions[-1], self.log_posteriors[-1])
+
+    @property
     def is_long_enough(self) -> bool:
         longest = self.autocorrelation_times.max()
         return self.n_steps >= LENGTH_IN_AUTOCORRELATION_TIMES * longest
@@ -52,14 +79,14 @@ class Ensemble:
 
 def run_ensemble(
     target: Target,
-    start: TemperedStart,
+    walkers: Walkers,
     proposal: StudentMixture,
-    n_walkers: int,
     max_steps: int,
     seed: np.random.SeedSequence,
     progress: Callable[[float], None] | None = None,
+    slowest: float = math.inf,
 ) -> Ensemble:
-    """Sample the posterior by emcee from the particles of one tempered start.
+    """Sample the posterior by emcee, until the chain is long enough.
 
     Most of the moves propose from ``proposal``, independently of where a walker is, so walkers
     change between separate regions; the others are emcee's differential evolution and stretch
@@ -67,28 +94,26 @@ def run_ensemble(
 
     Args:
         target: what is sampled.
-        start: its particles seed the walkers.
-        proposal: fitted beforehand to all tempered starts, and fixed.
-        n_walkers: even, at least twice the number of dimensions.
+        walkers: where they begin.
+        proposal: fitted beforehand, and fixed.
         max_steps: where to stop if the autocorrelation time stays too long.
         seed: everything random follows from it.
         progress: called with the share of the needed length that is done.
+        slowest: autocorrelation time in steps above which a first, short run is all.
     """
     from bayes_ssi.moves import ensemble_sampler, initial_state, raise_if_failed
 
-    rng = np.random.default_rng(seed)
-    scarce = len(start.positions) < n_walkers
-    chosen = rng.choice(len(start.positions), size=n_walkers, replace=scarce)
-    sampler = ensemble_sampler(target.log_posterior, n_walkers, target.n_dimensions, proposal)
-    positions = start.positions[chosen]
-    density = start.log_likelihoods[chosen] + log_standard_normal(positions)
-    state = initial_state(positions, density, rng)
+    n_walkers, d = walkers.positions.shape
+    sampler = ensemble_sampler(target.log_posterior, n_walkers, d, proposal)
+    state = initial_state(*walkers, np.random.default_rng(seed))
     wanted = min(2 * LENGTH_IN_AUTOCORRELATION_TIMES, max_steps)
     while True:
         state = sampler.run_mcmc(state, wanted - sampler.iteration, skip_initial_state_check=True)
         raise_if_failed(sampler)
         times = autocorrelation_times(sampler.get_chain())
         enough = int(np.ceil(LENGTH_IN_AUTOCORRELATION_TIMES * times.max()))
+        if times.max() > slowest:
+            break
         if progress is not None:
             progress(min(sampler.iteration / min(enough, max_steps), 1.0))
         if sampler.iteration >= min(enough, max_steps):
@@ -100,6 +125,14 @@ def run_ensemble(
         autocorrelation_times=times,
         acceptance=float(np.mean(sampler.acceptance_fraction)),
     )
+
+
+def first_walkers(start: TemperedStart, n: int, rng: np.random.Generator) -> Walkers:
+    """``n`` walkers from the particles of one tempered start."""
+    scarce = len(start.positions) < n
+    chosen = rng.choice(len(start.positions), size=n, replace=scarce)
+    positions = start.positions[chosen]
+    return Walkers(positions, start.log_likelihoods[chosen] + log_standard_normal(positions))
 
 
 def autocorrelation_times(chain: FloatArray) -> FloatArray:

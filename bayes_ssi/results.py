@@ -24,6 +24,7 @@ from bayes_ssi.arviz_store import StoredDraws, load_draws, save_draws
 from bayes_ssi.comparison import Comparison, RankedClass
 from bayes_ssi.data import ModalData
 from bayes_ssi.evidence import Estimate
+from bayes_ssi.inferred_pairing import InferredPairing, PairingShare
 from bayes_ssi.posterior import Evidence, Posterior, Region
 from bayes_ssi.study import Ranking
 from bayes_ssi.versions import versions
@@ -102,6 +103,7 @@ def save_result(
     study_file: str = "",
     overwrite: bool = False,
     accept_failed_checks: bool = False,
+    extra: Mapping[str, Any] | None = None,
 ) -> StoredResult:
     """Write a ranking to a new directory; nothing is left there if writing fails.
 
@@ -111,6 +113,7 @@ def save_result(
         study_file: the file that defines the study, for the record.
         overwrite: replace a result that exists.
         accept_failed_checks: put on record that failed checks were accepted.
+        extra: name of a further JSON file → its record.
 
     Raises:
         FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
@@ -136,6 +139,8 @@ def save_result(
         record["failed_checks_accepted"] = accept_failed_checks
         _write_json(partial / "result.json", record)
         _write_json(partial / "comparison.json", asdict(ranking.comparison))
+        for name, further in (extra or {}).items():
+            _write_json(partial / name, further)
         _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
         if directory.exists():
             shutil.rmtree(directory)
@@ -200,7 +205,7 @@ def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
             continue
         if isinstance(value, np.ndarray):
             value = value.tolist()
-        elif isinstance(value, Evidence):
+        elif isinstance(value, (Evidence, InferredPairing)):
             value = asdict(value)
         elif item.name == "regions":
             value = [asdict(region) for region in value]
@@ -243,10 +248,23 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
         n_searches=entry["n_searches"],
         data_digest=entry["data_digest"],
         pairing=entry["pairing"],
+        inferred_pairing=_inferred_pairing(entry["inferred_pairing"]),
         r_hat=float(entry["r_hat"]),
         autocorrelation_time=float(entry["autocorrelation_time"]),
         acceptance=float(entry["acceptance"]),
         seconds=float(entry["seconds"]),
+    )
+
+
+def _inferred_pairing(record: Mapping[str, Any] | None) -> InferredPairing | None:
+    if record is None:
+        return None
+    return InferredPairing(
+        tuple(PairingShare(**share) for share in record["pairings"]),
+        {
+            label: {int(number): share for number, share in row.items()}
+            for label, row in record["of_modes"].items()
+        },
     )
 
 

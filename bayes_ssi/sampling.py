@@ -2,16 +2,17 @@
 
 1. Independent searches find the maxima of the posterior; two independent tempered starts carry
    particles from the prior to the regions around them.
-2. A Student-t mixture is fitted to what they found.
-3. Two independent emcee ensembles sample the posterior.
-4. Mixture importance sampling, from a mixture fitted to one ensemble, gives the evidence and the
-   share of the posterior in each region; bridge sampling with the other ensemble checks it.
+2. Short runs of emcee from there fit a Student-t mixture to the posterior.
+3. Two independent emcee ensembles sample the posterior, with proposals from that mixture.
+4. Mixture importance sampling from it gives the evidence and the share of the posterior in each
+   region; bridge sampling with the draws of an ensemble checks it.
 5. Everything that should agree is compared; what does not is a warning in the result.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,9 +28,9 @@ from bayes_ssi.evidence import (
     tempered_estimate,
 )
 from bayes_ssi.maxima import Maxima, find_maxima
-from bayes_ssi.mixture import choose_mixture
+from bayes_ssi.mixture import StudentMixture, choose_mixture
 from bayes_ssi.priors import FloatArray
-from bayes_ssi.production import Ensemble, run_ensemble
+from bayes_ssi.production import Ensemble, Walkers, first_walkers, run_ensemble
 from bayes_ssi.regions import Regions, find_regions
 from bayes_ssi.target import Target
 from bayes_ssi.tempering import TemperedStart, tempered_start
@@ -42,12 +43,15 @@ Progress = Callable[[str, float], None]
 N_ENSEMBLES = 2
 WALKERS = 32
 ENDS_TO_CLIMB_FROM = 32
+# Ensembles with a longer autocorrelation time begin again with a better mixture.
+SLOW, MAX_REFITS = 5.0, 4
 COMPONENTS = (1, 2, 3, 4, 6, 8, 12, 16)
 DRAWS_FOR_FITTING = 3000
 # Weight of the maxima's own components in the mixtures: a region that the particles lost is
 # proposed all the same.
 MAXIMA_SHARE = 0.1
-# Factor and weight of a wider copy of the mixture from which the importance draws come.
+# Factor and weight of a wider copy of a mixture: no walker is then stuck, and no importance draw
+# heavy, just beyond what the mixture was fitted to.
 WIDER = (2.0, 0.1)
 # Importance draws count as part of a region when their weight is at least this share of the mean.
 TYPICAL_WEIGHT = 0.1
@@ -172,25 +176,18 @@ def _sample(
     # Particles may have ended in regions that no search found: climb from there, too.
     ends = [rng.choice(start.positions, ENDS_TO_CLIMB_FROM) for start in starts]
     maxima = find_maxima(target, np.concatenate([discovery.maxima.z, *ends]))
-    found = choose_mixture(starts[0].positions, starts[1].positions, COMPONENTS, rng)
-    proposal = found.joined_with(maxima.as_mixture(), MAXIMA_SHARE)
-    # Particles that lost a region leave its component too little weight; a few importance
-    # draws give every component its share.
-    trial = importance_sampling(target, proposal, np.inf, rng)
-    proposal = proposal.reweighted(trial.z, trial.weights).defended(MAXIMA_SHARE)
-    # Shares of separate regions need more draws than one region's mean.
-    n_walkers = max(WALKERS * min(len(maxima.z), 3), 4 * target.n_dimensions)
-    ensembles = []
-    for i, start in enumerate(starts):
-        report = _reporter(progress, "ensembles", i, N_ENSEMBLES)
-        chain_seed = seeds[N_ENSEMBLES + i]
-        ensembles.append(
-            run_ensemble(target, start, proposal, n_walkers, settings.max_steps, chain_seed, report)
-        )
-    fitted, held_out = (_thinned(ensemble.draws, rng) for ensemble in ensembles[:2])
-    mixture = choose_mixture(fitted, held_out, COMPONENTS, rng)
-    mixture = mixture.joined_with(maxima.as_mixture(), MAXIMA_SHARE)
-    mixture = mixture.widened(*WIDER)
+    walkers = [first_walkers(start, _n_walkers(target, maxima), rng) for start in starts]
+    ensembles = _run_ensembles(
+        target,
+        walkers,
+        starts,
+        maxima,
+        settings,
+        seeds[N_ENSEMBLES : 2 * N_ENSEMBLES],
+        rng,
+        progress,
+    )
+    mixture = _fitted(ensembles[0].draws, ensembles[1].draws, maxima, rng).widened(*WIDER)
     importance = importance_sampling(target, mixture, settings.log_evidence_error, rng)
     if progress is not None:
         progress("evidence", 1.0)
@@ -204,6 +201,56 @@ def _sample(
         regions=_regions(target, importance),
         n_evaluations=target.n_evaluations,
     )
+
+
+def _n_walkers(target: Target, maxima: Maxima) -> int:
+    # Shares of separate regions need more draws than one region's mean.
+    return max(WALKERS * min(len(maxima.z), 3), 4 * target.n_dimensions)
+
+
+def _run_ensembles(
+    target: Target,
+    walkers: list[Walkers],
+    starts: Sequence[TemperedStart],
+    maxima: Maxima,
+    settings: SamplingSettings,
+    seeds: Sequence[np.random.SeedSequence],
+    rng: np.random.Generator,
+    progress: Progress | None,
+) -> list[Ensemble]:
+    """Independent ensembles, with proposals from a mixture that suits the posterior.
+
+    It is fitted to the particles first. Where walkers move slowly with it they are stopped, and
+    begin again from where they are with a mixture that is fitted to their draws.
+    """
+    mixture = _fitted(starts[0].positions, starts[1].positions, maxima, rng)
+    of_attempts = [seed.spawn(MAX_REFITS + 1) for seed in seeds]
+    for attempt in range(MAX_REFITS + 1):
+        # Draws that lost a region leave its component too little weight; a few importance draws
+        # give every component its share.
+        trial = importance_sampling(target, mixture, np.inf, rng)
+        proposal = mixture.reweighted(trial.z, trial.weights).defended(MAXIMA_SHARE)
+        ensembles: list[Ensemble] = []
+        for i, own in enumerate(walkers):
+            report = _reporter(progress, "ensembles", i, N_ENSEMBLES)
+            slowest = math.inf if attempt == MAX_REFITS else SLOW
+            one = run_ensemble(
+                target, own, proposal, settings.max_steps, of_attempts[i][attempt], report, slowest
+            )
+            ensembles.append(one)
+        if all(one.autocorrelation_times.max() <= slowest for one in ensembles):
+            break
+        walkers = [one.walkers for one in ensembles]
+        mixture = _fitted(ensembles[0].draws, ensembles[1].draws, maxima, rng)
+    return ensembles
+
+
+def _fitted(
+    draws: FloatArray, held_out: FloatArray, maxima: Maxima, rng: np.random.Generator
+) -> StudentMixture:
+    """A mixture fitted to draws, and the maxima."""
+    found = choose_mixture(_thinned(draws, rng), _thinned(held_out, rng), COMPONENTS, rng)
+    return found.joined_with(maxima.as_mixture(), MAXIMA_SHARE)
 
 
 def _reporter(

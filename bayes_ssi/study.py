@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from bayes_ssi.checkpoint import Checkpoint
@@ -18,7 +19,7 @@ from bayes_ssi.posterior import Posterior, sample
 from bayes_ssi.sampling import SamplingSettings
 from bayes_ssi.workers import STUDY_MODULE, Workers, as_workers
 
-__all__ = ["Ranking", "Study", "load_study", "rank"]
+__all__ = ["Ranking", "Study", "load_study", "rank", "sample_all", "sample_one"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +83,24 @@ class Study:
             prior_weights=None if weights is None else {n: weights[n] for n in names},
         )
 
+    def with_any_pairing(self) -> Study:
+        """The study with every pairing inferred; classes that thereby become one are merged.
+
+        A merged class carries the names of all, and the sum of their prior weights.
+        """
+        alike: dict[tuple[str, ...], list[ModelClass]] = {}
+        for candidate in self.model_classes:
+            described = (candidate.structure, candidate.error, candidate.identification)
+            key = (*map(repr, described), candidate.data.digest)
+            alike.setdefault(key, []).append(candidate)
+        merged, weights = [], {}
+        for candidates in alike.values():
+            name = " or ".join(candidate.name for candidate in candidates)
+            merged.append(replace(candidates[0], name=name, pairing="any"))
+            if self.prior_weights is not None:
+                weights[name] = sum(self.prior_weights[c.name] for c in candidates)
+        return replace(self, model_classes=merged, prior_weights=weights or None)
+
     def require_same_data(self) -> None:
         """Refuse to go on where classes explain different data.
 
@@ -137,22 +156,65 @@ def rank(
     """
     study.require_same_data()
     settings = settings or SamplingSettings()
-    if isinstance(checkpoint, (str, Path)):
-        checkpoint = Checkpoint(checkpoint)
     posteriors = []
     with as_workers(workers) as pool:
         for candidate in study.model_classes:
-
-            def report(step: str, done: float, name: str = candidate.name) -> None:
-                if progress is not None:
-                    progress(name, step, done)
-
-            kept = checkpoint.journal(candidate, seed, settings) if checkpoint else nullcontext()
-            with kept as journal:
-                posterior = sample(candidate, seed, settings, report, workers=pool, journal=journal)
-            posteriors.append(posterior)
+            one = sample_one(candidate, seed, settings, progress, pool, checkpoint)
+            posteriors.append(one)
     comparison = compare(posteriors, study.prior_weights)
     return Ranking(study, tuple(posteriors), comparison, seed, settings)
+
+
+def sample_one(
+    candidate: ModelClass,
+    seed: int,
+    settings: SamplingSettings,
+    progress: Callable[[str, str, float], None] | None = None,
+    workers: Workers | None = None,
+    checkpoint: str | Path | Checkpoint | None = None,
+) -> Posterior:
+    """Sample one class of a study; arguments and errors as those of :func:`rank`."""
+
+    def report(step: str, done: float) -> None:
+        if progress is not None:
+            progress(candidate.name, step, done)
+
+    if isinstance(checkpoint, (str, Path)):
+        checkpoint = Checkpoint(checkpoint)
+    kept = checkpoint.journal(candidate, seed, settings) if checkpoint else nullcontext()
+    with kept as journal:
+        return sample(candidate, seed, settings, report, workers=workers, journal=journal)
+
+
+def sample_all(
+    candidates: Sequence[ModelClass],
+    seed: int,
+    settings: SamplingSettings,
+    progress: Callable[[str, str, float], None] | None = None,
+    workers: Workers | None = None,
+    checkpoint: str | Path | Checkpoint | None = None,
+) -> list[Posterior]:
+    """Sample several classes, each as a whole in one worker; in their order.
+
+    Arguments and errors as those of :func:`rank`; workers report no progress but the end of a
+    class. The results are those of :func:`sample_one`.
+    """
+    if workers is None:
+        return [
+            sample_one(candidate, seed, settings, progress, None, checkpoint)
+            for candidate in candidates
+        ]
+
+    def done(index: int) -> None:
+        if progress is not None:
+            progress(candidates[index].name, "evidence", 1.0)
+
+    if isinstance(checkpoint, Checkpoint):
+        checkpoint = checkpoint.silent()
+    sample_there = partial(
+        sample_one, seed=seed, settings=settings, workers=None, checkpoint=checkpoint
+    )
+    return workers.call_each(sample_there, candidates, done)
 
 
 def load_study(path: str | Path) -> Study:

@@ -10,20 +10,29 @@ from rich.table import Table
 from rich.text import Text
 
 from bayes_ssi.calibration import Calibration
-from bayes_ssi.comparison import Comparison
+from bayes_ssi.comparison import Comparison, probability_text
 from bayes_ssi.data import ModalData
+from bayes_ssi.inferred_pairing import PairingShare
 from bayes_ssi.posterior import Posterior
+from bayes_ssi.search import AppendageSearch
 
 __all__ = [
+    "averaged_table",
     "calibration_modes_table",
     "calibration_table",
     "comparison_notes",
     "evidence_table",
     "modes_table",
+    "pairing_notes",
     "parameter_table",
     "ranking_table",
     "region_notes",
+    "search_notes",
+    "search_table",
 ]
+
+# Hypotheses of a search, and places, that a table lists.
+HYPOTHESES_SHOWN = 8
 
 
 def ranking_table(comparison: Comparison, title: str = "") -> Table:
@@ -45,6 +54,66 @@ def ranking_table(comparison: Comparison, title: str = "") -> Table:
             row.against,
         )
     return table
+
+
+def search_table(found: AppendageSearch) -> Table:
+    """Hypotheses of a search by probability, with medians and 90 % intervals of appendages."""
+    table = _table(found.ranking.study.name)
+    table.add_column("hypothesis", overflow="fold")
+    table.add_column("ln evidence", justify="right", no_wrap=True)
+    table.add_column("probability", justify="right", no_wrap=True)
+    table.add_column("mass", justify="right", no_wrap=True)
+    table.add_column("Hz", justify="right", no_wrap=True)
+    rows = found.ranking.comparison.classes
+    for rank, row in enumerate(rows):
+        if rank >= HYPOTHESES_SHOWN and found.places[row.name]:
+            continue
+        appendages = found.appendages(row.name)
+        _add_row(
+            table,
+            f"{row.name} (!)" if row.failed_checks else row.name,
+            f"{row.log_evidence:.2f}",
+            row.probability_text,
+            "\n".join(_interval(each.mass) for each in appendages) or "-",
+            "\n".join(_interval(each.frequency_hz) for each in appendages) or "-",
+        )
+    return table
+
+
+def averaged_table(found: AppendageSearch) -> Table:
+    """The baseline's parameters averaged over all hypotheses, beside the naive fit."""
+    table = _table("Parameters, averaged over the hypotheses, and as if no appendage existed")
+    table.add_column("parameter", overflow="fold")
+    for heading in ("mean", "sd", "5 %", "95 %", "naive mean", "naive sd"):
+        table.add_column(heading, justify="right")
+    for row in found.averaged_parameters:
+        numbers = (
+            row.mean, row.sd, row.quantile_05, row.quantile_95, row.naive_mean, row.naive_sd
+        )  # fmt: skip
+        _add_row(table, row.name, *(f"{number:.4g}" for number in numbers))
+    return table
+
+
+def search_notes(found: AppendageSearch) -> list[str]:
+    """The answer of a search in words."""
+    notes = [
+        "Probability that there is an appendage: "
+        f"{probability_text(found.probability_of_any)}. By place:"
+    ]
+    by_probability = sorted(found.place_probabilities.items(), key=lambda item: -item[1])
+    notes += [
+        f"  {place.name}: {probability_text(probability)}"
+        for place, probability in by_probability[:HYPOTHESES_SHOWN]
+    ]
+    hidden = len(found.ranking.comparison.classes) - HYPOTHESES_SHOWN
+    if hidden > 0:
+        notes.append(f"{hidden} less probable hypotheses are in the saved result.")
+    return notes
+
+
+def _interval(numbers: tuple[float, float, float]) -> str:
+    low, middle, high = numbers
+    return f"{middle:.2g} ({low:.2g}-{high:.2g})"
 
 
 def evidence_table(posteriors: Sequence[Posterior]) -> Table:
@@ -96,6 +165,32 @@ def parameter_table(posterior: Posterior) -> Table:
         cells = [f"{number:.4g}" for number in numbers]
         _add_row(table, row.name, *cells, f"{row.relative_spread:.2f}")
     return table
+
+
+def pairing_notes(posterior: Posterior) -> list[str]:
+    """Which identified mode is which model mode, where that was inferred."""
+    inferred = posterior.inferred_pairing
+    if inferred is None:
+        return []
+    notes = [f"Modes of {posterior.name!r}:"]
+    for label, probabilities in inferred.of_modes.items():
+        ways = sorted(probabilities.items(), key=lambda way: -way[1])
+        told = ", ".join(
+            f"{f'model mode {number}' if number else 'spurious'} with probability "
+            f"{probability_text(probability)}"
+            for number, probability in ways
+            if probability >= 0.001
+        )
+        notes.append(f"  identified mode {label} is {told}")
+    for share in inferred.pairings:
+        if share.probability >= 0.001:
+            notes.append(f"  {_pairing(share)}: probability {probability_text(share.probability)}")
+    return notes
+
+
+def _pairing(share: PairingShare) -> str:
+    pairs = ", ".join(f"{label}-{number}" for label, number in share.pairing.items())
+    return f"pairing {pairs}" if pairs else "every identified mode spurious"
 
 
 def region_notes(posterior: Posterior) -> list[str]:

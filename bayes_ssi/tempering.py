@@ -29,6 +29,9 @@ EFFECTIVE_SHARE = 0.5
 CORRELATION_LEFT = 0.35
 MIN_STEPS, MAX_STEPS = 2, 25
 MAX_STAGES = 500
+# Impossible particles are drawn again where fewer than this share are possible, but at most so
+# many times as many draws are made.
+LEAST_POSSIBLE, MOST_REDRAWN = 0.1, 50
 # The mixture that proposes moves: coarse, refitted at every stage.
 MAX_COMPONENTS = 6
 PARTICLES_PER_COMPONENT = 120  # and dimension
@@ -79,12 +82,10 @@ def tempered_start(
         ValueError: the likelihood is zero at every particle, or β does not reach 1.
     """
     rng = np.random.default_rng(seed)
-    positions = rng.standard_normal((n_particles, target.n_dimensions))
-    log_likelihoods = target.log_likelihood(positions)
-    if not np.isfinite(log_likelihoods).any():
-        raise ValueError(f"the likelihood is zero at all of {n_particles} draws from the prior")
+    positions, log_likelihoods, n_drawn = _possible_particles(target, n_particles, rng)
     temperatures, steps = [0.0], []
-    log_evidence, relative_variance, left = 0.0, 0.0, 0.0
+    log_evidence, left = np.log(n_particles / n_drawn), 0.0
+    relative_variance = (1.0 - n_particles / n_drawn) / n_particles
     while temperatures[-1] < 1.0:
         if len(temperatures) > MAX_STAGES:
             raise ValueError(f"the tempered start did not reach β = 1 in {MAX_STAGES} stages")
@@ -115,6 +116,38 @@ def tempered_start(
         tuple(temperatures),
         tuple(steps),
     )
+
+
+def _possible_particles(
+    target: Target, n: int, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, int]:
+    """``n`` draws from the prior, their log-likelihoods, and of how many draws they are.
+
+    If fewer than a tenth of the first ``n`` draws are possible, impossible ones are drawn again:
+    the particles are then ``n`` draws from the possible part of the prior.
+    """
+    positions = rng.standard_normal((n, target.n_dimensions))
+    log_likelihoods = target.log_likelihood(positions)
+    if np.isfinite(log_likelihoods).sum() >= LEAST_POSSIBLE * n:
+        return positions, log_likelihoods, n
+    n_drawn = n
+    kept, heights = [], []
+    while True:
+        possible = np.isfinite(log_likelihoods)
+        kept.append(positions[possible])
+        heights.append(log_likelihoods[possible])
+        if sum(map(len, kept)) >= n or n_drawn >= MOST_REDRAWN * n:
+            break
+        positions = rng.standard_normal((n, target.n_dimensions))
+        log_likelihoods = target.log_likelihood(positions)
+        n_drawn += n
+    found = sum(map(len, kept))
+    if not found:
+        raise ValueError(f"the likelihood is zero at all of {n_drawn} draws from the prior")
+    # All that were found stand for their share; some of them twice if they are too few.
+    chosen = rng.permutation(found)[:n] if found >= n else rng.integers(found, size=n)
+    share = n_drawn * n / found
+    return np.concatenate(kept)[chosen], np.concatenate(heights)[chosen], round(share)
 
 
 def _next_increment(log_likelihoods: FloatArray, beta: float) -> float:

@@ -12,12 +12,12 @@ from __future__ import annotations
 import hashlib
 import sys
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,9 @@ PARTS_OF_UNKNOWN = 32
 MAX_DEATHS = 20
 CHECK_SECONDS = 5.0
 MODELS_KEPT = 8
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 _models: OrderedDict[str, Function] = OrderedDict()
 
@@ -113,6 +116,63 @@ class Workers:
             ]
         )
 
+    def call_each(
+        self,
+        function: Callable[[T], R],
+        items: Sequence[T],
+        done: Callable[[int], None] | None = None,
+    ) -> list[R]:
+        """``function`` of every item, each in one worker, in the items' order.
+
+        Args:
+            function: picklable, and so are the items and the answers.
+            items: as many as you like.
+            done: called with the number of each item that is ready.
+
+        An item whose worker died is tried again, as often as ``MAX_DEATHS`` allows.
+
+        Raises:
+            ValueError: an item cannot be sent, or workers die again and again.
+        """
+        answers: dict[int, R] = {}
+        tasks = [_pickled(partial(function, item)) for item in items]
+        while len(answers) < len(items):
+            executor, died = self._running(), None
+            waiting: dict[Future[Any], int] = {}
+            try:
+                for index in range(len(items)):
+                    if index not in answers:
+                        waiting[executor.submit(_call_there, tasks[index])] = index
+                while waiting:
+                    for future in self._wait(waiting):
+                        index = waiting.pop(future)
+                        error = future.exception()
+                        if error is None:
+                            answers[index] = future.result()
+                            if done is not None:
+                                done(index)
+                        elif _is_death(error):
+                            died = error
+                        else:
+                            raise error
+            except BrokenExecutor as error:
+                died = error
+            finally:
+                for future in waiting:
+                    future.cancel()
+            if died is not None:
+                self._recover(died)
+        return [answers[index] for index in range(len(items))]
+
+    def _wait(self, waiting: Mapping[Future[Any], int]) -> set[Future[Any]]:
+        """Futures that are ready; raises rather than wait for workers that are gone."""
+        while True:
+            ready, _ = wait(waiting, timeout=CHECK_SECONDS, return_when=FIRST_COMPLETED)
+            if ready:
+                return ready
+            if not self._alive():
+                raise ValueError("workers: none is left; the results so far are kept")
+
     def _one_by_one(self, function: Function, z: FloatArray) -> Evaluated:
         """Every point alone, so that a death says which point is at fault."""
         found = []
@@ -141,10 +201,7 @@ class Workers:
             for i in range(len(rows)):
                 submit(i, send)
             while waiting:
-                done, _ = wait(waiting, timeout=CHECK_SECONDS, return_when=FIRST_COMPLETED)
-                if not done and not self._alive():
-                    raise ValueError("workers: none is left; the results so far are kept")
-                for future in done:
+                for future in self._wait(waiting):
                     index = waiting.pop(future)
                     error = future.exception()
                     if error is not None and _is_death(error):
@@ -289,7 +346,7 @@ def _is_death(error: BaseException) -> bool:
     return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
 
 
-def _pickled(function: Function) -> bytes:
+def _pickled(function: Callable[..., Any]) -> bytes:
     import cloudpickle
 
     studies = [m for name, m in sys.modules.items() if name.startswith(STUDY_MODULE)]
@@ -305,6 +362,14 @@ def _pickled(function: Function) -> bytes:
         for module in studies:
             cloudpickle.unregister_pickle_by_value(module)
     return data
+
+
+def _call_there(task: bytes) -> Any:
+    """In a worker: call what was sent."""
+    import cloudpickle
+
+    with _threads().limit(limits=1, user_api="blas"):
+        return cloudpickle.loads(task)()
 
 
 def _evaluate_there(key: str, payload: bytes | None, z: FloatArray) -> Evaluated | None:

@@ -166,6 +166,7 @@ def make_posterior():
             "acceptance": 0.5,
             "n_evaluations": 20000,
             "n_searches": 4,
+            "inferred_pairing": None,
             "seconds": 0.4,
             "failed_checks": (),
             "data_digest": "0123456789abcdef",

@@ -1,16 +1,22 @@
 """Importance and bridge sampling on posteriors whose evidence is known."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from bayes_ssi.evidence import (
+    DRAWS_OF_ADDED_COMPONENT,
     FIRST_BATCH,
+    PARETO_K_LIMIT,
+    PRIOR_SHARE,
     Estimate,
     ImportanceSample,
     bridge_sampling,
     importance_sampling,
+    pareto_shape,
     tempered_estimate,
 )
 from bayes_ssi.mixture import StudentMixture
@@ -117,7 +123,8 @@ def test_errors_of_shares_with_equal_weights_are_binomial():
     sample = weighted(np.zeros(400))
     groups = np.repeat([0, 1], [100, 300])
     errors = sample.share_errors(groups, 2)
-    np.testing.assert_allclose(errors, math.sqrt(0.25 * 0.75 / 400), rtol=1e-12)
+    # 400 / 399 as the variance is estimated from the draws.
+    np.testing.assert_allclose(errors, math.sqrt(0.25 * 0.75 / 400 * 400 / 399), rtol=1e-12)
 
 
 def test_importance_sampling_reaches_the_wanted_error(target, mixture):
@@ -173,6 +180,150 @@ def test_a_constant_moves_every_estimate_by_exactly_that(target, mixture, shift)
     raised = Ensemble(ensemble.positions, ensemble.log_posteriors + shift, np.ones(2), 0.5)
     a, b = bridge_sampling(ensemble, here), bridge_sampling(raised, there)
     assert b.log_evidence - a.log_evidence == pytest.approx(shift, abs=1e-7)
+
+
+N_TAIL = 164  # of 3000 weights: 3 √3000
+
+
+@pytest.mark.parametrize("k", [0.2, 0.5, 0.9])
+def test_the_tail_of_pareto_distributed_weights(k):
+    """Maximum likelihood has a standard error of (1 + k)/√n; a prior worth ten draws is at 1/2."""
+    rng = np.random.default_rng(1)
+    found = [pareto_shape(stats.genpareto(k).rvs(3000, random_state=rng)) for _ in range(200)]
+    shrunk = N_TAIL / (N_TAIL + 10.0)
+    assert np.mean(found) == pytest.approx(shrunk * k + (1.0 - shrunk) * 0.5, abs=0.05)
+    assert 0.75 < np.std(found) / (shrunk * (1.0 + k) / math.sqrt(N_TAIL)) < 1.25
+
+
+@pytest.mark.parametrize("k", [-0.3, 0.2, 0.9])
+@pytest.mark.parametrize("n", [30, 100, 400, 2500, 10_000])
+def test_the_tail_is_that_of_arviz(n, k):
+    weights = 1.0 + stats.genpareto(k).rvs(n, random_state=np.random.default_rng(n))
+    assert pareto_shape(weights) == pytest.approx(shape_by_arviz(np.log(weights)), rel=1e-7)
+
+
+def shape_by_arviz(log_weights):
+    """The same shape by arviz's Pareto-smoothed importance sampling."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import arviz
+    if hasattr(arviz, "psislw"):
+        return float(arviz.psislw(log_weights)[1])
+    stats_of_arviz = pytest.importorskip("arviz_stats.base")
+    return float(stats_of_arviz.array_stats.psislw(-log_weights)[1])
+
+
+@pytest.mark.parametrize("factor", [1e-200, 0.3, 1e200])
+def test_the_scale_of_weights_does_not_matter_to_their_tail(factor):
+    weights = stats.genpareto(0.4).rvs(3000, random_state=np.random.default_rng(3))
+    assert pareto_shape(factor * weights) == pytest.approx(pareto_shape(weights), rel=1e-9)
+
+
+def test_the_order_of_weights_does_not_matter_to_their_tail():
+    weights = stats.genpareto(0.4).rvs(3000, random_state=np.random.default_rng(3))
+    assert pareto_shape(weights[::-1]) == pareto_shape(weights)
+
+
+@pytest.mark.parametrize("n", [1, 5, 24])
+def test_a_few_weights_have_no_tail(n):
+    assert math.isnan(pareto_shape(np.arange(1.0, n + 1.0)))
+
+
+def test_twenty_five_weights_have_a_tail():
+    assert math.isfinite(pareto_shape(np.arange(1.0, 26.0)))
+
+
+def test_constant_weights_have_a_flat_tail():
+    assert pareto_shape(np.full(3000, 1.0 / 3000.0)) == -math.inf
+
+
+@pytest.mark.parametrize("size", [3e-16, 1e-15, 1e-14])
+def test_constant_weights_have_a_flat_tail_though_they_are_rounded(size):
+    rng = np.random.default_rng(0)
+    weights = np.full(3000, 1.0 / 3000.0) * (1.0 + size * rng.standard_normal(3000))
+    assert pareto_shape(weights) < PARETO_K_LIMIT
+
+
+@pytest.mark.parametrize("others", [0.0, 1e-300, 1e-307, 1e-310, 1e-323])
+@pytest.mark.parametrize("spread", [False, True])
+def test_one_huge_weight_is_a_heavy_tail(others, spread):
+    rng = np.random.default_rng(0)
+    weights = others * (rng.random(3000) if spread else np.ones(3000))
+    weights[7] = 1.0
+    assert pareto_shape(weights) > 5.0
+
+
+SHARE_MISSED, AT, WIDTH = 0.3, np.array([[1.0, 1.0], [-1.0, -1.0]]), 0.3
+
+
+def two_bumps(z):
+    """Likelihood times prior is e^LOG_EVIDENCE times a mixture of two normals."""
+    away = ((z - AT[:, None]) ** 2).sum(-1) / WIDTH**2
+    log_shares = np.log([[1.0 - SHARE_MISSED], [SHARE_MISSED]])
+    log_parts = log_shares - 0.5 * away - math.log(2.0 * math.pi * WIDTH**2)
+    return np.logaddexp(*log_parts) + LOG_EVIDENCE - log_standard_normal(z)
+
+
+@pytest.fixture
+def first_bump():
+    """A mixture that knows nothing of the second bump: only the prior's draws get there."""
+    return StudentMixture(np.ones(1), AT[:1], 1.1 * WIDTH * np.eye(2)[None], np.full(1, 5.0))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_bump_that_the_mixture_misses_gets_a_component(first_bump, seed):
+    target = Target(two_bumps, 2)
+    first = importance(target, first_bump, seed, wanted_error=np.inf)
+    assert first.pareto_k > PARETO_K_LIMIT
+    sample = importance(target, first_bump, seed)
+    assert sample.pareto_k < PARETO_K_LIMIT
+    assert sample.mixture.n_components > 1
+    assert np.linalg.norm(sample.mixture.means[1] - AT[1]) < 4.0 * WIDTH
+    assert len(sample.z) >= FIRST_BATCH + DRAWS_OF_ADDED_COMPONENT
+    found = sample.estimate
+    assert found.error <= 0.01
+    assert found.log_evidence == pytest.approx(LOG_EVIDENCE, abs=4.0 * found.error)
+    assert sample.weights @ (sample.z[:, 0] < 0) == pytest.approx(SHARE_MISSED, abs=0.03)
+
+
+def test_components_are_not_added_without_need(target, mixture):
+    sample = importance(target, mixture, 2)
+    assert sample.pareto_k < PARETO_K_LIMIT
+    assert sample.mixture.n_components == mixture.n_components
+
+
+def test_draws_densities_and_strata_are_of_one_mixture(first_bump):
+    sample = importance(Target(two_bumps, 2), first_bump, 0)
+    mixture = sample.mixture
+    np.testing.assert_allclose(sample.log_proposals, mixture.log_pdf(sample.z), rtol=1e-12)
+    np.testing.assert_allclose(sample.log_likelihoods, two_bumps(sample.z), rtol=1e-12)
+    assert mixture.all_weights.sum() == pytest.approx(1.0, rel=1e-12)
+    assert 0.5 * PRIOR_SHARE < mixture.prior_share < PRIOR_SHARE
+    # Every batch gives each component its share of draws to within one.
+    counts = np.bincount(sample.strata, minlength=mixture.n_components + 1)
+    np.testing.assert_allclose(counts, len(sample.z) * mixture.all_weights, atol=3.0)
+
+
+def test_each_stratum_has_the_draws_of_its_own_component(first_bump):
+    """Also of the components added later, and of the prior, whose stratum stays the last."""
+    sample = importance(Target(two_bumps, 2), first_bump, 0)
+    mixture = sample.mixture
+    distances = mixture.squared_distances(sample.z) / 2.0
+    for k in range(mixture.n_components):
+        of_component = stats.f(2, mixture.dof[k]).cdf
+        assert stats.kstest(distances[k][sample.strata == k], of_component).pvalue > 1e-3
+    of_prior = sample.z[sample.strata == mixture.n_components]
+    assert stats.kstest(of_prior.ravel(), stats.norm.cdf).pvalue > 1e-3
+
+
+def test_evidence_is_unbiased_and_its_error_honest_where_components_were_added(first_bump):
+    found = [importance(Target(two_bumps, 2), first_bump, seed).estimate for seed in range(100)]
+    errors = np.array([estimate.error for estimate in found])
+    off = np.array([estimate.log_evidence for estimate in found]) - LOG_EVIDENCE
+    ratios = np.exp(off)
+    assert ratios.mean() == pytest.approx(1.0, abs=3.0 * ratios.std(ddof=1) / 10.0)
+    assert (np.abs(off) < 4.0 * errors).all()
+    assert 0.7 < off.std(ddof=1) / errors.mean() < 1.5
 
 
 def test_bridge_sampling_recovers_the_evidence_within_its_error(target, mixture):

@@ -236,6 +236,65 @@ def test_only_a_mode_inside_the_band_can_be_missed(band, pairing, undetected):
     assert terms.undetected[0] == pytest.approx(undetected, abs=1e-12)
 
 
+# Frequencies of two unit masses on two unit springs.
+LOWER_HZ, UPPER_HZ = ((math.sqrt(5.0) + sign) / (4.0 * math.pi) for sign in (-1.0, 1.0))
+
+
+def at_band_edge(band, pairing, frequency_cov=0.01, own=(None,)):
+    """Of two unit masses on two springs, of 1 and of 4 times unit stiffness, and of -1 times."""
+    k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+    two = bs.ShearBuilding((1.0, 1.0), (k, k))
+    middle = sum(band) / 2.0
+    modes = [bs.IdentifiedMode(str(i), middle, frequency_cov=e) for i, e in enumerate(own, 1)]
+    model = likelihood(two, bs.ModalData(tuple(modes), band), pairing, frequency_cov)
+    with np.errstate(all="ignore"):
+        return model.at_band_edge(np.array([[1.0], [4.0], [-1.0]])).tolist()
+
+
+@pytest.mark.parametrize(
+    ("end", "near"), [(0.978, False), (0.982, True), (1.0, True), (1.018, True), (1.022, False)]
+)
+def test_a_mode_within_two_standard_errors_of_a_limit_is_at_the_edge(end, near):
+    """The standard error is 1 % of the mode's frequency; at 4 k it is twice as high."""
+    nothing = [False, False]
+    assert at_band_edge((0.0, end * UPPER_HZ), {"1": 1}) == [[False, near], nothing, nothing]
+    assert at_band_edge((end * LOWER_HZ, 9.0), {"1": 2}) == [[near, False], nothing, nothing]
+    assert at_band_edge((0.0, 2.0 * end * UPPER_HZ), {"1": 1}) == [nothing, [False, near], nothing]
+
+
+def test_a_paired_mode_is_not_at_the_edge():
+    assert at_band_edge((0.0, UPPER_HZ), {"1": 2}) == [[False, False]] * 3
+
+
+def test_both_modes_can_be_at_the_edge():
+    assert at_band_edge((LOWER_HZ, UPPER_HZ), {}) == [[True, True], [False, False], [False, False]]
+
+
+def test_zero_is_no_edge_of_a_band():
+    """Errors of 60 % reach from any frequency to zero."""
+    assert at_band_edge((0.0, 9.0), {"1": 1}, 0.6) == [[False, False]] * 3
+    assert at_band_edge((0.01, 9.0), {"1": 1}, 0.6) == [[False, True], [False, True], [False] * 2]
+
+
+@pytest.mark.parametrize(("end", "near"), [(1.045, True), (1.047, False)])
+def test_identification_errors_widen_the_edge(end, near):
+    # A mode that was not identified would have had the mean square error of those that were:
+    # 2 √(0.01² + (0.03² + 0.02²)/3) = 0.0462.
+    found = at_band_edge((0.0, end * UPPER_HZ), {"1": 1}, own=(0.03, None, 0.02))
+    assert found[0] == [False, near]
+
+
+def test_the_edge_follows_an_inferred_error():
+    size = bs.Parameter("e", bs.LogNormal(0.01, 1.0))
+    two = bs.ShearBuilding((1.0, 1.0), (1.0, 1.0))
+    data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, 1.03 * UPPER_HZ))
+    model = likelihood(two, data, {"1": 1}, size)
+    assert model.at_band_edge(np.array([[0.014], [0.016]])).tolist() == [
+        [False, False],
+        [False, True],
+    ]
+
+
 @pytest.mark.parametrize("factor", [-1.0, 50.0, -1e-4, np.exp(1j), 1j])
 def test_sign_scale_and_phase_of_a_shape_do_not_matter(building, identified, factor):
     turned = bs.ModalData(

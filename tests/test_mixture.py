@@ -102,6 +102,29 @@ def test_joined_mixtures(mixture, rng):
     assert joined.n_components == 3
 
 
+def test_widened_mixtures(mixture, rng):
+    """Nine tenths as before, and a tenth with scale matrices 2.5² times as large."""
+    z = 4.0 * rng.standard_normal((50, 2))
+    expected = sum(
+        share * stats.multivariate_t(MEANS[k], factor**2 * SCALES[k], df=DOF[k]).pdf(z)
+        for k, weight in enumerate((0.3, 0.7))
+        for factor, share in ((1.0, 0.9 * weight), (2.5, 0.1 * weight))
+    )
+    widened = mixture.widened(2.5, 0.1)
+    np.testing.assert_allclose(widened.log_pdf(z), np.log(expected), rtol=1e-11)
+    assert widened.weights == pytest.approx([0.27, 0.63, 0.03, 0.07])
+    assert widened.n_components == 4
+    assert widened.prior_share == 0.0
+
+
+def test_weights_against_a_widened_mixture_are_bounded(mixture):
+    """The mixture itself keeps nine tenths: no weight of a draw exceeds 1/0.9."""
+    z = np.linspace(-30.0, 30.0, 201)[:, None] * np.array([1.0, -0.5])
+    log_ratio = mixture.log_pdf(z) - mixture.widened(2.0, 0.1).log_pdf(z)
+    assert log_ratio.max() <= np.log(1.0 / 0.9)
+    assert log_ratio[[0, -1]].max() < np.log(1.0 / 0.9) - 0.5  # in the tails the wider ones lead
+
+
 def test_reweighting_finds_the_shares_of_weighted_draws(mixture, rng):
     far_apart = StudentMixture(mixture.weights, MEANS * 20.0, mixture.choleskys, DOF)
     draws = far_apart.draw(np.array([500, 500, 0]), rng)

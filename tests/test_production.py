@@ -12,6 +12,7 @@ from bayes_ssi.production import (
     Ensemble,
     autocorrelation_times,
     effective_sample_size,
+    first_walkers,
     r_hat,
     run_ensemble,
 )
@@ -121,8 +122,9 @@ def run(function=gaussian, proposal=None, seed=0, max_steps=5000, n_walkers=32, 
         proposal = StudentMixture(
             np.ones(1), MEAN[None] + 0.1, 0.4 * np.eye(2)[None], np.full(1, 5.0)
         )
+    walkers = first_walkers(start, n_walkers, np.random.default_rng(seed))
     return run_ensemble(
-        target, start, proposal, n_walkers, max_steps, np.random.SeedSequence(seed), **kwargs
+        target, walkers, proposal, max_steps, np.random.SeedSequence(seed), **kwargs
     )
 
 

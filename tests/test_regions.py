@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from bayes_ssi.regions import MAX_DRAWS, Regions, find_regions
 from bayes_ssi.target import Target, log_standard_normal
 

@@ -123,7 +123,7 @@ def test_points_at_which_the_model_fails_are_counted():
 
 
 def test_an_impossible_likelihood():
-    with pytest.raises(ValueError, match="the likelihood is zero at all of 4000 draws"):
+    with pytest.raises(ValueError, match="the likelihood is zero at all of 16000 draws"):
         run(lambda z: np.full(len(z), -np.inf))
 
 

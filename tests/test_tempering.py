@@ -112,7 +112,7 @@ def test_regions_keep_their_shares():
 def test_an_impossible_likelihood_is_refused(value):
     maxima = find_maxima(Target(gaussian, 3), np.zeros((1, 3)))
     nowhere = Target(lambda z: np.full(len(z), value), 3)
-    with pytest.raises(ValueError, match="likelihood is zero at all of 500 draws from the prior"):
+    with pytest.raises(ValueError, match="likelihood is zero at all of 25000 draws from the prior"):
         tempered_start(nowhere, 500, maxima, np.random.SeedSequence(0))
 
 

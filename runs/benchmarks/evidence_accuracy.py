@@ -109,7 +109,7 @@ def main() -> None:
                 ("dynesty", dynesty_default, options.dynesty_seeds),
                 ("nautilus", nautilus_default, options.nautilus_seeds),
             ):
-                if n:
+                if n and not (name == "nautilus" and problem.n_dimensions < 2):  # it needs two
                     runs = [run(problem, seed) for seed in range(n)]
                     report(name, runs, problem.log_evidence)
 

@@ -1,0 +1,187 @@
+"""All pairings of identified modes with model modes: their sum, and how probable each one is.
+
+An identified mode is one model mode or spurious; a model mode is one identified mode or missed.
+Every way to say so is a pairing, and there are very many: 4 051 for 6 by 6 modes, 2·10⁸ for 10
+by 10. Their weights are products, so they are summed by dynamic programming: model mode after
+model mode, remembering only which identified modes are taken, which is exact.
+
+That memory doubles with every identified mode. Beyond ``WINDOW`` of them a model mode may only be
+one of the ``WINDOW`` nearest in frequency; :func:`left_out` bounds what is lost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["PairingWeights", "left_out", "log_sum", "pair_probabilities", "sample_pairings"]
+
+WINDOW = 10
+# Pairs that weigh less than this share of leaving both unpaired are left out; what that changes
+# is below rounding.
+NEGLIGIBLE_LOG_WEIGHT = -36.0
+
+
+@dataclass(frozen=True, eq=False)
+class PairingWeights:
+    """Weights of pairs for a batch of B models, relative to pairing nothing.
+
+    Attributes:
+        log_ratios: (B, J, I), log of the density of identified mode j as model mode i over that
+            of j being spurious and i missed.
+        frequencies_hz: (J,), of the identified modes.
+        model_hz: (B, I), ascending; used only to tell what is near where there are more than
+            ``WINDOW`` identified modes.
+    """
+
+    log_ratios: FloatArray
+    frequencies_hz: FloatArray
+    model_hz: FloatArray
+
+    def without(self, j: int, i: int | None = None) -> PairingWeights:
+        """The same without identified mode ``j``, and model mode ``i``."""
+        log_ratios = np.delete(self.log_ratios, j, axis=1)
+        if i is not None:
+            log_ratios[:, :, i] = -np.inf
+        return PairingWeights(log_ratios, np.delete(self.frequencies_hz, j), self.model_hz)
+
+
+def log_sum(weights: PairingWeights) -> FloatArray:
+    """Log of the sum (B,) over all pairings of the product of their pairs' ratios.
+
+    The pairing of nothing counts one, so it is never below zero. NaN where a ratio is NaN.
+    """
+    order = np.argsort(weights.frequencies_hz, kind="stable")
+    log_ratios = weights.log_ratios[:, order]
+    if not log_ratios.size:
+        return np.zeros(len(log_ratios))
+    log_ratios = np.where(log_ratios < NEGLIGIBLE_LOG_WEIGHT, -np.inf, log_ratios)
+    starts = _window_starts(weights.frequencies_hz[order], weights.model_hz)
+    # Every identified mode is scaled by its best pair, so that nothing overflows.
+    scales = np.maximum(log_ratios.max(axis=2), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        total = np.log(
+            _sum(np.exp(log_ratios - scales[:, :, None]), np.exp(-scales), starts, _LINEAR)
+        )
+    total = total + np.ascontiguousarray(scales).sum(axis=1)
+    # Several modes that all want the same one: too unlikely for plain numbers.
+    lost = np.isneginf(total)
+    if lost.any():
+        kept = None if starts is None else starts[lost]
+        total[lost] = _sum(log_ratios[lost], np.zeros((int(lost.sum()), len(order))), kept, _LOG)
+    return total
+
+
+def left_out(weights: PairingWeights) -> FloatArray:
+    """Bound (B,) on the share of the sum that the window leaves out; zero where it is exact.
+
+    A pair that is left out would have added at most its ratio times the whole sum.
+    """
+    starts = _window_starts(np.sort(weights.frequencies_hz), weights.model_hz)
+    if starts is None:
+        return np.zeros(len(weights.log_ratios))
+    order = np.argsort(weights.frequencies_hz, kind="stable")
+    j = np.arange(len(order))[None, :, None]
+    outside = (j < starts[:, None, :]) | (j >= starts[:, None, :] + WINDOW)
+    ratios = np.exp(np.minimum(weights.log_ratios[:, order], 700.0))
+    bound: FloatArray = np.where(outside, ratios, 0.0).sum(axis=(1, 2))
+    return bound
+
+
+def pair_probabilities(weights: PairingWeights) -> FloatArray:
+    """Probability (B, J, I) that identified mode j is model mode i; what is missing, spurious."""
+    total = log_sum(weights)
+    found = np.zeros(weights.log_ratios.shape)
+    for j, i in np.argwhere((weights.log_ratios > NEGLIGIBLE_LOG_WEIGHT).any(axis=0)):
+        rest = log_sum(weights.without(j, i))
+        found[:, j, i] = np.exp(weights.log_ratios[:, j, i] + rest - total)
+    return found
+
+
+def sample_pairings(weights: PairingWeights, rng: np.random.Generator) -> NDArray[np.intp]:
+    """One pairing a row, by its probability: (B, J), the model mode of each, -1 if spurious."""
+    n_rows, n_data, n_model = weights.log_ratios.shape
+    chosen = np.full((n_rows, n_data), -1, dtype=np.intp)
+    left = weights
+    for j in range(n_data):  # the identified modes before j are settled and gone
+        log_shares = np.full((n_rows, n_model + 1), -np.inf)
+        log_shares[:, n_model] = log_sum(left.without(0))
+        for i in np.flatnonzero((left.log_ratios[:, 0] > NEGLIGIBLE_LOG_WEIGHT).any(axis=0)):
+            log_shares[:, i] = left.log_ratios[:, 0, i] + log_sum(left.without(0, int(i)))
+        # The greatest of Gumbel-shifted logarithms is a draw in proportion to their exponentials.
+        picked = (log_shares + rng.gumbel(size=log_shares.shape)).argmax(axis=1)
+        paired = np.flatnonzero(picked < n_model)
+        chosen[paired, j] = picked[paired]
+        left = left.without(0)
+        left.log_ratios[paired, :, picked[paired]] = -np.inf
+    return chosen
+
+
+@dataclass(frozen=True)
+class _Arithmetic:
+    """Numbers as they are, or as their logarithms."""
+
+    add: np.ufunc
+    multiply: np.ufunc
+    zero: float
+    one: float
+
+
+_LINEAR = _Arithmetic(np.add, np.multiply, 0.0, 1.0)
+_LOG = _Arithmetic(np.logaddexp, np.add, -np.inf, 0.0)
+
+
+def _window_starts(frequencies_hz: FloatArray, model_hz: FloatArray) -> NDArray[np.intp] | None:
+    """The first identified mode (B, I) that each model mode may be; None if it may be any."""
+    n = len(frequencies_hz)
+    if n <= WINDOW:
+        return None
+    middle = np.searchsorted(frequencies_hz, np.nan_to_num(model_hz)) - WINDOW // 2
+    # Model modes ascend, so windows only move up.
+    return np.maximum.accumulate(np.clip(middle, 0, n - WINDOW), axis=1)
+
+
+def _sum(
+    pairs: FloatArray, alone: FloatArray, starts: NDArray[np.intp] | None, by: _Arithmetic
+) -> FloatArray:
+    """Sum (B,) over pairings, for weights of pairs (B, J, I) and of unpaired modes (B, J).
+
+    ``state[S, b]`` is the sum over what the model modes so far may be with the identified modes
+    of the window that are in S, as bits, taken.
+    """
+    n_rows, n_data, n_model = pairs.shape
+    width = min(n_data, WINDOW)
+    state = np.full((2**width, n_rows), by.zero)
+    state[0] = by.one
+    rows = np.arange(n_rows)
+    start = np.zeros(n_rows, dtype=np.intp)
+    for i in range(n_model):
+        if starts is not None:
+            while (behind := np.flatnonzero(start < starts[:, i])).size:
+                state[:, behind] = _moved_on(state[:, behind], alone[behind, start[behind]], by)
+                start[behind] += 1
+        before = state
+        for k in range(width):
+            pair = pairs[rows, start + k, i]
+            if (pair == by.zero).all():
+                continue
+            if state is before:
+                state = before.copy()
+            with_k = state.reshape(-1, 2, 2**k, n_rows)[:, 1]
+            without_k = before.reshape(-1, 2, 2**k, n_rows)[:, 0]
+            by.add(with_k, by.multiply(without_k, pair), out=with_k)
+    for k in range(width):
+        state = by.add(by.multiply(state[::2], alone[rows, start + k]), state[1::2])
+    found: FloatArray = state[0]
+    return found
+
+
+def _moved_on(state: FloatArray, alone: FloatArray, by: _Arithmetic) -> FloatArray:
+    """The state after its lowest identified mode left the window and a new one came in on top."""
+    moved = np.full(state.shape, by.zero)
+    moved[: len(state) // 2] = by.add(by.multiply(state[::2], alone), state[1::2])
+    return moved

@@ -1,0 +1,390 @@
+"""The search for hidden appendages: does one hang in the data, where, how heavy, tuned to what?
+
+From a baseline model class it builds hypotheses: no appendage; a pendulum on each floor; an
+infill out of its plane between each two neighbouring floors; then one more on the best of these,
+as long as the evidence grows. Which identified mode is which is never assumed: every hypothesis
+is scored over all pairings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.checkpoint import Checkpoint
+from bayes_ssi.comparison import compare
+from bayes_ssi.model_class import ModelClass
+from bayes_ssi.parameters import Parameter
+from bayes_ssi.posterior import Posterior
+from bayes_ssi.priors import FloatArray, LogNormal, LogUniform, Prior
+from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
+from bayes_ssi.structures.lumped import LumpedStructure
+from bayes_ssi.study import Ranking, Study, sample_all
+from bayes_ssi.workers import Workers, as_workers
+
+__all__ = [
+    "AppendageSearch",
+    "AppendageSummary",
+    "AveragedParameter",
+    "Place",
+    "SearchSettings",
+    "places_of",
+    "search",
+    "search_record",
+]
+
+NO_APPENDAGE = "no appendage"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an appendage may hang.
+
+    Attributes:
+        kind: "pendulum" on one floor, or "infill" between two.
+        floors: the floor, or the two, 0 being the ground.
+    """
+
+    kind: str
+    floors: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.kind} {'-'.join(map(str, self.floors))}"
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """What an appendage may be, and how many there may be.
+
+    The defaults suit buildings: parapets, chimneys, tanks and infills that move out of their
+    plane weigh mostly between 1 and 20 % of a floor, and are tuned to anything in the band.
+
+    Attributes:
+        mass_ratio: prior of the mass that vibrates, over the mean floor mass.
+        frequency: prior of the appendage's natural frequency in Hz; if None, log-uniform from
+            half the lowest identified frequency to the band's upper limit.
+        number_weights: prior weights of no appendage, of one, of two, ...; the weight of a
+            number is shared evenly by all ways to place so many. Its length bounds the search.
+        branches: how many of the best hypotheses are extended by one more appendage.
+
+    Raises:
+        ValueError: fewer than two weights, one that is not positive, or no branch.
+        TypeError: a prior is none.
+    """
+
+    mass_ratio: Prior = field(default_factory=lambda: LogNormal(0.05, 1.0))
+    frequency: Prior | None = None
+    number_weights: tuple[float, ...] = (1.0, 1.0, 0.2)
+    branches: int = 2
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "number_weights", tuple(self.number_weights))
+        if len(self.number_weights) < 2 or not all(
+            0.0 < weight < math.inf for weight in self.number_weights
+        ):
+            raise ValueError(
+                "SearchSettings: number_weights must be two or more positive numbers, got "
+                f"{self.number_weights!r}"
+            )
+        if self.branches < 1:
+            raise ValueError(f"SearchSettings: branches must be at least 1, got {self.branches!r}")
+        for name in ("mass_ratio", "frequency"):
+            prior = getattr(self, name)
+            if not isinstance(prior, Prior) and not (name == "frequency" and prior is None):
+                raise TypeError(f"SearchSettings: {name} must be a prior, got {prior!r}")
+
+
+@dataclass(frozen=True)
+class AppendageSummary:
+    """One appendage of one hypothesis, with medians and 90 % intervals.
+
+    Attributes:
+        place: where it hangs.
+        mass: of what vibrates, in the structure's unit.
+        frequency_hz: natural frequency on fixed floors.
+    """
+
+    place: Place
+    mass: tuple[float, float, float]
+    frequency_hz: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class AveragedParameter:
+    """A parameter of the baseline, averaged over all hypotheses by their probability.
+
+    Attributes:
+        name: of the parameter.
+        mean, sd, quantile_05, quantile_95: over all hypotheses.
+        naive_mean, naive_sd: if no appendage is thought of.
+    """
+
+    name: str
+    mean: float
+    sd: float
+    quantile_05: float
+    quantile_95: float
+    naive_mean: float
+    naive_sd: float
+
+
+@dataclass(frozen=True, eq=False)
+class AppendageSearch:
+    """What a search found.
+
+    Attributes:
+        ranking: of all hypotheses that were sampled.
+        places: hypothesis → the places of its appendages.
+        candidates: all places that were considered.
+        mass_scale: the mean floor mass, in the structure's unit.
+    """
+
+    ranking: Ranking
+    places: Mapping[str, tuple[Place, ...]]
+    candidates: tuple[Place, ...]
+    mass_scale: float
+
+    @property
+    def probability_of_any(self) -> float:
+        """That there is at least one appendage."""
+        return sum(
+            row.probability for row in self.ranking.comparison.classes if self.places[row.name]
+        )
+
+    @property
+    def place_probabilities(self) -> dict[Place, float]:
+        """Every candidate place → the probability that an appendage hangs there."""
+        found = dict.fromkeys(self.candidates, 0.0)
+        for row in self.ranking.comparison.classes:
+            for place in set(self.places[row.name]):
+                found[place] += row.probability
+        return found
+
+    def appendages(self, name: str) -> tuple[AppendageSummary, ...]:
+        """The appendages of one hypothesis."""
+        posterior = next(p for p in self.ranking.posteriors if p.name == name)
+        column = {parameter: i for i, parameter in enumerate(posterior.parameter_names)}
+
+        def quantiles(parameter: str, scale: float) -> tuple[float, float, float]:
+            values = scale * posterior.values[:, column[parameter]]
+            low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
+            return float(low), float(middle), float(high)
+
+        return tuple(
+            AppendageSummary(
+                place,
+                quantiles(_mass_name(place), self.mass_scale),
+                quantiles(_frequency_name(place), 1.0),
+            )
+            for place in self.places[name]
+        )
+
+    @property
+    def averaged_parameters(self) -> tuple[AveragedParameter, ...]:
+        """The baseline's parameters averaged over the hypotheses, beside the naive fit."""
+        naive = next(p for p in self.ranking.posteriors if not self.places[p.name])
+        probabilities = {row.name: row.probability for row in self.ranking.comparison.classes}
+        rows = []
+        for i, name in enumerate(naive.parameter_names):
+            draws, weights = [], []
+            for posterior in self.ranking.posteriors:
+                own = posterior.values[:, posterior.parameter_names.index(name)]
+                draws.append(own)
+                weights.append(np.full(len(own), probabilities[posterior.name] / len(own)))
+            low, high = _quantiles(np.concatenate(draws), np.concatenate(weights), (0.05, 0.95))
+            each = [
+                (probabilities[p.name], d.mean(), d.var())
+                for p, d in zip(self.ranking.posteriors, draws, strict=True)
+            ]
+            mean = sum(share * m for share, m, _ in each)
+            variance = sum(share * (v + (m - mean) ** 2) for share, m, v in each)
+            rows.append(
+                AveragedParameter(
+                    name, float(mean), math.sqrt(variance), low, high,
+                    float(naive.values[:, i].mean()), float(naive.values[:, i].std()),
+                )
+            )  # fmt: skip
+        return tuple(rows)
+
+
+def places_of(structure: LumpedStructure) -> tuple[Place, ...]:
+    """Every floor for a pendulum, and every storey for an infill."""
+    floors = range(1, len(structure.main_degrees_of_freedom()) + 1)
+    return (
+        *(Place("pendulum", (floor,)) for floor in floors),
+        *(Place("infill", (floor - 1, floor)) for floor in floors),
+    )
+
+
+def search(
+    baseline: ModelClass,
+    search_settings: SearchSettings | None = None,
+    seed: int = 0,
+    settings: SamplingSettings | None = None,
+    progress: Callable[[str, str, float], None] | None = None,
+    *,
+    workers: int | Executor | Workers | None = None,
+    checkpoint: str | Path | Checkpoint | None = None,
+) -> AppendageSearch:
+    """Search for hidden appendages on a baseline structure.
+
+    Args:
+        baseline: its structure has floors in a row; its pairing is not used.
+        search_settings: what an appendage may be.
+        seed: a hypothesis's result follows from it and the hypothesis's name.
+        settings: how precisely to sample.
+        progress: called with the name of the hypothesis, of the step, and the share of it done.
+        workers: where whole hypotheses are sampled; here, one after another, if None.
+        checkpoint: as for :func:`~bayes_ssi.study.rank`.
+
+    Raises:
+        ValueError: the structure has no floors to hang an appendage on, or a hypothesis cannot
+            be sampled.
+    """
+    options = search_settings or SearchSettings()
+    settings = settings or SamplingSettings()
+    structure = baseline.structure
+    if not isinstance(structure, LumpedStructure):
+        raise ValueError(
+            f"model class {baseline.name!r}: a search needs a structure with floors, such as a "
+            f"ShearBuilding, got {type(structure).__name__}"
+        )
+    candidates = places_of(structure)
+    scale = _mean_mass(structure)
+    build = partial(_hypothesis, replace(baseline, pairing="any"), options, scale)
+    found: dict[tuple[Place, ...], Posterior] = {}
+    classes: dict[tuple[Place, ...], ModelClass] = {}
+    with as_workers(workers) as pool:
+        level: list[tuple[Place, ...]] = [(), *((place,) for place in candidates)]
+        while level:
+            classes.update({places: build(places) for places in level})
+            sampled = sample_all(
+                [classes[places] for places in level], seed, settings, progress, pool, checkpoint
+            )
+            found.update(zip(level, sampled, strict=True))
+            level = _next_level(found, candidates, options)
+    weights = {
+        classes[places].name: _prior_weight(len(places), len(candidates), options)
+        for places in found
+    }
+    study = Study(
+        f"Appendages hidden in {baseline.name!r}", list(classes.values()), prior_weights=weights
+    )
+    posteriors = tuple(found.values())
+    ranking = Ranking(study, posteriors, compare(posteriors, weights), seed, settings)
+    return AppendageSearch(ranking, {classes[p].name: p for p in found}, candidates, scale)
+
+
+def search_record(found: AppendageSearch) -> dict[str, Any]:
+    """What a search found, for a JSON record."""
+    return {
+        "mass_scale": found.mass_scale,
+        "probability_of_any": found.probability_of_any,
+        "places": [
+            {"kind": place.kind, "floors": list(place.floors), "probability": probability}
+            for place, probability in found.place_probabilities.items()
+        ],
+        "hypotheses": [
+            {
+                "name": row.name,
+                "probability": row.probability,
+                "appendages": [asdict(each) for each in found.appendages(row.name)],
+            }
+            for row in found.ranking.comparison.classes
+        ],
+        "averaged_parameters": [asdict(row) for row in found.averaged_parameters],
+    }
+
+
+def _next_level(
+    found: Mapping[tuple[Place, ...], Posterior],
+    candidates: Sequence[Place],
+    options: SearchSettings,
+) -> list[tuple[Place, ...]]:
+    """Hypotheses with one appendage more than the best so far; none if more do not help."""
+
+    def log_evidence(places: tuple[Place, ...]) -> float:
+        return found[places].evidence.log_evidence
+
+    most = max(len(places) for places in found)
+    if most + 1 == len(options.number_weights):
+        return []
+    top = [places for places in found if len(places) == most]
+    fewer = [places for places in found if len(places) == most - 1]
+    if max(map(log_evidence, top)) <= max(map(log_evidence, fewer)):
+        return []
+    best = sorted(top, key=log_evidence, reverse=True)[: options.branches]
+    extended = [
+        tuple(place for place in candidates if place in (*places, new))
+        for places in best
+        for new in candidates
+        if new not in places
+    ]
+    return list(dict.fromkeys(extended))
+
+
+def _prior_weight(number: int, n_candidates: int, options: SearchSettings) -> float:
+    """A number's weight, shared by all ways to place so many appendages."""
+    return options.number_weights[number] / math.comb(n_candidates, number)
+
+
+def _hypothesis(
+    baseline: ModelClass, options: SearchSettings, mass_scale: float, places: tuple[Place, ...]
+) -> ModelClass:
+    structure = baseline.structure
+    assert isinstance(structure, LumpedStructure)
+    frequency = options.frequency or _default_frequency(baseline)
+    for place in places:
+        ratio = Parameter(_mass_name(place), options.mass_ratio)
+        tuned = Parameter(_frequency_name(place), frequency, unit="Hz")
+        structure = structure.with_element(_element(place, ratio, tuned, mass_scale))
+    name = " + ".join(place.name for place in places) or NO_APPENDAGE
+    return replace(baseline, name=name, structure=structure)
+
+
+def _element(place: Place, ratio: Parameter, tuned: Parameter, mass_scale: float) -> Element:
+    label = f"appendage {place.name}"
+    if place.kind == "pendulum":
+        return Pendulum(on=place.floors[0], mass=mass_scale * ratio, frequency=tuned, label=label)
+    low, high = place.floors
+    # Half of an infill vibrates.
+    return OutOfPlaneInfill(
+        between=(low, high), mass=2.0 * mass_scale * ratio, frequency=tuned, label=label
+    )
+
+
+def _default_frequency(baseline: ModelClass) -> Prior:
+    lowest = min(mode.frequency_hz for mode in baseline.data.modes)
+    return LogUniform(0.5 * lowest, baseline.data.band_hz[1])
+
+
+def _mean_mass(structure: LumpedStructure) -> float:
+    masses = [mass.mass.median for mass in structure.main_masses()]
+    return sum(masses) / len(structure.main_degrees_of_freedom())
+
+
+def _mass_name(place: Place) -> str:
+    return f"mass ratio, {place.name}"
+
+
+def _frequency_name(place: Place) -> str:
+    return f"frequency, {place.name}"
+
+
+def _quantiles(
+    values: FloatArray, weights: FloatArray, shares: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Quantiles of weighted values."""
+    order = np.argsort(values)
+    cumulative = np.cumsum(weights[order])
+    at = np.searchsorted(cumulative / cumulative[-1], shares)
+    return tuple(float(values[order][i]) for i in np.minimum(at, len(values) - 1))
