@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 import re
 import shutil
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
 
-from bayes_ssi.journal import Journal
+from bayes_ssi.journal import Journal, JournalInUseError
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.sampling import SamplingSettings
 from bayes_ssi.versions import versions
 
-__all__ = ["Checkpoint"]
+__all__ = ["Checkpoint", "name_of_run"]
 
 # Exists from when the result of the run begins to be written.
 SAVING = "saving"
 
 
 def _warn(text: str) -> None:
-    warnings.warn(text, RuntimeWarning, stacklevel=4)
+    """Warn whoever called the package, however deep inside it this is."""
+    level, frame = 1, inspect.currentframe()
+    while frame is not None and Path(frame.f_code.co_filename).parent == Path(__file__).parent:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, RuntimeWarning, stacklevel=level)
 
 
 def _keep_quiet(text: str) -> None:
@@ -41,6 +46,7 @@ class Checkpoint:
         self,
         directory: str | Path,
         *,
+        run: str = "",
         discard_others: bool = False,
         say: Callable[[str], None] = _warn,
     ) -> None:
@@ -48,10 +54,12 @@ class Checkpoint:
 
         Args:
             directory: its parent must exist.
+            run: says which run it is, to know its own result again.
             discard_others: throw another run's journals away instead of refusing them.
             say: told when an earlier run is continued, and of damage.
         """
         self.directory = Path(directory)
+        self._run = run
         self._discard_others = discard_others
         self._say = say
 
@@ -73,6 +81,8 @@ class Checkpoint:
         }
         try:
             journal = Journal(path, run)
+        except JournalInUseError:
+            raise
         except ValueError:
             if not self._discard_others:
                 raise
@@ -88,16 +98,19 @@ class Checkpoint:
 
     def silent(self) -> Checkpoint:
         """The same, saying nothing, for use in another process."""
-        return Checkpoint(self.directory, discard_others=self._discard_others, say=_keep_quiet)
+        return Checkpoint(
+            self.directory, run=self._run, discard_others=self._discard_others, say=_keep_quiet
+        )
 
     @property
     def is_saving(self) -> bool:
-        """Whether an earlier run was stopped while, or after, it wrote its result."""
-        return (self.directory / SAVING).exists()
+        """Whether this run was stopped before while, or after, it wrote its result."""
+        marker = self.directory / SAVING
+        return marker.exists() and marker.read_text(encoding="utf-8") == self._run
 
     def begin_saving(self) -> None:
         """Mark that whatever stands where the result belongs is this run's own from now on."""
-        (self.directory / SAVING).touch()
+        (self.directory / SAVING).write_text(self._run, encoding="utf-8")
 
     def remove(self, names: tuple[str, ...]) -> None:
         """Remove the journals of these model classes, and the directory if that empties it."""
@@ -111,6 +124,15 @@ class Checkpoint:
         stem = re.sub(r"[^A-Za-z0-9._+-]+", "_", name)[:60]
         digest = hashlib.sha256(name.encode()).hexdigest()[:8]
         return self.directory / f"{stem}-{digest}.journal"
+
+
+def name_of_run(
+    model_classes: Iterable[ModelClass], seed: int, settings: SamplingSettings, *others: object
+) -> str:
+    """A digest that tells a run from all others; ``others`` are further options."""
+    parts = [_definition(candidate) for candidate in model_classes]
+    text = "\n".join([*parts, str(seed), repr(settings), *map(repr, others)])
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _definition(model_class: ModelClass) -> str:

@@ -72,13 +72,19 @@ class _Run:
     accept_failed_checks: bool
 
     def sample_and_save(
-        self, study_file: Path, default: str, sample: Callable[..., _Found]
+        self,
+        study_file: Path,
+        default: str,
+        sample: Callable[..., _Found],
+        study: Study,
+        *options: object,
     ) -> tuple[_Found, StoredResult]:
         """Call ``sample(seed, settings, report, workers=, checkpoint=)`` and save its ranking.
 
-        A run that was stopped goes on from its checkpoint beside the result directory.
+        A run that was stopped goes on from its checkpoint beside the result directory. ``study``
+        and ``options`` are what the result follows from, besides the seed and the settings.
         """
-        from bayes_ssi.checkpoint import Checkpoint
+        from bayes_ssi.checkpoint import Checkpoint, name_of_run
         from bayes_ssi.results import require_new, save_result
         from bayes_ssi.sampling import SamplingSettings
         from bayes_ssi.workers import dask_workers
@@ -89,6 +95,7 @@ class _Run:
         directory = self.out or RESULTS / default
         checkpoint = Checkpoint(
             directory.with_name(f".{directory.name}.checkpoint"),
+            run=name_of_run(study.model_classes, self.seed, settings, *options),
             discard_others=self.overwrite,
             say=lambda text: click.echo(text, err=True),
         )
@@ -196,7 +203,7 @@ def rank(study: Path, only: str | None, any_pairing: bool, run: _Run) -> None:
         def sample(*arguments: Any, **options: Any) -> _Found:
             return _Found(rank_study(loaded, *arguments, **options))
 
-        _, result = run.sample_and_save(study, study.stem, sample)
+        _, result = run.sample_and_save(study, study.stem, sample, loaded, "rank")
 
         from bayes_ssi.tables import evidence_table, parameter_table, ranking_table
 
@@ -276,7 +283,9 @@ def search(
                 lambda directory: save_places(found, directory / "places.png"),
             )
 
-        _, result = run.sample_and_save(study, f"{study.stem}_search", sample)
+        _, result = run.sample_and_save(
+            study, f"{study.stem}_search", sample, loaded, "search", options
+        )
 
         from bayes_ssi.tables import averaged_table, search_notes, search_table
 

@@ -36,11 +36,13 @@ def evaluate(function: Function, z: FloatArray) -> Evaluated:
     Raises:
         ValueError: it does not return one value a row.
     """
+    if not len(z):
+        return Evaluated(np.empty(0), {})
     try:
         answer = function(z)
     except Exception as error:  # noqa: BLE001 - whatever a user's model may raise
         if len(z) == 1:
-            return Evaluated(np.array([np.nan]), {0: f"{type(error).__name__}: {error}"})
+            return Evaluated(np.array([np.nan]), {0: _one_line(error)})
         middle = len(z) // 2
         return joined([evaluate(function, z[:middle]), evaluate(function, z[middle:])])
     values = np.asarray(answer, dtype=float)
@@ -50,6 +52,10 @@ def evaluate(function: Function, z: FloatArray) -> Evaluated:
             f"got shape {values.shape}"
         )
     return Evaluated(values, {})
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def joined(parts: list[Evaluated]) -> Evaluated:

@@ -18,6 +18,7 @@ import hashlib
 import json
 import os
 import struct
+import weakref
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,12 +29,16 @@ import numpy as np
 from bayes_ssi.evaluation import Evaluated
 from bayes_ssi.priors import FloatArray
 
-__all__ = ["Journal"]
+__all__ = ["Journal", "JournalInUseError"]
 
 FORMAT = 1
 DIGEST_SIZE = 16
 PREFIX = struct.Struct("<II")  # length of a record's body, checksum of that length
 LONGEST_HEADER = 1 << 24
+
+
+class JournalInUseError(ValueError):
+    """Another run, still going, writes the same journal."""
 
 
 class Journal:
@@ -53,7 +58,8 @@ class Journal:
             run: what the run is, JSON-ready. Another run's journal is refused.
 
         Raises:
-            ValueError: the file is of another run, not a journal, or in use.
+            JournalInUseError: another run has it open.
+            ValueError: the file is of another run, or not a journal.
             OSError: it cannot be read or written.
         """
         self.path = Path(path)
@@ -64,6 +70,7 @@ class Journal:
         descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
         # Unbuffered: what was written survives the process.
         self._file: BinaryIO = os.fdopen(descriptor, "r+b", buffering=0)
+        _close_in_children(self._file)
         try:
             self._lock()
             self._read(run)
@@ -122,10 +129,11 @@ class Journal:
             # Let go of when the process ends, however it ends.
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise ValueError(f"{self.path}: another run is using this checkpoint") from None
+            raise JournalInUseError(f"{self.path}: another run is using this checkpoint") from None
 
     def _read(self, run: Mapping[str, Any]) -> None:
-        header = json.dumps({"format": FORMAT, "run": run}, sort_keys=True).encode() + b"\n"
+        record = {"format": FORMAT, "run": run}
+        header = json.dumps(record, sort_keys=True, default=_plain).encode() + b"\n"
         content = self._file.read()
         end = content.find(b"\n", 0, LONGEST_HEADER)
         if end < 0 and header.startswith(content):  # new, or stopped while this line was written
@@ -150,7 +158,7 @@ class Journal:
             record = json.loads(found)
             there = dict(record["run"])
             number = record["format"]
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, RecursionError):
             raise ValueError(
                 f"{self.path}: damaged, or not a checkpoint; remove it to begin again"
             ) from None
@@ -162,7 +170,8 @@ class Journal:
         )
         raise ValueError(
             f"{self.path}: the checkpoint of another run, with "
-            f"{what or f'format {number!r} there and {FORMAT} here'}"
+            f"{what or f'format {number!r} there and {FORMAT} here'}; finish that one, or begin "
+            "again without it (--overwrite)"
         )
 
     def _record(self, content: bytes, at: int) -> tuple[int, bytes, Evaluated] | None:
@@ -193,6 +202,25 @@ class Journal:
         """Go on writing from ``position``; what follows it is dropped."""
         self._file.seek(position)
         self._file.truncate()
+
+
+def _close_in_children(file: BinaryIO) -> None:
+    """Forked children would hold the lock as long as they live, which may be longer."""
+    alive = weakref.ref(file)
+
+    def close() -> None:
+        if (kept := alive()) is not None:
+            kept.close()
+
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=close)
+
+
+def _plain(value: Any) -> Any:
+    """A number of numpy as Python's own."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{value!r} cannot be written down")
 
 
 def _digest(z: FloatArray) -> bytes:

@@ -85,13 +85,13 @@ class _Guarded:
 
     def __init__(self, log_density: Callable[[FloatArray], FloatArray]) -> None:
         self.log_density = log_density
-        self.error: ValueError | None = None
+        self.error: BaseException | None = None
 
     def __call__(self, z: FloatArray) -> FloatArray:
         if self.error is None:
             try:
                 return self.log_density(z)
-            except ValueError as error:
+            except BaseException as error:  # noqa: BLE001 - an interrupt and a full disk, too
                 self.error = error
         return np.full(len(z), -np.inf)
 

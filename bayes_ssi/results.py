@@ -122,7 +122,9 @@ def save_result(
     directory = Path(directory)
     require_new(directory, overwrite=overwrite)
     partial = directory.with_name(f".{directory.name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
+    replaced = directory.with_name(f".{directory.name}.replaced")
+    for left_over in (partial, replaced):
+        shutil.rmtree(left_over, ignore_errors=True)
     (partial / "posteriors").mkdir(parents=True)
     try:
         ranking.study.model_classes[0].data.save(partial / "data.csv")
@@ -142,11 +144,15 @@ def save_result(
         for name, further in (extra or {}).items():
             _write_json(partial / name, further)
         _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
+        # A result is there, whole, at every moment but between these two.
         if directory.exists():
-            shutil.rmtree(directory)
+            directory.rename(replaced)
         partial.rename(directory)
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        if replaced.exists() and not directory.exists():
+            replaced.rename(directory)
+        for left_over in (partial, replaced):
+            shutil.rmtree(left_over, ignore_errors=True)
     return load_result(directory)
 
 

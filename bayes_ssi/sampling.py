@@ -189,6 +189,7 @@ def _sample(
     )
     mixture = _fitted(ensembles[0].draws, ensembles[1].draws, maxima, rng).widened(*WIDER)
     importance = importance_sampling(target, mixture, settings.log_evidence_error, rng)
+    regions = _regions(target, importance)
     if progress is not None:
         progress("evidence", 1.0)
     return Sampled(
@@ -198,7 +199,7 @@ def _sample(
         ensembles=tuple(ensembles),
         importance=importance,
         bridge=bridge_sampling(ensembles[1], importance),
-        regions=_regions(target, importance),
+        regions=regions,
         n_evaluations=target.n_evaluations,
     )
 

@@ -10,12 +10,15 @@ not depend on the number of workers.
 from __future__ import annotations
 
 import hashlib
+import os
 import sys
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
 from functools import cache, partial
+from threading import Thread
+from time import sleep
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -39,6 +42,7 @@ PARTS_OF_UNKNOWN = 32
 MAX_DEATHS = 20
 CHECK_SECONDS = 5.0
 MODELS_KEPT = 8
+PARENT_SECONDS = 0.5
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -259,7 +263,7 @@ class Workers:
 
     @staticmethod
     def _stop(executor: Executor) -> None:
-        executor.shutdown(wait=True, cancel_futures=False)
+        executor.shutdown(wait=True)
 
 
 def local_workers(n: int) -> Workers:
@@ -274,7 +278,7 @@ def local_workers(n: int) -> Workers:
     def make() -> Executor:
         from loky import ProcessPoolExecutor
 
-        executor: Executor = ProcessPoolExecutor(max_workers=n)
+        executor: Executor = ProcessPoolExecutor(max_workers=n, initializer=_end_with_parent)
         return executor
 
     return Workers(n_workers=n, make=make)
@@ -362,6 +366,18 @@ def _pickled(function: Callable[..., Any]) -> bytes:
         for module in studies:
             cloudpickle.unregister_pickle_by_value(module)
     return data
+
+
+def _end_with_parent() -> None:
+    """In a worker of this machine: end when the process that made it is gone, however it went."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            sleep(PARENT_SECONDS)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 def _call_there(task: bytes) -> Any:
