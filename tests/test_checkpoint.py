@@ -218,10 +218,8 @@ def test_other_versions_are_refused(checkpoint, one_k, monkeypatch):
     checkpoint.journal(one_k, 7, SETTINGS).close()
     here = {**versions(), "numpy": "3.0"}
     monkeypatch.setattr("bayes_ssi.checkpoint.versions", lambda: here)
-    with pytest.raises(
-        ValueError,
-        match=rf'numpy "{np.__version__}" there and "3\.0" here; finish that one, or begin',
-    ):
+    message = rf'numpy "{np.__version__}" there and "3\.0" here; finish that one, or begin'
+    with pytest.raises(ValueError, match=message):
         checkpoint.journal(one_k, 7, SETTINGS)
 
 
