@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_ssi.likelihood import ModalLikelihood, PairedModes, row_sums
-from bayes_ssi.pairings import PairingWeights, log_sum
+from bayes_ssi.pairings import PairingWeights, log_sum, pair_probabilities
 from bayes_ssi.priors import FloatArray
 
 __all__ = ["AnyPairing"]
@@ -33,6 +34,11 @@ class AnyPairing(ModalLikelihood):
         return PairedModes.of(
             self.data, [(label, i) for label in self.data.labels for i in numbers]
         )
+
+    def at_band_edge(self, values: FloatArray) -> NDArray[np.bool_]:
+        paired = pair_probabilities(self.pairing_weights(values)).sum(axis=1)
+        every = range(self.structure.n_modes)
+        return self._near_a_limit(values, every) & (paired < 0.5)
 
     def log_density(self, values: FloatArray) -> FloatArray:
         nothing_paired = -self.identification.expected_spurious_modes + self._spurious.sum()

@@ -58,7 +58,9 @@ def save_draws(path: Path, stored: StoredDraws) -> None:
             warnings.filterwarnings("ignore", "More chains", UserWarning)
             arviz.from_dict(**groups, **labels).to_netcdf(str(path), engine="h5netcdf")
     else:
-        arviz.from_dict(groups, **labels).to_netcdf(path, engine="h5netcdf")
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
+            arviz.from_dict(groups, **labels).to_netcdf(path, engine="h5netcdf")
 
 
 def load_draws(path: Path, parameter_names: tuple[str, ...]) -> StoredDraws:

@@ -7,10 +7,13 @@ import inspect
 import json
 import re
 import shutil
+import sys
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
+
+import numpy as np
 
 from bayes_ssi.journal import Journal, JournalInUseError
 from bayes_ssi.model_class import ModelClass
@@ -137,7 +140,8 @@ def name_of_run(
 
 def _definition(model_class: ModelClass) -> str:
     """A digest of everything that a model class is, as far as its description tells."""
-    text = json.dumps(model_class.summary(), sort_keys=True, default=str)
+    with np.printoptions(threshold=sys.maxsize):  # arrays in full
+        text = json.dumps(model_class.summary(), sort_keys=True, default=str)
     # The default description of an object holds its address, which is another in every process.
     text = re.sub(r" at 0x[0-9a-fA-F]+", "", text)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

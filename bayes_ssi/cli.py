@@ -264,7 +264,9 @@ def search(
         from bayes_ssi.search import SearchSettings, search_record
         from bayes_ssi.search import search as search_appendages
 
-        loaded = _load(study, baseline)
+        loaded = _load(study, None)
+        if baseline is not None:
+            loaded = loaded.only([baseline])
         options = SearchSettings(
             mass_ratio=LogNormal(*mass_ratio),
             frequency=None if frequency is None else LogUniform(*frequency),

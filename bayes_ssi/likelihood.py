@@ -237,12 +237,15 @@ class ModalLikelihood:
 
         That is, paired with nothing and within two standard errors of a limit other than zero.
         """
+        return self._near_a_limit(values, self._unpaired_model_modes)
+
+    def _near_a_limit(self, values: FloatArray, which: Iterable[int]) -> NDArray[np.bool_]:
         frequencies = self.modes(values).frequencies_hz
         prediction_var = self._error_variances(values)[:, :1]
         reach = 2.0 * np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
         limits = [limit for limit in self.data.band_hz if limit > 0]
         near = np.zeros(frequencies.shape, dtype=bool)
-        for mode in self._unpaired_model_modes:
+        for mode in which:
             for limit in limits:
                 near[:, mode] |= np.abs(frequencies[:, mode] - limit) < reach[:, mode]
         return near

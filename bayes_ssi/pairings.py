@@ -1,7 +1,7 @@
 """All pairings of identified modes with model modes: their sum, and how probable each one is.
 
 An identified mode is one model mode or spurious; a model mode is one identified mode or missed.
-Every way to say so is a pairing, and there are very many: 4 051 for 6 by 6 modes, 2·10⁸ for 10
+Every way to say so is a pairing, and there are very many: 13 327 for 6 by 6 modes, 2·10⁸ for 10
 by 10. Their weights are products, so they are summed by dynamic programming: model mode after
 model mode, remembering only which identified modes are taken, which is exact.
 
@@ -24,6 +24,8 @@ WINDOW = 10
 # Pairs that weigh less than this share of leaving both unpaired are left out; what that changes
 # is below rounding.
 NEGLIGIBLE_LOG_WEIGHT = -36.0
+# Below this plain numbers lose digits.
+SMALLEST_LOG = -660.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +63,17 @@ def log_sum(weights: PairingWeights) -> FloatArray:
         return np.zeros(len(log_ratios))
     log_ratios = np.where(log_ratios < NEGLIGIBLE_LOG_WEIGHT, -np.inf, log_ratios)
     starts = _window_starts(weights.frequencies_hz[order], weights.model_hz)
+    if starts is not None:
+        log_ratios = np.where(_outside(starts, len(order)), -np.inf, log_ratios)
     # Every identified mode is scaled by its best pair, so that nothing overflows.
     scales = np.maximum(log_ratios.max(axis=2), 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         total = np.log(
             _sum(np.exp(log_ratios - scales[:, :, None]), np.exp(-scales), starts, _LINEAR)
         )
-    total = total + np.ascontiguousarray(scales).sum(axis=1)
     # Several modes that all want the same one: too unlikely for plain numbers.
-    lost = np.isneginf(total)
+    lost = total < SMALLEST_LOG
+    total = total + np.ascontiguousarray(scales).sum(axis=1)
     if lost.any():
         kept = None if starts is None else starts[lost]
         total[lost] = _sum(log_ratios[lost], np.zeros((int(lost.sum()), len(order))), kept, _LOG)
@@ -85,8 +89,7 @@ def left_out(weights: PairingWeights) -> FloatArray:
     if starts is None:
         return np.zeros(len(weights.log_ratios))
     order = np.argsort(weights.frequencies_hz, kind="stable")
-    j = np.arange(len(order))[None, :, None]
-    outside = (j < starts[:, None, :]) | (j >= starts[:, None, :] + WINDOW)
+    outside = _outside(starts, len(order))
     ratios = np.exp(np.minimum(weights.log_ratios[:, order], 700.0))
     bound: FloatArray = np.where(outside, ratios, 0.0).sum(axis=(1, 2))
     return bound
@@ -143,6 +146,12 @@ def _window_starts(frequencies_hz: FloatArray, model_hz: FloatArray) -> NDArray[
     middle = np.searchsorted(frequencies_hz, np.nan_to_num(model_hz)) - WINDOW // 2
     # Model modes ascend, so windows only move up.
     return np.maximum.accumulate(np.clip(middle, 0, n - WINDOW), axis=1)
+
+
+def _outside(starts: NDArray[np.intp], n_data: int) -> NDArray[np.bool_]:
+    """Which pairs (B, J, I) of sorted identified modes and model modes the window leaves out."""
+    j = np.arange(n_data)[None, :, None]
+    return (j < starts[:, None, :]) | (j >= starts[:, None, :] + WINDOW)
 
 
 def _sum(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,7 @@ __all__ = [
 # Okabe and Ito's palette: told apart by colour-blind readers, and in grey by lightness.
 BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7F7F7F"
 
+MOST_DRAWN = 12
 FREQUENCIES_SIZE = (6.4, 3.4)  # inches
 
 RC: dict[Any, Any] = {
@@ -224,10 +226,13 @@ def save_figures(
 ) -> list[Path]:
     """Write the figures of a result as PNG files into ``directory``, which is created.
 
-    ``ranked`` are the posteriors, the best first; the corner plot is the best one's.
+    ``ranked`` are the posteriors, the best first; the corner plot is the best one's. Where there
+    are more than ``MOST_DRAWN``, only the best are drawn.
     """
     from matplotlib.figure import Figure
 
+    ranked = ranked[:MOST_DRAWN]
+    comparison = replace(comparison, classes=comparison.classes[:MOST_DRAWN])
     # Figures of their own, not pyplot's: nothing is shown, and no backend is switched.
     directory.mkdir()
     corner = Figure(figsize=_corner_size(ranked[0]))  # outside the style: corner has its own layout

@@ -110,11 +110,13 @@ class AppendageSummary:
     Attributes:
         place: where it hangs.
         mass: of what vibrates, in the structure's unit.
+        mass_ratio: the same over the mean floor mass.
         frequency_hz: natural frequency on fixed floors.
     """
 
     place: Place
     mass: tuple[float, float, float]
+    mass_ratio: tuple[float, float, float]
     frequency_hz: tuple[float, float, float]
 
 
@@ -183,6 +185,7 @@ class AppendageSearch:
             AppendageSummary(
                 place,
                 quantiles(_mass_name(place), self.mass_scale),
+                quantiles(_mass_name(place), 1.0),
                 quantiles(_frequency_name(place), 1.0),
             )
             for place in self.places[name]

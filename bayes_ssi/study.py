@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from bayes_ssi.checkpoint import Checkpoint
 from bayes_ssi.comparison import Comparison, checked_weights, compare
 from bayes_ssi.model_class import ModelClass
@@ -91,7 +93,8 @@ class Study:
         alike: dict[tuple[str, ...], list[ModelClass]] = {}
         for candidate in self.model_classes:
             described = (candidate.structure, candidate.error, candidate.identification)
-            key = (*map(repr, described), candidate.data.digest)
+            with np.printoptions(threshold=sys.maxsize):  # arrays in full
+                key = (*map(repr, described), candidate.data.digest)
             alike.setdefault(key, []).append(candidate)
         merged, weights = [], {}
         for candidates in alike.values():

@@ -57,24 +57,28 @@ def ranking_table(comparison: Comparison, title: str = "") -> Table:
 
 
 def search_table(found: AppendageSearch) -> Table:
-    """Hypotheses of a search by probability, with medians and 90 % intervals of appendages."""
+    """Hypotheses of a search by probability, with medians and 90 % intervals of appendages.
+
+    The mass ratio is that of the mass that vibrates to the mean floor mass.
+    """
     table = _table(found.ranking.study.name)
-    table.add_column("hypothesis", overflow="fold")
+    table.add_column("hypothesis", overflow="fold", min_width=18)
     table.add_column("ln evidence", justify="right", no_wrap=True)
     table.add_column("probability", justify="right", no_wrap=True)
-    table.add_column("mass", justify="right", no_wrap=True)
+    table.add_column("mass ratio", justify="right", no_wrap=True)
     table.add_column("Hz", justify="right", no_wrap=True)
     rows = found.ranking.comparison.classes
     for rank, row in enumerate(rows):
         if rank >= HYPOTHESES_SHOWN and found.places[row.name]:
             continue
         appendages = found.appendages(row.name)
+        lines = " +\n".join(each.place.name for each in appendages) or row.name
         _add_row(
             table,
-            f"{row.name} (!)" if row.failed_checks else row.name,
+            f"{lines} (!)" if row.failed_checks else lines,
             f"{row.log_evidence:.2f}",
             row.probability_text,
-            "\n".join(_interval(each.mass) for each in appendages) or "-",
+            "\n".join(_interval(each.mass_ratio) for each in appendages) or "-",
             "\n".join(_interval(each.frequency_hz) for each in appendages) or "-",
         )
     return table
@@ -105,7 +109,8 @@ def search_notes(found: AppendageSearch) -> list[str]:
         f"  {place.name}: {probability_text(probability)}"
         for place, probability in by_probability[:HYPOTHESES_SHOWN]
     ]
-    hidden = len(found.ranking.comparison.classes) - HYPOTHESES_SHOWN
+    rows = found.ranking.comparison.classes
+    hidden = sum(bool(found.places[row.name]) for row in rows[HYPOTHESES_SHOWN:])
     if hidden > 0:
         notes.append(f"{hidden} less probable hypotheses are in the saved result.")
     return notes

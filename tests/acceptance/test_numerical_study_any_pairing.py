@@ -1,0 +1,36 @@
+"""The numerical study over all pairings: evidences, and that the pairing is found."""
+
+from pathlib import Path
+
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.study import load_study
+
+ROOT = Path(__file__).parents[2]
+# The mass-only structure and the augmented one.
+LOG_EVIDENCES = {"1-a or 1-b or 2": 0.249, "3": 16.069}
+
+
+@pytest.fixture(scope="module")
+def ranking():
+    return bs.rank(load_study(ROOT / "model_classes" / "shear_building.py").with_any_pairing())
+
+
+def test_log_evidence(ranking):
+    found = {row.name: row.log_evidence for row in ranking.comparison.classes}
+    assert found == pytest.approx(LOG_EVIDENCES, abs=0.02)
+    assert ranking.comparison.failed_checks == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "pairing"),
+    [
+        ("1-a or 1-b or 2", {"1": 1, "2a": 2, "3": 3}),
+        ("3", {"1": 1, "2a": 2, "2b": 3, "3": 4}),
+    ],
+)
+def test_the_pairing_is_found(ranking, name, pairing):
+    (posterior,) = [p for p in ranking.posteriors if p.name == name]
+    assert posterior.pairing == pairing
+    assert posterior.inferred_pairing.probability(pairing) > 0.99

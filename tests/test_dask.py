@@ -1,0 +1,216 @@
+"""Workers of a Dask cluster: the same values, and what becomes of a cluster that loses them."""
+
+import contextlib
+import functools
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import bayes_ssi as bs
+from bayes_ssi import workers
+from bayes_ssi.cli import main
+from bayes_ssi.evaluation import evaluate
+from bayes_ssi.workers import dask_workers
+
+dask = pytest.importorskip("dask")
+distributed = pytest.importorskip("distributed")
+
+# Too short to pass its checks, and as good as any to be compared.
+COARSE = bs.SamplingSettings(log_evidence_error=0.2, particles=64, searches=1, max_steps=5)
+
+
+@pytest.fixture(autouse=True)
+def _nothing_hangs():
+    """Ends a test that waits for workers in vain."""
+
+    def give_up(*_):
+        raise AssertionError("no end in sight")
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def make_cluster(n_workers):
+    return distributed.LocalCluster(
+        n_workers=n_workers,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=":0",
+        silence_logs=logging.CRITICAL,
+    )
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """Two workers; a part is given up with the first worker that it kills."""
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), make_cluster(2) as made:
+        yield made
+
+
+@pytest.fixture
+def address(cluster):
+    cluster.wait_for_workers(2)
+    return cluster.scheduler_address
+
+
+def points(n, d=2):
+    return np.random.default_rng(5).standard_normal((n, d))
+
+
+def sums(z):
+    return z.sum(axis=1)
+
+
+def test_values_do_not_depend_on_who_computes_them(address, model_classes):
+    candidate = model_classes["3"]
+    z = points(64, len(candidate.parameters))
+    with dask_workers(address) as pool:
+        for n in (1, 2, 7, 64):
+            found = pool.evaluate(candidate.log_likelihood_at, z[:n])
+            here = evaluate(candidate.log_likelihood_at, z[:n])
+            assert found.values.tobytes() == here.values.tobytes()
+            assert found.failures == {}
+
+
+def test_both_workers_are_used(address):
+    def slow_process_ids(z):
+        time.sleep(0.02)
+        return np.full(len(z), float(os.getpid()))
+
+    with dask_workers(address) as pool:
+        found = pool.evaluate(slow_process_ids, points(64)).values
+    assert len(set(found)) == 2
+    assert os.getpid() not in found
+
+
+def test_rows_that_raise_are_nan_and_say_why(address):
+    def function(z):
+        if (z > 10.0).any():
+            raise ArithmeticError("no modes")
+        return sums(z)
+
+    z = points(33)
+    z[4] = 11.0
+    with dask_workers(address) as pool:
+        found = pool.evaluate(function, z)
+    np.testing.assert_array_equal(found.values, np.where(z[:, 0] > 10.0, np.nan, sums(z)))
+    assert found.failures == {4: "ArithmeticError: no modes"}
+
+
+def test_a_point_at_which_workers_always_die_is_nan_and_the_others_are_right(address):
+    def function(z):
+        if (z == 11.0).any():
+            os._exit(1)
+        return z.sum(axis=1)
+
+    z = points(20)
+    z[3] = 11.0
+    expected = sums(z)
+    expected[3] = np.nan
+    with dask_workers(address) as pool:
+        found = pool.evaluate(function, z)
+    np.testing.assert_array_equal(found.values, expected)
+    assert found.failures == {3: "the worker that evaluated it died"}
+
+
+def test_a_cluster_without_workers_is_refused():
+    with (
+        make_cluster(0) as empty,
+        pytest.raises(ValueError, match=r"the Dask cluster at 'tcp://.*' has no workers"),
+    ):
+        dask_workers(empty.scheduler_address)
+
+
+def takes_long(z):
+    time.sleep(2.0)
+    return z.sum(axis=1)
+
+
+def test_a_run_whose_workers_have_all_gone_ends(monkeypatch):
+    monkeypatch.setattr(workers, "CHECK_SECONDS", 0.2)
+    with make_cluster(1) as doomed, dask_workers(doomed.scheduler_address) as pool:
+        threading.Timer(0.5, doomed.scale, [0]).start()
+        with pytest.raises(ValueError, match="workers: none is left"):
+            pool.evaluate(takes_long, points(8))
+
+
+CLUSTER = """
+import logging
+import time
+
+from distributed import LocalCluster
+
+if __name__ == "__main__":
+    with LocalCluster(n_workers=1, dashboard_address=":0", silence_logs=logging.CRITICAL) as made:
+        print(made.scheduler_address, flush=True)
+        time.sleep(60.0)
+"""
+
+
+@pytest.fixture
+def mortal_cluster(tmp_path):
+    """A cluster in processes of its own: its address, and how to end it at once."""
+    path = tmp_path / "cluster.py"
+    path.write_text(CLUSTER)
+    command = [sys.executable, str(path)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        kill = functools.partial(os.killpg, process.pid, signal.SIGKILL)
+        yield process.stdout.readline().strip(), kill
+        with contextlib.suppress(ProcessLookupError):
+            kill()
+
+
+def test_a_run_whose_scheduler_has_gone_ends(mortal_cluster):
+    address, kill = mortal_cluster
+    with dask_workers(address) as pool:
+        threading.Timer(0.5, kill).start()
+        with pytest.raises(ValueError, match=r"^workers: "):
+            pool.evaluate(takes_long, points(8))
+
+
+@pytest.mark.parametrize("address", ["x", "nowhere://127.0.0.1:8786"])
+def test_an_address_that_is_none_is_refused(address):
+    with pytest.raises(ValueError, match=f"^no Dask scheduler answers at '{address}': "):
+        dask_workers(address)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, tiny_study_file):
+    monkeypatch.chdir(tmp_path)
+    arguments = ["rank", str(tiny_study_file), "--only", "one k", "--out", "result"]
+    return lambda *more: CliRunner().invoke(main, [*arguments, *more])
+
+
+# ArviZ: there are more chains than steps.
+@pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
+def test_the_command_gives_the_same_with_dask(run, address, tmp_path, tiny_study, monkeypatch):
+    monkeypatch.setattr("bayes_ssi.plots.save_figures", lambda directory, *_: directory.mkdir())
+    monkeypatch.setattr("bayes_ssi.sampling.SamplingSettings", lambda **_: COARSE)
+    result = run("--dask", address, "--accept-failed-checks")
+    assert (result.exit_code, result.stderr) == (0, "sampled one k\n")
+    (found,) = json.loads((tmp_path / "result" / "comparison.json").read_text())["classes"]
+    here = bs.rank(tiny_study.only(["one k"]), settings=COARSE).comparison.best
+    assert found["log_evidence"] == here.log_evidence
+
+
+def test_a_scheduler_that_does_not_answer_ends_the_command_in_one_line(run):
+    begun = time.monotonic()
+    result = run("--dask", "tcp://127.0.0.1:1")
+    assert time.monotonic() - begun < 15.0
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("Error: no Dask scheduler answers at 'tcp://127.0.0.1:1': ")

@@ -1,0 +1,325 @@
+"""Sums over pairings against brute force: every partial matching, written out."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from bayes_ssi import pairings
+from bayes_ssi.pairings import (
+    PairingWeights,
+    left_out,
+    log_sum,
+    pair_probabilities,
+    sample_pairings,
+)
+
+
+def weights(log_ratios, frequencies_hz=None, model_hz=None):
+    """Identified modes at 1, 2, 3, ... Hz and model modes too, if nothing else is said."""
+    log_ratios = np.array(log_ratios, dtype=float)
+    n_rows, n_data, n_model = log_ratios.shape
+    if frequencies_hz is None:
+        frequencies_hz = np.arange(1.0, n_data + 1.0)
+    if model_hz is None:
+        model_hz = np.tile(np.arange(1.0, n_model + 1.0), (n_rows, 1))
+    return PairingWeights(log_ratios, np.array(frequencies_hz), np.array(model_hz))
+
+
+def random_weights(seed, n_rows, n_data, n_model, spread=3.0):
+    ratios = np.random.default_rng(seed).normal(0.0, spread, (n_rows, n_data, n_model))
+    return weights(ratios)
+
+
+def matchings(n_data, n_model):
+    """Every pairing: the model mode of each identified mode, -1 for none."""
+    return [
+        pairing
+        for pairing in itertools.product(range(-1, n_model), repeat=n_data)
+        if all(pairing.count(i) <= 1 for i in range(n_model))
+    ]
+
+
+def log_weights(log_ratios):
+    """(B, n_pairings), the log weight of every pairing."""
+    n_data, n_model = log_ratios.shape[1:]
+    return np.array(
+        [
+            sum((log_ratios[:, j, i] for j, i in enumerate(pairing) if i >= 0), 0.0)
+            + np.zeros(len(log_ratios))
+            for pairing in matchings(n_data, n_model)
+        ]
+    ).T
+
+
+def brute_force(log_ratios):
+    return logsumexp(log_weights(np.asarray(log_ratios)), axis=1)
+
+
+def test_every_matching_is_written_out():
+    """Choose k of each, in any order; the count for 6 by 6 modes is 13 327."""
+    for n_data, n_model in [(5, 5), (6, 5), (6, 6), (2, 4)]:
+        expected = sum(
+            math.comb(n_data, k) * math.comb(n_model, k) * math.factorial(k)
+            for k in range(n_data + 1)
+        )
+        assert len(matchings(n_data, n_model)) == expected
+        ones = log_sum(weights(np.zeros((1, n_data, n_model))))[0]
+        assert ones == pytest.approx(math.log(expected), rel=1e-13)
+
+
+@pytest.mark.parametrize("n_data", range(6))
+@pytest.mark.parametrize("n_model", range(6))
+def test_the_sum_is_that_over_every_matching(n_data, n_model):
+    some = random_weights(10 * n_data + n_model, 4, n_data, n_model)
+    np.testing.assert_allclose(log_sum(some), brute_force(some.log_ratios), rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize(("n_data", "n_model"), [(0, 3), (3, 0), (0, 0)])
+def test_nothing_to_pair_is_one_way(n_data, n_model):
+    assert log_sum(weights(np.zeros((2, n_data, n_model)))).tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("log_weight", [-20.0, -1.0, 0.0, 2.0, 50.0, 900.0])
+def test_ten_by_ten_modes_of_equal_weights(log_weight):
+    terms = [
+        math.log(math.comb(10, k) ** 2 * math.factorial(k)) + k * log_weight for k in range(11)
+    ]
+    found = log_sum(weights(np.full((1, 10, 10), log_weight)))[0]
+    assert found == pytest.approx(logsumexp(terms), rel=1e-13)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_huge_ratios_neither_overflow_nor_underflow(sign):
+    ratios = sign * np.array([[[900.0, 850.0], [880.0, 700.0], [0.5, -0.3]]])
+    assert log_sum(weights(ratios))[0] == pytest.approx(brute_force(ratios)[0], rel=1e-13)
+
+
+@pytest.mark.parametrize("n_data", [2, 3, 5])
+@pytest.mark.parametrize(
+    "log_ratio", [1.0, 36.0, 300.0, 700.0, 720.0, 735.0, 744.0, 745.0, 746.0, 900.0, 1e5]
+)
+def test_modes_that_all_want_the_same_one(n_data, log_ratio):
+    """All but one must do without, however much each would gain."""
+    expected = np.logaddexp(0.0, log_ratio + math.log(n_data))
+    found = log_sum(weights(np.full((1, n_data, 1), log_ratio)))[0]
+    assert found == pytest.approx(expected, rel=1e-13)
+
+
+@pytest.mark.parametrize("log_ratio", [250.0, 368.0, 372.0, 400.0])
+def test_conflicts_that_only_together_are_too_unlikely_for_plain_numbers(log_ratio):
+    ratios = np.full((1, 5, 3), -np.inf)
+    ratios[0, :, 1] = log_ratio
+    assert log_sum(weights(ratios))[0] == pytest.approx(log_ratio + math.log(5.0), rel=1e-13)
+
+
+def test_a_row_that_is_lost_to_plain_numbers_does_not_change_others():
+    ratios = np.random.default_rng(3).normal(0.0, 2.0, (3, 4, 2))
+    ratios[1, :, 0] = 800.0
+    np.testing.assert_allclose(log_sum(weights(ratios)), brute_force(ratios), rtol=1e-13)
+
+
+def test_impossible_pairs_add_nothing():
+    ratios = np.random.default_rng(4).normal(0.0, 2.0, (5, 4, 4))
+    ratios[:, 2, :] = -np.inf
+    ratios[:, :, 1] = -np.inf
+    ratios[3] = -np.inf
+    np.testing.assert_allclose(log_sum(weights(ratios)), brute_force(ratios), atol=1e-13)
+    assert log_sum(weights(ratios))[3] == 0.0
+
+
+@pytest.mark.parametrize("where", [(0, 0), (2, 1), (1, 2)])
+def test_nan_stays_nan_and_where_it_is(where):
+    ratios = np.random.default_rng(5).normal(0.0, 2.0, (3, 3, 3))
+    expected = brute_force(ratios)
+    ratios[(1, *where)] = np.nan
+    found = log_sum(weights(ratios))
+    assert np.isnan(found).tolist() == [False, True, False]
+    np.testing.assert_allclose(found[[0, 2]], expected[[0, 2]], rtol=1e-13)
+
+
+def hard_rows(n_data, n_model):
+    """Ordinary rows, certain ones, conflicts, impossible pairs and NaN."""
+    ratios = np.random.default_rng(6).normal(0.0, 5.0, (14, n_data, n_model))
+    ratios[3] *= 60.0
+    ratios[5, :, 0] = 800.0
+    ratios[6, 0] = np.nan
+    ratios[8] = -np.inf
+    model_hz = np.sort(np.random.default_rng(7).uniform(0.5, n_data, (14, n_model)), axis=1)
+    return weights(ratios, model_hz=model_hz)
+
+
+@pytest.mark.parametrize("size", [1, 2, 7])
+@pytest.mark.parametrize("shape", [(4, 5), (1, 3), (3, 1), (13, 4)])
+def test_a_row_is_the_same_to_the_last_bit_in_any_batch(shape, size):
+    whole = hard_rows(*shape)
+    parts = [
+        log_sum(
+            PairingWeights(
+                whole.log_ratios[part : part + size],
+                whole.frequencies_hz,
+                whole.model_hz[part : part + size],
+            )
+        )
+        for part in range(0, 14, size)
+    ]
+    assert np.concatenate(parts).tobytes() == log_sum(whole).tobytes()
+
+
+@pytest.mark.parametrize("n_data", [5, 13])
+def test_the_order_of_identified_modes_does_not_matter(n_data):
+    some = random_weights(8, 6, n_data, 4)
+    order = np.random.default_rng(9).permutation(n_data)
+    shuffled = PairingWeights(some.log_ratios[:, order], some.frequencies_hz[order], some.model_hz)
+    assert log_sum(shuffled).tolist() == log_sum(some).tolist()
+    assert left_out(shuffled) == pytest.approx(left_out(some), rel=1e-13)
+
+
+def test_weights_are_left_as_they_were():
+    some = random_weights(10, 3, 3, 3)
+    before = some.log_ratios.copy()
+    log_sum(some)
+    pair_probabilities(some)
+    sample_pairings(some, np.random.default_rng(0))
+    some.without(1, 2)
+    np.testing.assert_array_equal(some.log_ratios, before)
+
+
+def test_nothing_is_left_out_of_a_window_that_holds_all():
+    assert left_out(random_weights(11, 3, pairings.WINDOW, 4)).tolist() == [0.0, 0.0, 0.0]
+
+
+def near_and_far(seed, n_data, n_model, steepness):
+    """Ratios that fall off with the distance of the frequencies, as real ones do."""
+    rng = np.random.default_rng(seed)
+    frequencies_hz = np.sort(rng.uniform(0.0, 10.0, n_data))
+    model_hz = np.sort(rng.uniform(0.0, 10.0, (6, n_model)), axis=1)
+    distances = frequencies_hz[None, :, None] - model_hz[:, None, :]
+    return weights(3.0 - steepness * distances**2, frequencies_hz, model_hz)
+
+
+@pytest.mark.parametrize("steepness", [0.05, 0.3, 1.0, 5.0])
+@pytest.mark.parametrize("shape", [(5, 5), (4, 1), (6, 3), (5, 2)])
+def test_what_the_window_loses_is_within_its_bound(shape, steepness, monkeypatch):
+    monkeypatch.setattr(pairings, "WINDOW", 3)
+    some = near_and_far(12, *shape, steepness)
+    lost = -np.expm1(log_sum(some) - brute_force(some.log_ratios))
+    assert (lost > -1e-12).all()
+    assert (lost <= left_out(some) + 1e-12).all()
+
+
+def test_narrow_weights_lose_next_to_nothing_to_the_window(monkeypatch):
+    monkeypatch.setattr(pairings, "WINDOW", 3)
+    frequencies_hz = np.arange(1.0, 7.0)
+    model_hz = np.array([[1.1, 2.0, 4.2, 5.9], [0.2, 0.3, 0.4, 9.0]])
+    distances = frequencies_hz[None, :, None] - model_hz[:, None, :]
+    some = weights(4.0 - 15.0 * distances**2, frequencies_hz, model_hz)
+    assert (left_out(some) < 1e-7).all()
+    np.testing.assert_allclose(log_sum(some), brute_force(some.log_ratios), atol=1e-7)
+
+
+def test_identified_modes_that_no_window_reaches_count_as_spurious_however_good_their_pairs():
+    """All model modes lie low, so that the windows never come to the highest identified modes."""
+    ratios = np.full((1, 12, 1), -50.0)
+    ratios[0, 0, 0], ratios[0, 11, 0] = 1.0, 5.0
+    some = weights(ratios, model_hz=[[1.0]])
+    assert log_sum(some)[0] == pytest.approx(np.logaddexp(0.0, 1.0), rel=1e-12)
+    assert left_out(some)[0] == pytest.approx(math.exp(5.0), rel=1e-12)
+
+
+def test_modes_below_the_first_window_count_as_spurious_too():
+    ratios = np.full((1, 12, 1), -50.0)
+    ratios[0, 0, 0], ratios[0, 11, 0] = 5.0, 1.0
+    some = weights(ratios, model_hz=[[12.0]])
+    assert log_sum(some)[0] == pytest.approx(np.logaddexp(0.0, 1.0), rel=1e-12)
+
+
+def test_many_identified_modes_one_by_one():
+    """Thirty modes that each want their own: a product of independent sums."""
+    ratios = np.full((2, 30, 30), -np.inf)
+    own = np.random.default_rng(13).normal(0.0, 4.0, (2, 30))
+    ratios[:, np.arange(30), np.arange(30)] = own
+    some = weights(ratios)
+    assert left_out(some).tolist() == [0.0, 0.0]
+    np.testing.assert_allclose(log_sum(some), np.logaddexp(0.0, own).sum(axis=1), rtol=1e-13)
+
+
+def test_rows_whose_windows_move_differently():
+    """Each row as if it were alone, though one has its model modes low and the other high."""
+    frequencies_hz = np.arange(1.0, 15.0)
+    model_hz = np.array([[1.0, 2.0, 3.0], [12.0, 13.0, 14.0], [1.0, 8.0, 14.0]])
+    ratios = 4.0 - 6.0 * (frequencies_hz[None, :, None] - model_hz[:, None, :]) ** 2
+    expected = [np.logaddexp(0.0, 4.0) * 3] * 3
+    found = log_sum(weights(ratios, frequencies_hz, model_hz))
+    assert found == pytest.approx(expected, abs=0.15)  # neighbours add a little
+    assert found[0] == pytest.approx(found[1], rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (4, 2), (1, 1), (5, 4)])
+def test_probabilities_of_pairs_are_those_of_the_matchings(shape):
+    some = random_weights(14, 3, *shape)
+    shares = np.exp(log_weights(some.log_ratios) - log_sum(some)[:, None])
+    expected = np.zeros(some.log_ratios.shape)
+    for share, pairing in zip(shares.T, matchings(*shape), strict=True):
+        for j, i in enumerate(pairing):
+            if i >= 0:
+                expected[:, j, i] += share
+    np.testing.assert_allclose(pair_probabilities(some), expected, rtol=1e-11)
+
+
+def test_probabilities_of_pairs_in_conflict():
+    found = pair_probabilities(weights([[[900.0], [900.0 + math.log(3.0)]]]))
+    np.testing.assert_allclose(found[0, :, 0], [0.25, 0.75], rtol=1e-10)
+
+
+def test_a_nan_row_has_no_probabilities_and_leaves_others_theirs():
+    some = random_weights(15, 3, 3, 3)
+    expected = pair_probabilities(some)
+    some.log_ratios[1, 0, 0] = np.nan
+    found = pair_probabilities(some)
+    assert np.isnan(found[1]).all()
+    np.testing.assert_allclose(found[[0, 2]], expected[[0, 2]], rtol=1e-13)
+
+
+@pytest.mark.parametrize("shape", [(2, 3), (3, 2)])
+def test_drawn_pairings_come_as_often_as_they_are_probable(shape):
+    n = 20_000
+    ratios = np.random.default_rng(16).normal(0.0, 1.0, (1, *shape))
+    drawn = sample_pairings(weights(np.repeat(ratios, n, axis=0)), np.random.default_rng(17))
+    expected = np.exp(log_weights(ratios) - brute_force(ratios))[0]
+    assert expected.sum() == pytest.approx(1.0)
+    for share, pairing in zip(expected, matchings(*shape), strict=True):
+        found = (drawn == pairing).all(axis=1).mean()
+        assert abs(found - share) < 4.5 * math.sqrt(share * (1.0 - share) / n) + 1.0 / n
+
+
+def test_drawn_pairings_are_matchings():
+    drawn = sample_pairings(random_weights(18, 500, 5, 4), np.random.default_rng(19))
+    for row in drawn:
+        paired = row[row >= 0].tolist()
+        assert len(set(paired)) == len(paired)
+
+
+def test_every_row_is_drawn_by_its_own_weights():
+    ratios = np.full((3, 2, 2), -np.inf)
+    ratios[0, 0, 0] = ratios[0, 1, 1] = 40.0
+    ratios[1, 0, 1] = ratios[1, 1, 0] = 40.0
+    drawn = sample_pairings(weights(ratios), np.random.default_rng(20))
+    assert drawn.tolist() == [[0, 1], [1, 0], [-1, -1]]
+
+
+def test_draws_follow_from_the_generator():
+    some = random_weights(21, 50, 3, 3)
+    first, second = (sample_pairings(some, np.random.default_rng(22)) for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize(("n_data", "n_model"), [(0, 3), (3, 0)])
+def test_with_nothing_to_pair_all_drawn_modes_are_spurious(n_data, n_model):
+    some = weights(np.zeros((2, n_data, n_model)))
+    drawn = sample_pairings(some, np.random.default_rng(23))
+    assert drawn.shape == (2, n_data)
+    assert (drawn == -1).all()
+    assert pair_probabilities(some).shape == (2, n_data, n_model)
