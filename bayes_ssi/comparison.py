@@ -36,6 +36,10 @@ def bayes_factor_scale(log_bayes_factor: float) -> str:
     return next((words for limit, words in SCALE if twice < limit), SCALE[-1][1])
 
 
+# From this probability on it matters what a class's posterior leans on.
+PROBABLE = 0.01
+
+
 @dataclass(frozen=True)
 class RankedClass:
     """One row of a ranking.
@@ -142,6 +146,10 @@ def compare(
 
 def _row(posterior: Posterior, best: Posterior, probability: float) -> RankedClass:
     evidence, top = posterior.evidence, best.evidence
+    # That an improbable class bends its priors is what makes it improbable.
+    failed = posterior.failed_checks
+    if probability >= PROBABLE:
+        failed = (*failed, *posterior.edge_checks)
     difference = evidence.log_evidence - top.log_evidence
     error = 0.0 if posterior is best else math.hypot(evidence.error, top.error)
     distinguishable = (
@@ -169,7 +177,7 @@ def _row(posterior: Posterior, best: Posterior, probability: float) -> RankedCla
         mean_log_likelihood=evidence.mean_log_likelihood,
         information_gained=evidence.information_gained,
         n_parameters=len(posterior.parameter_names),
-        failed_checks=posterior.failed_checks,
+        failed_checks=failed,
     )
 
 

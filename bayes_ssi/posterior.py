@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
@@ -21,7 +22,7 @@ from bayes_ssi.priors import FloatArray
 from bayes_ssi.production import effective_sample_size, r_hat
 from bayes_ssi.sampling import Progress, Sampled, SamplingSettings, sample_target
 from bayes_ssi.target import Target
-from bayes_ssi.workers import Workers
+from bayes_ssi.workers import Workers, as_workers
 
 __all__ = ["Evidence", "ParameterSummary", "Posterior", "Region", "sample"]
 
@@ -125,6 +126,7 @@ class Posterior:
         n_searches: independent searches for maxima.
         seconds: wall-clock time.
         failed_checks: what should have agreed and did not, a sentence each.
+        edge_checks: what the posterior leans on that is not data, a sentence each.
         data_digest: identifies the data whose density the evidence is.
         pairing: label of an identified mode → number of the model mode, from 1; where it was
             inferred, the most probable one.
@@ -149,6 +151,7 @@ class Posterior:
     n_searches: int
     seconds: float
     failed_checks: tuple[str, ...]
+    edge_checks: tuple[str, ...]
     data_digest: str
     pairing: Mapping[str, int]
     inferred_pairing: InferredPairing | None
@@ -192,7 +195,7 @@ def sample(
     settings: SamplingSettings | None = None,
     progress: Progress | None = None,
     *,
-    workers: Workers | None = None,
+    workers: int | Executor | Workers | None = None,
     journal: Journal | None = None,
 ) -> Posterior:
     """Sample the posterior of a model class and estimate its evidence.
@@ -213,14 +216,15 @@ def sample(
     started = perf_counter()
     model_class.check_structure()
     n = len(model_class.parameters)
-    target = Target(model_class.log_likelihood_at, n, workers, journal)
-    try:
-        sampled = sample_target(target, _seed_of(model_class.name, seed), settings, progress)
-    except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
-        raise
-    except ValueError as error:
-        told = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
-        raise ValueError(f"model class {model_class.name!r}: {error}{told}") from error
+    with as_workers(workers) as pool:
+        target = Target(model_class.log_likelihood_at, n, pool, journal)
+        try:
+            sampled = sample_target(target, _seed_of(model_class.name, seed), settings, progress)
+        except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
+            raise
+        except ValueError as error:
+            told = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
+            raise ValueError(f"model class {model_class.name!r}: {error}{told}") from error
     z, log_likelihoods = _corrected_draws(sampled, np.random.default_rng(seed))
     values = model_class.values(z.reshape(-1, n))
     frequencies_hz = model_class.likelihood.modes(values).frequencies_hz
@@ -243,11 +247,8 @@ def sample(
         n_evaluations=sampled.n_evaluations,
         n_searches=sampled.discovery.n_searches,
         seconds=perf_counter() - started,
-        failed_checks=(
-            *failed_checks(sampled),
-            *failed_edge_checks(model_class, z.reshape(-1, n)),
-            *_failures(model_class, target),
-        ),
+        failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
+        edge_checks=tuple(failed_edge_checks(model_class, z.reshape(-1, n))),
         data_digest=model_class.data.digest,
         pairing=dict(inferred.best if inferred else likelihood.pairing),
         inferred_pairing=inferred,

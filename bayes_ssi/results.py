@@ -249,6 +249,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
         maxima=np.array(entry["maxima"], dtype=float),
         relative_spreads=np.array(entry["relative_spreads"], dtype=float),
         failed_checks=tuple(entry["failed_checks"]),
+        edge_checks=tuple(entry["edge_checks"]),
         name=entry["name"],
         n_evaluations=entry["n_evaluations"],
         n_searches=entry["n_searches"],

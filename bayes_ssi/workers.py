@@ -16,7 +16,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import partial
 from threading import Thread
 from time import sleep
 from types import TracebackType
@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import threadpool_limits
 
 from bayes_ssi.evaluation import Evaluated, Function, evaluate, joined
 from bayes_ssi.priors import FloatArray
@@ -41,7 +41,10 @@ PARTS_OF_UNKNOWN = 32
 # How often a run may lose its workers before it gives up.
 MAX_DEATHS = 20
 CHECK_SECONDS = 5.0
+# Checks in a row without a worker before a run gives up: a cluster may be replacing them.
+CHECKS_WITHOUT_WORKERS = 6
 MODELS_KEPT = 8
+# How often a worker looks whether the process that made it is still there.
 PARENT_SECONDS = 0.5
 
 T = TypeVar("T")
@@ -77,6 +80,7 @@ class Workers:
         self._executor = executor
         self._make = make
         self._alive = alive
+        self._n_workers = n_workers or 1
         self._n_parts = PARTS_PER_WORKER * n_workers if n_workers else PARTS_OF_UNKNOWN
         self._deaths = 0
         self._payload: tuple[Function, str, bytes] | None = None
@@ -91,9 +95,8 @@ class Workers:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._make is not None and self._executor is not None:
-            self._stop(self._executor)
-            self._executor = None
+        if self._make is not None:
+            self._stop()
 
     def evaluate(self, function: Function, z: FloatArray) -> Evaluated:
         """``function`` at every row of ``z`` (B, d).
@@ -146,7 +149,8 @@ class Workers:
             try:
                 for index in range(len(items)):
                     if index not in answers:
-                        waiting[executor.submit(_call_there, tasks[index])] = index
+                        future = _submitted(executor, _call_there, tasks[index], os.getpid())
+                        waiting[future] = index
                 while waiting:
                     for future in self._wait(waiting):
                         index = waiting.pop(future)
@@ -158,24 +162,27 @@ class Workers:
                         elif _is_death(error):
                             died = error
                         else:
-                            raise error
+                            raise _told(error)
             except BrokenExecutor as error:
                 died = error
             finally:
-                for future in waiting:
-                    future.cancel()
+                self._abandon(waiting)
             if died is not None:
                 self._recover(died)
         return [answers[index] for index in range(len(items))]
 
     def _wait(self, waiting: Mapping[Future[Any], int]) -> set[Future[Any]]:
         """Futures that are ready; raises rather than wait for workers that are gone."""
+        checks = 0
         while True:
             ready, _ = wait(waiting, timeout=CHECK_SECONDS, return_when=FIRST_COMPLETED)
+            if any(future.cancelled() for future in ready):  # by Dask, without its scheduler
+                raise ValueError("workers: an evaluation was cancelled; is the scheduler gone?")
             if ready:
                 return ready
-            if not self._alive():
-                raise ValueError("workers: none is left; the results so far are kept")
+            checks = 0 if self._alive() else checks + 1
+            if checks == CHECKS_WITHOUT_WORKERS:
+                raise ValueError("workers: none is left")
 
     def _one_by_one(self, function: Function, z: FloatArray) -> Evaluated:
         """Every point alone, so that a death says which point is at fault."""
@@ -196,14 +203,17 @@ class Workers:
         parts: list[Evaluated | None] = [None] * len(rows)
         died: BaseException | None = None
         waiting: dict[Future[Any], int] = {}
+        owner = os.getpid()
 
         def submit(index: int, data: bytes | None) -> None:
             # The function is named, not sent: a worker imports this module.
-            waiting[executor.submit(_evaluate_there, key, data, z[rows[index]])] = index
+            future = _submitted(executor, _evaluate_there, key, data, z[rows[index]], owner)
+            waiting[future] = index
 
         try:
             for i in range(len(rows)):
-                submit(i, send)
+                # Enough for every worker to have one; a worker that gets none asks.
+                submit(i, send if i < self._n_workers else None)
             while waiting:
                 for future in self._wait(waiting):
                     index = waiting.pop(future)
@@ -211,7 +221,7 @@ class Workers:
                     if error is not None and _is_death(error):
                         died = error
                     elif error is not None:
-                        raise error
+                        raise _told(error)
                     elif (answer := future.result()) is None:  # this worker has not seen the model
                         submit(index, payload)
                     else:
@@ -219,8 +229,7 @@ class Workers:
         except BrokenExecutor as error:
             died = error
         finally:
-            for future in waiting:
-                future.cancel()
+            self._abandon(waiting)
         self._sent = True
         if died is not None:
             self._recover(died)
@@ -257,13 +266,21 @@ class Workers:
                 "workers: one died, and the executor that was given does not replace it: "
                 f"{type(error).__name__}: {error}"
             ) from error
-        assert self._executor is not None
-        self._stop(self._executor)
-        self._executor = None
+        self._stop()
 
-    @staticmethod
-    def _stop(executor: Executor) -> None:
-        executor.shutdown(wait=True)
+    def _stop(self) -> None:
+        """Shut down the executor that was made; what is still under way there is of no use."""
+        executor, self._executor = self._executor, None
+        if executor is not None:
+            # Loky's own argument: its workers would finish their parts first.
+            executor.shutdown(wait=True, kill_workers=True)  # type: ignore[call-arg]
+
+    def _abandon(self, waiting: Mapping[Future[Any], int]) -> None:
+        """Nobody waits any longer for what is under way."""
+        if self._make is not None and waiting:
+            self._stop()
+        for future in waiting:
+            future.cancel()
 
 
 def local_workers(n: int) -> Workers:
@@ -292,11 +309,13 @@ def dask_workers(address: str) -> Workers:
     """
     try:
         from dask.distributed import Client
+        from distributed.comm import get_address_host_port
     except ImportError:
         raise ValueError(
             'Dask is not installed; install it with pip install "bayes_ssi[dask]"'
         ) from None
     try:
+        get_address_host_port(address)  # a client of a malformed address hangs when it is closed
         client = Client(address, timeout=10, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise ValueError(f"no Dask scheduler answers at {address!r}: {error}") from error
@@ -350,6 +369,24 @@ def _is_death(error: BaseException) -> bool:
     return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
 
 
+def _submitted(executor: Executor, function: Callable[..., R], *arguments: Any) -> Future[R]:
+    try:
+        return executor.submit(function, *arguments)
+    except BrokenExecutor:
+        raise
+    except RuntimeError as error:  # it is shut down
+        raise ValueError(f"workers: the executor takes no work: {error}") from error
+
+
+def _told(error: BaseException) -> BaseException:
+    """What to raise for an error from a worker; a model's own errors are answers, not errors."""
+    if isinstance(error, ValueError) or not isinstance(error, Exception):
+        return error
+    told = ValueError(f"workers: one cannot work: {type(error).__name__}: {error}")
+    told.__cause__ = error
+    return told
+
+
 def _pickled(function: Callable[..., Any]) -> bytes:
     import cloudpickle
 
@@ -380,30 +417,36 @@ def _end_with_parent() -> None:
     Thread(target=watch, daemon=True).start()
 
 
-def _call_there(task: bytes) -> Any:
+def _call_there(task: bytes, owner: int) -> Any:
     """In a worker: call what was sent."""
-    import cloudpickle
-
-    with _threads().limit(limits=1, user_api="blas"):
-        return cloudpickle.loads(task)()
+    return _rebuilt(task, owner)()
 
 
-def _evaluate_there(key: str, payload: bytes | None, z: FloatArray) -> Evaluated | None:
-    """In a worker: the part of a batch; None if the model is not here yet."""
+def _evaluate_there(key: str, payload: bytes | None, z: FloatArray, owner: int) -> Evaluated | None:
+    """In a worker: the part of a batch; None if the model is not here yet.
+
+    ``owner`` is the process that sent it; a worker may be a thread of the same.
+    """
     if key not in _models:
         if payload is None:
             return None
-        import cloudpickle
-
-        _models[key] = cloudpickle.loads(payload)
+        _models[key] = _rebuilt(payload, owner)
         while len(_models) > MODELS_KEPT:
             _models.popitem(last=False)
-    # Threads of BLAS in several processes would only wait for one another.
-    with _threads().limit(limits=1, user_api="blas"):
-        return evaluate(_models[key], z)
+    return evaluate(_models[key], z)
 
 
-@cache
-def _threads() -> ThreadpoolController:
-    """The libraries with threads of their own that a worker has loaded."""
-    return ThreadpoolController()
+def _rebuilt(payload: bytes, owner: int) -> Callable[..., Any]:
+    """What was sent to this worker."""
+    import cloudpickle
+
+    try:
+        function: Callable[..., Any] = cloudpickle.loads(payload)
+    except Exception as error:
+        raise ValueError(
+            f"the model cannot be rebuilt in a worker: {type(error).__name__}: {error}"
+        ) from error
+    if os.getpid() != owner:
+        # Threads of BLAS in several processes would only wait for one another.
+        threadpool_limits(limits=1, user_api="blas")
+    return function

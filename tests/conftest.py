@@ -169,6 +169,7 @@ def make_posterior():
             "inferred_pairing": None,
             "seconds": 0.4,
             "failed_checks": (),
+            "edge_checks": (),
             "data_digest": "0123456789abcdef",
             "pairing": {"1": 1, "2": 2},
         }  # fmt: skip

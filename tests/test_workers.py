@@ -15,7 +15,6 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayes_ssi as bs
 from bayes_ssi import workers
@@ -388,22 +387,6 @@ def test_a_cluster_that_has_lost_all_workers_is_not_waited_for(monkeypatch):
     pool = Workers(Late(50.0), alive=lambda: False)
     with pytest.raises(ValueError, match="workers: none is left"):
         pool.evaluate(sums, np.ones((1, 2)))
-
-
-def test_threads_leave_the_threads_of_blas_as_they_were():
-    def blas_threads():
-        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
-
-    def sleeps(z):
-        time.sleep(0.002)
-        return sums(z)
-
-    with threadpool_limits(limits=2, user_api="blas"), ThreadPoolExecutor(4) as executor:
-        before = blas_threads()
-        with as_workers(executor) as pool:
-            for _ in range(5):
-                pool.evaluate(sleeps, points(64))
-        assert blas_threads() == before
 
 
 NO_WARNINGS = """

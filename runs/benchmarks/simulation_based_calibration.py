@@ -80,14 +80,15 @@ def invert(seed: int) -> Inverted:
         for name, c in by_name.items()
         if max(pairing.values(), default=0) <= c.structure.n_modes
     ]
-    ranked = {row.name: row for row in bs.compare(posteriors).classes}
+    comparison = bs.compare(posteriors)
+    ranked = {row.name: row for row in comparison.classes}
     (posterior,) = (p for p in posteriors if p.name == truth)
     ranks = (posterior.values < values).mean(axis=0)
     return Inverted(
         truth,
         dict(zip(posterior.parameter_names, ranks.tolist(), strict=True)),
         ranked[truth].probability,
-        tuple(check for p in posteriors for check in p.failed_checks),
+        comparison.failed_checks,
     )
 
 
