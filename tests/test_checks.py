@@ -255,7 +255,7 @@ def test_only_half_of_the_posterior_at_an_edge_is_too_much():
 def test_sampling_reports_the_edge_of_a_prior():
     low, high, error, _ = LEANING[0]
     z, share = on_grid(lambda z: fit(low + (high - low) * ndtr(z), error))
-    (check,) = bs.sample(one_mass(bs.Uniform(low, high), error)).failed_checks
+    (check,) = bs.sample(one_mass(bs.Uniform(low, high), error)).edge_checks
     found = re.match(r"parameter 'k': (\d+) % of the posterior lies at the lower edge", check)
     assert float(found[1]) == pytest.approx(100 * share[z < -3.09].sum(), abs=4.0)
 

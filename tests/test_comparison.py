@@ -155,3 +155,12 @@ def test_names_must_differ(make_posterior):
 def test_nothing_to_compare():
     with pytest.raises(ValueError, match="no posterior to compare"):
         bs.compare([])
+
+
+@pytest.mark.parametrize(("log_evidence", "told"), [(-2.0, True), (-8.0, False)])
+def test_the_edge_that_a_class_leans_on_is_told_where_it_is_probable(
+    make_posterior, log_evidence, told
+):
+    leaning = make_posterior("leaning", log_evidence, edge_checks=("leans on an edge",))
+    found = bs.compare([make_posterior("upright", 0.0), leaning])
+    assert found.failed_checks == (("leaning: leans on an edge",) if told else ())
