@@ -106,9 +106,9 @@ class PairedModes:
 
     def shape_distances(self, shapes_at_sensors: FloatArray) -> FloatArray:
         """1 - |φ_e·φ| = ½ r_φ², (B, S), for model shapes (B, s, n_modes)."""
-        shapes = shapes_at_sensors[:, :, self.model_modes[self.with_shape]]
-        cosine = row_sums(shapes * self.unit_shapes)
-        length_sq = row_sums(shapes * shapes * self.measured)
+        shapes = np.ascontiguousarray(shapes_at_sensors[:, :, self.model_modes[self.with_shape]])
+        cosine = np.einsum("bsp,sp->bp", shapes, self.unit_shapes)
+        length_sq = np.einsum("bsp,bsp,sp->bp", shapes, shapes, self.measured)
         # A model shape that vanishes at every sensor (a node at each) points nowhere.
         with np.errstate(divide="ignore", invalid="ignore"):
             aligned = np.where(length_sq == 0.0, 0.0, np.abs(cosine) / np.sqrt(length_sq))

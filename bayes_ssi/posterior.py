@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from time import perf_counter
 
 import numpy as np
@@ -28,6 +28,8 @@ __all__ = ["Evidence", "ParameterSummary", "Posterior", "Region", "sample"]
 
 # Failed evaluations in a smaller share than this lie in the far tails of a prior.
 NEGLIGIBLE_FAILURES = 1e-3
+# The final draws' frequencies are shared out to workers in so many parts.
+PARTS_OF_DRAWS = 64
 
 
 @dataclass(frozen=True)
@@ -225,9 +227,9 @@ def sample(
         except ValueError as error:
             told = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
             raise ValueError(f"model class {model_class.name!r}: {error}{told}") from error
-    z, log_likelihoods = _corrected_draws(sampled, np.random.default_rng(seed))
-    values = model_class.values(z.reshape(-1, n))
-    frequencies_hz = model_class.likelihood.modes(values).frequencies_hz
+        z, log_likelihoods = _corrected_draws(sampled, np.random.default_rng(seed))
+        values = model_class.values(z.reshape(-1, n))
+        frequencies_hz = _frequencies(model_class, values, pool)
     likelihood = model_class.likelihood
     inferred = infer_pairing(likelihood, values) if isinstance(likelihood, AnyPairing) else None
     values = values.reshape(z.shape)
@@ -254,6 +256,18 @@ def sample(
         inferred_pairing=inferred,
         relative_spreads=z.reshape(-1, n).std(axis=0),
     )
+
+
+def _frequencies(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> FloatArray:
+    """Natural frequencies in Hz, (n, n_modes), at ``values`` (n, n_parameters)."""
+    if pool is None:
+        return _frequencies_here(model_class, values)
+    parts = np.array_split(values, min(PARTS_OF_DRAWS, len(values)))
+    return np.concatenate(pool.call_each(partial(_frequencies_here, model_class), parts))
+
+
+def _frequencies_here(model_class: ModelClass, values: FloatArray) -> FloatArray:
+    return model_class.likelihood.modes(values).frequencies_hz
 
 
 def _failures(model_class: ModelClass, target: Target) -> list[str]:

@@ -2,10 +2,12 @@
 
 1. Independent searches find the maxima of the posterior; two independent tempered starts carry
    particles from the prior to the regions around them.
-2. Short runs of emcee from there fit a Student-t mixture to the posterior.
-3. Two independent emcee ensembles sample the posterior, with proposals from that mixture.
-4. Mixture importance sampling from it gives the evidence and the share of the posterior in each
-   region; bridge sampling with the draws of an ensemble checks it.
+2. A Student-t mixture is fitted to the particles.
+3. Two independent emcee ensembles sample the posterior, with proposals from that mixture; where
+   they move slowly they begin again with a mixture fitted to their own draws.
+4. Mixture importance sampling, from a mixture fitted to the ensembles' draws, gives the evidence
+   and the share of the posterior in each region; bridge sampling with the draws of an ensemble
+   checks it.
 5. Everything that should agree is compared; what does not is a warning in the result.
 """
 

@@ -48,6 +48,10 @@ class _Sum:
         arrays.setflags(write=False)
         return cls(table, arrays)
 
+    @cached_property
+    def _flat(self) -> FloatArray:
+        return self.arrays.reshape(len(self.arrays), -1)
+
     @property
     def is_fixed(self) -> bool:
         return not any(product.powers for product in self.table.products)
@@ -59,12 +63,9 @@ class _Sum:
             return self.arrays.sum(axis=0, keepdims=True)
         coefficients = self.table.evaluate(values)
         with np.errstate(invalid="ignore"):  # inf · 0 of a value that is not finite
-            # Term by term, not by a matrix product: BLAS rounds a row differently in a batch of
-            # another size, and a batch may be evaluated in parts.
-            total = np.zeros((len(values), self.arrays[0].size))
-            for column, array in zip(coefficients.T, self.arrays, strict=True):
-                total += column[:, None] * array.ravel()
-            return total.reshape(-1, *shape)
+            # Not a matrix product: BLAS rounds a row differently in a batch of another size, and a
+            # batch may be evaluated in parts.
+            return np.einsum("bt,tk->bk", coefficients, self._flat).reshape(-1, *shape)
 
 
 @dataclass(frozen=True)
