@@ -28,8 +28,10 @@ __all__ = [
     "Estimate",
     "ImportanceSample",
     "bridge_sampling",
-    "importance_sampling",
+    "extended",
+    "first_draws",
     "pareto_shape",
+    "refined",
     "tempered_estimate",
 ]
 
@@ -88,6 +90,11 @@ class ImportanceSample:
     def effective_sample_size(self) -> float:
         """1 / Σ w² of the normalised weights."""
         return float(1.0 / np.sum(self.weights**2))
+
+    @property
+    def effective_share(self) -> float:
+        """The effective sample size as a share of the draws."""
+        return self.effective_sample_size / len(self.z)
 
     @property
     def pareto_k(self) -> float:
@@ -158,18 +165,22 @@ def pareto_shape(weights: FloatArray) -> float:
     return (n_tail * k + 5.0) / (n_tail + 10.0)
 
 
-def importance_sampling(
-    target: Target, mixture: StudentMixture, wanted_error: float, rng: np.random.Generator
+def first_draws(
+    target: Target, mixture: StudentMixture, rng: np.random.Generator
 ) -> ImportanceSample:
-    """Draw from ``mixture`` until the log evidence's error is ``wanted_error``.
+    """``FIRST_BATCH`` draws from ``mixture``, to which the defensive prior component is added."""
+    return _draw(target, mixture.defended(PRIOR_SHARE), FIRST_BATCH, rng)
 
-    The number of draws is set from the error of a first batch, which is kept. Where the weights
-    have a heavy tail, components are added at the heaviest draws first (incremental mixture
-    importance sampling, Raftery and Bao 2010).
+
+def refined(
+    target: Target, sample: ImportanceSample, wanted_error: float, rng: np.random.Generator
+) -> ImportanceSample:
+    """``sample`` and more draws, until the log evidence's error is ``wanted_error``.
+
+    The number of draws is set from the error of those that there are. Where the weights have a
+    heavy tail, components are added at the heaviest draws first (incremental mixture importance
+    sampling, Raftery and Bao 2010).
     """
-    sample = _draw(target, mixture.defended(PRIOR_SHARE), FIRST_BATCH, rng)
-    if not math.isfinite(wanted_error):
-        return sample
     added = 0
     while True:
         if sample.pareto_k > PARETO_K_LIMIT and added < MAX_ADDED_COMPONENTS:
@@ -178,10 +189,16 @@ def importance_sampling(
             continue
         if not sample.estimate.error > wanted_error or len(sample.z) >= MAX_DRAWS:
             return sample
-        needed = len(sample.z) * (sample.estimate.error / wanted_error) ** 2
-        more = int(min(1.1 * needed, 4.0 * len(sample.z), MAX_DRAWS)) - len(sample.z)
-        new = _draw(target, sample.mixture, max(more, FIRST_BATCH), rng)
-        sample = _concatenated(sample, new)
+        sample = extended(target, sample, (sample.estimate.error / wanted_error) ** 2, rng)
+
+
+def extended(
+    target: Target, sample: ImportanceSample, factor: float, rng: np.random.Generator
+) -> ImportanceSample:
+    """``sample`` with about ``factor`` times as many draws, at most four times."""
+    n = len(sample.z)
+    more = int(min(1.1 * factor * n, 4.0 * n, MAX_DRAWS)) - n
+    return _concatenated(sample, _draw(target, sample.mixture, max(more, FIRST_BATCH), rng))
 
 
 def _draw(

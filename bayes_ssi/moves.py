@@ -18,6 +18,9 @@ from bayes_ssi.priors import FloatArray
 
 __all__ = ["ensemble_moves", "ensemble_sampler", "initial_state", "raise_if_failed"]
 
+# Proposals that need not wait for one another are evaluated in batches of this size.
+DRAWN_AT_ONCE = 512
+
 
 class _BatchAcceptance(RedBlueMove):
     """The red-blue move of Foreman-Mackey et al. (2013), each half accepted as one batch."""
@@ -50,31 +53,62 @@ class _Stretch(_BatchAcceptance, emcee.moves.StretchMove):
     pass
 
 
-class _FromMixture(_BatchAcceptance):
-    """Proposes from a fixed mixture, wherever a walker is: it changes between separate regions."""
+class _FromMixture(emcee.moves.Move):
+    """Proposes from a fixed mixture, wherever a walker is: it changes between separate regions.
+
+    No proposal depends on where a walker is, so those of many steps are drawn and evaluated as
+    one batch.
+    """
 
     def __init__(self, mixture: StudentMixture) -> None:
-        # No walker's proposal depends on another's, so the ensemble need not be split.
-        super().__init__(nsplits=1, randomize_split=False)
         self.mixture = mixture
+        # Positions, their log densities, and log density over the mixture's, for steps to come.
+        self._ahead: list[tuple[FloatArray, FloatArray, FloatArray]] = []
 
-    def get_proposal(
-        self, sample: FloatArray, complement: list[FloatArray], random: np.random.RandomState
-    ) -> tuple[FloatArray, FloatArray]:
-        del complement
-        rng = np.random.default_rng(random.randint(0, 2**32, size=4, dtype=np.uint32))
-        counts = rng.multinomial(len(sample), self.mixture.all_weights)
+    def propose(self, model: Any, state: emcee.State) -> tuple[emcee.State, np.ndarray]:
+        if not self._ahead:
+            self._ahead = self._drawn(model, *state.coords.shape)
+        proposed, log_density, log_weights = self._ahead.pop()
+        own_weights = state.log_prob - self.mixture.log_pdf(state.coords)
+        taken = log_weights - own_weights > np.log(model.random.rand(len(proposed)))
+        state.coords[taken] = proposed[taken]
+        state.log_prob[taken] = log_density[taken]
+        return state, taken
+
+    def _drawn(
+        self, model: Any, n_walkers: int, n_dimensions: int
+    ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+        rng = np.random.default_rng(model.random.randint(0, 2**32, size=4, dtype=np.uint32))
+        n_steps = max(1, DRAWN_AT_ONCE // n_walkers)
+        counts = rng.multinomial(n_steps * n_walkers, self.mixture.all_weights)
         proposed = rng.permutation(self.mixture.draw(counts, rng))
-        return proposed, self.mixture.log_pdf(sample) - self.mixture.log_pdf(proposed)
+        log_density, _ = model.compute_log_prob_fn(proposed)
+        log_weights = log_density - self.mixture.log_pdf(proposed)
+        shape = (n_steps, n_walkers)
+        return list(
+            zip(
+                proposed.reshape(*shape, n_dimensions),
+                log_density.reshape(shape),
+                log_weights.reshape(shape),
+                strict=True,
+            )
+        )
 
 
-def ensemble_moves(mixture: StudentMixture) -> list[tuple[RedBlueMove, float]]:
-    """Independent proposals from ``mixture`` most of the time, else DE and stretch moves.
+def ensemble_moves(
+    mixture: StudentMixture, mixture_share: float
+) -> list[tuple[emcee.moves.Move, float]]:
+    """Independent proposals from ``mixture`` in that share of the steps, else DE and stretch moves.
 
     emcee's snooker move is not among them: it divides by zero on the duplicate walkers that
     resampling makes.
     """
-    return [(_FromMixture(mixture), 0.7), (_DifferentialEvolution(), 0.2), (_Stretch(), 0.1)]
+    others = 1.0 - mixture_share
+    return [
+        (_FromMixture(mixture), mixture_share),
+        (_DifferentialEvolution(), others * 2 / 3),
+        (_Stretch(), others / 3),
+    ]
 
 
 class _Guarded:
@@ -107,6 +141,7 @@ def ensemble_sampler(
     n_walkers: int,
     n_dimensions: int,
     mixture: StudentMixture,
+    mixture_share: float,
 ) -> emcee.EnsembleSampler:
     """A vectorised emcee sampler with the moves of :func:`ensemble_moves`.
 
@@ -116,7 +151,7 @@ def ensemble_sampler(
         n_walkers,
         n_dimensions,
         _Guarded(log_density),
-        moves=ensemble_moves(mixture),
+        moves=ensemble_moves(mixture, mixture_share),
         vectorize=True,
     )
 

@@ -16,6 +16,7 @@ from bayes_ssi.tempering import TemperedStart
 
 __all__ = [
     "Ensemble",
+    "Proposal",
     "Walkers",
     "autocorrelation_times",
     "effective_sample_size",
@@ -27,6 +28,19 @@ __all__ = [
 # A chain is long enough at this many of the autocorrelation times that it measures.
 LENGTH_IN_AUTOCORRELATION_TIMES = 50
 SOKAL_WINDOW = 5.0
+
+
+class Proposal(NamedTuple):
+    """What proposes the moves of walkers, independently of where they are.
+
+    Attributes:
+        mixture: fitted beforehand, and fixed.
+        share: of the steps that it proposes; emcee's differential evolution and stretch moves
+            propose the others.
+    """
+
+    mixture: StudentMixture
+    share: float
 
 
 class Walkers(NamedTuple):
@@ -80,7 +94,7 @@ class Ensemble:
 def run_ensemble(
     target: Target,
     walkers: Walkers,
-    proposal: StudentMixture,
+    proposal: Proposal,
     max_steps: int,
     seed: np.random.SeedSequence,
     progress: Callable[[float], None] | None = None,
@@ -88,14 +102,13 @@ def run_ensemble(
 ) -> Ensemble:
     """Sample the posterior by emcee, until the chain is long enough.
 
-    Most of the moves propose from ``proposal``, independently of where a walker is, so walkers
-    change between separate regions; the others are emcee's differential evolution and stretch
-    moves.
+    Most of the moves propose from a mixture, independently of where a walker is, so walkers
+    change between separate regions.
 
     Args:
         target: what is sampled.
         walkers: where they begin.
-        proposal: fitted beforehand, and fixed.
+        proposal: of the moves.
         max_steps: where to stop if the autocorrelation time stays too long.
         seed: everything random follows from it.
         progress: called with the share of the needed length that is done.
@@ -104,15 +117,15 @@ def run_ensemble(
     from bayes_ssi.moves import ensemble_sampler, initial_state, raise_if_failed
 
     n_walkers, d = walkers.positions.shape
-    sampler = ensemble_sampler(target.log_posterior, n_walkers, d, proposal)
+    sampler = ensemble_sampler(target.log_posterior, n_walkers, d, *proposal)
     state = initial_state(*walkers, np.random.default_rng(seed))
-    wanted = min(2 * LENGTH_IN_AUTOCORRELATION_TIMES, max_steps)
+    wanted = first = min(2 * LENGTH_IN_AUTOCORRELATION_TIMES, max_steps)
     while True:
         state = sampler.run_mcmc(state, wanted - sampler.iteration, skip_initial_state_check=True)
         raise_if_failed(sampler)
         times = autocorrelation_times(sampler.get_chain())
         enough = int(np.ceil(LENGTH_IN_AUTOCORRELATION_TIMES * times.max()))
-        if times.max() > slowest:
+        if sampler.iteration == first and times.max() > slowest:
             break
         if progress is not None:
             progress(min(sampler.iteration / min(enough, max_steps), 1.0))

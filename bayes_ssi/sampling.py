@@ -26,13 +26,15 @@ from bayes_ssi.evidence import (
     Estimate,
     ImportanceSample,
     bridge_sampling,
-    importance_sampling,
+    extended,
+    first_draws,
+    refined,
     tempered_estimate,
 )
 from bayes_ssi.maxima import Maxima, find_maxima
 from bayes_ssi.mixture import StudentMixture, choose_mixture
 from bayes_ssi.priors import FloatArray
-from bayes_ssi.production import Ensemble, Walkers, first_walkers, run_ensemble
+from bayes_ssi.production import Ensemble, Proposal, Walkers, first_walkers, run_ensemble
 from bayes_ssi.regions import Regions, find_regions
 from bayes_ssi.target import Target
 from bayes_ssi.tempering import TemperedStart, tempered_start
@@ -46,7 +48,12 @@ N_ENSEMBLES = 2
 WALKERS = 32
 ENDS_TO_CLIMB_FROM = 32
 # Ensembles with a longer autocorrelation time begin again with a better mixture.
-SLOW, MAX_REFITS = 5.0, 4
+SLOW, MAX_REFITS = 12.0, 4
+# Importance draws from a mixture must be worth this share of as many posterior draws; else the
+# mixture is fitted anew, to the draws of the ensembles.
+EFFICIENT = 0.25
+# Shares of the moves that a poor and a good mixture proposes.
+LEAST_MOVES, MOST_MOVES = 0.7, 0.95
 COMPONENTS = (1, 2, 3, 4, 6, 8, 12, 16)
 DRAWS_FOR_FITTING = 3000
 # Weight of the maxima's own components in the mixtures: a region that the particles lost is
@@ -55,6 +62,8 @@ MAXIMA_SHARE = 0.1
 # Factor and weight of a wider copy of a mixture: no walker is then stuck, and no importance draw
 # heavy, just beyond what the mixture was fitted to.
 WIDER = (2.0, 0.1)
+# Wanted standard error of the regions' shares, relative to that of the log evidence.
+SHARE_ERROR = 0.3
 # Importance draws count as part of a region when their weight is at least this share of the mean.
 TYPICAL_WEIGHT = 0.1
 
@@ -178,8 +187,8 @@ def _sample(
     # Particles may have ended in regions that no search found: climb from there, too.
     ends = [rng.choice(start.positions, ENDS_TO_CLIMB_FROM) for start in starts]
     maxima = find_maxima(target, np.concatenate([discovery.maxima.z, *ends]))
-    walkers = [first_walkers(start, _n_walkers(target, maxima), rng) for start in starts]
-    ensembles = _run_ensembles(
+    walkers = [first_walkers(start, max(WALKERS, 4 * target.n_dimensions), rng) for start in starts]
+    ensembles, trial = _run_ensembles(
         target,
         walkers,
         starts,
@@ -189,9 +198,11 @@ def _sample(
         rng,
         progress,
     )
-    mixture = _fitted(ensembles[0].draws, ensembles[1].draws, maxima, rng).widened(*WIDER)
-    importance = importance_sampling(target, mixture, settings.log_evidence_error, rng)
+    importance = refined(target, trial, settings.log_evidence_error, rng)
     regions = _regions(target, importance)
+    importance = _with_sure_shares(
+        target, importance, regions, SHARE_ERROR * settings.log_evidence_error, rng
+    )
     if progress is not None:
         progress("evidence", 1.0)
     return Sampled(
@@ -206,11 +217,6 @@ def _sample(
     )
 
 
-def _n_walkers(target: Target, maxima: Maxima) -> int:
-    # Shares of separate regions need more draws than one region's mean.
-    return max(WALKERS * min(len(maxima.z), 3), 4 * target.n_dimensions)
-
-
 def _run_ensembles(
     target: Target,
     walkers: list[Walkers],
@@ -220,19 +226,22 @@ def _run_ensembles(
     seeds: Sequence[np.random.SeedSequence],
     rng: np.random.Generator,
     progress: Progress | None,
-) -> list[Ensemble]:
-    """Independent ensembles, with proposals from a mixture that suits the posterior.
+) -> tuple[list[Ensemble], ImportanceSample]:
+    """Independent ensembles, and first importance draws from a mixture that suits the posterior.
 
-    It is fitted to the particles first. Where walkers move slowly with it they are stopped, and
-    begin again from where they are with a mixture that is fitted to their draws.
+    The mixture, which proposes the ensembles' moves, is fitted to the particles first. Where
+    walkers move slowly with it they are stopped, and begin again from where they are with a
+    mixture that is fitted to their draws.
     """
     mixture = _fitted(starts[0].positions, starts[1].positions, maxima, rng)
     of_attempts = [seed.spawn(MAX_REFITS + 1) for seed in seeds]
     for attempt in range(MAX_REFITS + 1):
         # Draws that lost a region leave its component too little weight; a few importance draws
         # give every component its share.
-        trial = importance_sampling(target, mixture, np.inf, rng)
-        proposal = mixture.reweighted(trial.z, trial.weights).defended(MAXIMA_SHARE)
+        trial = first_draws(target, mixture, rng)
+        reweighted = mixture.reweighted(trial.z, trial.weights).defended(MAXIMA_SHARE)
+        # The better the mixture, the less is left for other moves to do.
+        proposal = Proposal(reweighted, min(LEAST_MOVES + trial.effective_share, MOST_MOVES))
         ensembles: list[Ensemble] = []
         for i, own in enumerate(walkers):
             report = _reporter(progress, "ensembles", i, N_ENSEMBLES)
@@ -245,7 +254,10 @@ def _run_ensembles(
             break
         walkers = [one.walkers for one in ensembles]
         mixture = _fitted(ensembles[0].draws, ensembles[1].draws, maxima, rng)
-    return ensembles
+    if trial.effective_share < EFFICIENT:
+        mixture = _fitted(ensembles[0].draws, ensembles[1].draws, maxima, rng)
+        trial = first_draws(target, mixture, rng)
+    return ensembles, trial
 
 
 def _fitted(
@@ -253,7 +265,22 @@ def _fitted(
 ) -> StudentMixture:
     """A mixture fitted to draws, and the maxima."""
     found = choose_mixture(_thinned(draws, rng), _thinned(held_out, rng), COMPONENTS, rng)
-    return found.joined_with(maxima.as_mixture(), MAXIMA_SHARE)
+    return found.joined_with(maxima.as_mixture(), MAXIMA_SHARE).widened(*WIDER)
+
+
+def _with_sure_shares(
+    target: Target,
+    sample: ImportanceSample,
+    regions: Regions,
+    wanted_error: float,
+    rng: np.random.Generator,
+) -> ImportanceSample:
+    """The sample with as many more draws as the regions' shares ask for."""
+    if regions.n_regions == 1:
+        return sample
+    errors = sample.share_errors(regions.assign(sample.z), regions.n_regions)
+    factor = float(errors.max() / wanted_error) ** 2
+    return extended(target, sample, factor, rng) if factor > 1.0 else sample
 
 
 def _reporter(

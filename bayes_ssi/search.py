@@ -36,6 +36,8 @@ __all__ = [
     "AveragedParameter",
     "Place",
     "SearchSettings",
+    "hypothesis",
+    "mean_mass",
     "places_of",
     "search",
     "search_record",
@@ -255,15 +257,9 @@ def search(
     """
     options = search_settings or SearchSettings()
     settings = settings or SamplingSettings()
-    structure = baseline.structure
-    if not isinstance(structure, LumpedStructure):
-        raise ValueError(
-            f"model class {baseline.name!r}: a search needs a structure with floors, such as a "
-            f"ShearBuilding, got {type(structure).__name__}"
-        )
+    structure = _with_floors(baseline)
     candidates = places_of(structure)
-    scale = _mean_mass(structure)
-    build = partial(_hypothesis, replace(baseline, pairing="any"), options, scale)
+    build = partial(hypothesis, baseline, search_settings=options)
     found: dict[tuple[Place, ...], Posterior] = {}
     classes: dict[tuple[Place, ...], ModelClass] = {}
     with as_workers(workers) as pool:
@@ -284,7 +280,9 @@ def search(
     )
     posteriors = tuple(found.values())
     ranking = Ranking(study, posteriors, compare(posteriors, weights), seed, settings)
-    return AppendageSearch(ranking, {classes[p].name: p for p in found}, candidates, scale)
+    return AppendageSearch(
+        ranking, {classes[p].name: p for p in found}, candidates, mean_mass(structure)
+    )
 
 
 def search_record(found: AppendageSearch) -> dict[str, Any]:
@@ -340,18 +338,36 @@ def _prior_weight(number: int, n_candidates: int, options: SearchSettings) -> fl
     return options.number_weights[number] / math.comb(n_candidates, number)
 
 
-def _hypothesis(
-    baseline: ModelClass, options: SearchSettings, mass_scale: float, places: tuple[Place, ...]
+def hypothesis(
+    baseline: ModelClass,
+    places: Sequence[Place],
+    search_settings: SearchSettings | None = None,
 ) -> ModelClass:
-    structure = baseline.structure
-    assert isinstance(structure, LumpedStructure)
+    """The baseline with an appendage at each of ``places``, scored over all pairings.
+
+    Raises:
+        ValueError: its structure has no floors to hang an appendage on.
+    """
+    options = search_settings or SearchSettings()
+    structure = _with_floors(baseline)
+    scale = mean_mass(structure)
     frequency = options.frequency or _default_frequency(baseline)
     for place in places:
         ratio = Parameter(_mass_name(place), options.mass_ratio)
         tuned = Parameter(_frequency_name(place), frequency, unit="Hz")
-        structure = structure.with_element(_element(place, ratio, tuned, mass_scale))
+        structure = structure.with_element(_element(place, ratio, tuned, scale))
     name = " + ".join(place.name for place in places) or NO_APPENDAGE
-    return replace(baseline, name=name, structure=structure)
+    return replace(baseline, name=name, structure=structure, pairing="any")
+
+
+def _with_floors(baseline: ModelClass) -> LumpedStructure:
+    structure = baseline.structure
+    if not isinstance(structure, LumpedStructure):
+        raise ValueError(
+            f"model class {baseline.name!r}: a search needs a structure with floors, such as a "
+            f"ShearBuilding, got {type(structure).__name__}"
+        )
+    return structure
 
 
 def _element(place: Place, ratio: Parameter, tuned: Parameter, mass_scale: float) -> Element:
@@ -370,7 +386,8 @@ def _default_frequency(baseline: ModelClass) -> Prior:
     return LogUniform(0.5 * lowest, baseline.data.band_hz[1])
 
 
-def _mean_mass(structure: LumpedStructure) -> float:
+def mean_mass(structure: LumpedStructure) -> float:
+    """The mean mass of a floor, at the prior medians, in the structure's unit."""
     masses = [mass.mass.median for mass in structure.main_masses()]
     return sum(masses) / len(structure.main_degrees_of_freedom())
 

@@ -37,6 +37,7 @@ MAX_COMPONENTS = 6
 PARTICLES_PER_COMPONENT = 120  # and dimension
 EM_STEPS = 8
 PRIOR_SHARE = 0.05
+MIXTURE_MOVES = 0.7  # share of the moves that the mixture proposes
 MAXIMA_SHARE = 0.3
 
 
@@ -198,7 +199,7 @@ def _move(
         positions, n_components=_n_components(n, d), dof=5.0, rng=rng, max_steps=EM_STEPS
     )
     mixture = mixture.joined_with(maxima.as_mixture(beta), MAXIMA_SHARE)
-    sampler = ensemble_sampler(log_density, n, d, mixture.defended(PRIOR_SHARE))
+    sampler = ensemble_sampler(log_density, n, d, mixture.defended(PRIOR_SHARE), MIXTURE_MOVES)
     density = beta * log_likelihoods + log_standard_normal(positions)
     start = initial_state(positions, density, rng)
     made, left = 0, 1.0

@@ -15,8 +15,9 @@ from bayes_ssi.evidence import (
     Estimate,
     ImportanceSample,
     bridge_sampling,
-    importance_sampling,
+    first_draws,
     pareto_shape,
+    refined,
     tempered_estimate,
 )
 from bayes_ssi.mixture import StudentMixture
@@ -52,7 +53,8 @@ def mixture():
 
 
 def importance(target, mixture, seed, wanted_error=0.01):
-    return importance_sampling(target, mixture, wanted_error, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    return refined(target, first_draws(target, mixture, rng), wanted_error, rng)
 
 
 def weighted(log_weights, strata=None, log_likelihoods=None):
@@ -138,7 +140,7 @@ def test_importance_sampling_reaches_the_wanted_error(target, mixture):
 
 
 def test_a_coarse_error_takes_the_first_batch_only(target, mixture):
-    sample = importance(target, mixture, 0, wanted_error=np.inf)
+    sample = first_draws(target, mixture, np.random.default_rng(0))
     assert len(sample.z) == target.n_evaluations == FIRST_BATCH
 
 
@@ -150,7 +152,7 @@ def test_importance_sampling_from_the_posterior_itself_has_no_error(target):
 
 
 def test_every_component_draws_in_proportion_to_its_weight(target, mixture):
-    sample = importance(target, mixture, 0, wanted_error=np.inf)
+    sample = first_draws(target, mixture, np.random.default_rng(0))
     counts = np.bincount(sample.strata, minlength=3)
     expected = len(sample.z) * sample.mixture.all_weights
     np.testing.assert_array_less(np.abs(counts - expected), 1.0 + 1e-9)
@@ -273,7 +275,7 @@ def first_bump():
 @pytest.mark.parametrize("seed", range(5))
 def test_a_bump_that_the_mixture_misses_gets_a_component(first_bump, seed):
     target = Target(two_bumps, 2)
-    first = importance(target, first_bump, seed, wanted_error=np.inf)
+    first = first_draws(target, first_bump, np.random.default_rng(seed))
     assert first.pareto_k > PARETO_K_LIMIT
     sample = importance(target, first_bump, seed)
     assert sample.pareto_k < PARETO_K_LIMIT
@@ -341,14 +343,14 @@ def test_bridge_sampling_recovers_the_evidence_within_its_error(target, mixture)
 def test_the_bridge_gets_by_with_a_proposal_that_misses_the_tails(target):
     """Importance sampling from half the posterior's width is poor; the bridge repairs it."""
     narrow = StudentMixture(np.ones(1), MEAN[None] + 0.2, 0.5 * np.diag(SD)[None], np.full(1, 30.0))
-    sample = importance(target, narrow, 4, wanted_error=np.inf)
+    sample = first_draws(target, narrow, np.random.default_rng(4))
     found = bridge_sampling(exact_ensemble(4), sample)
     assert found.error < sample.estimate.error
     assert found.log_evidence == pytest.approx(LOG_EVIDENCE, abs=4.0 * found.error)
 
 
 def test_correlated_chains_widen_the_error_of_the_bridge(target, mixture):
-    sample = importance(target, mixture, 5, wanted_error=np.inf)
+    sample = first_draws(target, mixture, np.random.default_rng(5))
     ensemble = exact_ensemble(6)
     repeated = Ensemble(
         ensemble.positions.repeat(10, axis=0),

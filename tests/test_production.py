@@ -10,6 +10,7 @@ from bayes_ssi.maxima import find_maxima
 from bayes_ssi.mixture import StudentMixture
 from bayes_ssi.production import (
     Ensemble,
+    Proposal,
     autocorrelation_times,
     effective_sample_size,
     first_walkers,
@@ -124,7 +125,7 @@ def run(function=gaussian, proposal=None, seed=0, max_steps=5000, n_walkers=32, 
         )
     walkers = first_walkers(start, n_walkers, np.random.default_rng(seed))
     return run_ensemble(
-        target, walkers, proposal, max_steps, np.random.SeedSequence(seed), **kwargs
+        target, walkers, Proposal(proposal, 0.7), max_steps, np.random.SeedSequence(seed), **kwargs
     )
 
 

@@ -97,7 +97,7 @@ REPLACING = {
     "the old result is removed": instead_of("pathlib.Path.rename"),
 }
 # Records of searches, of tempered starts and of ensembles.
-NUMBERS = (30, 100, 200)
+NUMBERS = (30, 100, 140)
 INTERRUPTS = {f"an interrupt at record {n}": in_record(n, interrupt) for n in NUMBERS}
 FULL_DISKS = {f"a full disk at record {n}": in_record(n, fill_the_disk) for n in NUMBERS}
 MOMENTS = {

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+from dataclasses import replace
 from functools import partial
 
 import matplotlib as mpl
@@ -23,7 +24,7 @@ from bayes_ssi.results import load_result
 from bayes_ssi.search import (
     Place,
     SearchSettings,
-    _hypothesis,
+    hypothesis,
     places_of,
     search,
     search_record,
@@ -153,7 +154,8 @@ def hand_built(frame, kind, where, mass, frequency):
 @pytest.mark.parametrize("place", [PENDULUM_1, PENDULUM_3, INFILL_12, INFILL_01])
 def test_a_hypothesis_is_the_structure_with_the_element_on_it(frame, bare, place):
     """A mass ratio of 0.1 and a mean floor mass of 2 are a vibrating mass of 0.2."""
-    made = _hypothesis(bare, SearchSettings(), 2.0, (place,))
+    frame = replace(frame, masses=(1.0, 2.0, 3.0))
+    made = hypothesis(replace(bare, structure=frame), (place,))
     assert made.name == place.name
     values = {"k1": 1.1, "k2": 0.9, "k3": 1.2,
               f"mass ratio, {place.name}": 0.1, f"frequency, {place.name}": 2.5}  # fmt: skip
@@ -166,14 +168,14 @@ def test_a_hypothesis_is_the_structure_with_the_element_on_it(frame, bare, place
 
 
 def test_a_hypothesis_with_two_appendages(bare):
-    made = _hypothesis(bare, SearchSettings(), 1.0, (PENDULUM_1, INFILL_12))
+    made = hypothesis(bare, (PENDULUM_1, INFILL_12))
     assert made.name == "pendulum 1 + infill 1-2"
     assert made.structure.n_modes == 5
     assert len(made.parameters) == 7
 
 
 def test_no_appendage_is_the_baseline(bare):
-    made = _hypothesis(bare, SearchSettings(), 1.0, ())
+    made = hypothesis(bare, ())
     assert (made.name, made.structure) == ("no appendage", bare.structure)
 
 
@@ -182,13 +184,13 @@ def prior_of(model_class, name):
 
 
 def test_frequencies_reach_from_half_the_lowest_identified_to_the_end_of_the_band(bare):
-    made = _hypothesis(bare, SearchSettings(), 1.0, (PENDULUM_1,))
+    made = hypothesis(bare, (PENDULUM_1,))
     assert prior_of(made, "frequency, pendulum 1") == bs.LogUniform(0.5 * 0.98275928, 6.0)
 
 
 def test_priors_of_the_user_are_used(bare):
     settings = SearchSettings(mass_ratio=bs.Uniform(0.01, 0.2), frequency=bs.LogUniform(2.0, 3.0))
-    made = _hypothesis(bare, settings, 1.0, (PENDULUM_1,))
+    made = hypothesis(bare, (PENDULUM_1,), settings)
     assert prior_of(made, "frequency, pendulum 1") == bs.LogUniform(2.0, 3.0)
     assert prior_of(made, "mass ratio, pendulum 1") == bs.Uniform(0.01, 0.2)
 

@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import binomtest, chisquare, vonmises_fisher
+from scipy.stats import chisquare
+from simulated import print_bands, simulate
 
 import bayes_ssi as bs
 from bayes_ssi.study import load_study
@@ -37,35 +38,6 @@ class Inverted(NamedTuple):
     ranks: dict[str, float]
     probability_of_truth: float
     failed_checks: tuple[str, ...]
-
-
-def simulate(candidate: bs.ModelClass, rng: np.random.Generator) -> tuple:
-    """Parameter values, identified modes and their pairing, drawn from prior and likelihood."""
-    values = candidate.values(rng.standard_normal((1, len(candidate.parameters))))
-    likelihood = candidate.likelihood
-    modes = likelihood.modes(values)
-    shapes = likelihood.shapes_at_sensors(modes)[0]
-    low, high = candidate.data.band_hz
-    found, pairing = [], {}
-    for i, frequency in enumerate(modes.frequencies_hz[0]):
-        identified = frequency * (1.0 + candidate.error.frequency_cov * rng.standard_normal())
-        detected = rng.random() < candidate.identification.detection_probability
-        if detected and low < identified < high:
-            direction = shapes[:, i] / np.linalg.norm(shapes[:, i])
-            # exp(-(1 - cos t)/σ²) is the von Mises-Fisher density with κ = 1/σ²; for small σ its
-            # mirror image at -φ adds nothing but the sign.
-            kappa = candidate.error.shape_sd**-2
-            shape = vonmises_fisher(direction, kappa, seed=rng).rvs(1)[0]
-            label = str(len(found) + 1)
-            found.append(bs.IdentifiedMode(label, identified, shape))
-            pairing[label] = i + 1
-    for _ in range(rng.poisson(candidate.identification.expected_spurious_modes)):
-        shape = rng.standard_normal(len(candidate.data.sensors))
-        found.append(bs.IdentifiedMode(f"s{len(found)}", rng.uniform(low, high), shape))
-    if not found:
-        return simulate(candidate, rng)
-    data = bs.ModalData(tuple(found), candidate.data.band_hz, candidate.data.sensors)
-    return values[0], data, pairing
 
 
 def invert(seed: int) -> Inverted:
@@ -108,15 +80,7 @@ def report(results: list[Inverted]) -> None:
     # Of all statements "structure S has probability p", true and false ones, in bands of p.
     stated = np.concatenate([probabilities, 1.0 - probabilities])
     right = np.concatenate([np.ones(len(results), bool), np.zeros(len(results), bool)])
-    for low, high in ((0.0, 0.05), (0.05, 0.3), (0.3, 0.7), (0.7, 0.95), (0.95, 1.0001)):
-        band = (stated >= low) & (stated < high)
-        if band.any():
-            expected = float(stated[band].mean())
-            test = binomtest(int(right[band].sum()), int(band.sum()), min(max(expected, 0), 1))
-            print(
-                f"stated {low:.2f} to {min(high, 1):.2f} ({expected:.3f} on average): right in "
-                f"{right[band].mean():.3f} of {band.sum()}, p = {test.pvalue:.2f}"
-            )
+    print_bands(stated, right, (0.0, 0.05, 0.3, 0.7, 0.95, 1.0))
     flagged = [result for result in results if result.failed_checks]
     print(f"{len(flagged)} of {len(results)} sets with a failed check")
     for check in {check for result in flagged for check in result.failed_checks}:
