@@ -310,7 +310,7 @@ def test_a_full_disk_is_said_in_a_line(command, moment):
 def test_an_interrupt_and_a_full_disk_lose_nothing(command, uninterrupted):
     assert command.run(moment="an interrupt at record 30") == 1
     assert command.run(moment="a full disk at record 100") == 2
-    assert command.run(moment="an interrupt at record 100") == 1
+    assert command.run(moment="an interrupt at record 30") == 1
     assert command.run() == 0
     assert command.stderr.startswith("model class 'one k': continues after ")
     command.assert_result_is(uninterrupted)
