@@ -97,7 +97,7 @@ REPLACING = {
     "the old result is removed": instead_of("pathlib.Path.rename"),
 }
 # Records of searches, of tempered starts and of ensembles.
-NUMBERS = (30, 100, 140)
+NUMBERS = (20, 100, 140)
 INTERRUPTS = {f"an interrupt at record {n}": in_record(n, interrupt) for n in NUMBERS}
 FULL_DISKS = {f"a full disk at record {n}": in_record(n, fill_the_disk) for n in NUMBERS}
 MOMENTS = {
@@ -308,9 +308,9 @@ def test_a_full_disk_is_said_in_a_line(command, moment):
 
 
 def test_an_interrupt_and_a_full_disk_lose_nothing(command, uninterrupted):
-    assert command.run(moment="an interrupt at record 30") == 1
+    assert command.run(moment="an interrupt at record 20") == 1
     assert command.run(moment="a full disk at record 100") == 2
-    assert command.run(moment="an interrupt at record 30") == 1
+    assert command.run(moment="an interrupt at record 20") == 1
     assert command.run() == 0
     assert command.stderr.startswith("model class 'one k': continues after ")
     command.assert_result_is(uninterrupted)
