@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,6 +47,15 @@ class Prior(ABC):
     @abstractmethod
     def log_pdf(self, value: ArrayLike) -> FloatArray:
         """Natural logarithm of the normalised density; ``-inf`` outside the support."""
+
+    @abstractmethod
+    def widened(self, factor: float) -> Self:
+        """The same distribution with ``factor`` times the width about its middle.
+
+        That is the standard deviation (of a lognormal, of the logarithm), or the distance between
+        the bounds (of a log-uniform, of their logarithms). A lower bound of a uniform that is not
+        negative stays so: at most half of it is given up.
+        """
 
     def quantile(self, probability: float) -> float:
         """The value below which the parameter lies with ``probability``."""
@@ -114,6 +123,9 @@ class Normal(Prior):
     def log_pdf(self, value: ArrayLike) -> FloatArray:
         return _gaussian_log_pdf(self.to_normal(value)) - math.log(self.sd)
 
+    def widened(self, factor: float) -> Self:
+        return replace(self, sd=factor * self.sd)
+
 
 @dataclass(frozen=True)
 class LogNormal(Prior):
@@ -129,7 +141,7 @@ class LogNormal(Prior):
         _require_positive(self, median=self.median, cov=self.cov)
 
     @classmethod
-    def from_logarithm(cls, mean: float, sd: float) -> LogNormal:
+    def from_logarithm(cls, mean: float, sd: float) -> Self:
         """The lognormal whose logarithm has this mean and standard deviation."""
         return cls(median=math.exp(mean), cov=math.sqrt(math.expm1(sd * sd)))
 
@@ -137,6 +149,9 @@ class LogNormal(Prior):
     def log_sd(self) -> float:
         """Standard deviation of the parameter's natural logarithm."""
         return math.sqrt(math.log1p(self.cov * self.cov))
+
+    def widened(self, factor: float) -> Self:
+        return type(self).from_logarithm(math.log(self.median), factor * self.log_sd)
 
     def from_normal(self, z: ArrayLike) -> FloatArray:
         return self.median * np.exp(self.log_sd * np.asarray(z, dtype=float))
@@ -181,6 +196,14 @@ class Uniform(Prior):
         inside = (value >= self.lower) & (value <= self.upper)
         return np.where(inside, -math.log(self.upper - self.lower), -np.inf)
 
+    def widened(self, factor: float) -> Self:
+        middle, half = 0.5 * (self.lower + self.upper), 0.5 * factor * (self.upper - self.lower)
+        lower = middle - half
+        # What cannot be negative, such as a stiffness, cannot be so in a wider prior.
+        if self.lower >= 0.0:
+            lower = max(lower, 0.5 * self.lower)
+        return replace(self, lower=lower, upper=middle + half)
+
 
 @dataclass(frozen=True)
 class LogUniform(Prior):
@@ -210,6 +233,10 @@ class LogUniform(Prior):
         inside = (value >= self.lower) & (value <= self.upper)
         safe = np.where(inside, value, 1.0)
         return np.where(inside, -np.log(safe * math.log(self.upper / self.lower)), -np.inf)
+
+    def widened(self, factor: float) -> Self:
+        middle, half = math.sqrt(self.lower * self.upper), math.sqrt(self.upper / self.lower)
+        return replace(self, lower=middle / half**factor, upper=middle * half**factor)
 
 
 @dataclass(frozen=True)
@@ -276,6 +303,9 @@ class TruncatedNormal(Prior):
         log_pdf = _gaussian_log_pdf((value - self.mean) / self.sd) - math.log(self.sd)
         return np.where(inside, log_pdf - self._log_mass, -np.inf)
 
+    def widened(self, factor: float) -> Self:
+        return replace(self, sd=factor * self.sd)
+
 
 @dataclass(frozen=True)
 class HalfNormal(Prior):
@@ -303,6 +333,9 @@ class HalfNormal(Prior):
         value = np.asarray(value, dtype=float)
         log_pdf = _gaussian_log_pdf(value / self.scale) - math.log(self.scale / 2.0)
         return np.where(value >= 0, log_pdf, -np.inf)
+
+    def widened(self, factor: float) -> Self:
+        return replace(self, scale=factor * self.scale)
 
 
 def _log_difference(log_a: ArrayLike, log_b: ArrayLike) -> FloatArray:

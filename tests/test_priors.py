@@ -201,3 +201,38 @@ def test_as_dict_names_the_distribution_and_its_numbers():
         "lower": 0.0,
         "upper": 2.0,
     }
+
+
+def numbers(prior):
+    return {name: value for name, value in prior.as_dict().items() if name != "distribution"}
+
+
+@pytest.mark.parametrize(
+    ("prior", "wider"),
+    [
+        (Normal(2.0, 0.5), Normal(2.0, 1.0)),
+        (
+            LogNormal(3.0, math.sqrt(math.expm1(0.2**2))),
+            LogNormal(3.0, math.sqrt(math.expm1(0.16))),
+        ),
+        (Uniform(-1.0, 5.0), Uniform(-4.0, 8.0)),
+        (Uniform(4.0, 5.0), Uniform(3.5, 5.5)),
+        (Uniform(0.4, 2.4), Uniform(0.2, 3.4)),
+        (Uniform(0.0, 2.0), Uniform(0.0, 3.0)),
+        (LogUniform(1.0, 100.0), LogUniform(0.1, 1000.0)),
+        (TruncatedNormal(1.0, 0.8, 0.2, 3.0), TruncatedNormal(1.0, 1.6, 0.2, 3.0)),
+        (HalfNormal(0.7), HalfNormal(1.4)),
+    ],
+)
+def test_a_prior_of_twice_the_width(prior, wider):
+    """In a lognormal the logarithm's standard deviation doubles, here from 0.2 to 0.4."""
+    found = prior.widened(2.0)
+    assert type(found) is type(wider)
+    assert numbers(found) == pytest.approx(numbers(wider), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name != "upper tail"])
+def test_narrowing_undoes_widening(name):
+    prior = CASES[name][0]
+    again = prior.widened(3.0).widened(1.0 / 3.0)
+    assert numbers(again) == pytest.approx(numbers(prior), rel=1e-12)
