@@ -6,6 +6,7 @@ vibrate on their own and hide in the modal data.
 
 from bayes_ssi.calibration import calibrate, rms_distance
 from bayes_ssi.comparison import compare
+from bayes_ssi.configuration import Configuration
 from bayes_ssi.data import IdentifiedMode, ModalData
 from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.model_class import ModelClass
@@ -24,6 +25,7 @@ from bayes_ssi.study import Study, rank
 
 __all__ = [
     "AddedMass",
+    "Configuration",
     "ErrorModel",
     "HalfNormal",
     "IdentificationModel",

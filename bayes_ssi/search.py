@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -250,11 +250,16 @@ def search(
         checkpoint: as for :func:`~bayes_ssi.study.rank`.
 
     Raises:
-        ValueError: the structure has no floors to hang an appendage on, or a hypothesis cannot
-            be sampled.
+        ValueError: the structure has no floors to hang an appendage on, there are several
+            configurations, or a hypothesis cannot be sampled.
     """
     options = search_settings or SearchSettings()
     settings = settings or SamplingSettings()
+    if len(baseline.configurations) > 1:
+        raise ValueError(
+            f"model class {baseline.name!r}: a search needs a class with one configuration, got "
+            f"{len(baseline.configurations)}: {', '.join(map(repr, baseline.configuration_names))}"
+        )
     structure = baseline.structure
     if not isinstance(structure, LumpedStructure):
         raise ValueError(
@@ -263,7 +268,7 @@ def search(
         )
     candidates = places_of(structure)
     scale = _mean_mass(structure)
-    build = partial(_hypothesis, replace(baseline, pairing="any"), options, scale)
+    build = partial(_hypothesis, baseline.with_any_pairing(baseline.name), options, scale)
     found: dict[tuple[Place, ...], Posterior] = {}
     classes: dict[tuple[Place, ...], ModelClass] = {}
     with as_workers(workers) as pool:
@@ -351,7 +356,7 @@ def _hypothesis(
         tuned = Parameter(_frequency_name(place), frequency, unit="Hz")
         structure = structure.with_element(_element(place, ratio, tuned, mass_scale))
     name = " + ".join(place.name for place in places) or NO_APPENDAGE
-    return replace(baseline, name=name, structure=structure)
+    return baseline.with_structure(structure, name)
 
 
 def _element(place: Place, ratio: Parameter, tuned: Parameter, mass_scale: float) -> Element:

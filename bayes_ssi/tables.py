@@ -11,8 +11,9 @@ from rich.text import Text
 
 from bayes_ssi.calibration import Calibration
 from bayes_ssi.comparison import Comparison, probability_text
+from bayes_ssi.configuration import label_in
 from bayes_ssi.data import ModalData
-from bayes_ssi.inferred_pairing import PairingShare
+from bayes_ssi.inferred_pairing import InferredPairing, PairingShare
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.search import AppendageSearch
 
@@ -174,10 +175,17 @@ def parameter_table(posterior: Posterior) -> Table:
 
 def pairing_notes(posterior: Posterior) -> list[str]:
     """Which identified mode is which model mode, where that was inferred."""
-    inferred = posterior.inferred_pairing
-    if inferred is None:
-        return []
-    notes = [f"Modes of {posterior.name!r}:"]
+    notes = []
+    for modes in posterior.configurations:
+        if modes.inferred_pairing is not None:
+            where = f" in configuration {modes.name!r}" if modes.name else ""
+            notes.append(f"Modes of {posterior.name!r}{where}:")
+            notes += _pairing_notes(modes.inferred_pairing)
+    return notes
+
+
+def _pairing_notes(inferred: InferredPairing) -> list[str]:
+    notes = []
     for label, probabilities in inferred.of_modes.items():
         ways = sorted(probabilities.items(), key=lambda way: -way[1])
         told = ", ".join(
@@ -236,7 +244,7 @@ def calibration_modes_table(calibration: Calibration) -> Table:
     for before, after in zip(calibration.before.modes, calibration.best.modes, strict=True):
         _add_row(
             table,
-            before.label,
+            label_in(before.configuration, before.label),
             str(before.model_mode),
             f"{before.identified_hz:.4g}",
             f"{before.model_hz:.4g}",

@@ -13,7 +13,8 @@ PACKAGE = Path(bayes_ssi.__file__).parent
 # Each may import those above it.
 ORDER = [
     "priors", "parameters", "modal", "structures", "data", "modal_csv", "errors",
-    "shape_density", "likelihood", "pairings", "any_pairing", "inferred_pairing", "model_class",
+    "shape_density", "likelihood", "pairings", "any_pairing", "inferred_pairing", "configuration",
+    "model_class", "configuration_modes",
     "calibration", "evaluation", "journal", "workers", "target", "mixture", "moves", "maxima",
     "discovery", "tempering", "regions", "production", "evidence", "sampling", "checks",
     "posterior", "versions", "checkpoint", "comparison", "study", "search", "arviz_store",
