@@ -16,10 +16,12 @@ from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, Truncate
 from bayes_ssi.sampling import SamplingSettings
 from bayes_ssi.structures import (
     AddedMass,
+    FloorMass,
     InPlaneInfill,
     OutOfPlaneInfill,
     Pendulum,
     ShearBuilding,
+    ShearBuilding3D,
 )
 from bayes_ssi.study import Study, rank
 
@@ -27,6 +29,7 @@ __all__ = [
     "AddedMass",
     "Configuration",
     "ErrorModel",
+    "FloorMass",
     "HalfNormal",
     "IdentificationModel",
     "IdentifiedMode",
@@ -42,6 +45,7 @@ __all__ = [
     "Posterior",
     "SamplingSettings",
     "ShearBuilding",
+    "ShearBuilding3D",
     "Study",
     "TruncatedNormal",
     "Uniform",

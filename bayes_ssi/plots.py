@@ -35,6 +35,7 @@ BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00
 
 MOST_DRAWN = 12
 FREQUENCIES_SIZE = (6.4, 3.4)  # inches
+WIDTH_OF_A_MODE = 0.72  # inches, for its frequency written below the axis
 
 RC: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
@@ -101,7 +102,7 @@ def plot_frequencies(
     were identified, where the classes have several.
     """
     labels = data.labels
-    ax = _axes(ax, FREQUENCIES_SIZE)
+    ax = _axes(ax, _frequencies_size(data))
     offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
     colours = [BLUE, ORANGE, GREEN, VERMILION, GREY]
     for i, mode in enumerate(data.modes):
@@ -250,12 +251,13 @@ def save_figures(
     corner = Figure(figsize=_corner_size(ranked[0]))  # outside the style: corner has its own layout
     with style():
         evidence = Figure(figsize=_evidence_size(comparison))
-        width, height = FREQUENCIES_SIZE
-        frequencies = Figure(figsize=(width, height * len(tests)))
+        sizes = [_frequencies_size(modes) for modes in tests.values()]
+        width, height = max(width for width, _ in sizes), sum(height for _, height in sizes)
+        frequencies = Figure(figsize=(width, height))
         plot_evidence(comparison, evidence.subplots())
-        panels = frequencies.subplots(len(tests), squeeze=False)[:, 0]
-        for ax, (configuration, modes) in zip(panels, tests.items(), strict=True):
-            plot_frequencies(modes, ranked, ax, configuration)
+        panels = frequencies.subfigures(len(tests), squeeze=False)[:, 0]
+        for panel, (configuration, modes) in zip(panels, tests.items(), strict=True):
+            plot_frequencies(modes, ranked, panel.subplots(), configuration)
         plot_corner(ranked[0], corner)
         paths = []
         for name, figure in (
@@ -266,6 +268,11 @@ def save_figures(
             paths.append(directory / f"{name}.png")
             figure.savefig(paths[-1])
     return paths
+
+
+def _frequencies_size(data: ModalData) -> tuple[float, float]:
+    width, height = FREQUENCIES_SIZE
+    return max(width, 0.7 + WIDTH_OF_A_MODE * len(data.modes)), height
 
 
 def _evidence_size(comparison: Comparison) -> tuple[float, float]:
