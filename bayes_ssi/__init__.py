@@ -6,6 +6,7 @@ vibrate on their own and hide in the modal data.
 
 from bayes_ssi.calibration import calibrate, rms_distance
 from bayes_ssi.comparison import compare
+from bayes_ssi.configuration import Configuration
 from bayes_ssi.data import IdentifiedMode, ModalData
 from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.model_class import ModelClass
@@ -15,16 +16,20 @@ from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, Truncate
 from bayes_ssi.sampling import SamplingSettings
 from bayes_ssi.structures import (
     AddedMass,
+    FloorMass,
     InPlaneInfill,
     OutOfPlaneInfill,
     Pendulum,
     ShearBuilding,
+    ShearBuilding3D,
 )
 from bayes_ssi.study import Study, rank
 
 __all__ = [
     "AddedMass",
+    "Configuration",
     "ErrorModel",
+    "FloorMass",
     "HalfNormal",
     "IdentificationModel",
     "IdentifiedMode",
@@ -40,6 +45,7 @@ __all__ = [
     "Posterior",
     "SamplingSettings",
     "ShearBuilding",
+    "ShearBuilding3D",
     "Study",
     "TruncatedNormal",
     "Uniform",

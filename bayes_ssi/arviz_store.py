@@ -24,12 +24,16 @@ RESERVED = {"chain", "draw", FREQUENCY, MODE}
 
 
 class StoredDraws(NamedTuple):
-    """Arrays of a stored posterior, as in :class:`~bayes_ssi.posterior.Posterior`."""
+    """Arrays of a stored posterior, as in :class:`~bayes_ssi.posterior.Posterior`.
+
+    ``mode_labels`` name the model modes; numbers from 1 where there is one configuration.
+    """
 
     parameter_names: tuple[str, ...]
     draws: FloatArray
     log_likelihoods: FloatArray
     frequencies_hz: FloatArray
+    mode_labels: tuple[int | str, ...]
 
 
 def save_draws(path: Path, stored: StoredDraws) -> None:
@@ -47,10 +51,9 @@ def save_draws(path: Path, stored: StoredDraws) -> None:
         "sample_stats": {"log_likelihood_total": stored.log_likelihoods},
         "posterior_predictive": {FREQUENCY: stored.frequencies_hz},
     }
-    n_modes = stored.frequencies_hz.shape[-1]
     labels: dict[str, Any] = {
         "dims": {FREQUENCY: [MODE]},
-        "coords": {MODE: np.arange(1, n_modes + 1)},
+        "coords": {MODE: list(stored.mode_labels)},
     }
     if _is_first_generation(arviz):
         with warnings.catch_warnings():
@@ -75,11 +78,13 @@ def load_draws(path: Path, parameter_names: tuple[str, ...]) -> StoredDraws:
         try:
             posterior = tree["posterior"]
             columns = [np.array(posterior[n].values) for n in variable_names(parameter_names)]
+            frequencies = tree["posterior_predictive"][FREQUENCY]
             return StoredDraws(
                 parameter_names,
                 np.stack(columns, axis=-1),
                 np.array(tree["sample_stats"]["log_likelihood_total"].values),
-                np.array(tree["posterior_predictive"][FREQUENCY].values),
+                np.array(frequencies.values),
+                tuple(frequencies.coords[MODE].values.tolist()),
             )
         finally:
             tree.close()  # arviz 1.x reads when asked and keeps the file open until then

@@ -11,14 +11,17 @@ answer: all that many starts find are listed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayes_ssi.any_pairing import AnyPairing
+from bayes_ssi.configuration import Configuration
+from bayes_ssi.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes, mac
 from bayes_ssi.model_class import ModelClass
+from bayes_ssi.parameters import collect_parameters
 from bayes_ssi.priors import FloatArray
 
 __all__ = ["Calibration", "Fit", "ModeFit", "NothingToCalibrateError", "calibrate", "rms_distance"]
@@ -44,6 +47,7 @@ class ModeFit:
     """One paired mode: identified, and as the model has it.
 
     Attributes:
+        configuration: the test in which it was identified; empty where there is but one.
         label: of the identified mode.
         model_mode: number of the model mode, from 1.
         identified_hz: identified frequency.
@@ -51,6 +55,7 @@ class ModeFit:
         mac: between the two shapes; NaN where none was identified.
     """
 
+    configuration: str
     label: str
     model_mode: int
     identified_hz: float
@@ -135,7 +140,8 @@ def calibrate(
     """Minimise the paper's objective from many starts and list every distinct minimum.
 
     Args:
-        model_class: its pairing says which modes are fitted; its priors say where to search.
+        model_class: its pairing says which modes are fitted, those of all its configurations
+            together; its priors say where to search.
         shape_weight: λ, the weight of shapes relative to frequencies; 0 leaves shapes out. If
             not given, that of the likelihood: λ = σ_f/σ_φ of the class's error model, at the
             prior medians where these are inferred.
@@ -145,7 +151,7 @@ def calibrate(
         seed: of the starts.
 
     Raises:
-        NothingToCalibrateError: no mode is paired, the pairing is inferred, or the structure has
+        NothingToCalibrateError: no mode is paired, a pairing is inferred, or the structures have
             no parameter.
         ValueError: a reference of a parameter that does not exist, or a negative
             weight or no start.
@@ -178,29 +184,32 @@ def calibrate(
 
 
 class _Problem:
-    """Residuals of a model class as a function of its structure's standard-normal coordinates."""
+    """Residuals of a model class as a function of its structures' standard-normal coordinates."""
 
     def __init__(self, model_class: ModelClass, shape_weight: float) -> None:
         self.model_class = model_class
-        if isinstance(model_class.likelihood, AnyPairing):
+        if any(isinstance(each, AnyPairing) for each in model_class.likelihoods):
             raise NothingToCalibrateError(
                 f"model class {model_class.name!r}: its pairing is 'any'; a fit needs to know "
                 "which identified mode is which model mode"
             )
-        self.parameters = model_class.structure.parameters
+        self.parameters = collect_parameters(
+            p for c in model_class.configurations for p in c.structure.parameters
+        )
         self.names = tuple(parameter.name for parameter in self.parameters)
-        self.pairs = model_class.likelihood.pairs
         self.shape_weight = shape_weight
         if not self.parameters:
             raise NothingToCalibrateError(
                 f"model class {model_class.name!r}: its structure has no parameter to calibrate"
             )
-        if not len(self.pairs.modes):
+        pairs = [likelihood.pairs for likelihood in model_class.likelihoods]
+        n_pairs = sum(len(each.modes) for each in pairs)
+        if not n_pairs:
             raise NothingToCalibrateError(
                 f"model class {model_class.name!r}: no mode is paired, nothing to fit"
             )
-        n_shapes = len(self.pairs.with_shape) if shape_weight > 0 else 0
-        self.count = len(self.pairs.modes) + shape_weight**2 * n_shapes
+        n_shapes = sum(len(each.with_shape) for each in pairs) if shape_weight > 0 else 0
+        self.count = n_pairs + shape_weight**2 * n_shapes
 
     def reference_values(self, reference: Mapping[str, float] | None) -> FloatArray:
         """(n,), the given reference values and prior medians for the others."""
@@ -239,13 +248,24 @@ class _Problem:
     def residuals(self, z: FloatArray) -> FloatArray:
         """(B, m): r_f, and λ(φ - φ_e) component by component, whose squares add up to r_φ²."""
         columns = [p.prior.from_normal(z[:, i]) for i, p in enumerate(self.parameters)]
-        modes = Modes(*self.model_class.structure.modes(np.column_stack(columns)))
-        residuals = [self.pairs.frequency_residuals(modes.frequencies_hz)]
-        if self.shape_weight > 0 and len(self.pairs.with_shape):
-            shapes = self.model_class.likelihood.shapes_at_sensors(modes)
-            differences = self.pairs.shape_differences(shapes)
-            residuals.append(self.shape_weight * differences.reshape(len(z), -1))
+        residuals = []
+        for _, likelihood, modes in self.modes(np.column_stack(columns)):
+            pairs = likelihood.pairs
+            residuals.append(pairs.frequency_residuals(modes.frequencies_hz))
+            if self.shape_weight > 0 and len(pairs.with_shape):
+                differences = pairs.shape_differences(likelihood.shapes_at_sensors(modes))
+                residuals.append(self.shape_weight * differences.reshape(len(z), -1))
         return np.concatenate(residuals, axis=1)
+
+    def modes(self, values: FloatArray) -> Iterator[tuple[Configuration, ModalLikelihood, Modes]]:
+        """Every configuration, its likelihood and its model modes at ``values`` (B, d)."""
+        column = {name: i for i, name in enumerate(self.names)}
+        for configuration, likelihood in zip(
+            self.model_class.configurations, self.model_class.likelihoods, strict=True
+        ):
+            structure = configuration.structure
+            own = values[:, [column[p.name] for p in structure.parameters]]
+            yield configuration, likelihood, Modes(*structure.modes(own))
 
     def jacobian(self, z: FloatArray) -> FloatArray:
         """(m, d) at one point, by central differences in one batch."""
@@ -285,29 +305,38 @@ class _Problem:
 
     def fit(self, values: FloatArray, reference: FloatArray) -> Fit:
         """The model at ``values`` (1, d), beside the identified modes."""
-        modes = Modes(*self.model_class.structure.modes(np.atleast_2d(values)))
-        shapes = self.model_class.likelihood.shapes_at_sensors(modes)[0]
-        data = self.model_class.data
-        criteria = mac(data.unit_shapes, shapes)
+        fits = []
+        for configuration, likelihood, modes in self.modes(np.atleast_2d(values)):
+            fits += _mode_fits(configuration, likelihood, modes)
         z = np.array([p.prior.to_normal(values.ravel()[i]) for i, p in enumerate(self.parameters)])
         numbers = [float(value) for value in values.ravel()]
         return Fit(
             values=tuple(numbers),
             objective=float(self.objective(z[None])[0]),
             distance=rms_distance(self.normalised(numbers), self.normalised(reference.tolist())),
-            modes=tuple(
-                ModeFit(
-                    label=label,
-                    model_mode=number,
-                    identified_hz=data.mode(label).frequency_hz,
-                    model_hz=float(modes.frequencies_hz[0, number - 1]),
-                    mac=float(criteria[data.labels.index(label), number - 1])
-                    if data.mode(label).scored_shape is not None
-                    else math.nan,
-                )
-                for label, number in self.model_class.likelihood.pairing.items()
-            ),
+            modes=tuple(fits),
         )
+
+
+def _mode_fits(
+    configuration: Configuration, likelihood: ModalLikelihood, modes: Modes
+) -> list[ModeFit]:
+    """The paired modes of one configuration beside the model's, of which there is one row."""
+    data = configuration.data
+    criteria = mac(data.unit_shapes, likelihood.shapes_at_sensors(modes)[0])
+    return [
+        ModeFit(
+            configuration=configuration.name,
+            label=label,
+            model_mode=number,
+            identified_hz=data.mode(label).frequency_hz,
+            model_hz=float(modes.frequencies_hz[0, number - 1]),
+            mac=float(criteria[data.labels.index(label), number - 1])
+            if data.mode(label).scored_shape is not None
+            else math.nan,
+        )
+        for label, number in likelihood.pairing.items()
+    ]
 
 
 def _distinct(problem: _Problem, ends: list[FloatArray]) -> tuple[list[FloatArray], int]:

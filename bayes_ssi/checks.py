@@ -65,15 +65,16 @@ def failed_edge_checks(model_class: ModelClass, z: FloatArray) -> list[str]:
                     "in a thousand prior draws lies"
                 )
     some = z[np.linspace(0, len(z) - 1, min(len(z), DRAWS_AT_EDGE)).astype(np.intp)]
-    at_edge = model_class.likelihood.at_band_edge(model_class.values(some)).mean(axis=0)
-    for mode, share in enumerate(at_edge, start=1):
-        if share > EDGE_SHARE:
-            low, high = model_class.data.band_hz
-            failed.append(
-                f"model mode {mode} is paired with nothing and lies at the edge of the band "
-                f"{low:g} to {high:g} Hz in {100 * share:.0f} % of the posterior: whether it "
-                "counts as missed depends on where the band ends"
-            )
+    for configuration, likelihood, values in model_class.parts(model_class.values(some)):
+        low, high = configuration.data.band_hz
+        where = f"configuration {configuration.name!r}: " if configuration.name else ""
+        for mode, share in enumerate(likelihood.at_band_edge(values).mean(axis=0), start=1):
+            if share > EDGE_SHARE:
+                failed.append(
+                    f"{where}model mode {mode} is paired with nothing and lies at the edge of the "
+                    f"band {low:g} to {high:g} Hz in {100 * share:.0f} % of the posterior: "
+                    "whether it counts as missed depends on where the band ends"
+                )
     return failed
 
 

@@ -128,7 +128,7 @@ class _Run:
         from bayes_ssi.plots import save_figures
 
         directory = result.directory / "figures"
-        save_figures(directory, result.data, result.ranked_posteriors, result.comparison)
+        save_figures(directory, result.tests, result.ranked_posteriors, result.comparison)
         if found.draw is not None:
             found.draw(directory)
 

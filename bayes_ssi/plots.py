@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_ssi.comparison import Comparison, probability_text
+from bayes_ssi.configuration import label_in
 from bayes_ssi.data import ModalData
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.search import AppendageSearch
@@ -34,6 +35,7 @@ BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00
 
 MOST_DRAWN = 12
 FREQUENCIES_SIZE = (6.4, 3.4)  # inches
+WIDTH_OF_A_MODE = 0.72  # inches, for its frequency written below the axis
 
 RC: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
@@ -87,16 +89,20 @@ def plot_evidence(comparison: Comparison, ax: Axes | None = None) -> Axes:
 
 
 def plot_frequencies(
-    data: ModalData, posteriors: Sequence[Posterior], ax: Axes | None = None
+    data: ModalData,
+    posteriors: Sequence[Posterior],
+    ax: Axes | None = None,
+    configuration: str = "",
 ) -> Axes:
     """Posterior model frequencies relative to the identified ones, class by class.
 
     A bar is the central 95 % of a paired model mode, a dot its median, and the grey band behind
     an identified mode's own 95 % interval, where the data give one. Identified modes that a
-    class calls spurious are marked with a cross.
+    class calls spurious are marked with a cross. ``configuration`` is the one in which ``data``
+    were identified, where the classes have several.
     """
     labels = data.labels
-    ax = _axes(ax, FREQUENCIES_SIZE)
+    ax = _axes(ax, _frequencies_size(data))
     offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
     colours = [BLUE, ORANGE, GREEN, VERMILION, GREY]
     for i, mode in enumerate(data.modes):
@@ -107,12 +113,13 @@ def plot_frequencies(
         colour = colours[k % len(colours)]
         marker = "osD^v"[(k // len(colours)) % 5]
         named = False
+        modes, frequencies_hz = posterior.configuration(configuration)
         for i, mode in enumerate(data.modes):
-            number = posterior.pairing.get(mode.label)
+            number = modes.pairing.get(mode.label)
             if number is None:
                 ax.plot(i + offset, 0.0, "x", color=colour, markersize=6)
                 continue
-            frequencies = posterior.frequencies_hz[..., number - 1].ravel()
+            frequencies = frequencies_hz[..., number - 1].ravel()
             low, mid, high = 100.0 * (
                 np.quantile(frequencies, [0.025, 0.5, 0.975]) / mode.frequency_hz - 1.0
             )
@@ -127,7 +134,8 @@ def plot_frequencies(
     ax.set_xlim(-0.5, len(labels) - 0.5)
     ax.set_xlabel("identified mode")
     ax.set_ylabel("model / identified - 1 (%)")
-    ax.set_title("Model frequencies, 95 % of the posterior  (x: called spurious)")
+    what = "Model frequencies, 95 % of the posterior  (x: called spurious)"
+    _as_they_are([ax.set_title(label_in(configuration, what))])
     ax.grid(axis="y", alpha=0.3)
     longest = max(len(posterior.name) for posterior in posteriors)
     _legend_below(ax, columns=max(1, min(4, 72 // (longest + 6))))
@@ -222,15 +230,20 @@ def _places_size(found: AppendageSearch) -> tuple[float, float]:
 
 
 def save_figures(
-    directory: Path, data: ModalData, ranked: Sequence[Posterior], comparison: Comparison
+    directory: Path,
+    data: ModalData | Mapping[str, ModalData],
+    ranked: Sequence[Posterior],
+    comparison: Comparison,
 ) -> list[Path]:
     """Write the figures of a result as PNG files into ``directory``, which is created.
 
-    ``ranked`` are the posteriors, the best first; the corner plot is the best one's. Where there
-    are more than ``MOST_DRAWN``, only the best are drawn.
+    ``data`` are the identified modes, or those of each configuration by its name. ``ranked`` are
+    the posteriors, the best first; the corner plot is the best one's. Where there are more than
+    ``MOST_DRAWN``, only the best are drawn.
     """
     from matplotlib.figure import Figure
 
+    tests = {"": data} if isinstance(data, ModalData) else data
     ranked = ranked[:MOST_DRAWN]
     comparison = replace(comparison, classes=comparison.classes[:MOST_DRAWN])
     # Figures of their own, not pyplot's: nothing is shown, and no backend is switched.
@@ -238,9 +251,13 @@ def save_figures(
     corner = Figure(figsize=_corner_size(ranked[0]))  # outside the style: corner has its own layout
     with style():
         evidence = Figure(figsize=_evidence_size(comparison))
-        frequencies = Figure(figsize=FREQUENCIES_SIZE)
+        sizes = [_frequencies_size(modes) for modes in tests.values()]
+        width, height = max(width for width, _ in sizes), sum(height for _, height in sizes)
+        frequencies = Figure(figsize=(width, height))
         plot_evidence(comparison, evidence.subplots())
-        plot_frequencies(data, ranked, frequencies.subplots())
+        panels = frequencies.subfigures(len(tests), squeeze=False)[:, 0]
+        for panel, (configuration, modes) in zip(panels, tests.items(), strict=True):
+            plot_frequencies(modes, ranked, panel.subplots(), configuration)
         plot_corner(ranked[0], corner)
         paths = []
         for name, figure in (
@@ -251,6 +268,11 @@ def save_figures(
             paths.append(directory / f"{name}.png")
             figure.savefig(paths[-1])
     return paths
+
+
+def _frequencies_size(data: ModalData) -> tuple[float, float]:
+    width, height = FREQUENCIES_SIZE
+    return max(width, 0.7 + WIDTH_OF_A_MODE * len(data.modes)), height
 
 
 def _evidence_size(comparison: Comparison) -> tuple[float, float]:

@@ -7,15 +7,16 @@ import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from time import perf_counter
 
 import numpy as np
 
-from bayes_ssi.any_pairing import AnyPairing
 from bayes_ssi.checks import failed_checks, failed_edge_checks
+from bayes_ssi.configuration import only_one
+from bayes_ssi.configuration_modes import ConfigurationModes, configuration_modes
 from bayes_ssi.evidence import Estimate
-from bayes_ssi.inferred_pairing import InferredPairing, infer_pairing
+from bayes_ssi.inferred_pairing import InferredPairing
 from bayes_ssi.journal import Journal
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.priors import FloatArray
@@ -115,7 +116,8 @@ class Posterior:
         draws: (n_chains, n_steps, n_parameters), equally weighted parameter values; a chain is a
             walker of one of the ensembles.
         log_likelihoods: (n_chains, n_steps).
-        frequencies_hz: (n_chains, n_steps, n_modes), of the model at the draws.
+        frequencies_hz: (n_chains, n_steps, n_modes), of the model at the draws; where there are
+            several configurations, the modes of all of them in turn.
         effective_sample_sizes: (n_parameters,), of the draws.
         evidence: log evidence and its checks.
         regions: separate regions, the most probable first.
@@ -130,9 +132,7 @@ class Posterior:
         failed_checks: what should have agreed and did not, a sentence each.
         edge_checks: what the posterior leans on that is not data, a sentence each.
         data_digest: identifies the data whose density the evidence is.
-        pairing: label of an identified mode → number of the model mode, from 1; where it was
-            inferred, the most probable one.
-        inferred_pairing: how probable pairings are; None where the pairing was given.
+        configurations: the model's modes and their pairing, configuration by configuration.
         relative_spreads: (n_parameters,), standard deviation of the posterior over that of the
             prior, both in standard-normal coordinates: 1 where the data say nothing.
     """
@@ -155,9 +155,43 @@ class Posterior:
     failed_checks: tuple[str, ...]
     edge_checks: tuple[str, ...]
     data_digest: str
-    pairing: Mapping[str, int]
-    inferred_pairing: InferredPairing | None
+    configurations: tuple[ConfigurationModes, ...]
     relative_spreads: FloatArray
+
+    @property
+    def configuration_names(self) -> tuple[str, ...]:
+        return tuple(configuration.name for configuration in self.configurations)
+
+    @property
+    def pairing(self) -> Mapping[str, int]:
+        """The pairing of a class with one configuration; ValueError otherwise."""
+        return self._only.pairing
+
+    @property
+    def inferred_pairing(self) -> InferredPairing | None:
+        """How probable pairings are, of a class with one configuration; ValueError otherwise."""
+        return self._only.inferred_pairing
+
+    @property
+    def _only(self) -> ConfigurationModes:
+        names = self.configuration_names
+        return only_one(self.configurations, f"posterior of {self.name!r}", names)
+
+    def configuration(self, name: str) -> tuple[ConfigurationModes, FloatArray]:
+        """The modes of one configuration, and its part of ``frequencies_hz``.
+
+        Raises:
+            ValueError: no configuration has that name.
+        """
+        begin = 0
+        for modes in self.configurations:
+            if modes.name == name:
+                return modes, self.frequencies_hz[..., begin : begin + modes.n_modes]
+            begin += modes.n_modes
+        raise ValueError(
+            f"posterior of {self.name!r}: no configuration {name!r}; "
+            f"choose from {', '.join(map(repr, self.configuration_names))}"
+        )
 
     @property
     def values(self) -> FloatArray:
@@ -230,8 +264,7 @@ def sample(
         z, log_likelihoods = _corrected_draws(sampled, np.random.default_rng(seed))
         values = model_class.values(z.reshape(-1, n))
         frequencies_hz = _frequencies(model_class, values, pool)
-    likelihood = model_class.likelihood
-    inferred = infer_pairing(likelihood, values) if isinstance(likelihood, AnyPairing) else None
+    configurations = configuration_modes(model_class, values)
     values = values.reshape(z.shape)
     return Posterior(
         name=model_class.name,
@@ -251,9 +284,8 @@ def sample(
         seconds=perf_counter() - started,
         failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
         edge_checks=tuple(failed_edge_checks(model_class, z.reshape(-1, n))),
-        data_digest=model_class.data.digest,
-        pairing=dict(inferred.best if inferred else likelihood.pairing),
-        inferred_pairing=inferred,
+        data_digest=model_class.data_digest,
+        configurations=configurations,
         relative_spreads=z.reshape(-1, n).std(axis=0),
     )
 
@@ -261,13 +293,9 @@ def sample(
 def _frequencies(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> FloatArray:
     """Natural frequencies in Hz, (n, n_modes), at ``values`` (n, n_parameters)."""
     if pool is None:
-        return _frequencies_here(model_class, values)
+        return model_class.frequencies_hz(values)
     parts = np.array_split(values, min(PARTS_OF_DRAWS, len(values)))
-    return np.concatenate(pool.call_each(partial(_frequencies_here, model_class), parts))
-
-
-def _frequencies_here(model_class: ModelClass, values: FloatArray) -> FloatArray:
-    return model_class.likelihood.modes(values).frequencies_hz
+    return np.concatenate(pool.call_each(model_class.frequencies_hz, parts))
 
 
 def _failures(model_class: ModelClass, target: Target) -> list[str]:

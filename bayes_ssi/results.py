@@ -1,8 +1,9 @@
 """A ranking on disk: written once, whole, and read back without sampling again.
 
 A result directory holds ``result.json`` (study, inputs, versions, seed, settings and everything
-but the draws), ``data.csv`` (the identified modes), ``comparison.json`` and ``comparison.csv``,
-and ``posteriors/*.nc`` (draws of each class, which arviz opens).
+but the draws), ``data.csv`` (the identified modes; where there are several configurations, a
+file for each in ``data/``), ``comparison.json`` and ``comparison.csv``, and ``posteriors/*.nc``
+(draws of each class, which arviz opens).
 """
 
 from __future__ import annotations
@@ -22,16 +23,18 @@ import numpy as np
 
 from bayes_ssi.arviz_store import StoredDraws, load_draws, save_draws
 from bayes_ssi.comparison import Comparison, RankedClass
+from bayes_ssi.configuration import label_in, only_one
+from bayes_ssi.configuration_modes import ConfigurationModes
 from bayes_ssi.data import ModalData
 from bayes_ssi.evidence import Estimate
 from bayes_ssi.inferred_pairing import InferredPairing, PairingShare
 from bayes_ssi.posterior import Evidence, Posterior, Region
-from bayes_ssi.study import Ranking
+from bayes_ssi.study import Ranking, Study
 from bayes_ssi.versions import versions
 
 __all__ = ["StoredResult", "load_result", "require_new", "save_result"]
 
-FORMAT = 2
+FORMAT = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +44,21 @@ class StoredResult:
     Attributes:
         directory: where it is.
         record: ``result.json``.
-        data: the identified modes.
+        tests: name of a configuration → the modes identified in it.
         posteriors: in the study's order.
         comparison: the ranking.
     """
 
     directory: Path
     record: Mapping[str, Any]
-    data: ModalData
+    tests: Mapping[str, ModalData]
     posteriors: tuple[Posterior, ...]
     comparison: Comparison
+
+    @property
+    def data(self) -> ModalData:
+        """The identified modes of a result with one configuration; ValueError otherwise."""
+        return only_one(list(self.tests.values()), str(self.directory), list(self.tests))
 
     @property
     def ranked_posteriors(self) -> tuple[Posterior, ...]:
@@ -127,7 +135,7 @@ def save_result(
         shutil.rmtree(left_over, ignore_errors=True)
     (partial / "posteriors").mkdir(parents=True)
     try:
-        ranking.study.model_classes[0].data.save(partial / "data.csv")
+        tests = _save_tests(ranking.study, partial)
         files = _file_names([p.name for p in ranking.posteriors])
         for posterior in ranking.posteriors:
             stored = StoredDraws(
@@ -135,9 +143,10 @@ def save_result(
                 posterior.draws,
                 posterior.log_likelihoods,
                 posterior.frequencies_hz,
+                _mode_labels(posterior),
             )
             save_draws(partial / "posteriors" / files[posterior.name], stored)
-        record = _record(ranking, files, study_file)
+        record = {**_record(ranking, files, study_file), "data": tests}
         record["failed_checks_accepted"] = accept_failed_checks
         _write_json(partial / "result.json", record)
         _write_json(partial / "comparison.json", asdict(ranking.comparison))
@@ -172,10 +181,37 @@ def load_result(directory: str | Path) -> StoredResult:
     try:
         posteriors = tuple(_posterior(directory, entry) for entry in record["posteriors"])
         comparison = _comparison(_read_json(directory / "comparison.json"))
-        data = ModalData.load(directory / "data.csv")
+        tests = {
+            test["configuration"]: ModalData.load(directory / test["file"])
+            for test in record["data"]
+        }
     except (KeyError, TypeError, OSError) as error:
         raise ValueError(f"{directory}: incomplete or damaged result: {error!r}") from error
-    return StoredResult(directory, record, data, posteriors, comparison)
+    return StoredResult(directory, record, tests, posteriors, comparison)
+
+
+def _save_tests(study: Study, directory: Path) -> list[dict[str, str]]:
+    """Write the identified modes of every configuration, and say where they are."""
+    configurations = study.model_classes[0].configurations
+    files = {"": "data.csv"}
+    if [configuration.name for configuration in configurations] != [""]:
+        (directory / "data").mkdir()
+        names = _file_names([configuration.name for configuration in configurations], "csv")
+        files = {name: f"data/{file}" for name, file in names.items()}
+    for configuration in configurations:
+        configuration.data.save(directory / files[configuration.name])
+    return [
+        {"configuration": c.name, "file": files[c.name], "source": c.data.source}
+        for c in configurations
+    ]
+
+
+def _mode_labels(posterior: Posterior) -> tuple[int | str, ...]:
+    return tuple(
+        label_in(modes.name, str(number)) if modes.name else number
+        for modes in posterior.configurations
+        for number in range(1, modes.n_modes + 1)
+    )
 
 
 def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict[str, Any]:
@@ -190,7 +226,6 @@ def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict
         "settings": asdict(ranking.settings),
         "prior_weights": None if study.prior_weights is None else dict(study.prior_weights),
         "data_digest": ranking.comparison.data_digest,
-        "data_source": study.model_classes[0].data.source,
         "versions": versions(),
         "model_classes": [candidate.summary() for candidate in study.model_classes],
         "posteriors": [
@@ -211,10 +246,10 @@ def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
             continue
         if isinstance(value, np.ndarray):
             value = value.tolist()
-        elif isinstance(value, (Evidence, InferredPairing)):
+        elif isinstance(value, Evidence):
             value = asdict(value)
-        elif item.name == "regions":
-            value = [asdict(region) for region in value]
+        elif item.name in ("regions", "configurations"):
+            value = [asdict(part) for part in value]
         entry[item.name] = value
     entry["summary"] = [asdict(row) for row in posterior.summary]
     return entry
@@ -254,8 +289,15 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
         n_evaluations=entry["n_evaluations"],
         n_searches=entry["n_searches"],
         data_digest=entry["data_digest"],
-        pairing=entry["pairing"],
-        inferred_pairing=_inferred_pairing(entry["inferred_pairing"]),
+        configurations=tuple(
+            ConfigurationModes(
+                name=modes["name"],
+                n_modes=modes["n_modes"],
+                pairing=modes["pairing"],
+                inferred_pairing=_inferred_pairing(modes["inferred_pairing"]),
+            )
+            for modes in entry["configurations"]
+        ),
         r_hat=float(entry["r_hat"]),
         autocorrelation_time=float(entry["autocorrelation_time"]),
         acceptance=float(entry["acceptance"]),
@@ -324,14 +366,14 @@ def _write_comparison_csv(path: Path, comparison: Comparison) -> None:
             writer.writerow([cells[name] for name in names])
 
 
-def _file_names(names: list[str]) -> dict[str, str]:
-    """A file name for each class: its own name as far as file systems allow, made unique."""
+def _file_names(names: list[str], suffix: str = "nc") -> dict[str, str]:
+    """A file name for each: its own name as far as file systems allow, made unique."""
     found: dict[str, str] = {}
     for name in names:
-        stem = re.sub(r"[^A-Za-z0-9._+-]+", "_", name).strip(".") or "class"
+        stem = re.sub(r"[^A-Za-z0-9._+-]+", "_", name).strip(".") or "unnamed"
         taken = {file.lower() for file in found.values()}
-        candidate, count = f"{stem}.nc", 2
+        candidate, count = f"{stem}.{suffix}", 2
         while candidate.lower() in taken:
-            candidate, count = f"{stem}_{count}.nc", count + 1
+            candidate, count = f"{stem}_{count}.{suffix}", count + 1
         found[name] = candidate
     return found

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -252,8 +252,8 @@ def search(
         checkpoint: as for :func:`~bayes_ssi.study.rank`.
 
     Raises:
-        ValueError: the structure has no floors to hang an appendage on, or a hypothesis cannot
-            be sampled.
+        ValueError: the structure has no floors to hang an appendage on, there are several
+            configurations, or a hypothesis cannot be sampled.
     """
     options = search_settings or SearchSettings()
     settings = settings or SamplingSettings()
@@ -357,10 +357,15 @@ def hypothesis(
         tuned = Parameter(_frequency_name(place), frequency, unit="Hz")
         structure = structure.with_element(_element(place, ratio, tuned, scale))
     name = " + ".join(place.name for place in places) or NO_APPENDAGE
-    return replace(baseline, name=name, structure=structure, pairing="any")
+    return baseline.with_any_pairing(baseline.name).with_structure(structure, name)
 
 
 def _with_floors(baseline: ModelClass) -> LumpedStructure:
+    if len(baseline.configurations) > 1:
+        raise ValueError(
+            f"model class {baseline.name!r}: a search needs a class with one configuration, got "
+            f"{len(baseline.configurations)}: {', '.join(map(repr, baseline.configuration_names))}"
+        )
     structure = baseline.structure
     if not isinstance(structure, LumpedStructure):
         raise ValueError(

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_ssi.errors import ErrorModel
-from bayes_ssi.evidence import PARETO_K_LIMIT, Estimate, pareto_shape
+from bayes_ssi.evidence import Estimate, pareto_shape
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import as_product
 from bayes_ssi.posterior import Posterior
@@ -40,10 +40,13 @@ __all__ = [
     "sensitivity_record",
 ]
 
-# What serves of a posterior's draws, and the error of a log evidence, in nats, beyond which a
-# class is sampled anew.
 MAX_DRAWS = 4000
-MAX_ERROR = 0.1
+# Draws serve again while the ratios' variance is surely finite and small: where the changed
+# likelihood is wider than the draws, their tail is where its evidence comes from. Ratios that
+# are all alike have no tail that matters.
+MAX_PARETO_K = 0.5
+MAX_ERROR = 0.03  # nats
+ALIKE = 3.0  # times the mean
 SETTINGS = SamplingSettings(log_evidence_error=0.03)
 
 
@@ -180,9 +183,7 @@ def _varied(
     estimates.update((posterior.name, _quoted(posterior)) for posterior in sampled)
     found = {name: estimate for name, estimate in estimates.items() if estimate is not None}
     failed = tuple(f"{p.name}: {check}" for p in sampled for check in p.failed_checks)
-    return replace(
-        _row(variation.name, ranking, found), sampled=tuple(anew), failed_checks=failed
-    )
+    return replace(_row(variation.name, ranking, found), sampled=tuple(anew), failed_checks=failed)
 
 
 def _quoted(posterior: Posterior) -> Estimate:
@@ -209,7 +210,8 @@ def _reweighted(posterior: Posterior, changed: ModelClass) -> Estimate | None:
         return None
     ratios = np.exp(log_ratios - top)
     # nan, of too few draws, is no more to be trusted than a heavy tail.
-    if not pareto_shape(ratios / ratios.sum()) <= PARETO_K_LIMIT:
+    alike = ratios.max() <= ALIKE * ratios.mean()
+    if not (alike or pareto_shape(ratios / ratios.sum()) <= MAX_PARETO_K):
         return None
     n_independent = min(float(posterior.effective_sample_sizes.min()), len(chosen))
     error = float(ratios.std() / ratios.mean()) / math.sqrt(n_independent)
@@ -249,6 +251,5 @@ def _errors(of_frequencies: float, of_shapes: float, candidate: ModelClass) -> M
 
 def _priors(factor: float, candidate: ModelClass) -> ModelClass:
     """With wider priors of all that the structures leave open; not of the error sizes."""
-    return candidate.with_priors(
-        {p.name: p.prior.widened(factor) for p in candidate.structural_parameters}
-    )
+    wider = {p.name: p.prior.widened(factor) for p in candidate.structural_parameters}
+    return replace(candidate, priors=wider)

@@ -92,33 +92,45 @@ class Study:
         """
         alike: dict[tuple[str, ...], list[ModelClass]] = {}
         for candidate in self.model_classes:
-            described = (candidate.structure, candidate.error, candidate.identification)
+            structures = [c.structure for c in candidate.configurations]
+            described = (*structures, candidate.error, candidate.identification)
             with np.printoptions(threshold=sys.maxsize):  # arrays in full
-                key = (*map(repr, described), candidate.data.digest)
+                key = (*map(repr, described), candidate.data_digest)
             alike.setdefault(key, []).append(candidate)
         merged, weights = [], {}
         for candidates in alike.values():
             name = " or ".join(candidate.name for candidate in candidates)
-            merged.append(replace(candidates[0], name=name, pairing="any"))
+            merged.append(candidates[0].with_any_pairing(name))
             if self.prior_weights is not None:
                 weights[name] = sum(self.prior_weights[c.name] for c in candidates)
         return replace(self, model_classes=merged, prior_weights=weights or None)
 
     def require_same_data(self) -> None:
-        """Refuse to go on where classes explain different data.
+        """Refuse to go on where classes explain different data, in any configuration.
 
         Raises:
             ValueError: they do.
         """
         first = self.model_classes[0]
         for other in self.model_classes[1:]:
-            if other.data.digest != first.data.digest:
+            if other.data_digest != first.data_digest:
                 raise ValueError(
                     f"study {self.name!r}: model classes {first.name!r} and {other.name!r} "
-                    "explain different data, so their evidences cannot be compared; give every "
-                    "class the same ModalData and leave out of a pairing what a class does not "
-                    "explain"
+                    f"explain different data{_where_different(first, other)}, so their evidences "
+                    "cannot be compared; give every class the same ModalData and leave out of a "
+                    "pairing what a class does not explain"
                 )
+
+
+def _where_different(first: ModelClass, other: ModelClass) -> str:
+    """Which configurations two classes do not share, or share under different data."""
+    ours = {c.name: c.data.digest for c in first.configurations}
+    theirs = {c.name: c.data.digest for c in other.configurations}
+    if ours.keys() != theirs.keys():
+        each = [", ".join(map(repr, names)) for names in (ours, theirs)]
+        return f" (configurations {each[0]}; and {each[1]})"
+    names = ", ".join(repr(name) for name in ours if name and ours[name] != theirs[name])
+    return f" in configuration {names}" if names else ""
 
 
 @dataclass(frozen=True, eq=False)

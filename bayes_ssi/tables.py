@@ -11,8 +11,9 @@ from rich.text import Text
 
 from bayes_ssi.calibration import Calibration
 from bayes_ssi.comparison import Comparison, probability_text
+from bayes_ssi.configuration import label_in
 from bayes_ssi.data import ModalData
-from bayes_ssi.inferred_pairing import PairingShare
+from bayes_ssi.inferred_pairing import InferredPairing, PairingShare
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.search import AppendageSearch
 
@@ -33,6 +34,11 @@ __all__ = [
 
 # Hypotheses of a search, and places, that a table lists.
 HYPOTHESES_SHOWN = 8
+# Characters of a mode's label that stay on one line.
+LABEL_WIDTH = 16
+# More parameters than this are rows instead of columns; as many minima fit beside them.
+PARAMETERS_ACROSS = 6
+MINIMA_ACROSS = 4
 
 
 def ranking_table(comparison: Comparison, title: str = "") -> Table:
@@ -174,10 +180,17 @@ def parameter_table(posterior: Posterior) -> Table:
 
 def pairing_notes(posterior: Posterior) -> list[str]:
     """Which identified mode is which model mode, where that was inferred."""
-    inferred = posterior.inferred_pairing
-    if inferred is None:
-        return []
-    notes = [f"Modes of {posterior.name!r}:"]
+    notes = []
+    for modes in posterior.configurations:
+        if modes.inferred_pairing is not None:
+            where = f" in configuration {modes.name!r}" if modes.name else ""
+            notes.append(f"Modes of {posterior.name!r}{where}:")
+            notes += _pairing_notes(modes.inferred_pairing)
+    return notes
+
+
+def _pairing_notes(inferred: InferredPairing) -> list[str]:
+    notes = []
     for label, probabilities in inferred.of_modes.items():
         ways = sorted(probabilities.items(), key=lambda way: -way[1])
         told = ", ".join(
@@ -211,7 +224,12 @@ def region_notes(posterior: Posterior) -> list[str]:
 
 
 def calibration_table(calibration: Calibration) -> Table:
-    """Every distinct minimum: parameter values, objective and distance."""
+    """Every distinct minimum: parameter values, objective and distance.
+
+    A model with many parameters has them below one another, and only the best minima.
+    """
+    if len(calibration.parameter_names) > PARAMETERS_ACROSS:
+        return _tall_calibration_table(calibration)
     table = _table(f"Minima of {calibration.name!r}, λ = {calibration.shape_weight:g}")
     table.add_column("", justify="right")
     for name in calibration.parameter_names:
@@ -226,17 +244,39 @@ def calibration_table(calibration: Calibration) -> Table:
     return table
 
 
+def _tall_calibration_table(calibration: Calibration) -> Table:
+    """A row a parameter, a column a minimum."""
+    count = len(calibration.minima)
+    title = f"Minima of {calibration.name!r}, λ = {calibration.shape_weight:g}"
+    if count > MINIMA_ACROSS:
+        title += f": the best {MINIMA_ACROSS} of {count}"
+    table = _table(title)
+    fits = (calibration.before, *calibration.minima[:MINIMA_ACROSS])
+    longest = max(map(len, calibration.parameter_names))
+    table.add_column("", overflow="fold", min_width=min(longest, LABEL_WIDTH))
+    for heading in ("before", *range(1, len(fits))):
+        table.add_column(str(heading), justify="right", no_wrap=True)
+    for i, name in enumerate(calibration.parameter_names):
+        _add_row(table, name, *(f"{fit.values[i]:.4g}" for fit in fits))
+    _add_row(table, "f_ob (%)", *(f"{100 * fit.objective:.3f}" for fit in fits))
+    _add_row(table, "d (%)", *(f"{100 * fit.distance:.1f}" for fit in fits))
+    return table
+
+
 def calibration_modes_table(calibration: Calibration) -> Table:
     """Frequencies and MAC before calibration and at the best minimum."""
     table = _table(f"Modes of {calibration.name!r}")
-    for heading in ("mode", "is model mode", "identified Hz", "before Hz", "after Hz"):
-        table.add_column(heading, justify="right")
-    table.add_column("MAC before", justify="right")
-    table.add_column("MAC after", justify="right")
-    for before, after in zip(calibration.before.modes, calibration.best.modes, strict=True):
+    labels = [label_in(mode.configuration, mode.label) for mode in calibration.best.modes]
+    table.add_column("mode", justify="right", overflow="fold")
+    for heading in (
+        "model\nmode", "identified\nHz", "before\nHz", "after\nHz", "MAC\nbefore", "MAC\nafter"
+    ):  # fmt: skip
+        table.add_column(heading, justify="right", no_wrap=True)
+    pairs = zip(calibration.before.modes, calibration.best.modes, strict=True)
+    for label, (before, after) in zip(labels, pairs, strict=True):
         _add_row(
             table,
-            before.label,
+            label,
             str(before.model_mode),
             f"{before.identified_hz:.4g}",
             f"{before.model_hz:.4g}",

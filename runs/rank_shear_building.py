@@ -27,7 +27,7 @@ def main() -> None:
     study = load_study(STUDY)
     ranking = bs.rank(study)
     result = save_result(ranking, directory, study_file=STUDY.name)
-    save_figures(directory / "figures", result.data, result.ranked_posteriors, result.comparison)
+    save_figures(directory / "figures", result.tests, result.ranked_posteriors, result.comparison)
     console = Console(width=80)
     console.print(ranking_table(result.comparison, study.name))
     for note in comparison_notes(result.comparison):

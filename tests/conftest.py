@@ -12,6 +12,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 import bayes_ssi as bs
+from bayes_ssi.configuration_modes import ConfigurationModes
 from bayes_ssi.evidence import Estimate
 from bayes_ssi.posterior import Evidence, Posterior, Region
 from bayes_ssi.study import load_study
@@ -143,7 +144,10 @@ def tiny_ranking(tiny_study):
 def make_posterior():
     """Builds a posterior of given evidence from draws of a standard normal, without sampling."""
 
-    def make(name, log_evidence=0.0, error=0.01, names=("k1", "k2"), **changes):
+    def make(
+        name, log_evidence=0.0, error=0.01, names=("k1", "k2"), pairing=None, inferred=None,
+        **changes,
+    ):  # fmt: skip
         rng = np.random.default_rng(3)
         draws = rng.standard_normal((4, 250, len(names)))
         estimate = Estimate(log_evidence, error)
@@ -166,12 +170,13 @@ def make_posterior():
             "acceptance": 0.5,
             "n_evaluations": 20000,
             "n_searches": 4,
-            "inferred_pairing": None,
             "seconds": 0.4,
             "failed_checks": (),
             "edge_checks": (),
             "data_digest": "0123456789abcdef",
-            "pairing": {"1": 1, "2": 2},
+            "configurations": (
+                ConfigurationModes("", 2, pairing or {"1": 1, "2": 2}, inferred),
+            ),
         }  # fmt: skip
         return Posterior(**{**fields, **changes})
 

@@ -15,6 +15,7 @@ def stored(names=("k1", "k2")):
         rng.standard_normal((6, 40, len(names))),
         rng.standard_normal((6, 40)),
         rng.random((6, 40, 3)),
+        (1, 2, 3),
     )
 
 

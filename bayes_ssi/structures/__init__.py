@@ -10,14 +10,17 @@ from bayes_ssi.structures.elements import (
 )
 from bayes_ssi.structures.lumped import LumpedStructure
 from bayes_ssi.structures.shear_building import ShearBuilding
+from bayes_ssi.structures.shear_building_3d import FloorMass, ShearBuilding3D
 
 __all__ = [
     "AddedMass",
     "Element",
+    "FloorMass",
     "InPlaneInfill",
     "LumpedStructure",
     "OutOfPlaneInfill",
     "Pendulum",
     "ShearBuilding",
+    "ShearBuilding3D",
     "Structure",
 ]

@@ -67,7 +67,7 @@ class Element(ABC):
         """What the element adds to the mass matrix."""
 
     @abstractmethod
-    def as_mass(self) -> AddedMass:
+    def as_mass(self) -> Element:
         """The same element in the incorrect model: its mass on the floors, no dynamics."""
 
 

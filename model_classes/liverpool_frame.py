@@ -1,0 +1,108 @@
+"""A real three-storey laboratory frame, tested bare and with a blade that vibrates on its roof.
+
+Floors of about 0.25 m by 0.3 m on thin columns of nearly the same stiffness in x and y; the blade,
+0.2 m high, is called a tuned mass damper by those who tested it (University of Liverpool, BAYOMA
+database). Frequencies alone are known, with what kind of motion each belongs to.
+
+The two tests are two configurations of one model class: the frame is the same in both. The blade
+test has a clamp and one accelerometer more on the roof, an unknown small mass in every class.
+What the classes differ in is the blade: does it vibrate by itself, in its weak direction x near the
+first bending modes, in y near the third, in both, or is it mass only?
+
+Floor masses are equal and unknown, so stiffnesses are per floor mass and masses are shares of it.
+The storeys' stiffnesses have one profile in x, y and torsion, as columns of one kind give.
+"""
+
+import math
+from pathlib import Path
+
+import bayes_ssi as bs
+
+DATA = Path(__file__).parent / "data"
+bare_modes = bs.ModalData.load(DATA / "liverpool_bare.csv")
+blade_modes = bs.ModalData.load(DATA / "liverpool_with_blade.csv")
+
+# Nominal frequencies (Hz) of the bare frame: the means of the pairs of bending modes, as the
+# scale of the priors. A uniform frame has f_1 = (1/π) √(k/m) sin(π/14).
+BENDING_1, BENDING_3, TORSION_1 = 3.9, 17.3, 7.0
+
+
+def uniform_stiffness(first_frequency_hz):
+    return (math.pi * first_frequency_hz / math.sin(math.pi / 14)) ** 2
+
+
+def factor(name):
+    return bs.Parameter(name, bs.LogNormal(median=1.0, cov=0.3))
+
+
+def share_of_a_floor(name):
+    return bs.Parameter(name, bs.LogNormal(median=0.02, cov=1.0))
+
+
+def tuned_to(name, frequency_hz):
+    return bs.Parameter(name, bs.LogNormal(median=frequency_hz, cov=0.2), unit="Hz")
+
+
+profile = (factor("storey 1 / 2"), 1.0, factor("storey 3 / 2"))
+kx, ky, kt = factor("k x"), factor("k y"), factor("k torsion")
+# Lengths are in radii of gyration: a floor's moment of inertia is its mass.
+bare = bs.ShearBuilding3D(
+    masses=(1.0, 1.0, 1.0),
+    radii_of_gyration=(1.0, 1.0, 1.0),
+    stiffnesses_x=[uniform_stiffness(BENDING_1) * kx * share for share in profile],
+    stiffnesses_y=[uniform_stiffness(BENDING_1) * ky * share for share in profile],
+    torsional_stiffnesses=[uniform_stiffness(TORSION_1) * kt * share for share in profile],
+)
+loaded = bare.with_element(bs.FloorMass(on=3, mass=share_of_a_floor("roof mass"), radius=1.0))
+blade_x = bs.Pendulum(
+    on="floor 3 x",
+    mass=share_of_a_floor("blade mass x"),
+    frequency=tuned_to("blade frequency x", BENDING_1),
+    label="blade x",
+)
+blade_y = bs.Pendulum(
+    on="floor 3 y",
+    mass=share_of_a_floor("blade mass y"),
+    frequency=tuned_to("blade frequency y", BENDING_3),
+    label="blade y",
+)
+
+
+def model_class(name, with_blade, not_explained, description):
+    """Modes are paired in their order; those that the class does not explain are left out."""
+    explained = [label for label in blade_modes.labels if label not in not_explained]
+    return bs.ModelClass(
+        name,
+        configurations=[
+            bs.Configuration(
+                "bare",
+                bare,
+                bare_modes,
+                pairing={label: i for i, label in enumerate(bare_modes.labels, 1)},
+            ),
+            bs.Configuration(
+                "with blade",
+                with_blade,
+                blade_modes,
+                pairing={label: i for i, label in enumerate(explained, 1)},
+            ),
+        ],
+        description=description,
+    )
+
+
+study = bs.Study(
+    "Three-storey frame with a blade on its roof",
+    [
+        model_class("mass only", loaded, ("Ax", "Ay"), "the blade is mass on the roof"),
+        model_class("x", loaded.with_element(blade_x), ("Ay",), "it vibrates in x"),
+        model_class("y", loaded.with_element(blade_y), ("Ax",), "it vibrates in y"),
+        model_class(
+            "x and y",
+            loaded.with_element(blade_x).with_element(blade_y),
+            (),
+            "it vibrates in x and in y",
+        ),
+    ],
+    description="In which directions does the blade vibrate by itself?",
+)

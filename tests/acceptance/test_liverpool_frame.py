@@ -1,0 +1,103 @@
+"""The Liverpool frame with and without its blade: the data, the hypotheses and their ranking."""
+
+import functools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.study import load_study
+
+ROOT = Path(__file__).parents[2]
+BARE = [3.89, 3.94, 6.96, 11.38, 11.46, 17.15, 17.54, 19.89, 30.41]  # Hz
+WITH_BLADE = [3.65, 3.90, 3.95, 6.89, 11.13, 11.31, 16.93, 17.18, 17.73, 19.56, 29.80]  # Hz
+# Log evidences by full sampling, and about where the posterior lies: mean, standard deviation.
+SAMPLED = {"x and y": -3.52, "y": -7.83, "x": -7.91, "mass only": -12.20}
+POSTERIOR = {
+    "k x": (1.26, 0.03), "k y": (1.28, 0.03), "k torsion": (1.21, 0.024),
+    "storey 1 / 2": (0.70, 0.02), "storey 3 / 2": (0.91, 0.03), "roof mass": (0.032, 0.019),
+    "blade mass x": (0.0093, 0.0045), "blade frequency x": (3.72, 0.05),
+    "blade mass y": (0.017, 0.010), "blade frequency y": (17.2, 0.3),
+    "frequency_cov": (0.0088, 0.002),
+}  # fmt: skip
+
+
+@functools.cache
+def study():
+    return load_study(ROOT / "model_classes" / "liverpool_frame.py")
+
+
+def model_class(name):
+    return study().only([name]).model_classes[0]
+
+
+def log_evidence(candidate):
+    """Log evidence and its standard error by adaptive importance sampling, Student's t."""
+    rng = np.random.default_rng(1)
+    means, sds = np.array([POSTERIOR[name] for name in candidate.parameter_names]).T
+    d, freedom = len(means), 6.0
+    centre = candidate.coordinates(means[None])[0]
+    steps = candidate.coordinates((means + 0.3 * sds)[None])[0] - centre
+    root = np.diag(np.abs(steps) / 0.3)
+    for n in (3000, 3000, 3000, 8000):
+        t = rng.standard_normal((n, d)) * np.sqrt(freedom / rng.chisquare(freedom, (n, 1)))
+        z = centre + t @ root.T
+        log_t = math.lgamma((freedom + d) / 2) - math.lgamma(freedom / 2)
+        log_t -= 0.5 * d * math.log(freedom * math.pi) + np.log(np.diag(root)).sum()
+        log_t = log_t - 0.5 * (freedom + d) * np.log1p((t**2).sum(1) / freedom)
+        log_prior = -0.5 * ((z**2).sum(1) + d * math.log(2.0 * math.pi))
+        log_weights = candidate.log_likelihood_at(z) + log_prior - log_t
+        weights = np.exp(log_weights - np.nanmax(log_weights))
+        mean_weight = weights.mean()
+        error = weights.std() / mean_weight / math.sqrt(n)
+        found = math.log(mean_weight) + np.nanmax(log_weights)
+        weights /= weights.sum()
+        centre = weights @ z
+        root = np.linalg.cholesky((weights * (z - centre).T) @ (z - centre))
+    return found, error
+
+
+def test_the_modes_that_were_identified():
+    for candidate in study().model_classes:
+        bare, with_blade = candidate.configurations
+        np.testing.assert_array_equal(bare.data.frequencies_hz, BARE)
+        np.testing.assert_array_equal(with_blade.data.frequencies_hz, WITH_BLADE)
+        assert not bare.data.sensors
+        # What a class leaves out is what moves the blade most.
+        spurious = set(with_blade.data.labels) - set(with_blade.pairing)
+        assert (
+            spurious
+            == {"x and y": set(), "x": {"Ay"}, "y": {"Ax"}, "mass only": {"Ax", "Ay"}}[
+                candidate.name
+            ]
+        )
+    study().require_same_data()
+
+
+def test_the_bare_frame_is_the_same_in_all_classes():
+    structures = {id(c.configurations[0].structure) for c in study().model_classes}
+    assert len(structures) == 1
+    names = [set(c.parameter_names) for c in study().model_classes]
+    assert names[0] < names[1] < names[3]
+    assert names[3] - names[0] == {"blade mass x", "blade frequency x", "blade mass y",
+                                   "blade frequency y"}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SAMPLED)
+def test_evidence_is_that_of_importance_sampling(name):
+    found, error = log_evidence(model_class(name))
+    assert error < 0.06
+    assert found == pytest.approx(SAMPLED[name], abs=0.03 + 4.0 * error)
+
+
+def test_a_blade_that_vibrates_in_both_directions_fits_both_tests():
+    found = bs.calibrate(model_class("x and y"), 0.0, n_starts=4)
+    assert found.best.objective < 0.007
+    values = dict(zip(found.parameter_names, found.best.values, strict=True))
+    assert values["blade frequency x"] == pytest.approx(3.7, abs=0.15)
+    assert values["blade frequency y"] == pytest.approx(17.2, abs=0.6)
+    assert 0.002 < values["blade mass x"] < 0.02
+    assert 0.002 < values["blade mass y"] < 0.05
+    assert [mode.configuration for mode in found.best.modes] == ["bare"] * 9 + ["with blade"] * 11
