@@ -17,8 +17,8 @@ ORDER = [
     "model_class", "configuration_modes",
     "calibration", "evaluation", "journal", "workers", "target", "mixture", "moves", "maxima",
     "discovery", "tempering", "regions", "production", "evidence", "sampling", "checks",
-    "posterior", "versions", "checkpoint", "comparison", "study", "sensitivity", "search", "arviz_store",
-    "results", "tables", "plots", "cli",
+    "posterior", "versions", "checkpoint", "comparison", "study", "sensitivity", "search",
+    "arviz_store", "results", "tables", "plots", "cli",
 ]  # fmt: skip
 # ModalData.load and save are one line each that hand over to the file format.
 EXCEPTIONS = {("data", "modal_csv")}
