@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 import bayes_ssi as bs
-from bayes_ssi import workers
+from bayes_ssi import dispatch, workers
 from bayes_ssi.cli import main
 from bayes_ssi.evaluation import evaluate
 from bayes_ssi.workers import dask_workers
@@ -125,7 +125,8 @@ def test_a_point_at_which_workers_always_die_is_nan_and_the_others_are_right(add
     assert found.failures == {3: "the worker that evaluated it died"}
 
 
-def test_a_cluster_without_workers_is_refused():
+def test_a_cluster_without_workers_is_refused(monkeypatch):
+    monkeypatch.setattr(workers, "CLUSTER_SECONDS", 1.0)
     with (
         make_cluster(0) as empty,
         pytest.raises(ValueError, match=r"the Dask cluster at 'tcp://.*' has no workers"),
@@ -139,7 +140,7 @@ def takes_long(z):
 
 
 def test_a_run_whose_workers_have_all_gone_ends(monkeypatch):
-    monkeypatch.setattr(workers, "CHECK_SECONDS", 0.2)
+    monkeypatch.setattr(dispatch, "CHECK_SECONDS", 0.2)
     with make_cluster(1) as doomed, dask_workers(doomed.scheduler_address) as pool:
         threading.Timer(0.5, doomed.scale, [0]).start()
         with pytest.raises(ValueError, match="workers: none is left"):

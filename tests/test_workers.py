@@ -17,7 +17,7 @@ import pytest
 from click.testing import CliRunner
 
 import bayes_ssi as bs
-from bayes_ssi import workers
+from bayes_ssi import dispatch, in_workers
 from bayes_ssi.cli import main
 from bayes_ssi.evaluation import evaluate
 from bayes_ssi.study import load_study
@@ -65,12 +65,12 @@ class Minimal(Executor):
     def __init__(self, n_workers=1):
         self.payloads = []
         self.stores = [OrderedDict() for _ in range(n_workers)]
-        self.before = workers._models
+        self.before = in_workers._models
 
     def submit(self, function, /, *arguments):
         function, arguments = pickle.loads(pickle.dumps((function, arguments)))
         self.payloads += [a for a in arguments if isinstance(a, bytes)]
-        workers._models = self.stores[0]
+        in_workers._models = self.stores[0]
         self.stores.append(self.stores.pop(0))
         future = Future()
         try:
@@ -78,7 +78,7 @@ class Minimal(Executor):
         except (ValueError, ArithmeticError) as error:
             future.set_exception(error)
         finally:
-            workers._models = self.before
+            in_workers._models = self.before
         return future
 
 
@@ -142,7 +142,7 @@ def test_a_worker_that_lacks_the_model_asks_for_it():
 def test_models_in_turn_are_not_mixed_up():
     pool = Workers(Minimal(), n_workers=1)
     z = points(5)
-    for power in (1, 2, 1, *range(1, workers.MODELS_KEPT + 2), 1):
+    for power in (1, 2, 1, *range(1, in_workers.MODELS_KEPT + 2), 1):
         found = pool.evaluate(lambda z, power=power: sums(z) ** power, z).values
         np.testing.assert_array_equal(found, sums(z) ** power)
 
@@ -276,7 +276,7 @@ def dies(_):
 
 
 def test_workers_that_always_die_end_the_run(monkeypatch):
-    monkeypatch.setattr(workers, "MAX_DEATHS", 2)
+    monkeypatch.setattr(dispatch, "MAX_DEATHS", 2)
     with local_workers(1) as pool, pytest.raises(ValueError, match="workers: died 3 times, the"):
         pool.evaluate(dies, points(8))
 
@@ -376,14 +376,14 @@ class Late(Executor):
 
 
 def test_a_cluster_that_replaces_its_workers_is_waited_for(monkeypatch):
-    monkeypatch.setattr(workers, "CHECK_SECONDS", 0.2)
+    monkeypatch.setattr(dispatch, "CHECK_SECONDS", 0.2)
     answers = iter([False, False])
     pool = Workers(Late(1.0), alive=lambda: next(answers, True))
     assert pool.evaluate(sums, np.ones((1, 2))).values == [2.0]
 
 
 def test_a_cluster_that_has_lost_all_workers_is_not_waited_for(monkeypatch):
-    monkeypatch.setattr(workers, "CHECK_SECONDS", 0.05)
+    monkeypatch.setattr(dispatch, "CHECK_SECONDS", 0.05)
     pool = Workers(Late(50.0), alive=lambda: False)
     with pytest.raises(ValueError, match="workers: none is left"):
         pool.evaluate(sums, np.ones((1, 2)))
