@@ -6,15 +6,19 @@ computed, so that tests compare the package with figures that it did not produce
 """
 
 import math
+import signal
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from threadpoolctl import threadpool_limits
 
 import bayes_ssi as bs
+from bayes_ssi.cli import main
 from bayes_ssi.evidence import Estimate
 from bayes_ssi.posterior import Evidence, Posterior, Region
 from bayes_ssi.study import load_study
+from bayes_ssi.workers import local_workers
 
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
 SECOND_FREQUENCY = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
@@ -183,3 +187,53 @@ def _one_blas_thread():
     """Matrices here are small: threads inside BLAS would only wait for one another."""
     with threadpool_limits(limits=1, user_api="blas"):
         yield
+
+
+# Too short to pass its checks, and as good as any to be compared.
+COARSE = bs.SamplingSettings(log_evidence_error=0.2, particles=64, searches=1, max_steps=5)
+
+
+@pytest.fixture
+def nothing_hangs():
+    """Ends a test that waits for workers in vain."""
+
+    def give_up(*_):
+        raise AssertionError("no end in sight")
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture(scope="session")
+def two_workers():
+    """Two processes of this machine."""
+    with local_workers(2) as pool:
+        yield pool
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Runs the command in an empty working directory."""
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Saves results without their figures, which take longest."""
+    monkeypatch.setattr("bayes_ssi.plots.save_figures", lambda directory, *_: directory.mkdir())
+
+
+def assert_one_line_error(result, *words):
+    """A command's result is one line on standard error, exit code 2, and no traceback."""
+    assert result.exit_code == 2
+    assert isinstance(result.exception, SystemExit), result.exception
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("Error: ")
+    for word in words:
+        assert word in line

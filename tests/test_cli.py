@@ -4,9 +4,8 @@ import subprocess
 import sys
 
 import pytest
-from click.testing import CliRunner
+from conftest import assert_one_line_error
 
-from bayes_ssi.cli import main
 from bayes_ssi.results import load_result
 
 CSV = """\
@@ -16,15 +15,6 @@ label,frequency_hz,floor 1,floor 2
 1,0.618,0.5257,0.8507
 2,1.618,0.8507,-0.5257
 """
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch):
-    """Runs the command in an empty working directory."""
-    work = tmp_path / "work"
-    work.mkdir()
-    monkeypatch.chdir(work)
-    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 @pytest.fixture
@@ -50,15 +40,6 @@ def study_file(tiny_study_file):
         return tiny_study_file
 
     return write
-
-
-def assert_one_line_error(result, *words):
-    assert result.exit_code == 2
-    assert isinstance(result.exception, SystemExit), result.exception
-    (line,) = result.stderr.splitlines()
-    assert line.startswith("Error: ")
-    for word in words:
-        assert word in line
 
 
 def test_rank(run, tiny_study_file, tmp_path):
