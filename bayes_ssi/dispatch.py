@@ -116,7 +116,7 @@ class Workers:
         values: FloatArray,
         failures: dict[int, str],
     ) -> NDArray[np.intp]:
-        """Fill in the answers at some rows of ``z``; the rows whose worker died."""
+        """Fill in the answers at some rows of ``z``; returns the rows whose worker died."""
         parts = _cut(rows, self._n_parts())
 
         def take(i: int, part: Evaluated) -> None:
@@ -167,8 +167,8 @@ class Workers:
     ) -> list[int]:
         """``call(function, argument)`` for every argument, in whatever order.
 
-        ``take`` is given the number and the answer of each; the numbers of those whose worker
-        died are returned.
+        ``take`` is given the number and the answer of each; returns the numbers of those whose
+        worker died.
         """
         key, payload = self._packed(call, function)
         executor = self._running()

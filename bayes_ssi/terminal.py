@@ -12,7 +12,7 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["BAD_INPUT", "OneLineErrors", "console", "one_line_errors", "progress_bars", "say"]
+__all__ = ["BAD_INPUT", "OneLineErrors", "console", "progress_bars", "say"]
 
 BAD_INPUT = 2
 WIDTH = 80
@@ -26,7 +26,11 @@ STEPS = {
 
 
 class OneLineErrors(click.Group):
-    """A group whose usage errors, too, are one line, without the usage text before it."""
+    """A group whose errors, of its commands and of their usage, are one line and an exit code."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with _one_line_errors():
+            return super().invoke(ctx)
 
     def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
         if not standalone_mode:
@@ -45,7 +49,7 @@ class OneLineErrors(click.Group):
 
 
 @contextmanager
-def one_line_errors() -> Iterator[None]:
+def _one_line_errors() -> Iterator[None]:
     """Bad input ends with one line on standard error and its own exit code."""
     try:
         yield

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from bayes_ssi.study_argument import load, study_argument
-from bayes_ssi.terminal import console, one_line_errors, say
+from bayes_ssi.terminal import console, say
 
 __all__ = ["calibrate"]
 
@@ -25,32 +25,31 @@ def calibrate(
     study: Path, only: str | None, shape_weight: float | None, starts: int, seed: int
 ) -> None:
     """List every distinct minimum of the paper's objective for the model classes of STUDY."""
-    with one_line_errors():
-        from bayes_ssi.calibration import NothingToCalibrateError
-        from bayes_ssi.calibration import calibrate as calibrate_class
-        from bayes_ssi.tables import calibration_modes_table, calibration_table
+    from bayes_ssi.calibration import NothingToCalibrateError
+    from bayes_ssi.calibration import calibrate as calibrate_class
+    from bayes_ssi.tables import calibration_modes_table, calibration_table
 
-        where = console()
-        candidates = load(study, only).model_classes
-        for candidate in candidates:
-            try:
-                found = calibrate_class(candidate, shape_weight, n_starts=starts, seed=seed)
-            except NothingToCalibrateError as error:
-                if len(candidates) == 1:
-                    raise
-                say(where, f"(!) {error}")
-                continue
-            where.print(calibration_table(found))
-            where.print(calibration_modes_table(found))
-            if found.undetermined_directions:
-                where.print(
-                    f"(!) the data leave {found.undetermined_directions} direction(s) of the "
-                    "parameters undetermined: minimum 1 is the point of a surface of equally "
-                    "good ones that lies nearest to the prior median"
-                )
-            elif _is_not_unique([fit.objective for fit in found.minima]):
-                where.print("(!) the fit is not unique: several minima are equally good")
-            where.print()
+    where = console()
+    candidates = load(study, only).model_classes
+    for candidate in candidates:
+        try:
+            found = calibrate_class(candidate, shape_weight, n_starts=starts, seed=seed)
+        except NothingToCalibrateError as error:
+            if len(candidates) == 1:
+                raise
+            say(where, f"(!) {error}")
+            continue
+        where.print(calibration_table(found))
+        where.print(calibration_modes_table(found))
+        if found.undetermined_directions:
+            where.print(
+                f"(!) the data leave {found.undetermined_directions} direction(s) of the "
+                "parameters undetermined: minimum 1 is the point of a surface of equally "
+                "good ones that lies nearest to the prior median"
+            )
+        elif _is_not_unique([fit.objective for fit in found.minima]):
+            where.print("(!) the fit is not unique: several minima are equally good")
+        where.print()
 
 
 def _is_not_unique(objectives: list[float]) -> bool:

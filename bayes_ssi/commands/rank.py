@@ -9,7 +9,7 @@ import click
 
 from bayes_ssi.saved_run import SavedRun, notes_of, run_options
 from bayes_ssi.study_argument import load, study_argument
-from bayes_ssi.terminal import console, one_line_errors, say
+from bayes_ssi.terminal import console, say
 
 __all__ = ["rank"]
 
@@ -27,27 +27,26 @@ def rank(study: Path, only: str | None, any_pairing: bool, run: SavedRun) -> Non
     A run that was stopped goes on when the same command is given again. Workers share the
     evaluations of one model, which pays where one takes milliseconds or more.
     """
-    with one_line_errors():
-        from bayes_ssi.study import rank as rank_study
+    from bayes_ssi.study import rank as rank_study
 
-        loaded = load(study, only)
-        if any_pairing:
-            loaded = loaded.with_any_pairing()
-        loaded.require_same_data()
-        _, result = run.sample_and_save(
-            partial(rank_study, loaded),
-            loaded,
-            study,
-            name=study.stem,
-            options=("rank",),
-            ranking=lambda found: found,
-        )
+    loaded = load(study, only)
+    if any_pairing:
+        loaded = loaded.with_any_pairing()
+    loaded.require_same_data()
+    _, result = run.sample_and_save(
+        partial(rank_study, loaded),
+        loaded,
+        study,
+        name=study.stem,
+        options=("rank",),
+        ranking=lambda found: found,
+    )
 
-        from bayes_ssi.tables import evidence_table, parameter_table, ranking_table
+    from bayes_ssi.tables import evidence_table, parameter_table, ranking_table
 
-        where = console()
-        where.print(ranking_table(result.comparison, loaded.name))
-        where.print(evidence_table(result.ranked_posteriors))
-        where.print(parameter_table(result.ranked_posteriors[0]))
-        say(where, *notes_of(result))
-        run.end(result)
+    where = console()
+    where.print(ranking_table(result.comparison, loaded.name))
+    where.print(evidence_table(result.ranked_posteriors))
+    where.print(parameter_table(result.ranked_posteriors[0]))
+    say(where, *notes_of(result))
+    run.end(result)

@@ -9,7 +9,7 @@ import click
 
 from bayes_ssi.saved_run import SavedRun, notes_of, run_options
 from bayes_ssi.study_argument import load, study_argument
-from bayes_ssi.terminal import console, one_line_errors, say
+from bayes_ssi.terminal import console, say
 
 __all__ = ["search"]
 
@@ -58,41 +58,40 @@ def search(
     built on one model class, which should hold none itself, and ranked over all pairings of
     modes. Workers sample whole hypotheses side by side.
     """
-    with one_line_errors():
-        from bayes_ssi.priors import LogNormal, LogUniform
-        from bayes_ssi.search import AppendageSearch, SearchSettings, search_record
-        from bayes_ssi.search import search as search_appendages
+    from bayes_ssi.priors import LogNormal, LogUniform
+    from bayes_ssi.search import AppendageSearch, SearchSettings, search_record
+    from bayes_ssi.search import search as search_appendages
 
-        loaded = load(study)
-        if baseline is not None:
-            loaded = loaded.only([baseline])
-        options = SearchSettings(
-            mass_ratio=LogNormal(*mass_ratio),
-            frequency=None if frequency is None else LogUniform(*frequency),
-            number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
-        )
+    loaded = load(study)
+    if baseline is not None:
+        loaded = loaded.only([baseline])
+    options = SearchSettings(
+        mass_ratio=LogNormal(*mass_ratio),
+        frequency=None if frequency is None else LogUniform(*frequency),
+        number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
+    )
 
-        def draw(found: AppendageSearch, directory: Path) -> None:
-            from bayes_ssi.plots import save_places
+    def draw(found: AppendageSearch, directory: Path) -> None:
+        from bayes_ssi.plots import save_places
 
-            save_places(found, directory / "places.png")
+        save_places(found, directory / "places.png")
 
-        found, result = run.sample_and_save(
-            partial(search_appendages, loaded.model_classes[0], options),
-            loaded,
-            study,
-            name=f"{study.stem}_search",
-            options=("search", options),
-            ranking=lambda found: found.ranking,
-            extra=lambda found: {"search.json": search_record(found)},
-            draw=draw,
-            is_leftover=AppendageSearch.may_have,
-        )
+    found, result = run.sample_and_save(
+        partial(search_appendages, loaded.model_classes[0], options),
+        loaded,
+        study,
+        name=f"{study.stem}_search",
+        options=("search", options),
+        ranking=lambda found: found.ranking,
+        extra=lambda found: {"search.json": search_record(found)},
+        draw=draw,
+        is_leftover=AppendageSearch.may_have,
+    )
 
-        from bayes_ssi.tables import averaged_table, search_notes, search_table
+    from bayes_ssi.tables import averaged_table, search_notes, search_table
 
-        where = console()
-        where.print(search_table(found))
-        where.print(averaged_table(found))
-        say(where, *search_notes(found), *notes_of(result, best_only=True))
-        run.end(result)
+    where = console()
+    where.print(search_table(found))
+    where.print(averaged_table(found))
+    say(where, *search_notes(found), *notes_of(result, best_only=True))
+    run.end(result)
