@@ -25,7 +25,8 @@ def one_place(monkeypatch):
     monkeypatch.setattr("bayes_ssi.search.places_of", lambda _: (PENDULUM_1,))
 
 
-def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling):
+def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, monkeypatch):
+    monkeypatch.setattr("bayes_ssi.search.places_of", lambda _: (PENDULUM_1, INFILL_01))
     levels = fake_sampling(by_count(0.0, 1.0, 2.0))
     out = tmp_path / "r"
     result = run("search", tiny_study_file, "--out", out, "--seed", 3)
