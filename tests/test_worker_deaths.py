@@ -126,6 +126,16 @@ def test_a_model_that_always_kills_ends_the_run_soon():
     assert crew.n_deaths < 50
 
 
+def test_a_point_that_is_a_batch_is_tried_again_too(tmp_path):
+    def function(z):
+        if not (tmp_path / "died").exists():
+            (tmp_path / "died").touch()
+            raise Death
+        return z[:, 0]
+
+    assert_all_but(Crew().workers.evaluate(function, numbered(1)), [], 1)
+
+
 def test_deaths_that_no_point_explains_end_the_run(tmp_path):
     """One a batch, at the first try."""
     marker = tmp_path / "died"
