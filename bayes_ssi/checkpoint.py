@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_ssi.journal import Journal, JournalInUseError
+from bayes_ssi.journal import Journal, JournalInUseError, run_of_journal
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.sampling import SamplingSettings
 from bayes_ssi.versions import versions
 
-__all__ = ["Checkpoint", "name_of_run"]
+__all__ = ["Checkpoint", "as_checkpoint", "name_of_run"]
 
 # Exists from when the result of the run begins to be written.
 SAVING = "saving"
@@ -42,7 +42,7 @@ class Checkpoint:
     """Journals of the model classes of one run.
 
     Attributes:
-        directory: made when the first journal is opened.
+        directory: absolute; made when the first journal is opened.
     """
 
     def __init__(
@@ -56,12 +56,13 @@ class Checkpoint:
         """Use a directory for the journals of a run.
 
         Args:
-            directory: its parent must exist.
+            directory: its parent must exist; a relative one is in the working directory of the
+                process that calls this, wherever a worker uses it.
             run: says which run it is, to know its own result again.
             discard_others: throw another run's journals away instead of refusing them.
             say: told when an earlier run is continued, and of damage.
         """
-        self.directory = Path(directory)
+        self.directory = Path(directory).absolute()
         self._run = run
         self._discard_others = discard_others
         self._say = say
@@ -115,7 +116,12 @@ class Checkpoint:
         """Mark that whatever stands where the result belongs is this run's own from now on."""
         (self.directory / SAVING).write_text(self._run, encoding="utf-8")
 
-    def remove(self, names: tuple[str, ...]) -> None:
+    def names(self) -> list[str]:
+        """Of the model classes that have a journal here."""
+        run_of = map(run_of_journal, self.directory.glob("*.journal"))
+        return [str(run["model class"]) for run in run_of if "model class" in run]
+
+    def remove(self, names: Iterable[str]) -> None:
         """Remove the journals of these model classes, and the directory if that empties it."""
         for name in names:
             self._path(name).unlink(missing_ok=True)
@@ -127,6 +133,11 @@ class Checkpoint:
         stem = re.sub(r"[^A-Za-z0-9._+-]+", "_", name)[:60]
         digest = hashlib.sha256(name.encode()).hexdigest()[:8]
         return self.directory / f"{stem}-{digest}.journal"
+
+
+def as_checkpoint(given: str | Path | Checkpoint | None) -> Checkpoint | None:
+    """Whatever a caller gave as checkpoint."""
+    return Checkpoint(given) if isinstance(given, (str, Path)) else given
 
 
 def name_of_run(

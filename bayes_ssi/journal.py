@@ -29,7 +29,7 @@ import numpy as np
 from bayes_ssi.evaluation import Evaluated
 from bayes_ssi.priors import FloatArray
 
-__all__ = ["Journal", "JournalInUseError"]
+__all__ = ["Journal", "JournalInUseError", "run_of_journal"]
 
 FORMAT = 1
 DIGEST_SIZE = 16
@@ -154,14 +154,9 @@ class Journal:
     def _check_header(self, found: bytes, expected: bytes) -> None:
         if found == expected:
             return
-        try:
-            record = json.loads(found)
-            there = dict(record["run"])
-            number = record["format"]
-        except (ValueError, TypeError, KeyError, RecursionError):
-            raise ValueError(
-                f"{self.path}: damaged, or not a checkpoint; remove it to begin again"
-            ) from None
+        if (header := _read_header(found)) is None:
+            raise ValueError(f"{self.path}: damaged, or not a checkpoint; remove it to begin again")
+        number, there = header
         here = json.loads(expected)["run"]
         names = [name for name in {**there, **here} if there.get(name) != here.get(name)]
         what = ", ".join(
@@ -202,6 +197,22 @@ class Journal:
         """Go on writing from ``position``; what follows it is dropped."""
         self._file.seek(position)
         self._file.truncate()
+
+
+def run_of_journal(path: Path) -> dict[str, Any]:
+    """What run a journal is of, whoever has it open; empty where its file does not tell."""
+    with path.open("rb") as file:
+        header = _read_header(file.readline(LONGEST_HEADER))
+    return {} if header is None else header[1]
+
+
+def _read_header(line: bytes) -> tuple[Any, dict[str, Any]] | None:
+    """Number of the format, and what run it is; None where the line tells nothing."""
+    try:
+        record = json.loads(line)
+        return record["format"], dict(record["run"])
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return None
 
 
 def _close_in_children(file: BinaryIO) -> None:

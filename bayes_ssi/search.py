@@ -44,6 +44,7 @@ __all__ = [
 ]
 
 NO_APPENDAGE = "no appendage"
+AND = " + "
 
 
 @dataclass(frozen=True)
@@ -172,6 +173,11 @@ class AppendageSearch:
             for place in set(self.places[row.name]):
                 found[place] += row.probability
         return found
+
+    def may_have(self, name: str) -> bool:
+        """Whether a hypothesis of this search is called so, with however many appendages."""
+        own = {place.name for place in self.candidates}
+        return name == NO_APPENDAGE or own.issuperset(name.split(AND))
 
     def appendages(self, name: str) -> tuple[AppendageSummary, ...]:
         """The appendages of one hypothesis."""
@@ -356,7 +362,7 @@ def hypothesis(
         ratio = Parameter(_mass_name(place), options.mass_ratio)
         tuned = Parameter(_frequency_name(place), frequency, unit="Hz")
         structure = structure.with_element(_element(place, ratio, tuned, scale))
-    name = " + ".join(place.name for place in places) or NO_APPENDAGE
+    name = AND.join(place.name for place in places) or NO_APPENDAGE
     return baseline.with_any_pairing(baseline.name).with_structure(structure, name)
 
 

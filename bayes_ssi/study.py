@@ -14,12 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_ssi.checkpoint import Checkpoint
+from bayes_ssi.checkpoint import Checkpoint, as_checkpoint
 from bayes_ssi.comparison import Comparison, checked_weights, compare
+from bayes_ssi.in_workers import STUDY_MODULE
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Posterior, sample
 from bayes_ssi.sampling import SamplingSettings
-from bayes_ssi.workers import STUDY_MODULE, Workers, as_workers
+from bayes_ssi.workers import Workers, as_workers
 
 __all__ = ["Ranking", "Study", "load_study", "rank", "sample_all", "sample_one"]
 
@@ -171,6 +172,7 @@ def rank(
     """
     study.require_same_data()
     settings = settings or SamplingSettings()
+    checkpoint = as_checkpoint(checkpoint)
     posteriors = []
     with as_workers(workers) as pool:
         for candidate in study.model_classes:
@@ -186,16 +188,17 @@ def sample_one(
     settings: SamplingSettings,
     progress: Callable[[str, str, float], None] | None = None,
     workers: Workers | None = None,
-    checkpoint: str | Path | Checkpoint | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Posterior:
-    """Sample one class of a study; arguments and errors as those of :func:`rank`."""
+    """Sample one class of a study; arguments and errors as those of :func:`rank`.
+
+    The checkpoint is no path: in a worker a relative one would be another place.
+    """
 
     def report(step: str, done: float) -> None:
         if progress is not None:
             progress(candidate.name, step, done)
 
-    if isinstance(checkpoint, (str, Path)):
-        checkpoint = Checkpoint(checkpoint)
     kept = checkpoint.journal(candidate, seed, settings) if checkpoint else nullcontext()
     with kept as journal:
         return sample(candidate, seed, settings, report, workers=workers, journal=journal)
@@ -214,6 +217,7 @@ def sample_all(
     Arguments and errors as those of :func:`rank`; workers report no progress but the end of a
     class. The results are those of :func:`sample_one`.
     """
+    checkpoint = as_checkpoint(checkpoint)
     if workers is None:
         return [
             sample_one(candidate, seed, settings, progress, None, checkpoint)
@@ -224,10 +228,12 @@ def sample_all(
         if progress is not None:
             progress(candidates[index].name, "evidence", 1.0)
 
-    if isinstance(checkpoint, Checkpoint):
-        checkpoint = checkpoint.silent()
     sample_there = partial(
-        sample_one, seed=seed, settings=settings, workers=None, checkpoint=checkpoint
+        sample_one,
+        seed=seed,
+        settings=settings,
+        workers=None,
+        checkpoint=checkpoint.silent() if checkpoint else None,
     )
     return workers.call_each(sample_there, candidates, done)
 

@@ -6,16 +6,23 @@ computed, so that tests compare the package with figures that it did not produce
 """
 
 import math
+import signal
+from functools import partial
 
 import numpy as np
 import pytest
+import searches
+from click.testing import CliRunner
 from threadpoolctl import threadpool_limits
 
 import bayes_ssi as bs
+from bayes_ssi.cli import main
 from bayes_ssi.configuration_modes import ConfigurationModes
 from bayes_ssi.evidence import Estimate
 from bayes_ssi.posterior import Evidence, Posterior, Region
+from bayes_ssi.search import search
 from bayes_ssi.study import load_study
+from bayes_ssi.workers import local_workers
 
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
 SECOND_FREQUENCY = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
@@ -183,8 +190,120 @@ def make_posterior():
     return make
 
 
+@pytest.fixture
+def bare(frame, case_c, fixed_error):
+    """The numerical study's frame without its infill, which the data know of."""
+    return bs.ModelClass("bare", frame, case_c, fixed_error, pairing={"1": 1})
+
+
+@pytest.fixture
+def fake_sampling(monkeypatch, make_posterior):
+    """Replaces sampling by posteriors of given log evidence; returns the names sampled, by level.
+
+    Every hypothesis has draws of its own.
+    """
+
+    def install(log_evidence):
+        levels = []
+
+        def sample_all(candidates, seed, settings, progress, workers, checkpoint):
+            del seed, settings, progress, workers
+            if checkpoint is not None:  # as its journals do
+                checkpoint.directory.mkdir(exist_ok=True)
+            levels.append([candidate.name for candidate in candidates])
+            found = []
+            for candidate in candidates:
+                n = len(candidate.parameters)
+                rng = np.random.default_rng(list(candidate.name.encode()))
+                centre = rng.normal(1.0, 0.3, n)
+                found.append(
+                    make_posterior(
+                        candidate.name,
+                        log_evidence(candidate.name),
+                        names=candidate.parameter_names,
+                        draws=centre * np.exp(0.5 * rng.standard_normal((4, 250, n))),
+                        log_likelihoods=rng.standard_normal((4, 250)),
+                    )
+                )
+            return found
+
+        monkeypatch.setattr("bayes_ssi.search.sample_all", sample_all)
+        return levels
+
+    return install
+
+
+@pytest.fixture(scope="session")
+def found_in_case_c(request, two_workers):
+    """The search on the numerical study's data, sampled once."""
+    k = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.3)) for i in (1, 2, 3)]
+    one = (math.pi / math.sin(math.pi / 14.0)) ** 2
+    frame = bs.ShearBuilding((1.0, 1.0, 1.0), [one * x for x in k])
+    path = request.config.rootpath / "model_classes" / "data" / "case_c.csv"
+    error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
+    baseline = bs.ModelClass("bare", frame, bs.ModalData.load(path), error, pairing={})
+    return search(baseline, searches.ONE, settings=searches.COARSE, workers=two_workers)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _one_blas_thread():
     """Matrices here are small: threads inside BLAS would only wait for one another."""
     with threadpool_limits(limits=1, user_api="blas"):
         yield
+
+
+# Too short to pass its checks, and as good as any to be compared.
+COARSE = bs.SamplingSettings(log_evidence_error=0.2, particles=64, searches=1, max_steps=5)
+
+
+@pytest.fixture
+def nothing_hangs():
+    """Ends a test that waits for workers in vain."""
+
+    def give_up(*_):
+        raise AssertionError("no end in sight")
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture(scope="session")
+def two_workers():
+    """Two processes of this machine."""
+    with local_workers(2) as pool:
+        yield pool
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Runs the command in an empty working directory."""
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+@pytest.fixture
+def coarse_command(monkeypatch):
+    """Commands sample coarsely."""
+    coarse = partial(bs.SamplingSettings, particles=60, searches=1, max_steps=400)
+    monkeypatch.setattr("bayes_ssi.sampling.SamplingSettings", coarse)
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Saves results without their figures, which take longest."""
+    monkeypatch.setattr("bayes_ssi.plots.save_figures", lambda directory, *_: directory.mkdir())
+
+
+def assert_one_line_error(result, *words):
+    """A command's result is one line on standard error, exit code 2, and no traceback."""
+    assert result.exit_code == 2
+    assert isinstance(result.exception, SystemExit), result.exception
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("Error: ")
+    for word in words:
+        assert word in line

@@ -326,6 +326,7 @@ def test_numbers_of_numpy_are_numbers(one_k, checkpoint):
     settings = replace(SETTINGS, searches=np.int64(4), log_evidence_error=np.float64(0.01))
     checkpoint.journal(one_k, np.int64(7), settings).close()
     checkpoint.journal(one_k, 7, SETTINGS).close()
+    assert len(list(checkpoint.directory.iterdir())) == 1
 
 
 def test_names_need_not_be_file_names(one_k, checkpoint):
@@ -336,6 +337,26 @@ def test_names_need_not_be_file_names(one_k, checkpoint):
             assert journal.path.parent == checkpoint.directory
             paths.add(journal.path.name.lower())
     assert len(paths) == len(names)
+
+
+def test_a_relative_directory_stays_where_it_was_meant(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    checkpoint = Checkpoint("a")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert checkpoint.directory == tmp_path / "a"
+    assert checkpoint.silent().directory == tmp_path / "a"
+
+
+def test_names_are_those_of_the_journals_that_are_there(directory, checkpoint, tiny_study):
+    assert checkpoint.names() == []
+    for model_class in tiny_study.model_classes:
+        checkpoint.journal(model_class, 7, SETTINGS).close()
+    (directory / "notes.txt").touch()
+    (directory / "damaged.journal").write_bytes(b"\xff{}")
+    (directory / "new.journal").touch()
+    (directory / "other.journal").write_text('{"format": 1, "run": {}}\n')
+    assert sorted(checkpoint.names()) == ["each k", "one k"]
 
 
 def test_the_directory_is_made_with_the_first_journal(directory, checkpoint, one_k):

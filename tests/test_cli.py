@@ -4,9 +4,8 @@ import subprocess
 import sys
 
 import pytest
-from click.testing import CliRunner
+from conftest import assert_one_line_error
 
-from bayes_ssi.cli import main
 from bayes_ssi.results import load_result
 
 CSV = """\
@@ -16,15 +15,6 @@ label,frequency_hz,floor 1,floor 2
 1,0.618,0.5257,0.8507
 2,1.618,0.8507,-0.5257
 """
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch):
-    """Runs the command in an empty working directory."""
-    work = tmp_path / "work"
-    work.mkdir()
-    monkeypatch.chdir(work)
-    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 @pytest.fixture
@@ -52,15 +42,6 @@ def study_file(tiny_study_file):
     return write
 
 
-def assert_one_line_error(result, *words):
-    assert result.exit_code == 2
-    assert isinstance(result.exception, SystemExit), result.exception
-    (line,) = result.stderr.splitlines()
-    assert line.startswith("Error: ")
-    for word in words:
-        assert word in line
-
-
 def test_rank(run, tiny_study_file, tmp_path):
     out = tmp_path / "result"
     result = run("rank", tiny_study_file, "--seed", 7, "--out", out)
@@ -79,6 +60,7 @@ def test_rank(run, tiny_study_file, tmp_path):
     ]  # fmt: skip
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_class_does_not_depend_on_only(run, tiny_study_file, tiny_ranking, tmp_path):
     result = run("rank", tiny_study_file, "--seed", 7, "--only", "each k", "--out", tmp_path / "r")
     assert result.exit_code == 0
@@ -89,11 +71,13 @@ def test_a_class_does_not_depend_on_only(run, tiny_study_file, tiny_ranking, tmp
     assert (alone.draws == among_others.draws).all()
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_where_results_go_by_default(run, tiny_study_file, tmp_path):
     assert run("rank", tiny_study_file, "--only", "one k").exit_code == 0
     assert load_result(tmp_path / "work" / "runs" / "results" / "tiny").comparison.best
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_existing_results_are_kept_unless_told_otherwise(run, tiny_study_file, tmp_path):
     arguments = ("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
     assert run(*arguments).exit_code == 0
@@ -104,6 +88,7 @@ def test_existing_results_are_kept_unless_told_otherwise(run, tiny_study_file, t
     assert load_result(tmp_path / "r").record["seed"] == 1
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_ends_with_3_and_is_said(run, tiny_study_file, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_ssi.checks.R_HAT_LIMIT", 0.5)
     result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
@@ -114,6 +99,7 @@ def test_a_failed_check_ends_with_3_and_is_said(run, tiny_study_file, tmp_path, 
     assert load_result(tmp_path / "r").comparison.failed_checks
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_the_wanted_error_reaches_the_sampling(run, tiny_study_file, tmp_path):
     arguments = ("rank", tiny_study_file, "--only", "one k", "--error", "0.2")
     assert run(*arguments, "--out", tmp_path / "r").exit_code == 0
@@ -277,6 +263,23 @@ def test_incomplete_prior_weights(run, study_file):
 )
 def test_options_out_of_range(run, tiny_study_file, command, options):
     assert_one_line_error(run(command, tiny_study_file, *options), "must be")
+
+
+@pytest.mark.usefixtures("coarse_command", "no_figures")
+def test_rank_over_all_pairings(run, tiny_study_file, tmp_path):
+    text = tiny_study_file.read_text(encoding="utf-8")
+    old = "(K * k1, K * k2)), modes, error,\n                      pairing=pairing),"
+    assert old in text
+    new = '(K * k, K * k)), modes, error,\n                      pairing={"1": 2, "2": 1}),'
+    tiny_study_file.write_text(text.replace(old, new), encoding="utf-8")
+    result = run(
+        "rank", tiny_study_file, "--any-pairing", "--accept-failed-checks", "--out", tmp_path / "r"
+    )
+    assert result.exit_code == 0, result.output
+    assert "Modes of 'one k or each k':" in result.stdout
+    assert "identified mode 1 is model mode 1 with probability" in result.stdout
+    (posterior,) = load_result(tmp_path / "r").posteriors
+    assert posterior.inferred_pairing.best == {"1": 1, "2": 2}
 
 
 COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()"]

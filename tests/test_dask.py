@@ -13,33 +13,18 @@ import time
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from conftest import COARSE, assert_one_line_error
+from pools import points, sums
 
 import bayes_ssi as bs
-from bayes_ssi import workers
-from bayes_ssi.cli import main
+from bayes_ssi import dispatch, workers
 from bayes_ssi.evaluation import evaluate
 from bayes_ssi.workers import dask_workers
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 
-# Too short to pass its checks, and as good as any to be compared.
-COARSE = bs.SamplingSettings(log_evidence_error=0.2, particles=64, searches=1, max_steps=5)
-
-
-@pytest.fixture(autouse=True)
-def _nothing_hangs():
-    """Ends a test that waits for workers in vain."""
-
-    def give_up(*_):
-        raise AssertionError("no end in sight")
-
-    before = signal.signal(signal.SIGALRM, give_up)
-    signal.alarm(60)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
+pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
 
 def make_cluster(n_workers):
@@ -63,14 +48,6 @@ def cluster():
 def address(cluster):
     cluster.wait_for_workers(2)
     return cluster.scheduler_address
-
-
-def points(n, d=2):
-    return np.random.default_rng(5).standard_normal((n, d))
-
-
-def sums(z):
-    return z.sum(axis=1)
 
 
 def test_values_do_not_depend_on_who_computes_them(address, model_classes):
@@ -125,12 +102,32 @@ def test_a_point_at_which_workers_always_die_is_nan_and_the_others_are_right(add
     assert found.failures == {3: "the worker that evaluated it died"}
 
 
-def test_a_cluster_without_workers_is_refused():
-    with (
-        make_cluster(0) as empty,
-        pytest.raises(ValueError, match=r"the Dask cluster at 'tcp://.*' has no workers"),
-    ):
-        dask_workers(empty.scheduler_address)
+@pytest.fixture(scope="module")
+def changing_cluster():
+    with make_cluster(0) as made:
+        yield made
+
+
+@pytest.fixture
+def empty_cluster(changing_cluster):
+    """Without workers; a test may give it some."""
+    yield changing_cluster
+    changing_cluster.scale(0)
+    while changing_cluster.scheduler.workers:
+        time.sleep(0.02)
+
+
+def test_a_cluster_without_workers_is_refused(empty_cluster, monkeypatch):
+    monkeypatch.setattr(workers, "CLUSTER_SECONDS", 1.0)
+    message = r"^the Dask cluster at 'tcp://.*' has no workers, not even after 1 s$"
+    with pytest.raises(ValueError, match=message):
+        dask_workers(empty_cluster.scheduler_address)
+
+
+def test_a_cluster_whose_workers_are_only_starting_is_waited_for(empty_cluster):
+    threading.Timer(0.3, empty_cluster.scale, [1]).start()
+    with dask_workers(empty_cluster.scheduler_address) as pool:
+        np.testing.assert_array_equal(pool.evaluate(sums, points(9)).values, sums(points(9)))
 
 
 def takes_long(z):
@@ -138,10 +135,11 @@ def takes_long(z):
     return z.sum(axis=1)
 
 
-def test_a_run_whose_workers_have_all_gone_ends(monkeypatch):
-    monkeypatch.setattr(workers, "CHECK_SECONDS", 0.2)
-    with make_cluster(1) as doomed, dask_workers(doomed.scheduler_address) as pool:
-        threading.Timer(0.5, doomed.scale, [0]).start()
+def test_a_run_whose_workers_have_all_gone_ends(empty_cluster, monkeypatch):
+    monkeypatch.setattr(dispatch, "CHECK_SECONDS", 0.2)
+    empty_cluster.scale(1)
+    with dask_workers(empty_cluster.scheduler_address) as pool:
+        threading.Timer(0.5, empty_cluster.scale, [0]).start()
         with pytest.raises(ValueError, match="workers: none is left"):
             pool.evaluate(takes_long, points(8))
 
@@ -188,29 +186,33 @@ def test_an_address_that_is_none_is_refused(address):
         dask_workers(address)
 
 
-@pytest.fixture
-def run(tmp_path, monkeypatch, tiny_study_file):
-    monkeypatch.chdir(tmp_path)
-    arguments = ["rank", str(tiny_study_file), "--only", "one k", "--out", "result"]
-    return lambda *more: CliRunner().invoke(main, [*arguments, *more])
-
-
 # ArviZ: there are more chains than steps.
 @pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
-def test_the_command_gives_the_same_with_dask(run, address, tmp_path, tiny_study, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.plots.save_figures", lambda directory, *_: directory.mkdir())
+@pytest.mark.usefixtures("no_figures")
+def test_the_command_gives_the_same_with_dask(
+    run, address, tmp_path, tiny_study_file, tiny_study, monkeypatch
+):
     monkeypatch.setattr("bayes_ssi.sampling.SamplingSettings", lambda **_: COARSE)
-    result = run("--dask", address, "--accept-failed-checks")
+    # A batch in fewer parts is there sooner: these take Dask longer than the model.
+    monkeypatch.setattr(dispatch, "PARTS_PER_WORKER", 1)
+    result = run(
+        "rank", tiny_study_file, "--only", "one k", "--dask", address, "--accept-failed-checks",
+        "--out", tmp_path / "result",
+    )  # fmt: skip
     assert (result.exit_code, result.stderr) == (0, "sampled one k\n")
     (found,) = json.loads((tmp_path / "result" / "comparison.json").read_text())["classes"]
     here = bs.rank(tiny_study.only(["one k"]), settings=COARSE).comparison.best
     assert found["log_evidence"] == here.log_evidence
 
 
-def test_a_scheduler_that_does_not_answer_ends_the_command_in_one_line(run):
+def test_a_scheduler_that_does_not_answer_ends_the_command_in_one_line(
+    run, tiny_study_file, monkeypatch
+):
+    assert workers.CLUSTER_SECONDS == 10.0
+    monkeypatch.setattr(workers, "CLUSTER_SECONDS", 1.0)
     begun = time.monotonic()
-    result = run("--dask", "tcp://127.0.0.1:1")
-    assert time.monotonic() - begun < 15.0
-    assert result.exit_code == 2
-    (line,) = result.stderr.splitlines()
-    assert line.startswith("Error: no Dask scheduler answers at 'tcp://127.0.0.1:1': ")
+    result = run("rank", tiny_study_file, "--dask", "tcp://127.0.0.1:1")
+    assert time.monotonic() - begun < 6.0
+    assert_one_line_error(result)
+    said = "Error: no Dask scheduler answers at 'tcp://127.0.0.1:1': "
+    assert result.stderr.startswith(said)

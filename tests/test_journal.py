@@ -5,13 +5,14 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from bayes_ssi.evaluation import Evaluated
-from bayes_ssi.journal import Journal
+from bayes_ssi.journal import Journal, run_of_journal
 
 RUN = {"model class": "each k", "seed": 7}
 HEADER = b'{"format": 1, "run": {"model class": "each k", "seed": 7}}\n'
@@ -263,16 +264,27 @@ def test_a_journal_that_was_refused_is_not_in_use(path):
     Journal(path, RUN).close()
 
 
+@contextmanager
+def process_with_a_journal(path, *lines):
+    """Another process that opens the journal and then runs some lines, until it is ended."""
+    code = (
+        "import os, time",
+        "from bayes_ssi.journal import Journal",
+        f"journal = Journal({str(path)!r}, {RUN!r})",
+        *lines,
+        "time.sleep(60)",
+    )
+    command = [sys.executable, "-c", "\n".join(code)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
 def test_a_process_that_is_killed_uses_its_journal_no_more(path):
     pytest.importorskip("fcntl")
-    code = (
-        "import sys, time\n"
-        "from bayes_ssi.journal import Journal\n"
-        f"journal = Journal({str(path)!r}, {RUN!r})\n"
-        "print('open', flush=True)\n"
-        "time.sleep(60)\n"
-    )
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+    with process_with_a_journal(path, "print('open', flush=True)") as process:
         assert process.stdout.readline() == b"open\n"
         with pytest.raises(ValueError, match="another run is using this checkpoint"):
             Journal(path, RUN)
@@ -284,16 +296,8 @@ def test_a_process_that_is_killed_uses_its_journal_no_more(path):
 def test_children_of_a_process_that_was_killed_do_not_use_its_journal(path):
     """As those of a pool that is forked after the journal was opened."""
     pytest.importorskip("fcntl")
-    code = (
-        "import os, time\n"
-        "from bayes_ssi.journal import Journal\n"
-        f"journal = Journal({str(path)!r}, {RUN!r})\n"
-        "if os.fork():\n"
-        "    time.sleep(60)\n"
-        "print(os.getpid(), flush=True)\n"
-        "time.sleep(60)\n"
-    )
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+    lines = ("if os.fork():", "    time.sleep(60)", "print(os.getpid(), flush=True)")
+    with process_with_a_journal(path, *lines) as process:
         child = int(process.stdout.readline())
         process.kill()
         process.wait()
@@ -301,3 +305,14 @@ def test_children_of_a_process_that_was_killed_do_not_use_its_journal(path):
             Journal(path, RUN).close()
         finally:
             os.kill(child, signal.SIGKILL)
+
+
+def test_what_run_a_journal_is_of_can_be_read_by_others(path):
+    with Journal(path, RUN):
+        assert run_of_journal(path) == RUN
+
+
+@pytest.mark.parametrize("content", [b"", b"\n", HEADER[:-9], b"\xff\n", b"{}\n", b"null\n"])
+def test_what_is_no_journal_is_of_no_run(path, content):
+    path.write_bytes(content)
+    assert run_of_journal(path) == {}

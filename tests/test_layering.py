@@ -14,11 +14,11 @@ PACKAGE = Path(bayes_ssi.__file__).parent
 ORDER = [
     "priors", "parameters", "modal", "structures", "data", "modal_csv", "errors",
     "shape_density", "likelihood", "pairings", "any_pairing", "inferred_pairing", "configuration",
-    "model_class", "configuration_modes",
-    "calibration", "evaluation", "journal", "workers", "target", "mixture", "moves", "maxima",
-    "discovery", "tempering", "regions", "production", "evidence", "sampling", "checks",
-    "posterior", "versions", "checkpoint", "comparison", "study", "sensitivity", "search",
-    "arviz_store", "results", "tables", "plots", "cli",
+    "model_class", "configuration_modes", "calibration", "evaluation", "journal", "in_workers",
+    "dispatch", "workers", "target", "mixture", "moves", "maxima", "discovery", "tempering",
+    "regions", "production", "evidence", "sampling", "checks", "posterior", "versions",
+    "checkpoint", "comparison", "study", "sensitivity", "search", "arviz_store", "results",
+    "tables", "plots", "terminal", "study_argument", "saved_run", "commands", "cli",
 ]  # fmt: skip
 # ModalData.load and save are one line each that hand over to the file format.
 EXCEPTIONS = {("data", "modal_csv")}

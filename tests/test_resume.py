@@ -105,10 +105,12 @@ MOMENTS = {
 }  # fmt: skip
 
 # Forked from one process that has imported what the command needs: that takes it longest.
+# xarray imports distributed, where that is installed, when it writes a file.
 forks = multiprocessing.get_context("forkserver")
 forks.set_forkserver_preload(
-    ["pytest", "arviz", "corner", "dask.array", "emcee", "h5netcdf", "matplotlib.pyplot",
-     "bayes_ssi.plots", "bayes_ssi.tables"]
+    ["pytest", "arviz", "corner", "dask.array", "distributed", "emcee", "h5netcdf.legacyapi",
+     "matplotlib.backends.backend_agg", "matplotlib.pyplot", "rich.progress", "bayes_ssi.moves",
+     "bayes_ssi.plots", "bayes_ssi.results", "bayes_ssi.tables"]
 )  # fmt: skip
 
 

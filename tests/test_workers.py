@@ -1,96 +1,18 @@
-"""Workers: the same values wherever they are computed, and what becomes of workers that die."""
+"""Workers: the same values wherever they are computed, and what cannot be sent or answered."""
 
-import multiprocessing
-import os
-import pickle
-import signal
-import subprocess
-import sys
 import threading
-import time
-from collections import OrderedDict
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from pools import Minimal, own_executor, points, spawning, sums
 
-import bayes_ssi as bs
-from bayes_ssi import workers
-from bayes_ssi.cli import main
+from bayes_ssi import in_workers
 from bayes_ssi.evaluation import evaluate
 from bayes_ssi.study import load_study
 from bayes_ssi.workers import Workers, as_workers, local_workers
 
-DIED = "the worker that evaluated it died"
-# Too short to pass its checks, and as good as any to be compared.
-COARSE = bs.SamplingSettings(log_evidence_error=0.2, particles=64, searches=1, max_steps=5)
-
-
-@pytest.fixture(autouse=True)
-def _nothing_hangs():
-    """Ends a test that waits for workers in vain."""
-
-    def give_up(*_):
-        raise AssertionError("no end in sight")
-
-    before = signal.signal(signal.SIGALRM, give_up)
-    signal.alarm(60)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
-
-
-@pytest.fixture(scope="module")
-def two_workers():
-    with local_workers(2) as pool:
-        yield pool
-
-
-def points(n, d=2):
-    return np.random.default_rng(5).standard_normal((n, d))
-
-
-def sums(z):
-    return z.sum(axis=1)
-
-
-class Minimal(Executor):
-    """As little of an executor as some packages have: ``submit``, and arguments are pickled.
-
-    ``stores`` are the models that its workers hold; the workers take turns.
-    """
-
-    def __init__(self, n_workers=1):
-        self.payloads = []
-        self.stores = [OrderedDict() for _ in range(n_workers)]
-        self.before = workers._models
-
-    def submit(self, function, /, *arguments):
-        function, arguments = pickle.loads(pickle.dumps((function, arguments)))
-        self.payloads += [a for a in arguments if isinstance(a, bytes)]
-        workers._models = self.stores[0]
-        self.stores.append(self.stores.pop(0))
-        future = Future()
-        try:
-            future.set_result(function(*arguments))
-        except (ValueError, ArithmeticError) as error:
-            future.set_exception(error)
-        finally:
-            workers._models = self.before
-        return future
-
-
-@contextmanager
-def own_executor(executor):
-    with executor, as_workers(executor) as pool:
-        yield pool
-
-
-def spawning(n):
-    return ProcessPoolExecutor(n, mp_context=multiprocessing.get_context("spawn"))
-
+pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
 POOLS = {
     "1 process": lambda: local_workers(1),
@@ -142,7 +64,7 @@ def test_a_worker_that_lacks_the_model_asks_for_it():
 def test_models_in_turn_are_not_mixed_up():
     pool = Workers(Minimal(), n_workers=1)
     z = points(5)
-    for power in (1, 2, 1, *range(1, workers.MODELS_KEPT + 2), 1):
+    for power in (1, 2, 1, *range(1, in_workers.MODELS_KEPT + 2), 1):
         found = pool.evaluate(lambda z, power=power: sums(z) ** power, z).values
         np.testing.assert_array_equal(found, sums(z) ** power)
 
@@ -236,60 +158,6 @@ def test_answers_of_the_wrong_shape_are_refused(two_workers):
         two_workers.evaluate(lambda z: z, points(16))
 
 
-def test_a_part_whose_worker_dies_once_is_tried_again(tmp_path):
-    marker = tmp_path / "died"
-
-    def function(z):
-        if not marker.exists():
-            marker.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return sums(z)
-
-    z = points(30)
-    with local_workers(1) as pool:
-        found = pool.evaluate(function, z)
-    assert marker.exists()
-    np.testing.assert_array_equal(found.values, sums(z))
-    assert found.failures == {}
-
-
-def test_a_point_at_which_workers_always_die_is_nan_and_the_others_are_right():
-    def function(z):
-        if (z == 11.0).any():
-            os._exit(1)
-        return sums(z)
-
-    z = points(7)
-    z[3] = 11.0
-    expected = sums(z)
-    expected[3] = np.nan
-    with local_workers(1) as pool:
-        found = pool.evaluate(function, z)
-        again = pool.evaluate(function, z[:3])  # the workers are of use afterwards
-    np.testing.assert_array_equal(found.values, expected)
-    assert found.failures == {3: DIED}
-    np.testing.assert_array_equal(again.values, expected[:3])
-
-
-def dies(_):
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def test_workers_that_always_die_end_the_run(monkeypatch):
-    monkeypatch.setattr(workers, "MAX_DEATHS", 2)
-    with local_workers(1) as pool, pytest.raises(ValueError, match="workers: died 3 times, the"):
-        pool.evaluate(dies, points(8))
-
-
-def test_an_executor_that_was_given_and_breaks_is_not_replaced():
-    with (
-        spawning(1) as executor,
-        as_workers(executor) as pool,
-        pytest.raises(ValueError, match="the executor that was given does not replace it: Broken"),
-    ):
-        pool.evaluate(dies, points(3))
-
-
 def test_an_executor_that_is_shut_down_is_refused():
     executor = ThreadPoolExecutor(1)
     executor.shutdown()
@@ -307,214 +175,36 @@ def test_an_executor_that_was_given_is_not_shut_down():
         assert executor.submit(int, "7").result() == 7
 
 
-def process_ids(z):
-    return np.full(len(z), float(os.getpid()))
+def test_no_points_are_no_work():
+    """Workers are not even made."""
+    pool = Workers(make=lambda: pytest.fail("made"), n_workers=2)
+    found = pool.evaluate(sums, np.empty((0, 2)))
+    assert (found.values.shape, found.failures) == ((0,), {})
+    assert pool.call_each(len, []) == []
 
 
-def is_running(process):
-    try:
-        os.kill(int(process), 0)
-    except ProcessLookupError:
-        return False
-    return True
+def test_answers_of_each_item_come_in_their_order():
+    executor = Minimal(2)
+    done = []
+    items = ["a", "bcd", "", "ef", "ghijk"]
+    found = Workers(executor, n_workers=2).call_each(len, items, done.append)
+    assert found == [1, 3, 0, 2, 5]
+    assert sorted(done) == [0, 1, 2, 3, 4]
 
 
-def test_processes_started_here_are_ended():
-    with local_workers(2) as pool:
-        processes = set(pool.evaluate(process_ids, points(64)).values)
-        assert all(map(is_running, processes))
-        assert os.getpid() not in processes
-    assert not any(map(is_running, processes))
+@pytest.mark.parametrize("n", [1, np.int64(1), np.uint8(1)])
+def test_a_number_of_workers_is_any_integer(n):
+    with as_workers(n) as pool:
+        np.testing.assert_array_equal(pool.evaluate(sums, points(3)).values, sums(points(3)))
 
 
-def test_processes_are_ended_after_an_error_too():
-    processes = []
-
-    def fail():
-        with as_workers(1) as pool:
-            processes.extend(pool.evaluate(process_ids, points(64)).values)
-            pool.evaluate(lambda z: z, points(64))
-
-    with pytest.raises(ValueError, match="expected one value"):
-        fail()
-    assert not any(map(is_running, processes))
+@pytest.mark.parametrize("n", [0, -1, np.int64(0)])
+def test_less_than_one_worker_is_refused(n):
+    with pytest.raises(ValueError, match=f"^workers must be at least 1, got {n}$"), as_workers(n):
+        pass
 
 
-def test_an_interrupted_run_does_not_wait_for_what_is_under_way():
-    def interrupt():
-        time.sleep(0.3)  # the evaluation is under way by then
-        signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
-
-    def sleeps(z):
-        time.sleep(50.0)
-        return sums(z)
-
-    with local_workers(1) as pool:
-        processes = set(pool.evaluate(process_ids, points(64)).values)
-        threading.Thread(target=interrupt).start()
-        begun = time.monotonic()
-        with pytest.raises(KeyboardInterrupt):
-            pool.evaluate(sleeps, points(64))
-    assert time.monotonic() - begun < 15.0
-    assert not any(map(is_running, processes))
-
-
-class Late(Executor):
-    """An executor whose answer comes after so many seconds."""
-
-    def __init__(self, seconds):
-        self.seconds = seconds
-
-    def submit(self, function, /, *arguments):
-        future = Future()
-        timer = threading.Timer(
-            self.seconds, lambda: future.cancelled() or future.set_result(function(*arguments))
-        )
-        timer.daemon = True
-        timer.start()
-        return future
-
-
-def test_a_cluster_that_replaces_its_workers_is_waited_for(monkeypatch):
-    monkeypatch.setattr(workers, "CHECK_SECONDS", 0.2)
-    answers = iter([False, False])
-    pool = Workers(Late(1.0), alive=lambda: next(answers, True))
-    assert pool.evaluate(sums, np.ones((1, 2))).values == [2.0]
-
-
-def test_a_cluster_that_has_lost_all_workers_is_not_waited_for(monkeypatch):
-    monkeypatch.setattr(workers, "CHECK_SECONDS", 0.05)
-    pool = Workers(Late(50.0), alive=lambda: False)
-    with pytest.raises(ValueError, match="workers: none is left"):
-        pool.evaluate(sums, np.ones((1, 2)))
-
-
-NO_WARNINGS = """
-import os
-
-import numpy as np
-
-from bayes_ssi.workers import local_workers
-
-
-def main():
-    def function(z):
-        if (z == 3.0).all():
-            os._exit(1)
-        return z[:, 0]
-
-    with local_workers(1) as pool:
-        print(*pool.evaluate(function, np.arange(5.0)[:, None]).values)
-
-
-main()
-"""
-
-
-def test_no_warnings_and_nothing_left_behind():
-    """Not at the end of the process either, when resources that were forgotten are told."""
-    command = [sys.executable, "-X", "dev", "-W", "error", "-c", NO_WARNINGS]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.stderr == ""
-    assert done.stdout == "0.0 1.0 2.0 nan 4.0\n"
-
-
-def assert_same_posteriors(one, other):
-    for name in ("draws", "log_likelihoods", "frequencies_hz", "maxima"):
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
-    for name in ("evidence", "regions", "n_evaluations", "failed_checks"):
-        assert getattr(one, name) == getattr(other, name)
-
-
-@pytest.fixture(scope="module")
-def one_k(tiny_study):
-    return tiny_study.only(["one k"])
-
-
-def test_ranking_does_not_depend_on_workers(one_k):
-    (here,) = bs.rank(one_k, 7, COARSE).posteriors
-    (there,) = bs.rank(one_k, 7, COARSE, workers=2).posteriors
-    assert_same_posteriors(here, there)
-
-
-def test_sampling_does_not_depend_on_workers(two_workers, one_k):
-    (candidate,) = one_k.model_classes
-    here = bs.sample(candidate, 7, COARSE)
-    assert_same_posteriors(here, bs.sample(candidate, 7, COARSE, workers=two_workers))
-
-
-@pytest.mark.parametrize("run", ["rank", "sample"])
-@pytest.mark.parametrize(
-    ("given", "error", "message"),
-    [
-        (0, ValueError, "workers must be at least 1, got 0"),
-        (True, TypeError, "workers must be a number or an executor, got True"),
-        ("x", TypeError, "workers must be a number or an executor, got 'x'"),
-    ],
-)
-def test_workers_that_make_no_sense_are_refused(one_k, run, given, error, message):
-    what = one_k if run == "rank" else one_k.model_classes[0]
-    with pytest.raises(error, match=message):
-        getattr(bs, run)(what, 7, COARSE, workers=given)
-
-
-class Fragile(bs.ShearBuilding):
-    """A structure that fails where its stiffness is more than 1.5 times the median."""
-
-    def modes(self, values):
-        if (values[:, 0] > 1.5).any():
-            raise ArithmeticError("too stiff")
-        return super().modes(values)
-
-
-def test_failures_in_workers_are_told(two_workers, tiny_study):
-    old = tiny_study.model_classes[0]
-    fragile = bs.ModelClass(
-        "fragile", Fragile(old.structure.masses, old.structure.stiffnesses), old.data, old.error,
-        pairing=old.pairing,
-    )  # fmt: skip
-    study = bs.Study("s", [fragile])
-    (here,) = bs.rank(study, 7, COARSE).posteriors
-    (there,) = bs.rank(study, 7, COARSE, workers=two_workers).posteriors
-    assert_same_posteriors(here, there)
-    (told,) = [check for check in there.failed_checks if "the model failed" in check]
-    how_often, where = told.split("; the first time at k = ")
-    n_failed, n_evaluations = (int(word) for word in how_often.split() if word.isdigit())
-    assert 0 < n_failed < n_evaluations == there.n_evaluations
-    value, reason = where.split(": ", 1)
-    assert float(value) > 1.5
-    assert reason == "ArithmeticError: too stiff"
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
-
-
-# ArviZ: there are more chains than steps.
-@pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
-def test_the_command_gives_the_same_with_workers(run, tiny_study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.plots.save_figures", lambda directory, *_: directory.mkdir())
-    monkeypatch.setattr("bayes_ssi.sampling.SamplingSettings", lambda **_: COARSE)
-    arguments = ("rank", tiny_study_file, "--only", "one k", "--accept-failed-checks", "--out")
-    assert run(*arguments, "here").exit_code == 0
-    assert run(*arguments, "there", "--workers", 2).exit_code == 0
-    here, there = ((tmp_path / name / "comparison.json").read_bytes() for name in ("here", "there"))
-    assert here == there
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--workers", "0"], "0 is not in the range"),
-        (["--workers", "two"], "'two' is not a valid integer"),
-        (["--workers", "2", "--dask", "x"], "--workers and --dask: give one of them"),
-    ],
-)
-def test_options_that_make_no_sense_end_in_one_line(run, tiny_study_file, options, words):
-    result = run("rank", tiny_study_file, *options)
-    assert result.exit_code == 2
-    (line,) = result.stderr.splitlines()
-    assert line.startswith("Error: ")
-    assert words in line
+@pytest.mark.parametrize("n", [True, np.True_, 2.0, np.float64(2.0), "2"])
+def test_what_is_no_integer_is_refused(n):
+    with pytest.raises(TypeError, match=r"^workers must be a number or an exec"), as_workers(n):
+        pass

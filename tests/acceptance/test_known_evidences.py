@@ -140,17 +140,33 @@ LARGER_PROBLEMS = {
 }
 
 
+SEEDS = range(3)
+
+
 @functools.cache
 def sampled(function, d, seed=0):
     return sample_target(Target(function, d), np.random.SeedSequence(seed))
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-@pytest.mark.parametrize(
-    ("function", "d", "log_evidence", "rounding"), PROBLEMS.values(), ids=PROBLEMS
-)
-def test_log_evidence(function, d, log_evidence, rounding, seed):
-    found = sampled(function, d, seed)
+def sample_problem(problem):
+    name, seed = problem
+    function, d, *_ = {**PROBLEMS, **LARGER_PROBLEMS}[name]
+    return sampled(function, d, seed)
+
+
+@pytest.fixture(scope="module")
+def samples(two_workers):
+    """Of every problem that its name and a seed stand for, side by side."""
+    problems = [(name, 0) for name in LARGER_PROBLEMS]
+    problems += [(name, seed) for name in PROBLEMS for seed in SEEDS]
+    return dict(zip(problems, two_workers.call_each(sample_problem, problems), strict=True))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_log_evidence(name, seed, samples):
+    _, _, log_evidence, rounding = PROBLEMS[name]
+    found = samples[name, seed]
     assert found.evidence.error <= 0.02
     for estimate in (found.evidence, found.bridge):
         off = abs(estimate.log_evidence - log_evidence)
@@ -158,21 +174,20 @@ def test_log_evidence(function, d, log_evidence, rounding, seed):
     assert failed_checks(found) == []
 
 
-@pytest.mark.parametrize(
-    ("function", "d", "log_evidence", "rounding"), LARGER_PROBLEMS.values(), ids=LARGER_PROBLEMS
-)
-def test_log_evidence_of_larger_problems(function, d, log_evidence, rounding):
-    found = sampled(function, d)
+@pytest.mark.parametrize("name", LARGER_PROBLEMS)
+def test_log_evidence_of_larger_problems(name, samples):
+    _, _, log_evidence, rounding = LARGER_PROBLEMS[name]
+    found = samples[name, 0]
     for estimate in (found.evidence, found.bridge):
         off = abs(estimate.log_evidence - log_evidence)
         assert off <= min(4.0 * estimate.error, 0.06) + rounding
     assert failed_checks(found) == []
 
 
-@pytest.mark.parametrize("four_regions", FOUR_REGIONS.values(), ids=FOUR_REGIONS)
-def test_shares_of_the_four_regions(four_regions):
-    sample = sampled(four_regions, 4).importance
-    groups = four_regions.parts(sample.z).argmax(axis=1)
+@pytest.mark.parametrize("name", FOUR_REGIONS)
+def test_shares_of_the_four_regions(name, samples):
+    sample = samples[name, 0].importance
+    groups = FOUR_REGIONS[name].parts(sample.z).argmax(axis=1)
     found = np.bincount(groups, sample.weights, minlength=4)
     tolerance = 4.0 * sample.share_errors(groups, 4)
     np.testing.assert_array_less(np.abs(found - SHARES), tolerance)
@@ -180,9 +195,9 @@ def test_shares_of_the_four_regions(four_regions):
 
 @pytest.mark.parametrize("name", ["Beck and Au 2002", "edge of the support"])
 @pytest.mark.parametrize("shift", [1000.0, -1000.0])
-def test_a_constant_moves_the_log_evidence_by_exactly_that(name, shift):
+def test_a_constant_moves_the_log_evidence_by_exactly_that(name, shift, samples):
     function, d, *_ = PROBLEMS[name]
-    here = sampled(function, d).evidence.log_evidence
+    here = samples[name, 0].evidence.log_evidence
     there = sampled(lambda z: function(z) + shift, d).evidence.log_evidence
     assert there - here == pytest.approx(shift, abs=1e-6)
 
@@ -201,11 +216,14 @@ def test_a_prior_a_hundred_times_wider_costs_ln_100():
     )
 
 
-def test_posterior_of_beck_and_au():
+def importance_draws_of_beck_and_au(seed):
+    return sampled(beck_au, 2, seed).importance
+
+
+def test_posterior_of_beck_and_au(two_workers):
     """Mean, standard deviation and P(t1 < 1) from the importance draws of ten seeds."""
     values, weights = [], []
-    for seed in range(10):
-        sample = sampled(beck_au, 2, seed).importance
+    for sample in two_workers.call_each(importance_draws_of_beck_and_au, range(10)):
         t1 = np.exp(0.5102367348 + 0.4978679246 * sample.z[:, 0])
         values.append(np.column_stack([t1, t1**2, t1 < 1.0]))
         weights.append(sample.weights)
@@ -216,9 +234,9 @@ def test_posterior_of_beck_and_au():
     np.testing.assert_array_less(np.abs(means.mean(0) - expected), 4.0 * errors + 2e-4)
 
 
-def test_shares_of_the_two_shells():
+def test_shares_of_the_two_shells(samples):
     shares = []
-    for seed in range(3):
-        sample = sampled(shells, 2, seed).importance
+    for seed in SEEDS:
+        sample = samples["two shells", seed].importance
         shares.append(sample.weights @ (sample.z[:, 0] > 0))
     assert np.mean(shares) == pytest.approx(0.5, abs=0.02)

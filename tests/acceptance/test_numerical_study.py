@@ -37,12 +37,25 @@ def model_class(name):
     return found
 
 
-@functools.cache
 def log_evidence_and_summary(name, seed):
     """Only what the tests ask for is kept; draws would fill the memory."""
     posterior = bs.sample(model_class(name), seed=seed)
-    assert posterior.failed_checks == ()
-    return posterior.evidence, posterior.summary
+    return posterior.evidence, posterior.summary, posterior.failed_checks
+
+
+@pytest.fixture(scope="module")
+def results(two_workers):
+    """Log evidence and summary of a model class for so many seeds, each sampled once."""
+    known = {}
+
+    def found(name, n):
+        have = known.setdefault(name, [])
+        seeds = range(len(have), n)
+        have += two_workers.call_each(functools.partial(log_evidence_and_summary, name), seeds)
+        assert [failed for _, _, failed in have] == [()] * len(have)
+        return [(evidence, summary) for evidence, summary, _ in have[:n]]
+
+    return found
 
 
 def several_maxima():
@@ -62,17 +75,16 @@ def several_maxima():
 
 
 @pytest.mark.parametrize("name", LOG_EVIDENCES)
-def test_log_evidence(name):
-    for seed in SEEDS:
-        evidence, _ = log_evidence_and_summary(name, seed)
+def test_log_evidence(name, results):
+    for evidence, _ in results(name, len(SEEDS)):
         assert evidence.log_evidence == pytest.approx(LOG_EVIDENCES[name], abs=0.02)
         assert evidence.error <= 0.01
 
 
 @pytest.mark.parametrize("name", POSTERIORS)
-def test_posterior_means_and_standard_deviations(name):
+def test_posterior_means_and_standard_deviations(name, results):
     """Ten seeds pooled: the mean of ten estimates has a tenth of the root of their errors."""
-    summaries = [log_evidence_and_summary(name, seed)[1] for seed in SEEDS]
+    summaries = [summary for _, summary in results(name, len(SEEDS))]
     for i, (mean, sd) in enumerate(zip(*POSTERIORS[name], strict=True)):
         for quantity, expected in (("mean", mean), ("sd", sd)):
             found = np.mean([getattr(summary[i], quantity) for summary in summaries])
@@ -83,23 +95,23 @@ def test_posterior_means_and_standard_deviations(name):
             assert found == pytest.approx(expected, abs=3.0 * error)
 
 
-def test_error_bars_are_those_of_the_scatter():
+def test_error_bars_are_those_of_the_scatter(results):
     """Forty seeds: what an error bar claims is what the results do."""
-    results = [log_evidence_and_summary("1-a", seed) for seed in range(40)]
-    log_evidences = np.array([evidence.log_evidence for evidence, _ in results])
-    reported = np.mean([evidence.error for evidence, _ in results])
+    found = results("1-a", 40)
+    log_evidences = np.array([evidence.log_evidence for evidence, _ in found])
+    reported = np.mean([evidence.error for evidence, _ in found])
     ratio = reported / log_evidences.std(ddof=1)
     assert 0.7 < ratio < 1.5
     # The errors are normal: so many lie within one error bar, to 3 binomial standard errors.
     within = np.abs(log_evidences - log_evidences.mean()) < reported
     expected = math.erf(ratio / math.sqrt(2.0))
     assert within.mean() == pytest.approx(
-        expected, abs=3.0 * math.sqrt(expected * (1.0 - expected) / len(results))
+        expected, abs=3.0 * math.sqrt(expected * (1.0 - expected) / len(found))
     )
     for i in range(3):
         for quantity in ("mean", "sd"):
-            values = [getattr(summary[i], quantity) for _, summary in results]
-            claimed = np.mean([getattr(summary[i], f"{quantity}_error") for _, summary in results])
+            values = [getattr(summary[i], quantity) for _, summary in found]
+            claimed = np.mean([getattr(summary[i], f"{quantity}_error") for _, summary in found])
             assert 0.7 < claimed / np.std(values, ddof=1) < 1.5
 
 
@@ -112,21 +124,34 @@ def test_the_correct_model_is_certain():
     assert ranking.comparison.failed_checks == ()
 
 
-@pytest.mark.parametrize("name", ON_FREQUENCIES)
-def test_log_evidence_from_frequencies_alone(name):
+def evidence_from_frequencies_alone(name, seed):
     whole = model_class(name)
     bare = bs.ModelClass(
         name, whole.structure, whole.data.without_shapes(), whole.error, pairing=whole.pairing
     )
-    for seed in range(4):
-        evidence = bs.sample(bare, seed=seed).evidence
+    return bs.sample(bare, seed=seed).evidence
+
+
+@pytest.mark.parametrize("name", ON_FREQUENCIES)
+def test_log_evidence_from_frequencies_alone(name, two_workers):
+    sample = functools.partial(evidence_from_frequencies_alone, name)
+    for evidence in two_workers.call_each(sample, range(4)):
         assert evidence.log_evidence == pytest.approx(ON_FREQUENCIES[name], abs=0.02)
 
 
+def sample_several_maxima(seed):
+    return bs.sample(several_maxima(), seed=seed)
+
+
+@pytest.fixture(scope="module")
+def samples_of_several_maxima(two_workers):
+    return two_workers.call_each(sample_several_maxima, SEEDS)
+
+
 @pytest.mark.parametrize("seed", SEEDS)
-def test_several_maxima(seed):
+def test_several_maxima(seed, samples_of_several_maxima):
     """No place that fits is lost, and each has its share."""
-    found = bs.sample(several_maxima(), seed=seed)
+    found = samples_of_several_maxima[seed]
     assert found.evidence.log_evidence == pytest.approx(2.694, abs=0.03)
     k1, _, k3, _ = found.values.T
     far, near = k1 > 1.8, (k1 < 1.8) & (k3 > 1.06)

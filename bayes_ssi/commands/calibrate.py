@@ -1,0 +1,57 @@
+"""``bayes-ssi calibrate``: the minima of the paper's objective."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from bayes_ssi.study_argument import load, study_argument
+from bayes_ssi.terminal import console, say
+
+__all__ = ["calibrate"]
+
+
+@click.command()
+@study_argument
+@click.option("--only", metavar="NAME,…", help="Calibrate only these model classes.")
+@click.option("--shape-weight", type=float,
+              help="λ: weight of shapes relative to frequencies, 0 leaves them out; "
+              "σ_f/σ_φ of the class's error model if not given.")  # fmt: skip
+@click.option("--starts", type=int, default=64, show_default=True, help="Local searches.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
+              help="Seed of the starts.")  # fmt: skip
+def calibrate(
+    study: Path, only: str | None, shape_weight: float | None, starts: int, seed: int
+) -> None:
+    """List every distinct minimum of the paper's objective for the model classes of STUDY."""
+    from bayes_ssi.calibration import NothingToCalibrateError
+    from bayes_ssi.calibration import calibrate as calibrate_class
+    from bayes_ssi.tables import calibration_modes_table, calibration_table
+
+    where = console()
+    candidates = load(study, only).model_classes
+    for candidate in candidates:
+        try:
+            found = calibrate_class(candidate, shape_weight, n_starts=starts, seed=seed)
+        except NothingToCalibrateError as error:
+            if len(candidates) == 1:
+                raise
+            say(where, f"(!) {error}")
+            continue
+        where.print(calibration_table(found))
+        where.print(calibration_modes_table(found))
+        if found.undetermined_directions:
+            where.print(
+                f"(!) the data leave {found.undetermined_directions} direction(s) of the "
+                "parameters undetermined: minimum 1 is the point of a surface of equally "
+                "good ones that lies nearest to the prior median"
+            )
+        elif _is_not_unique([fit.objective for fit in found.minima]):
+            where.print("(!) the fit is not unique: several minima are equally good")
+        where.print()
+
+
+def _is_not_unique(objectives: list[float]) -> bool:
+    """Whether the second minimum fits as well as the first, for any practical purpose."""
+    return len(objectives) > 1 and objectives[1] <= 1.01 * objectives[0] + 1e-6

@@ -1,0 +1,52 @@
+"""``bayes-ssi rank``: the model classes of a study, ranked by evidence."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import click
+
+from bayes_ssi.saved_run import SavedRun, notes_of, run_options
+from bayes_ssi.study_argument import load, study_argument
+from bayes_ssi.terminal import console, say
+
+__all__ = ["rank"]
+
+
+@click.command()
+@study_argument
+@click.option("--only", metavar="NAME,…", help="Rank only these model classes.")
+@click.option("--any-pairing", is_flag=True,
+              help="Infer which identified mode is which model mode; classes that differ in "
+              "nothing else become one.")  # fmt: skip
+@run_options
+def rank(study: Path, only: str | None, any_pairing: bool, run: SavedRun) -> None:
+    """Sample every model class of STUDY, rank them by evidence, and save the result.
+
+    A run that was stopped goes on when the same command is given again. Workers share the
+    evaluations of one model, which pays where one takes milliseconds or more.
+    """
+    from bayes_ssi.study import rank as rank_study
+
+    loaded = load(study, only)
+    if any_pairing:
+        loaded = loaded.with_any_pairing()
+    loaded.require_same_data()
+    _, result = run.sample_and_save(
+        partial(rank_study, loaded),
+        loaded,
+        study,
+        name=study.stem,
+        options=("rank",),
+        ranking=lambda found: found,
+    )
+
+    from bayes_ssi.tables import evidence_table, parameter_table, ranking_table
+
+    where = console()
+    where.print(ranking_table(result.comparison, loaded.name))
+    where.print(evidence_table(result.ranked_posteriors))
+    where.print(parameter_table(result.ranked_posteriors[0]))
+    say(where, *notes_of(result))
+    run.end(result)

@@ -1,0 +1,97 @@
+"""``bayes-ssi search``: appendages that hide in the identified modes of a study."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import click
+
+from bayes_ssi.saved_run import SavedRun, notes_of, run_options
+from bayes_ssi.study_argument import load, study_argument
+from bayes_ssi.terminal import console, say
+
+__all__ = ["search"]
+
+
+@click.command()
+@study_argument
+@click.option(
+    "--baseline",
+    metavar="NAME",
+    help="Model class to hang appendages on; the study's first if not given.",
+)
+@click.option(
+    "--mass-ratio",
+    type=(float, float),
+    metavar="MEDIAN COV",
+    default=(0.05, 1.0),
+    show_default=True,
+    help="Lognormal prior of the mass that vibrates over the mean floor mass.",
+)
+@click.option(
+    "--frequency",
+    type=(float, float),
+    metavar="LOW HIGH",
+    help="Log-uniform prior of an appendage's frequency in Hz; from half the lowest "
+    "identified frequency to the band's upper limit if not given.",
+)
+@click.option(
+    "--most",
+    type=click.IntRange(min=1),
+    default=2,
+    show_default=True,
+    help="Largest number of appendages at once.",
+)
+@run_options
+def search(
+    study: Path,
+    baseline: str | None,
+    mass_ratio: tuple[float, float],
+    frequency: tuple[float, float] | None,
+    most: int,
+    run: SavedRun,
+) -> None:
+    """Search for appendages that hide in the identified modes of STUDY.
+
+    Hypotheses (no appendage; a pendulum on each floor; an infill in each storey; then two) are
+    built on one model class, which should hold none itself, and ranked over all pairings of
+    modes. Workers sample whole hypotheses side by side.
+    """
+    from bayes_ssi.priors import LogNormal, LogUniform
+    from bayes_ssi.search import AppendageSearch, SearchSettings, search_record
+    from bayes_ssi.search import search as search_appendages
+
+    loaded = load(study)
+    if baseline is not None:
+        loaded = loaded.only([baseline])
+    options = SearchSettings(
+        mass_ratio=LogNormal(*mass_ratio),
+        frequency=None if frequency is None else LogUniform(*frequency),
+        number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
+    )
+
+    def draw(found: AppendageSearch, directory: Path) -> None:
+        from bayes_ssi.plots import save_places
+
+        save_places(found, directory / "places.png")
+
+    found, result = run.sample_and_save(
+        partial(search_appendages, loaded.model_classes[0], options),
+        loaded,
+        study,
+        name=f"{study.stem}_search",
+        options=("search", options),
+        ranking=lambda found: found.ranking,
+        extra=lambda found: {"search.json": search_record(found)},
+        draw=draw,
+        is_leftover=AppendageSearch.may_have,
+    )
+
+    from bayes_ssi.tables import averaged_table, search_notes, search_table
+
+    where = console()
+    where.print(search_table(found))
+    where.print(averaged_table(found))
+    say(where, *search_notes(found), *notes_of(result, best_only=True))
+    run.end(result)
