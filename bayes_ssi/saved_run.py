@@ -7,8 +7,9 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import click
 
@@ -16,14 +17,25 @@ from bayes_ssi.terminal import console, progress_bars, say
 
 if TYPE_CHECKING:
     from bayes_ssi.results import StoredResult
+    from bayes_ssi.sensitivity import Sensitivity
     from bayes_ssi.study import Ranking, Study
+    from bayes_ssi.workers import Workers
 
-__all__ = ["FAILED_CHECK", "SavedRun", "notes_of", "run_options"]
+__all__ = ["FAILED_CHECK", "Saved", "SavedRun", "notes_of", "run_options"]
 
 FAILED_CHECK = 3
 RESULTS = Path("runs") / "results"
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Saved(Generic[T]):
+    """What was sampled, what was saved of it, and how its ranking moves, where it was asked."""
+
+    found: T
+    result: StoredResult
+    sensitivity: Sensitivity | None
 
 
 @dataclass(frozen=True)
@@ -37,6 +49,7 @@ class SavedRun:
     workers: int | None
     dask: str | None
     accept_failed_checks: bool
+    sensitivity: bool
 
     def sample_and_save(
         self,
@@ -50,7 +63,7 @@ class SavedRun:
         extra: Callable[[T], Mapping[str, Any]] | None = None,
         draw: Callable[[T, Path], object] | None = None,
         is_leftover: Callable[[T, str], bool] | None = None,
-    ) -> tuple[T, StoredResult]:
+    ) -> Saved[T]:
         """Sample, and save the ranking that this gives, with figures.
 
         A run that was stopped goes on from its checkpoint beside the result directory.
@@ -70,6 +83,7 @@ class SavedRun:
         from bayes_ssi.plots import save_figures
         from bayes_ssi.results import require_new, save_result
         from bayes_ssi.sampling import SamplingSettings
+        from bayes_ssi.sensitivity import sensitivity_record
         from bayes_ssi.workers import dask_workers
 
         if self.workers is not None and self.dask is not None:
@@ -90,9 +104,13 @@ class SavedRun:
         ):
             try:
                 found = sample(self.seed, settings, report, workers=pool, checkpoint=checkpoint)
+                moved = self._sensitivity(ranking(found), pool, report)
             except KeyboardInterrupt:
                 click.echo("Stopped; the same command goes on from here.", err=True)
                 raise
+        further = dict(extra(found)) if extra else {}
+        if moved is not None:
+            further["sensitivity.json"] = sensitivity_record(moved)
         require_new(directory, overwrite=overwrite)
         checkpoint.begin_saving()
         result = save_result(
@@ -101,19 +119,40 @@ class SavedRun:
             study_file=str(study_file),
             overwrite=overwrite,
             accept_failed_checks=self.accept_failed_checks,
-            extra=extra(found) if extra else {},
+            extra=further,
         )
-        save_figures(_figures(result), result.data, result.ranked_posteriors, result.comparison)
+        save_figures(_figures(result), result.tests, result.ranked_posteriors, result.comparison)
         if draw:
             draw(found, _figures(result))
         names = set(ranking(found).study.names)
         if is_leftover:
             names.update(each for each in checkpoint.names() if is_leftover(found, each))
         checkpoint.remove(names)
-        return found, result
+        return Saved(found, result, moved)
 
-    def end(self, result: StoredResult) -> None:
-        """Say where the result is, and exit as its checks demand."""
+    def _sensitivity(
+        self,
+        ranking: Ranking,
+        pool: int | Workers | None,
+        report: Callable[[str, str, float], None],
+    ) -> Sensitivity | None:
+        from bayes_ssi.sensitivity import sensitivity
+
+        if not self.sensitivity:
+            return None
+        return sensitivity(ranking, progress=partial(report, "sensitivity"), workers=pool)
+
+    def end(self, saved: Saved[Any]) -> None:
+        """Say how the ranking moves, where it was asked, and where the result is; then exit.
+
+        The exit code is as the checks demand.
+        """
+        from bayes_ssi.tables import sensitivity_notes, sensitivity_table
+
+        result = saved.result
+        if saved.sensitivity is not None:
+            console().print(sensitivity_table(saved.sensitivity))
+            say(console(), *sensitivity_notes(saved.sensitivity))
         n_figures = len(list(_figures(result).iterdir()))
         say(console(), f"Saved in {result.directory}, with {n_figures} figures.")
         if result.comparison.failed_checks and not self.accept_failed_checks:
@@ -136,6 +175,9 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
                      help="Evaluate on a Dask cluster, by its scheduler's address."),
         click.option("--workers", type=click.IntRange(min=1), metavar="N",
                      help="Evaluate in N processes on this machine."),
+        click.option("--sensitivity", is_flag=True,
+                     help="Rank again with every setting halved and doubled: missed and spurious "
+                     "modes, error sizes, widths of priors."),
         click.option("--overwrite", is_flag=True,
                      help="Replace a result, or an unfinished run, that exists."),
         click.option("--out", type=click.Path(path_type=Path),

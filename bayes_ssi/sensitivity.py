@@ -141,7 +141,7 @@ def sensitivity(
         ranking: as it is.
         variations: :func:`default_variations` if None.
         settings: of the classes that are sampled anew; by default to 0.03 nats.
-        progress: called with the name of each variation and the share of all that are done.
+        progress: called after each variation with its name and the share of all that are done.
         workers: where classes are sampled anew; here if None.
 
     Raises:
@@ -155,9 +155,9 @@ def sensitivity(
     rows = [_row("as it is", ranking, {p.name: _quoted(p) for p in ranking.posteriors})]
     with as_workers(workers) as pool:
         for done, variation in enumerate(variations):
-            if progress is not None:
-                progress(variation.name, done / len(variations))
             rows.append(_varied(ranking, variation, settings or SETTINGS, pool))
+            if progress is not None:
+                progress(variation.name, (done + 1) / len(variations))
     return Sensitivity(tuple(rows))
 
 

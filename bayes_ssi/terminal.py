@@ -109,7 +109,7 @@ def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
         def show(name: str, step: str, done: float) -> None:
             if name not in tasks:
                 tasks[name] = progress.add_task(name, total=1.0, step="")
-            begin, end = STEPS[step]
+            begin, end = STEPS.get(step, (0.0, 1.0))  # other steps are told as a whole
             progress.update(tasks[name], completed=begin + done * (end - begin), step=step)
 
         yield show

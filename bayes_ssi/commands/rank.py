@@ -33,7 +33,7 @@ def rank(study: Path, only: str | None, any_pairing: bool, run: SavedRun) -> Non
     if any_pairing:
         loaded = loaded.with_any_pairing()
     loaded.require_same_data()
-    _, result = run.sample_and_save(
+    saved = run.sample_and_save(
         partial(rank_study, loaded),
         loaded,
         study,
@@ -42,6 +42,7 @@ def rank(study: Path, only: str | None, any_pairing: bool, run: SavedRun) -> Non
         ranking=lambda found: found,
     )
 
+    result = saved.result
     from bayes_ssi.tables import evidence_table, parameter_table, ranking_table
 
     where = console()
@@ -49,4 +50,4 @@ def rank(study: Path, only: str | None, any_pairing: bool, run: SavedRun) -> Non
     where.print(evidence_table(result.ranked_posteriors))
     where.print(parameter_table(result.ranked_posteriors[0]))
     say(where, *notes_of(result))
-    run.end(result)
+    run.end(saved)

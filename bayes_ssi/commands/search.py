@@ -76,7 +76,7 @@ def search(
 
         save_places(found, directory / "places.png")
 
-    found, result = run.sample_and_save(
+    saved = run.sample_and_save(
         partial(search_appendages, loaded.model_classes[0], options),
         loaded,
         study,
@@ -88,10 +88,11 @@ def search(
         is_leftover=AppendageSearch.may_have,
     )
 
+    found, result = saved.found, saved.result
     from bayes_ssi.tables import averaged_table, search_notes, search_table
 
     where = console()
     where.print(search_table(found))
     where.print(averaged_table(found))
     say(where, *search_notes(found), *notes_of(result, best_only=True))
-    run.end(result)
+    run.end(saved)

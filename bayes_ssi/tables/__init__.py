@@ -1,0 +1,31 @@
+"""Results as tables for a terminal."""
+
+from bayes_ssi.tables.calibration import calibration_modes_table, calibration_table
+from bayes_ssi.tables.modes import modes_table
+from bayes_ssi.tables.ranking import (
+    comparison_notes,
+    evidence_table,
+    pairing_notes,
+    parameter_table,
+    ranking_table,
+    region_notes,
+)
+from bayes_ssi.tables.search import averaged_table, search_notes, search_table
+from bayes_ssi.tables.sensitivity import sensitivity_notes, sensitivity_table
+
+__all__ = [
+    "averaged_table",
+    "calibration_modes_table",
+    "calibration_table",
+    "comparison_notes",
+    "evidence_table",
+    "modes_table",
+    "pairing_notes",
+    "parameter_table",
+    "ranking_table",
+    "region_notes",
+    "search_notes",
+    "search_table",
+    "sensitivity_notes",
+    "sensitivity_table",
+]
