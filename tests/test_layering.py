@@ -17,7 +17,7 @@ ORDER = [
     "calibration", "evaluation", "journal", "workers", "target", "mixture", "moves", "maxima",
     "discovery", "tempering", "regions", "production", "evidence", "sampling", "checks",
     "posterior", "versions", "checkpoint", "comparison", "study", "search", "arviz_store",
-    "results", "tables", "plots", "cli",
+    "results", "tables", "figure_style", "plots", "cli",
 ]  # fmt: skip
 # ModalData.load and save are one line each that hand over to the file format.
 EXCEPTIONS = {("data", "modal_csv")}
