@@ -12,15 +12,16 @@ import bayes_ssi
 PACKAGE = Path(bayes_ssi.__file__).parent
 # Each may import those above it.
 ORDER = [
-    "priors", "parameters", "modal", "structures", "data", "modal_csv", "errors",
+    "priors", "parameters", "modal", "structures", "ground_motion", "ground_motion_files",
+    "time_stepping", "response", "data", "modal_csv", "errors",
     "shape_density", "likelihood", "pairings", "any_pairing", "inferred_pairing", "model_class",
     "calibration", "evaluation", "journal", "workers", "target", "mixture", "moves", "maxima",
     "discovery", "tempering", "regions", "production", "evidence", "sampling", "checks",
     "posterior", "versions", "checkpoint", "comparison", "study", "search", "arviz_store",
     "results", "tables", "figure_style", "plots", "cli",
 ]  # fmt: skip
-# ModalData.load and save are one line each that hand over to the file format.
-EXCEPTIONS = {("data", "modal_csv")}
+# Methods load and save are one line each that hand over to the file format.
+EXCEPTIONS = {("data", "modal_csv"), ("ground_motion", "ground_motion_files")}
 HEAVY = {"matplotlib", "arviz", "corner", "emcee"}
 SOURCES = sorted(p for p in PACKAGE.rglob("*.py") if p.parent != PACKAGE or p.stem != "__init__")
 

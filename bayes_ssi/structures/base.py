@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_ssi.modal import Modes
+from bayes_ssi.modal import ModalModel, Modes
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.priors import FloatArray
 
@@ -18,7 +18,8 @@ class Structure(ABC):
     """A structure with uncertain parameters.
 
     Everything above this class (likelihood, calibration, sampling, reports) asks only these
-    four questions and does not know how modes are computed.
+    questions and does not know how modes are computed. The first four must be answered;
+    :meth:`modal_model` by those whose response is asked for.
     """
 
     @property
@@ -47,6 +48,25 @@ class Structure(ABC):
         batch may be evaluated in parts. Where there are no modes, give NaN, or raise: a row that
         raises counts as failed, and the others are evaluated without it.
         """
+
+    def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - no answer here
+        """The modes at unit modal mass, and how the ground's motion drives them.
+
+        All that a response needs; K and M stay inside. :func:`~bayes_ssi.modal.modal_model` makes
+        the answer from modes in any scale and the product of the mass matrix with them. Rows as
+        in :meth:`modes`.
+
+        Args:
+            values: (B, n_parameters), columns as in :attr:`parameters`.
+
+        Raises:
+            TypeError: the structure does not know its masses.
+        """
+        raise TypeError(
+            f"structure {type(self).__name__} gives frequencies and shapes but no masses, so its "
+            "response cannot be computed; give it a method modal_model(values), as described in "
+            "bayes_ssi.structures.Structure"
+        )
 
     def sensor_rows(self, sensors: Sequence[str]) -> list[int]:
         """The degree of freedom, as a row of the mode shapes, that each sensor measures.

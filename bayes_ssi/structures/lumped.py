@@ -15,7 +15,7 @@ from typing import Self
 
 import numpy as np
 
-from bayes_ssi.modal import Modes, solve_modes
+from bayes_ssi.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.parameters import Parameter, Product, ProductTable, collect_parameters
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.structures.base import Structure
@@ -129,6 +129,11 @@ class LumpedStructure(Structure):
             frequencies = np.broadcast_to(frequencies, (len(values), self.n_modes))
             shapes = np.broadcast_to(shapes, (len(values), *shapes.shape[1:]))
         return Modes(frequencies, shapes)
+
+    def modal_model(self, values: FloatArray) -> ModalModel:
+        """As :meth:`Structure.modal_model`; every degree of freedom moves along with the ground."""
+        modes = self.modes(values)
+        return modal_model(modes, self._mass.evaluate(values)[:, :, None] * modes.shapes)
 
     def matrices(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Stiffness (B, n, n) and the diagonal of the mass matrix (B, n) for ``values``.
