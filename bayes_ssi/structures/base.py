@@ -83,6 +83,15 @@ class Structure(ABC):
             )
         return [row[sensor] for sensor in sensors]
 
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        """The degrees of freedom that are no part of the main structure; drawings mark them."""
+        return ()
+
+    def heights(self) -> dict[str, float]:
+        """Degree of freedom → where a drawing puts it, in storeys above the ground."""
+        return {label: float(i) for i, label in enumerate(self.degrees_of_freedom, 1)}
+
     def medians(self) -> FloatArray:
         """Every parameter at its prior median, as one row of ``values`` (1, n_parameters)."""
         return np.array([[p.prior.quantile(0.5) for p in self.parameters]])

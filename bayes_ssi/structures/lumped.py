@@ -130,6 +130,25 @@ class LumpedStructure(Structure):
             shapes = np.broadcast_to(shapes, (len(values), *shapes.shape[1:]))
         return Modes(frequencies, shapes)
 
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        return self.degrees_of_freedom[len(self.main_degrees_of_freedom()) :]
+
+    def heights(self) -> dict[str, float]:
+        """As :meth:`Structure.heights`; an appendage is drawn amid the places that it hangs on."""
+        found = {label: float(i) for i, label in enumerate(self.main_degrees_of_freedom(), 1)}
+        for element in self.elements:
+            own = element.own_degree_of_freedom
+            if own is None:
+                continue
+            places = [place for spring in element.springs() for place, _ in spring.direction]
+            floors = [self._index(place) for place in places if place != own]
+            at = [0.0 if floor is None else floor + 1.0 for floor in floors]
+            found[own] = sum(at) / len(at)
+            if found[own] in at:  # beside a floor: a little above it
+                found[own] += 0.35
+        return found
+
     def modal_model(self, values: FloatArray) -> ModalModel:
         """As :meth:`Structure.modal_model`; every degree of freedom moves along with the ground."""
         modes = self.modes(values)
