@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from bayes_ssi.class_draws import DRAWS, ClassDraws, class_draws
 from bayes_ssi.comparison import Comparison
 from bayes_ssi.ground_motion import GroundMotion
-from bayes_ssi.modal import Modes
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.priors import FloatArray
@@ -25,29 +24,22 @@ from bayes_ssi.response import (
     Damping,
     Output,
     peak_responses,
-    row_of,
     time_histories,
     transfer_functions,
 )
 from bayes_ssi.structures.base import Structure
 
 __all__ = [
+    "AVERAGE",
     "Band",
-    "ClassDraws",
     "Prediction",
     "Predictions",
-    "class_draws",
     "predict_average",
     "predict_class",
 ]
 
-DRAWS = 1000
-# Numbers that one batch of draws may hold: a large structure is asked for a few draws at once.
-BATCH_NUMBERS = 20_000_000
-# Frequencies at stored draws that another machine, or a refined solver, gives again.
-SAME_FREQUENCY = 1e-6
-# Stored draws at which a structure is asked whether it is still the one that was sampled.
-CHECKED_DRAWS = 8
+# Name of predictions that are averaged over model classes.
+AVERAGE = "average"
 
 
 class Band(NamedTuple):
@@ -85,76 +77,6 @@ class Prediction:
             raise ValueError(f"band: level must lie strictly between 0 and 1, got {level!r}")
         tail = 0.5 * (1.0 - level)
         return Band(*np.quantile(self.draws, [tail, 0.5, 1.0 - tail], axis=0))
-
-
-@dataclass(frozen=True, eq=False)
-class ClassDraws:
-    """Draws of the parameters of one model class's structure.
-
-    Attributes:
-        name: of the model class.
-        structure: its structure.
-        pairing: label of an identified mode → number of the model mode, from 1.
-        values: (n_draws, n_parameters) of the structure.
-    """
-
-    name: str
-    structure: Structure
-    pairing: Mapping[str, int]
-    values: FloatArray
-
-    @cached_property
-    def modes(self) -> Modes:
-        """Modes at all draws, shapes at all degrees of freedom."""
-        return Modes(*self.structure.modes(self.values))
-
-    def batches(self, numbers_per_draw: int = 0) -> Iterator[FloatArray]:
-        """The draws in parts that a computation can hold in memory."""
-        size = len(self.structure.degrees_of_freedom) * self.structure.n_modes
-        rows = max(1, BATCH_NUMBERS // max(size, numbers_per_draw))
-        for start in range(0, len(self.values), rows):
-            yield self.values[start : start + rows]
-
-
-def class_draws(posterior: Posterior, model_class: ModelClass, n_draws: int = DRAWS) -> ClassDraws:
-    """Draws of a posterior, thinned evenly to ``n_draws``, with the class's structure.
-
-    Args:
-        posterior: the draws, perhaps read from a file.
-        model_class: the class that they are of.
-        n_draws: how many.
-
-    Raises:
-        ValueError: there is no draw to take, or the class is not the one that was sampled: it
-            has other parameters, or other frequencies at the stored draws.
-    """
-    if n_draws < 1:
-        raise ValueError(f"predictions: the number of draws must be at least 1, got {n_draws!r}")
-    names = [parameter.name for parameter in model_class.structure.parameters]
-    changed = f"model class {posterior.name!r} is not the one that was sampled"
-    missing = [name for name in names if name not in posterior.parameter_names]
-    if missing:
-        raise ValueError(
-            f"{changed}: its structure has a parameter {missing[0]!r}, the stored ones are "
-            f"{', '.join(map(repr, posterior.parameter_names))}"
-        )
-    columns = [posterior.parameter_names.index(name) for name in names]
-    at = np.arange(n_draws) * len(posterior.values) // n_draws
-    values = posterior.values[at][:, columns]
-
-    stored = posterior.frequencies_hz.reshape(len(posterior.values), -1)[at[:CHECKED_DRAWS]]
-    found = model_class.structure.modes(values[:CHECKED_DRAWS]).frequencies_hz
-    if found.shape != stored.shape or not np.allclose(found, stored, rtol=SAME_FREQUENCY, atol=0):
-        raise ValueError(
-            f"{changed}: at a stored draw its structure has the frequencies "
-            f"{_listed(found[0])} Hz, stored are {_listed(stored[0])} Hz"
-        )
-    return ClassDraws(posterior.name, model_class.structure, posterior.pairing, values)
-
-
-def _listed(frequencies: FloatArray) -> str:
-    shown = ", ".join(f"{frequency:.4g}" for frequency in frequencies[:6])
-    return shown + (", ..." if len(frequencies) > 6 else "")
 
 
 def predict_class(
@@ -195,7 +117,7 @@ def predict_average(
         for name, count in zip(names, counts, strict=True)
         if count
     )
-    return Predictions("average over model classes", classes)
+    return Predictions(AVERAGE, classes)
 
 
 def _shares(probabilities: Sequence[float], total: int) -> list[int]:
@@ -235,10 +157,9 @@ class Predictions:
         Raises:
             ValueError: there is no such mode.
         """
-        found = [
-            each.modes.frequencies_hz[:, number - 1] for each, number in self._classes_with(mode)
-        ]
-        return self._joined(found)
+        return self._joined(
+            [each.frequencies_hz[:, number - 1] for each, number in self._classes_with(mode)]
+        )
 
     def shapes(
         self, mode: str | int, places: Sequence[str], unit_over: Sequence[str] | None = None
@@ -259,8 +180,7 @@ class Predictions:
         found = []
         for each, number in self._classes_with(mode):
             with _named(each):
-                rows = [row_of(each.structure, place) for place in places]
-            found.append(each.modes.shapes[:, rows, number - 1])
+                found.append(each.shapes(number, places))
         joined = self._joined(found)
         over = places if unit_over is None else unit_over
         for place in over:

@@ -35,8 +35,9 @@ __all__ = [
 WIDE = (6.4, 3.2)  # inches
 # A band is told from the next one by colour, by lightness and by the line of its median.
 BANDS = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (VERMILION, ":"))
-# Half the width of a building, in the unit of the shapes that are drawn on it.
-HALF_WIDTH = 1.0
+# Half the width of a building, in the unit of the shapes that are drawn on it, and how far from its
+# axis anything is drawn: appendages may move many times as far as floors.
+HALF_WIDTH, REACH = 0.7, 2.1
 
 
 def plot_transfer_functions(
@@ -46,6 +47,7 @@ def plot_transfer_functions(
     *,
     reference: tuple[str, FloatArray] | None = None,
     quantity: str = "amplitude",
+    legend: bool = True,
 ) -> Axes:
     """Amplitudes of transfer functions with their bands, on a logarithmic axis.
 
@@ -55,6 +57,7 @@ def plot_transfer_functions(
         ax: axes; new ones if None.
         reference: name and amplitude (F,) of what the bands are held against, a black line.
         quantity: what the amplitude is, with its unit.
+        legend: whether to draw one.
     """
     ax = axes_of(ax, WIDE)
     _bands(ax, frequencies_hz, bands)
@@ -65,7 +68,8 @@ def plot_transfer_functions(
     ax.set_xlabel("frequency (Hz)")
     ax.set_ylabel(quantity)
     ax.grid(alpha=0.3)
-    legend_below(ax, columns=2)
+    if legend:
+        legend_below(ax, columns=2)
     return ax
 
 
@@ -76,6 +80,7 @@ def plot_time_history(
     *,
     reference: tuple[str, FloatArray] | None = None,
     quantity: str = "response",
+    legend: bool = True,
 ) -> Axes:
     """Time histories with the envelope of their draws.
 
@@ -90,7 +95,8 @@ def plot_time_history(
     ax.set_xlabel("time (s)")
     ax.set_ylabel(quantity)
     ax.grid(alpha=0.3)
-    legend_below(ax, columns=2)
+    if legend:
+        legend_below(ax, columns=2)
     return ax
 
 
@@ -114,6 +120,9 @@ def plot_shape(
 ) -> Axes:
     """A mode shape as the deformed building: floors and columns, appendages marked, with bands.
 
+    An appendage that moves further than the axes reach is an arrow at their edge, its component
+    and band written beside it.
+
     Args:
         structure: says at which height each degree of freedom is drawn.
         places: degrees of freedom of the shape.
@@ -131,7 +140,7 @@ def plot_shape(
     y = np.array([0.0, *(heights[places[i]] for i in floors)])
     low, median, high = (np.r_[0.0, part[floors]] for part in shape)
     ax.axvline(0.0, color=GREY, linewidth=0.6, linestyle=":")
-    ax.plot([-1.6 * HALF_WIDTH, 1.6 * HALF_WIDTH], [0, 0], color="black", linewidth=2.0)
+    ax.plot([-0.9 * REACH, 0.9 * REACH], [0, 0], color="black", linewidth=2.0)
     for k, side in enumerate((-HALF_WIDTH, HALF_WIDTH)):
         ax.fill_betweenx(y, low + side, high + side, color=BLUE, alpha=0.35, linewidth=0)
         label = name if k == 0 else None
@@ -140,15 +149,12 @@ def plot_shape(
         ax.plot([x - HALF_WIDTH, x + HALF_WIDTH], [height, height], color="black", linewidth=2.5)
     for i, place in enumerate(places):
         if place in structure.appendages:
-            spread = [[shape.median[i] - shape.low[i]], [shape.high[i] - shape.median[i]]]
-            ax.errorbar(
-                shape.median[i], heights[place], xerr=spread, fmt="s", color=VERMILION,
-                markeredgecolor="black", markersize=7, capsize=3, label="appendage",
-            )  # fmt: skip
+            _appendage(ax, heights[place], *(float(part[i]) for part in shape))
     if reference is not None:
         other, at, components = reference
         ax.plot(components, [heights[place] for place in at], "x", color="black", markersize=7,
                 markeredgewidth=1.5, label=other)  # fmt: skip
+    ax.set_xlim(-REACH, REACH)
     ax.set_ylim(-0.15, max(heights.values()) + 0.4)
     ax.set_yticks(y, ["ground", *(places[i] for i in floors)])
     draw_as_they_are(ax.get_yticklabels())
@@ -157,6 +163,20 @@ def plot_shape(
     ax.tick_params(axis="y", length=0)
     draw_as_they_are([ax.set_title(title)])
     return ax
+
+
+def _appendage(ax: Axes, height: float, low: float, median: float, high: float) -> None:
+    inside = abs(median) < REACH - 0.1
+    at = median if inside else np.copysign(REACH - 0.1, median)
+    if inside:
+        ax.errorbar(at, height, xerr=[[median - low], [high - median]], color=VERMILION, capsize=3)
+    else:
+        side = "left" if median < 0 else "right"
+        ax.text(at, height + 0.12, f"{median:.1f}\n({low:.1f} to {high:.1f})", fontsize=7,
+                ha=side, va="bottom")  # fmt: skip
+    marker = "s" if inside else "<" if median < 0 else ">"
+    ax.plot(at, height, marker, color=VERMILION, markeredgecolor="black", markersize=7,
+            linestyle="none", label="appendage", zorder=3)  # fmt: skip
 
 
 def plot_mac(

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from bayes_ssi.class_draws import DRAWS
 from bayes_ssi.model_class import ModelClass
-from bayes_ssi.predictions import DRAWS, Predictions, predict_average, predict_class
+from bayes_ssi.predictions import Predictions, predict_average, predict_class
 from bayes_ssi.results import StoredResult, load_result
 from bayes_ssi.study import load_study
 

@@ -18,8 +18,8 @@ ORDER = [
     "calibration", "evaluation", "journal", "workers", "target", "mixture", "moves", "maxima",
     "discovery", "tempering", "regions", "production", "evidence", "sampling", "checks",
     "posterior", "versions", "checkpoint", "comparison", "study", "search", "arviz_store",
-    "results", "predictions", "stored_predictions", "tables", "figure_style", "plots",
-    "response_plots", "cli",
+    "results", "class_draws", "predictions", "stored_predictions", "prediction_report",
+    "tables", "figure_style", "plots", "response_plots", "prediction_figures", "cli",
 ]  # fmt: skip
 # Methods load and save are one line each that hand over to the file format.
 EXCEPTIONS = {("data", "modal_csv"), ("ground_motion", "ground_motion_files")}

@@ -142,10 +142,13 @@ class LumpedStructure(Structure):
             if own is None:
                 continue
             places = [place for spring in element.springs() for place, _ in spring.direction]
-            floors = [self._index(place) for place in places if place != own]
-            at = [0.0 if floor is None else floor + 1.0 for floor in floors]
+            rows = [self._index(place) for place in places if place != own]
+            top = float(len(self.main_degrees_of_freedom()))
+            at = [
+                0.0 if row is None else found.get(self.degrees_of_freedom[row], top) for row in rows
+            ]
             found[own] = sum(at) / len(at)
-            if found[own] in at:  # beside a floor: a little above it
+            if found[own] in at:  # it stands on one place: a little above that
                 found[own] += 0.35
         return found
 
