@@ -75,9 +75,15 @@ def load_predictions(
     classes |= {each.name: each for each in study.with_any_pairing().model_classes}
     wanted = [posterior.name for posterior in stored.posteriors]
     for name in wanted:
-        if name not in classes:
+        if name in classes:
+            continue
+        if (stored.directory / "search.json").is_file():
             raise ValueError(
-                f"{path}: defines no model class {name!r}, which {directory} is of; it defines "
-                f"{', '.join(map(repr, study.names))}"
+                f"{directory}: the result of a search; its hypothesis {name!r} is in no study "
+                "file, so its structure cannot be had back"
             )
+        raise ValueError(
+            f"{path}: defines no model class {name!r}, which {directory} is of; it defines "
+            f"{', '.join(map(repr, study.names))}"
+        )
     return StoredPredictions(stored, {name: classes[name] for name in wanted}, n_draws)

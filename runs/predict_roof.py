@@ -54,12 +54,13 @@ def main() -> None:
             found = predicted.of_class(name).transfer_functions(FREQUENCIES, ROOF, damping)
             band = Band(*(part[0] for part in found.band(0.95)))
             inside = (band.low <= truth) & (truth <= band.high)
-            outside = FREQUENCIES[near & ~inside]
-            where = (
-                f", outside from {outside[0]:.2f} to {outside[-1]:.2f} Hz" if outside.size else ""
+            beyond = np.where(near, np.maximum(truth / band.high, band.low / truth), 0.0)
+            worst = int(beyond.argmax())
+            far = f", beyond it by up to a factor of {beyond[worst]:.1f} at {FREQUENCIES[worst]:.2f} Hz"
+            print(
+                f"class {name}: the truth lies in the 95 % band at {100 * inside[near].mean():.0f} % "
+                f"of the frequencies from {low} to {high} Hz{'' if inside[near].all() else far}"
             )
-            print(f"class {name}: the truth lies inside the 95 % band at "
-                  f"{100 * inside[near].mean():.0f} % of {low} to {high} Hz{where}")  # fmt: skip
             plot_transfer_functions(
                 FREQUENCIES,
                 {"posterior median and 95 % band": band},

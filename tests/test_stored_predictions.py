@@ -77,6 +77,14 @@ def test_the_study_file_defines_other_classes(saved, tiny_study_file):
         load_predictions(saved)
 
 
+def test_the_result_of_a_search(saved, tiny_study_file):
+    text = tiny_study_file.read_text("utf-8")
+    tiny_study_file.write_text(text.replace('"each k"', '"both k"'), "utf-8")
+    (saved / "search.json").write_text("{}", "utf-8")
+    with pytest.raises(ValueError, match="the result of a search; its hypothesis 'each k' is in"):
+        load_predictions(saved)
+
+
 def test_the_study_file_has_changed(saved, tiny_study_file):
     text = tiny_study_file.read_text("utf-8")
     tiny_study_file.write_text(text.replace("(K * k, K * k)", "(K * k, 2 * K * k)"), "utf-8")
