@@ -86,7 +86,8 @@ class GroundMotion:
             ValueError: as for the class, or the unit is not known.
         """
         scale = UNITS[checked_unit(unit)]
-        return cls(scale * np.asarray(samples, dtype=float), dt, name)
+        plain = cls(samples, dt, name)  # type: ignore[arg-type]
+        return cls(scale * plain.acceleration, dt, name)
 
     @classmethod
     def load(

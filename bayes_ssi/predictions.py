@@ -38,6 +38,7 @@ __all__ = [
     "predict_class",
 ]
 
+QUANTILE_NUMBERS = 4_000_000
 # Name of predictions that are averaged over model classes.
 AVERAGE = "average"
 
@@ -75,8 +76,14 @@ class Prediction:
         """
         if not 0.0 < level < 1.0:
             raise ValueError(f"band: level must lie strictly between 0 and 1, got {level!r}")
-        tail = 0.5 * (1.0 - level)
-        return Band(*np.quantile(self.draws, [tail, 0.5, 1.0 - tail], axis=0))
+        levels = [0.5 * (1.0 - level), 0.5, 0.5 * (1.0 + level)]
+        flat = self.draws.reshape(len(self.draws), -1)
+        step = max(1, QUANTILE_NUMBERS // len(flat))  # np.quantile copies what it is given
+        parts = [
+            np.quantile(flat[:, start : start + step], levels, axis=0)
+            for start in range(0, flat.shape[1], step)
+        ]
+        return Band(*np.concatenate(parts, axis=1).reshape(3, *self.draws.shape[1:]))
 
 
 def predict_class(

@@ -49,7 +49,7 @@ def response_in_blocks(
     Yields:
         The first sample of a block and y in it, (B, n_outputs, up to BLOCK samples).
     """
-    n, n_outputs, _ = weights.shape
+    n, n_outputs, n_modes = weights.shape
     z = poles * dt
     phi1, phi2 = phi_functions(z)
     after = dt * phi2
@@ -62,7 +62,7 @@ def response_in_blocks(
     impulse = np.concatenate([at_once[:, :, None], later], axis=-1).reshape(-1, BLOCK)
     # Im(a v) = Im(a) Re(v) + Re(a) Im(v), as one real product for each of the B.
     to_free = np.concatenate([free.imag, free.real], axis=2).transpose(0, 1, 3, 2)
-    to_free = np.ascontiguousarray(to_free).reshape(n, n_outputs * BLOCK, -1)
+    to_free = np.ascontiguousarray(to_free).reshape(n, n_outputs * BLOCK, 2 * n_modes)
     onward = (gamma[:, :, None] * powers[:, :, BLOCK - 1 :: -1]).reshape(-1, BLOCK)
     onward_parts = np.concatenate([onward.real, onward.imag])
 
@@ -74,7 +74,7 @@ def response_in_blocks(
         # Row i holds the samples delayed by i.
         padded = np.concatenate([np.zeros(BLOCK - 1), samples])
         delayed = np.ascontiguousarray(sliding_window_view(padded, BLOCK)[::-1])
-        found = (impulse @ delayed).reshape(n, -1)
+        found = (impulse @ delayed).reshape(n, n_outputs * BLOCK)
         both = np.concatenate([state.real, state.imag], axis=1)
         found += np.matmul(to_free, both[:, :, None])[:, :, 0]
         yield start, found.reshape(n, n_outputs, BLOCK)[:, :, : len(part)]

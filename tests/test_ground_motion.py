@@ -49,6 +49,11 @@ def test_records_that_are_none(samples, dt, message):
         GroundMotion(samples, dt)
 
 
+def test_samples_in_a_unit_that_are_no_numbers():
+    with pytest.raises(ValueError, match="must be a list of numbers"):
+        GroundMotion.of(["a", "b"], "g", 0.01)
+
+
 def test_components_are_rotated():
     # A motion of 2 towards azimuth 30 degrees, as sensors at 278 and 8 degrees see it.
     towards = [2.0 * math.cos(math.radians(30.0 - azimuth)) for azimuth in (278.0, 8.0)]

@@ -8,6 +8,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi import class_draws as class_draws_module
+from bayes_ssi import predictions
 from bayes_ssi.class_draws import class_draws
 from bayes_ssi.ground_motion import GroundMotion
 from bayes_ssi.predictions import Prediction, predict_average, predict_class
@@ -66,6 +67,16 @@ def test_the_band_of_known_draws():
     np.testing.assert_allclose(median, [50.0, -100.0])
     np.testing.assert_allclose(high, [95.0, -10.0])
     np.testing.assert_allclose(prediction.quantile(0.25), [25.0, -150.0])
+
+
+def test_a_band_of_many_numbers_is_found_in_parts(monkeypatch):
+    draws = np.random.default_rng(0).standard_normal((50, 3, 7))
+    monkeypatch.setattr(predictions, "QUANTILE_NUMBERS", 200)
+    found = Prediction(draws).band(0.8)
+    np.testing.assert_allclose(found, np.quantile(draws, [0.1, 0.5, 0.9], axis=0), rtol=1e-12)
+    np.testing.assert_allclose(
+        Prediction(draws[:, 0, 0]).band(0.8).median, np.median(draws[:, 0, 0])
+    )
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0, 95, math.nan])

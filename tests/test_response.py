@@ -212,6 +212,14 @@ def test_a_mode_at_the_sampling_rate_is_no_special_case():
     np.testing.assert_allclose(found[0], u, atol=1e-8 * np.abs(u).max())
 
 
+def test_an_empty_batch_has_an_empty_response(augmented):
+    motion = GroundMotion([0.0, 1.0], 0.1)
+    output = Output("acceleration", FLOORS)
+    nothing = np.empty((0, 4))
+    assert time_histories(augmented, nothing, motion, output, 0.02).shape == (0, 3, 2)
+    assert transfer_functions(augmented, nothing, [1.0], output, 0.02).shape == (0, 3, 1)
+
+
 def test_peaks_are_those_of_the_histories(augmented, values):
     motion = GroundMotion(np.random.default_rng(5).standard_normal(777), 0.02)
     output = Output("acceleration", FLOORS)
