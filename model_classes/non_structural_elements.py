@@ -8,11 +8,14 @@ C2  pendulous masses, in series with it (S-NSE)
 C3  infills out of their plane, in series with it (S-NSE)
 
 and Cases (a) to (f) carry one or three of them. ``correct`` holds every case with its elements
-as they are; ``incorrect`` with their masses only, on the floors. Nothing is inferred here, so
-there is no study; runs/figure_3.py, figure_4.py and figure_5.py draw what the elements change.
+as they are; ``incorrect`` with their masses only, on the floors; runs/figure_3.py, figure_4.py
+and figure_5.py draw what the elements change. The study asks of Case (e), three pendulums about
+the first mode, whether its modes, measured at the floors alone, tell the two forms apart.
 """
 
 import math
+
+import numpy as np
 
 import bayes_ssi as bs
 
@@ -60,3 +63,46 @@ for case, each in elements.items():
     for element in each:
         correct[case] = correct[case].with_element(element)
         incorrect[case] = incorrect[case].with_element(element.as_mass())
+
+factors = [bs.Parameter(f"k{i}", bs.LogNormal(median=1.0, cov=0.3)) for i in (1, 2, 3)]
+uncertain = bs.ShearBuilding(bare.masses, [STIFFNESS * factor for factor in factors])
+vibrating, rigid = uncertain, uncertain
+for pendulum in elements["e"]:
+    vibrating = vibrating.with_element(pendulum)
+    rigid = rigid.with_element(pendulum.as_mass())
+
+# Without noise, as if a test had found every mode.
+frequencies_hz, shapes = correct["e"].modes(np.empty((1, 0)))
+modes = bs.ModalData(
+    tuple(
+        bs.IdentifiedMode(label, float(frequencies_hz[0, i]), shapes[0, :N_STOREYS, i])
+        for i, label in enumerate(("1a", "1b", "1c", "1d", "2", "3"))
+    ),
+    band_hz=(0.0, 6.0),
+    sensors=FLOORS,
+    source="simulated: Case (e), three pendulums about the first mode, no noise",
+)
+error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
+
+study = bs.Study(
+    "Pendulums about the first mode",
+    [
+        bs.ModelClass(
+            "vibrating",
+            vibrating,
+            modes,
+            error,
+            pairing={label: i for i, label in enumerate(modes.labels, 1)},
+            description="every pendulum with its own degree of freedom",
+        ),
+        bs.ModelClass(
+            "as masses",
+            rigid,
+            modes,
+            error,
+            pairing="any",
+            description="the pendulums' masses on the floors; which mode is the first is inferred",
+        ),
+    ],
+    description="Do the modes of Case (e) tell that the pendulums vibrate?",
+)
