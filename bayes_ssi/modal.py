@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_ssi.priors import FloatArray
 
-__all__ = ["Modes", "mac", "solve_modes"]
+__all__ = ["ModalModel", "Modes", "mac", "modal_model", "solve_modes"]
 
 
 class Modes(NamedTuple):
@@ -22,6 +22,45 @@ class Modes(NamedTuple):
 
     frequencies_hz: FloatArray
     shapes: FloatArray
+
+
+class ModalModel(NamedTuple):
+    """Modes, and the masses that a response needs beside them, for a batch of B values.
+
+    Attributes:
+        frequencies_hz: (B, n_modes).
+        shapes: (B, n_dof, n_modes), at unit modal mass: φᵀ M φ = 1.
+        participation: (B, n_modes), φᵀ M ι: how much of the ground's motion goes into a mode.
+        influence: (n_dof,), ι: how every degree of freedom moves when the ground moves by 1 and
+            nothing deforms.
+    """
+
+    frequencies_hz: FloatArray
+    shapes: FloatArray
+    participation: FloatArray
+    influence: FloatArray
+
+
+def modal_model(
+    modes: Modes, mass_times_shapes: FloatArray, influence: FloatArray | None = None
+) -> ModalModel:
+    """The modal model from modes in any scale and the product M φ.
+
+    Asking for the product leaves open how M is kept: a diagonal, a sparse matrix, or inside
+    another program.
+
+    Args:
+        modes: of B structures.
+        mass_times_shapes: (B, n_dof, n_modes), M φ in the scale of ``modes.shapes``.
+        influence: (n_dof,); ones if None, all degrees of freedom then being displacements in the
+            direction of the ground motion.
+    """
+    frequencies_hz, shapes = modes
+    if influence is None:
+        influence = np.ones(shapes.shape[1])
+    scale = 1.0 / np.sqrt(np.einsum("bdm,bdm->bm", shapes, mass_times_shapes))
+    participation = np.einsum("d,bdm->bm", influence, mass_times_shapes) * scale
+    return ModalModel(frequencies_hz, shapes * scale[:, None, :], participation, influence)
 
 
 def solve_modes(stiffness: FloatArray, mass: FloatArray) -> Modes:

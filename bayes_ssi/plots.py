@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bayes_ssi.comparison import Comparison, probability_text
 from bayes_ssi.configuration import label_in
 from bayes_ssi.data import ModalData
+from bayes_ssi.figure_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    axes_of,
+    draw_as_they_are,
+    legend_below,
+    style,
+)
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.search import AppendageSearch
 
@@ -30,33 +40,9 @@ __all__ = [
     "style",
 ]
 
-# Okabe and Ito's palette: told apart by colour-blind readers, and in grey by lightness.
-BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7F7F7F"
-
 MOST_DRAWN = 12
 FREQUENCIES_SIZE = (6.4, 3.4)  # inches
 WIDTH_OF_A_MODE = 0.72  # inches, for its frequency written below the axis
-
-RC: dict[Any, Any] = {
-    "figure.constrained_layout.use": True,
-    "figure.dpi": 150,
-    "savefig.dpi": 150,
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 10,
-    "axes.titlelocation": "left",
-    "legend.frameon": False,
-}
-
-
-@contextmanager
-def style() -> Iterator[None]:
-    """The package's figure style, for the figures drawn within."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(RC):
-        yield
 
 
 def plot_evidence(comparison: Comparison, ax: Axes | None = None) -> Axes:
@@ -67,7 +53,7 @@ def plot_evidence(comparison: Comparison, ax: Axes | None = None) -> Axes:
     information gained, by which the evidence falls short of the fit.
     """
     rows = comparison.classes
-    ax = _axes(ax, _evidence_size(comparison))
+    ax = axes_of(ax, _evidence_size(comparison))
     y = np.arange(len(rows))
     evidence = np.array([row.log_evidence for row in rows])
     fit = np.array([row.mean_log_likelihood for row in rows])
@@ -77,14 +63,14 @@ def plot_evidence(comparison: Comparison, ax: Axes | None = None) -> Axes:
     ax.errorbar(evidence, y, xerr=[row.error for row in rows], fmt="o", color=VERMILION,
                 capsize=3, label="log evidence ± 1 standard error")  # fmt: skip
     ax.set_yticks(y, [f"{row.name}\n({row.probability_text})" for row in rows])
-    _as_they_are(ax.get_yticklabels())
+    draw_as_they_are(ax.get_yticklabels())
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.use_sticky_edges = False
     ax.margins(x=0.04)
     ax.set_xlabel("nats")
     ax.set_title("Model classes by evidence (probability)")
     ax.grid(axis="x", alpha=0.3)
-    _legend_below(ax, columns=3)
+    legend_below(ax, columns=3)
     return ax
 
 
@@ -102,7 +88,7 @@ def plot_frequencies(
     were identified, where the classes have several.
     """
     labels = data.labels
-    ax = _axes(ax, _frequencies_size(data))
+    ax = axes_of(ax, _frequencies_size(data))
     offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
     colours = [BLUE, ORANGE, GREEN, VERMILION, GREY]
     for i, mode in enumerate(data.modes):
@@ -130,15 +116,15 @@ def plot_frequencies(
     ax.axhline(0.0, color="black", linewidth=0.8)
     ticks = [f"{m.label}\n{m.frequency_hz:.4g} Hz" for m in data.modes]
     ax.set_xticks(range(len(labels)), ticks)
-    _as_they_are(ax.get_xticklabels())
+    draw_as_they_are(ax.get_xticklabels())
     ax.set_xlim(-0.5, len(labels) - 0.5)
     ax.set_xlabel("identified mode")
     ax.set_ylabel("model / identified - 1 (%)")
     what = "Model frequencies, 95 % of the posterior  (x: called spurious)"
-    _as_they_are([ax.set_title(label_in(configuration, what))])
+    draw_as_they_are([ax.set_title(label_in(configuration, what))])
     ax.grid(axis="y", alpha=0.3)
     longest = max(len(posterior.name) for posterior in posteriors)
-    _legend_below(ax, columns=max(1, min(4, 72 // (longest + 6))))
+    legend_below(ax, columns=max(1, min(4, 72 // (longest + 6))))
     return ax
 
 
@@ -174,7 +160,7 @@ def plot_corner(posterior: Posterior, figure: Figure | None = None) -> Figure:
         figure.subplots_adjust(top=1.0 - 0.8 / height)
         text = f"{posterior.name}\nmedian, 90 % interval" + ("; 1 and 2 sigma" if n > 1 else "")
         title = figure.suptitle(text, y=1.0 - 0.1 / height, va="top", fontsize=10)
-        _as_they_are([title])
+        draw_as_they_are([title])
     return figure
 
 
@@ -185,7 +171,7 @@ def plot_places(found: AppendageSearch, ax: Axes | None = None) -> Axes:
     darkness grow with the probability, which is written beside it.
     """
     n_floors = max(max(place.floors) for place in found.candidates)
-    ax = _axes(ax, _places_size(found))
+    ax = axes_of(ax, _places_size(found))
     ax.plot([-1.6, 1.6], [0, 0], color="black", linewidth=2.0)
     for side in (-1.0, 1.0):
         ax.plot([side, side], [0, n_floors], color=GREY, linewidth=1.5)
@@ -282,36 +268,3 @@ def _evidence_size(comparison: Comparison) -> tuple[float, float]:
 def _corner_size(posterior: Posterior) -> tuple[float, float]:
     side = 1.4 + 1.5 * len(posterior.parameter_names)
     return side, side + 0.6
-
-
-def _as_they_are(texts: Sequence[Any]) -> None:
-    """Draw names as they are: between dollar signs matplotlib would set them as mathematics."""
-    for text in texts:
-        text.set_parse_math(False)
-
-
-def _axes(ax: Axes | None, size: tuple[float, float]) -> Axes:
-    if ax is not None:
-        return ax
-    import matplotlib.pyplot as plt
-
-    with style():
-        _, ax = plt.subplots(figsize=size)
-    return ax
-
-
-def _legend_below(ax: Axes, columns: int) -> None:
-    # matplotlib leaves out labels that begin with an underscore, its own and a class's alike.
-    drawn: list[Any] = [*ax.containers, *ax.lines]
-    named = [
-        artist
-        for artist in drawn
-        if artist.get_label()
-        and not artist.get_label().startswith(("_child", "_container", "_nolegend_"))
-    ]
-    labels = [artist.get_label() for artist in named]
-    if len(ax.figure.axes) == 1:
-        legend = ax.figure.legend(named, labels, loc="outside lower center", ncols=columns)
-    else:  # other axes beside: the legend stays with these
-        legend = ax.legend(named, labels, loc="best", fontsize="small")
-    _as_they_are(legend.get_texts())

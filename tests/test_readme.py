@@ -5,6 +5,10 @@ from pathlib import Path
 
 import pytest
 
+import bayes_ssi as bs
+from bayes_ssi.results import save_result
+from bayes_ssi.study import load_study
+
 ROOT = Path(__file__).parent.parent
 BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
 
@@ -20,6 +24,21 @@ def test_every_block_runs_as_it_stands(block, monkeypatch, capsys):
     name, probability = capsys.readouterr().out.rsplit(maxsplit=1)
     assert name == "resonant infill"
     assert float(probability) > 0.9999
+
+
+def test_the_example_of_a_prediction_runs_as_it_stands(tmp_path, monkeypatch, capsys):
+    text = (ROOT / "README.md").read_text("utf-8")
+    (example,) = re.findall(r"```py\n(.*?)```", text, re.DOTALL)
+    study_file = ROOT / "model_classes" / "shear_building.py"
+    ranking = bs.rank(load_study(study_file).only(["3"]))
+    monkeypatch.chdir(tmp_path)
+    save_result(ranking, "runs/results/shear_building", study_file=str(study_file))
+    lines = ["a record", "of nobody", "UNITS OF G", "NPTS= 4, DT= .5 SEC", "0. .1 .2 -.1"]
+    Path("quake.AT2").write_text("\n".join(lines), "utf-8")
+    exec(compile(example, "README.md", "exec"), {})
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("3 Band(low=")
+    assert second.startswith("average Band(low=")
 
 
 def test_the_example_of_a_data_file_is_read(tmp_path):

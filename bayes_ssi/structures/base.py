@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_ssi.modal import Modes
+from bayes_ssi.modal import ModalModel, Modes
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.priors import FloatArray
 
@@ -18,7 +18,8 @@ class Structure(ABC):
     """A structure with uncertain parameters.
 
     Everything above this class (likelihood, calibration, sampling, reports) asks only these
-    four questions and does not know how modes are computed.
+    questions and does not know how modes are computed. The first four must be answered;
+    :meth:`modal_model` by those whose response is asked for.
     """
 
     @property
@@ -48,6 +49,25 @@ class Structure(ABC):
         raises counts as failed, and the others are evaluated without it.
         """
 
+    def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - no answer here
+        """The modes at unit modal mass, and how the ground's motion drives them.
+
+        All that a response needs; K and M stay inside. :func:`~bayes_ssi.modal.modal_model` makes
+        the answer from modes in any scale and the product of the mass matrix with them. Rows as
+        in :meth:`modes`.
+
+        Args:
+            values: (B, n_parameters), columns as in :attr:`parameters`.
+
+        Raises:
+            TypeError: the structure does not know its masses.
+        """
+        raise TypeError(
+            f"structure {type(self).__name__} gives frequencies and shapes but no masses, so its "
+            "response cannot be computed; give it a method modal_model(values), as described in "
+            "bayes_ssi.structures.Structure"
+        )
+
     def sensor_rows(self, sensors: Sequence[str]) -> list[int]:
         """The degree of freedom, as a row of the mode shapes, that each sensor measures.
 
@@ -62,6 +82,15 @@ class Structure(ABC):
                 f"choose from {', '.join(map(repr, self.degrees_of_freedom))}"
             )
         return [row[sensor] for sensor in sensors]
+
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        """The degrees of freedom that are no part of the main structure; drawings mark them."""
+        return ()
+
+    def heights(self) -> dict[str, float]:
+        """Degree of freedom → where a drawing puts it, in storeys above the ground."""
+        return {label: float(i) for i, label in enumerate(self.degrees_of_freedom, 1)}
 
     def medians(self) -> FloatArray:
         """Every parameter at its prior median, as one row of ``values`` (1, n_parameters)."""

@@ -15,7 +15,7 @@ from typing import Self
 
 import numpy as np
 
-from bayes_ssi.modal import Modes, solve_modes
+from bayes_ssi.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.parameters import Parameter, Product, ProductTable, collect_parameters
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.structures.base import Structure
@@ -130,6 +130,33 @@ class LumpedStructure(Structure):
             frequencies = np.broadcast_to(frequencies, (len(values), self.n_modes))
             shapes = np.broadcast_to(shapes, (len(values), *shapes.shape[1:]))
         return Modes(frequencies, shapes)
+
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        return self.degrees_of_freedom[len(self.main_degrees_of_freedom()) :]
+
+    def heights(self) -> dict[str, float]:
+        """As :meth:`Structure.heights`; an appendage is drawn amid the places that it hangs on."""
+        found = {label: float(i) for i, label in enumerate(self.main_degrees_of_freedom(), 1)}
+        for element in self.elements:
+            own = element.own_degree_of_freedom
+            if own is None:
+                continue
+            places = [place for spring in element.springs() for place, _ in spring.direction]
+            rows = [self._index(place) for place in places if place != own]
+            top = float(len(self.main_degrees_of_freedom()))
+            at = [
+                0.0 if row is None else found.get(self.degrees_of_freedom[row], top) for row in rows
+            ]
+            found[own] = sum(at) / len(at)
+            if found[own] in at:  # it stands on one place: a little above that
+                found[own] += 0.35
+        return found
+
+    def modal_model(self, values: FloatArray) -> ModalModel:
+        """As :meth:`Structure.modal_model`; every degree of freedom moves along with the ground."""
+        modes = self.modes(values)
+        return modal_model(modes, self._mass.evaluate(values)[:, :, None] * modes.shapes)
 
     def matrices(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Stiffness (B, n, n) and the diagonal of the mass matrix (B, n) for ``values``.

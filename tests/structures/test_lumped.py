@@ -168,3 +168,19 @@ def test_two_of_one_kind_are_told_apart_by_label(fixed):
         bs.Pendulum(1, 0.2, 2.0, label="tank")
     )
     assert both.degrees_of_freedom == ("floor 1", "floor 2", "chimney", "tank")
+
+
+def test_where_drawings_put_degrees_of_freedom(frame):
+    building = (
+        frame.with_element(bs.OutOfPlaneInfill((1, 2), 0.1, 2.0, label="infill"))
+        .with_element(bs.Pendulum(3, 0.1, 2.0, label="tank"))
+        .with_element(bs.Pendulum("infill", 0.1, 2.0, label="shelf"))
+        .with_element(bs.OutOfPlaneInfill((0, 1), 0.1, 2.0, label="lower"))
+        .with_element(bs.InPlaneInfill((0, 1), 0.1, 2.0))
+    )
+    assert building.appendages == ("infill", "tank", "shelf", "lower")
+    assert building.heights() == pytest.approx(
+        {"floor 1": 1.0, "floor 2": 2.0, "floor 3": 3.0, "infill": 1.5, "tank": 3.35,
+         "shelf": 1.85, "lower": 0.5}
+    )  # fmt: skip
+    assert frame.appendages == ()

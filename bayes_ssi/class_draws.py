@@ -1,0 +1,112 @@
+"""Posterior draws of one model class, together with the structure that they are of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayes_ssi.modal import Modes
+from bayes_ssi.model_class import ModelClass
+from bayes_ssi.posterior import Posterior
+from bayes_ssi.priors import FloatArray
+from bayes_ssi.response import row_of
+from bayes_ssi.structures.base import Structure
+
+__all__ = ["DRAWS", "ClassDraws", "class_draws"]
+
+DRAWS = 1000
+# Numbers that one batch of draws may hold: a large structure is asked for a few draws at once.
+BATCH_NUMBERS = 20_000_000
+# Frequencies at stored draws that another machine, or a refined solver, gives again.
+SAME_FREQUENCY = 1e-6
+# Stored draws at which a structure is asked whether it is still the one that was sampled.
+CHECKED_DRAWS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class ClassDraws:
+    """Draws of the parameters of one model class's structure.
+
+    Attributes:
+        name: of the model class.
+        structure: its structure.
+        pairing: label of an identified mode → number of the model mode, from 1.
+        values: (n_draws, n_parameters) of the structure.
+    """
+
+    name: str
+    structure: Structure
+    pairing: Mapping[str, int]
+    values: FloatArray
+
+    @cached_property
+    def frequencies_hz(self) -> FloatArray:
+        """(n_draws, n_modes)."""
+        return np.concatenate(
+            [Modes(*self.structure.modes(values)).frequencies_hz for values in self.batches()]
+        )
+
+    def shapes(self, number: int, places: Sequence[str]) -> FloatArray:
+        """The shape of a model mode at some places, (n_draws, n_places), in the structure's scale.
+
+        Raises:
+            ValueError: a place is no degree of freedom of the structure.
+        """
+        rows = [row_of(self.structure, place) for place in places]
+        return np.concatenate(
+            [
+                Modes(*self.structure.modes(values)).shapes[:, rows, number - 1]
+                for values in self.batches()
+            ]
+        )
+
+    def batches(self, numbers_per_draw: int = 0) -> Iterator[FloatArray]:
+        """The draws in parts that a computation can hold in memory."""
+        size = len(self.structure.degrees_of_freedom) * self.structure.n_modes
+        rows = max(1, BATCH_NUMBERS // max(size, numbers_per_draw))
+        for start in range(0, len(self.values), rows):
+            yield self.values[start : start + rows]
+
+
+def class_draws(posterior: Posterior, model_class: ModelClass, n_draws: int = DRAWS) -> ClassDraws:
+    """Draws of a posterior, thinned evenly to ``n_draws``, with the class's structure.
+
+    Args:
+        posterior: the draws, perhaps read from a file.
+        model_class: the class that they are of.
+        n_draws: how many.
+
+    Raises:
+        ValueError: there is no draw to take, or the class is not the one that was sampled: it
+            has other parameters, or other frequencies at the stored draws.
+    """
+    if n_draws < 1:
+        raise ValueError(f"predictions: the number of draws must be at least 1, got {n_draws!r}")
+    names = [parameter.name for parameter in model_class.structure.parameters]
+    changed = f"model class {posterior.name!r} is not the one that was sampled"
+    missing = [name for name in names if name not in posterior.parameter_names]
+    if missing:
+        raise ValueError(
+            f"{changed}: its structure has a parameter {missing[0]!r}, the stored ones are "
+            f"{', '.join(map(repr, posterior.parameter_names))}"
+        )
+    columns = [posterior.parameter_names.index(name) for name in names]
+    at = np.arange(n_draws) * len(posterior.values) // n_draws
+    values = posterior.values[at][:, columns]
+
+    stored = posterior.frequencies_hz.reshape(len(posterior.values), -1)[at[:CHECKED_DRAWS]]
+    found = model_class.structure.modes(values[:CHECKED_DRAWS]).frequencies_hz
+    if found.shape != stored.shape or not np.allclose(found, stored, rtol=SAME_FREQUENCY, atol=0):
+        raise ValueError(
+            f"{changed}: at a stored draw its structure has the frequencies "
+            f"{_listed(found[0])} Hz, stored are {_listed(stored[0])} Hz"
+        )
+    return ClassDraws(posterior.name, model_class.structure, posterior.pairing, values)
+
+
+def _listed(frequencies: FloatArray) -> str:
+    shown = ", ".join(f"{frequency:.4g}" for frequency in frequencies[:6])
+    return shown + (", ..." if len(frequencies) > 6 else "")

@@ -1,0 +1,72 @@
+"""Ground motion: units, peaks in closed form, rotation, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bayes_ssi.ground_motion import GroundMotion, along_azimuth, checked_unit
+
+
+@pytest.mark.parametrize(
+    ("unit", "value"), [("g", 9.80665), ("m/s²", 1.0), ("cm/s^2", 0.01), ("Gal", 0.01)]
+)
+def test_units(unit, value):
+    assert GroundMotion.of([0.0, 2.0], unit, 0.1).acceleration[1] == pytest.approx(2 * value)
+
+
+@pytest.mark.parametrize("unit", ["", "ft/s2", "m", "cm/s"])
+def test_an_unknown_unit_is_refused(unit):
+    with pytest.raises(ValueError, match=f"one of 'g', 'm/s2', 'cm/s2', got {unit!r}"):
+        checked_unit(unit)
+
+
+def test_peaks_of_a_sine():
+    # a = A sin(2πft) from rest: v = A (1 - cos)/(2πf), at most A/(πf).
+    t = 0.001 * np.arange(2001)
+    motion = GroundMotion(3.0 * np.sin(2.0 * math.pi * 2.0 * t), 0.001)
+    assert motion.peak_acceleration == pytest.approx(3.0, rel=1e-4)
+    assert motion.peak_velocity == pytest.approx(3.0 / (2.0 * math.pi), rel=1e-4)
+    assert len(motion) == 2001
+    np.testing.assert_allclose(motion.times, t, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("samples", "dt", "message"),
+    [
+        ([], 0.01, "two samples or more, got 0"),
+        ([1.0], 0.01, "two samples or more, got 1"),
+        ([[1.0, 2.0]], 0.01, r"two samples or more, got \(1, 2\)"),
+        ([1.0, math.inf, math.nan], 0.01, "sample 2 is not finite: inf"),
+        (["a", "b"], 0.01, "must be a list of numbers"),
+        ([1.0, 2.0], 0.0, "dt must be positive and finite"),
+        ([1.0, 2.0], math.nan, "dt must be positive and finite"),
+        ([1.0, 2.0], None, "dt must be positive and finite"),
+    ],
+)
+def test_records_that_are_none(samples, dt, message):
+    with pytest.raises(ValueError, match=message):
+        GroundMotion(samples, dt)
+
+
+def test_samples_in_a_unit_that_are_no_numbers():
+    with pytest.raises(ValueError, match="must be a list of numbers"):
+        GroundMotion.of(["a", "b"], "g", 0.01)
+
+
+def test_components_are_rotated():
+    # A motion of 2 towards azimuth 30 degrees, as sensors at 278 and 8 degrees see it.
+    towards = [2.0 * math.cos(math.radians(30.0 - azimuth)) for azimuth in (278.0, 8.0)]
+    first, second = (GroundMotion([0.0, component], 0.01) for component in towards)
+    for azimuth in (0.0, 30.0, 120.0):
+        found = along_azimuth(first, 278.0, second, 8.0, azimuth)
+        expected = 2.0 * math.cos(math.radians(30.0 - azimuth))
+        np.testing.assert_allclose(found.acceleration, [0.0, expected], atol=1e-14)
+
+
+def test_components_that_do_not_belong_together():
+    one = GroundMotion([0.0, 1.0], 0.01)
+    with pytest.raises(ValueError, match=r"share length and dt, got 2 samples .* and 2 of 0.02 s"):
+        along_azimuth(one, 0.0, GroundMotion([0.0, 1.0], 0.02), 90.0, 0.0)
+    with pytest.raises(ValueError, match="must be perpendicular, got azimuths 0"):
+        along_azimuth(one, 0.0, one, 80.0, 0.0)

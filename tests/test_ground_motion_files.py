@@ -1,0 +1,126 @@
+"""Records in files: what is read, and one clear line for what is not."""
+
+import numpy as np
+import pytest
+
+from bayes_ssi.ground_motion import GroundMotion
+
+G = 9.80665
+SAMPLES = [-0.1, 0.25e-2, 0.3, -0.4, 0.5, -0.6]
+AT2 = """PEER NGA STRONG MOTION DATABASE RECORD
+Somewhere, 1/1/1999, Station, 360
+ACCELERATION TIME SERIES IN UNITS OF {unit}
+{counts}
+ -.1000000E+00  .2500000E-02  .3000000E+00 -.4000000E+00  .5000000E+00
+ -.6000000E+00
+"""
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load(name, text, **options):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return GroundMotion.load(path, **options)
+
+    return load
+
+
+@pytest.mark.parametrize(
+    "counts", ["NPTS=   6, DT=   .0050 SEC,", "   6   0.0050   NPTS, DT", "NPTS= 6, DT= 5.E-3"]
+)
+def test_at2(load, counts):
+    motion = load("quake.AT2", AT2.format(unit="G", counts=counts))
+    np.testing.assert_allclose(motion.acceleration, G * np.array(SAMPLES), rtol=1e-12)
+    assert (motion.dt, motion.name) == (0.005, "quake")
+
+
+def test_at2_with_signs_that_touch(load):
+    text = AT2.format(unit="G", counts="NPTS= 6, DT= .005 SEC").replace(" -", "-")
+    motion = load("quake.at2", text)
+    np.testing.assert_allclose(motion.acceleration, G * np.array(SAMPLES), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "counts", "options", "message"),
+    [
+        ("G", "NPTS= 7, DT= .005 SEC", {}, "the header says NPTS = 7, but 6 values follow"),
+        ("G", "NPTS= 6", {}, "dt, the time between samples, is not given"),
+        ("G", "NPTS= 6, DT= 0.0 SEC", {}, "dt must be positive"),
+        ("G", "NPTS= , DT= .005 SEC", {}, "holds no number of points"),
+        ("G", "6 points", {}, "no line of its header names NPTS and DT"),
+        ("CM/S", "NPTS= 6, DT= .005 SEC", {}, "one of 'g', 'm/s2', 'cm/s2', got 'CM/S'"),
+        ("G", "NPTS= 6, DT= .005 SEC", {"unit": "cm/s2"}, "two units .*'cm/s2' and 'g'"),
+        ("G", "NPTS= 6, DT= .005 SEC", {"dt": 0.01}, "two values of dt are given: 0.01 and 0.005"),
+        ("G", "NPTS= 6, DT= .005 SEC\n0.1 spam", {}, "line 5: expected accelerations, .*'spam'"),
+    ],
+)  # fmt: skip
+def test_at2_that_is_wrong(load, unit, counts, options, message):
+    with pytest.raises(ValueError, match=rf"quake.AT2: .*{message}") as caught:
+        load("quake.AT2", AT2.format(unit=unit, counts=counts), **options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "options"),
+    [
+        ("1\n2\n4\n", {"unit": "cm/s2", "dt": 0.02}),
+        ("# unit, cm/s2\n# dt_s, 0.02\n1\n2\n4\n", {}),
+        ("# unit, Gal,\n# dt_s, 0.02,\n# of 12 May\n\nacc\n1\n2\n4\n", {"dt": 0.02}),
+        ("0.00 1\n0.02 2\n0.04 4\n", {"unit": "cm/s2"}),
+        ("time_s,acceleration_cm/s2\n0.00,1\n0.02,2\n0.04,4\n", {}),
+        ("t (s);a (cm/s²)\n0,00;1,0\n0,02;2,0\n0,04;4,0\n", {}),
+        ("time\ta [cm/s^2]\n5.00\t1\n5.02\t2\n5.04\t4\n", {"unit": "cm/s2", "dt": 0.02}),
+    ],
+)
+def test_plain_text_and_csv(load, text, options):
+    motion = load("quake.csv", text, **options)
+    np.testing.assert_allclose(motion.acceleration, [0.01, 0.02, 0.04], rtol=1e-12)
+    assert motion.dt == pytest.approx(0.02, rel=1e-9)
+
+
+def test_rounded_times_are_equal_steps(load):
+    times = np.arange(300) / 256.0
+    text = "\n".join(f"{t:.3f} 1.0" for t in times)
+    assert load("quake.txt", text, unit="g").dt == pytest.approx(1 / 256.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("", {}, "the file is empty"),
+        ("  \n\n", {}, "the file is empty"),
+        ("# unit, g\n# dt_s, 0.1\n", {}, "the file holds no acceleration"),
+        ("1\n", {"unit": "g", "dt": 0.1}, "two samples or more, got 1"),
+        ("0 1\n", {"unit": "g"}, "two samples or more, got 1"),
+        ("1\n2\n", {"unit": "g"}, "dt, the time between samples, is not given"),
+        ("1\n2\n", {"dt": 0.1}, "the unit of the acceleration is not given; give one of 'g'"),
+        ("a_g\n1\n2\n", {"dt": 0.1, "unit": "cm/s2"}, "two units .*'cm/s2' and 'g'"),
+        ("# unit, m/s2\na_g\n1\n2\n", {"dt": 0.1}, "two units .*'m/s2' and 'g'"),
+        ("# unit, ft\n1\n2\n", {"dt": 0.1}, "got 'ft'"),
+        ("# dt_s, soon\n1\n2\n", {"unit": "g"}, "line 1: dt_s must be a finite number"),
+        ("# dt_s, 0.1\n1\n2\n", {"unit": "g", "dt": 0.2}, "two values of dt .*0.2 and 0.1"),
+        ("0 1\n0.1 2\n", {"unit": "g", "dt": 0.2}, "two values of dt .*0.2 and 0.1"),
+        ("0 1\n0.1 2\n0.2 3\n0.4 4\n", {"unit": "g"}, "equal steps .* after 0.2 comes 0.4"),
+        ("0.1 1\n0.1 2\n", {"unit": "g"}, "equal steps"),
+        ("1\nx\n", {"unit": "g", "dt": 0.1}, "line 2: value must be a finite number, found 'x'"),
+        ("a\nb\n1\n", {"unit": "g", "dt": 0.1}, "line 2: value must be a finite number"),
+        ("1\nnan\n", {"unit": "g", "dt": 0.1}, "line 2: value must be a finite number"),
+        ("0 1\n0.1\n", {"unit": "g"}, r"line 2: expected 2, as above column\(s\), found 1"),
+        ("0 1 2\n", {"unit": "g"}, r"line 1: expected 1 or 2 column\(s\), found 3"),
+        ("1\n2\n", {"unit": "g", "dt": -0.1}, r"dt must be positive and finite \(s\), got -0.1"),
+    ],
+)
+def test_files_that_are_wrong(load, text, options, message):
+    with pytest.raises(ValueError, match=rf"quake.txt: .*{message}") as caught:
+        load("quake.txt", text, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_no_text(tmp_path):
+    path = tmp_path / "quake.txt"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ValueError, match="not a text file in UTF-8"):
+        GroundMotion.load(path, unit="g", dt=0.1)
+    with pytest.raises(FileNotFoundError):
+        GroundMotion.load(tmp_path / "none.txt", unit="g", dt=0.1)

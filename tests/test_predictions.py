@@ -1,0 +1,244 @@
+"""Predictions: draws through the structure, bands, and averages over model classes."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi import class_draws as class_draws_module
+from bayes_ssi import predictions
+from bayes_ssi.class_draws import class_draws
+from bayes_ssi.ground_motion import GroundMotion
+from bayes_ssi.predictions import Prediction, predict_average, predict_class
+from bayes_ssi.response import Output, peak_responses, time_histories, transfer_functions
+
+PHI = (1.0 + math.sqrt(5.0)) / 2.0
+FLOORS = ("floor 1", "floor 2")
+FREQUENCIES = np.linspace(0.1, 2.5, 30)
+ACCELERATION = Output("acceleration", FLOORS)
+
+
+@pytest.fixture
+def classes(tiny_ranking):
+    return {each.name: each for each in tiny_ranking.study.model_classes}
+
+
+@pytest.fixture
+def posteriors(tiny_ranking):
+    return {each.name: each for each in tiny_ranking.posteriors}
+
+
+@pytest.fixture
+def predicted(classes, posteriors):
+    return predict_class(posteriors["each k"], classes["each k"], 200)
+
+
+@pytest.fixture
+def average(tiny_ranking, classes):
+    """Averages with given probabilities of the two classes, in any order."""
+
+    def make(n_draws, posteriors=tiny_ranking.posteriors, **probabilities):
+        rows = tuple(
+            replace(row, probability=probabilities[row.name.replace(" ", "_")])
+            for row in tiny_ranking.comparison.classes
+        )
+        comparison = replace(tiny_ranking.comparison, classes=rows)
+        return predict_average(comparison, posteriors, classes, n_draws)
+
+    return make
+
+
+def test_draws_are_thinned_evenly(classes, posteriors):
+    posterior = posteriors["each k"]
+    found = class_draws(posterior, classes["each k"], 10)
+    step = len(posterior.values) / 10
+    rows = [math.floor(i * step) for i in range(10)]
+    np.testing.assert_array_equal(found.values, posterior.values[rows])
+    everything = class_draws(posterior, classes["each k"], 2 * len(posterior.values))
+    np.testing.assert_array_equal(everything.values, np.repeat(posterior.values, 2, axis=0))
+
+
+def test_the_band_of_known_draws():
+    prediction = Prediction(np.arange(101.0)[:, None] * [1.0, -2.0])
+    low, median, high = prediction.band(0.9)
+    np.testing.assert_allclose(low, [5.0, -190.0])
+    np.testing.assert_allclose(median, [50.0, -100.0])
+    np.testing.assert_allclose(high, [95.0, -10.0])
+    np.testing.assert_allclose(prediction.quantile(0.25), [25.0, -150.0])
+
+
+def test_a_band_of_many_numbers_is_found_in_parts(monkeypatch):
+    draws = np.random.default_rng(0).standard_normal((50, 3, 7))
+    monkeypatch.setattr(predictions, "QUANTILE_NUMBERS", 200)
+    found = Prediction(draws).band(0.8)
+    np.testing.assert_allclose(found, np.quantile(draws, [0.1, 0.5, 0.9], axis=0), rtol=1e-12)
+    np.testing.assert_allclose(
+        Prediction(draws[:, 0, 0]).band(0.8).median, np.median(draws[:, 0, 0])
+    )
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0, 95, math.nan])
+def test_the_level_of_a_band_is_a_fraction(level):
+    with pytest.raises(ValueError, match="level must lie strictly between 0 and 1"):
+        Prediction(np.zeros(3)).band(level)
+
+
+def test_frequencies_are_the_stored_ones(predicted, posteriors):
+    posterior = posteriors["each k"]
+    stored = posterior.frequencies_hz.reshape(len(posterior.values), 2)
+    rows = np.arange(200) * len(stored) // 200
+    for mode, column in (("1", 0), ("2", 1), (1, 0), (2, 1)):
+        found = predicted.frequencies_hz(mode)
+        np.testing.assert_allclose(found.draws, stored[rows, column], rtol=1e-9)
+        assert found.share == 1.0
+
+
+def test_shapes_of_a_uniform_building_have_a_closed_form(classes, posteriors):
+    # One stiffness for both storeys: the shapes do not depend on it.
+    one = predict_class(posteriors["one k"], classes["one k"], 50)
+    first = np.tile([1.0, PHI], (50, 1))
+    second = np.tile([PHI, -1.0], (50, 1))
+    length = math.hypot(1.0, PHI)
+    np.testing.assert_allclose(one.shapes("1", FLOORS).draws, first / length, rtol=1e-12)
+    np.testing.assert_allclose(one.shapes(2, FLOORS).draws, second / length, rtol=1e-12)
+    np.testing.assert_allclose(one.shapes("1", FLOORS, ["floor 1"]).draws, first, rtol=1e-12)
+    with pytest.raises(ValueError, match="unit_over names 'floor 2', which is not among places"):
+        one.shapes("1", ["floor 1"], ["floor 2"])
+
+
+def test_all_draws_of_a_shape_point_the_same_way(predicted, monkeypatch):
+    (each,) = predicted.classes
+    flips = np.where(np.random.default_rng(0).random(200) < 0.5, -1.0, 1.0)
+    straight = predicted.shapes("2", FLOORS).draws
+    modes = type(each.structure).modes
+
+    def flipped(self, values):
+        found = modes(self, values)
+        return found._replace(shapes=found.shapes * flips[:, None, None])
+
+    monkeypatch.setattr(type(each.structure), "modes", flipped)
+    np.testing.assert_allclose(predicted.shapes("2", FLOORS).draws, straight, rtol=1e-12)
+
+
+def test_responses_are_those_of_the_draws(predicted):
+    (each,) = predicted.classes
+    motion = GroundMotion(np.random.default_rng(0).standard_normal(100), 0.02)
+    whole = (each.structure, each.values)
+    np.testing.assert_allclose(
+        predicted.transfer_functions(FREQUENCIES, ACCELERATION, 0.02).draws,
+        np.abs(transfer_functions(*whole, FREQUENCIES, ACCELERATION, 0.02)),
+    )
+    np.testing.assert_allclose(
+        predicted.transfer_functions(FREQUENCIES, ACCELERATION, 0.02, force_at="floor 1").draws,
+        np.abs(transfer_functions(*whole, FREQUENCIES, ACCELERATION, 0.02, force_at="floor 1")),
+    )
+    np.testing.assert_allclose(
+        predicted.time_histories(motion, ACCELERATION, 0.02).draws,
+        time_histories(*whole, motion, ACCELERATION, 0.02),
+    )
+    np.testing.assert_allclose(
+        predicted.peak_responses(motion, ACCELERATION, 0.02).draws,
+        peak_responses(*whole, motion, ACCELERATION, 0.02),
+    )
+
+
+def test_a_large_structure_is_asked_in_parts(predicted, monkeypatch):
+    whole = predicted.transfer_functions(FREQUENCIES, ACCELERATION, 0.02).draws
+    shapes = predicted.shapes("1", FLOORS).draws
+    sizes = []
+    (each,) = predicted.classes
+    modal_model = type(each.structure).modal_model
+
+    def counted(self, values):
+        sizes.append(len(values))
+        return modal_model(self, values)
+
+    monkeypatch.setattr(type(each.structure), "modal_model", counted)
+    monkeypatch.setattr(class_draws_module, "BATCH_NUMBERS", 30 * 4 * 2 * 7)
+    again = predicted.transfer_functions(FREQUENCIES, ACCELERATION, 0.02).draws
+    assert sizes == [7] * 28 + [4]
+    np.testing.assert_allclose(again, whole, rtol=1e-12)
+    np.testing.assert_allclose(predicted.shapes("1", FLOORS).draws, shapes, rtol=1e-12)
+
+
+def test_an_average_is_a_mixture(average, classes, posteriors):
+    found = average(400, one_k=0.25, each_k=0.75)
+    assert {each.name: len(each.values) for each in found.classes} == {"one k": 100, "each k": 300}
+    assert found.n_draws == 400
+    parts = [
+        predict_class(posteriors[name], classes[name], n).frequencies_hz("1").draws
+        for name, n in (("one k", 100), ("each k", 300))
+    ]
+    expected = np.quantile(np.concatenate(parts), [0.025, 0.5, 0.975])
+    np.testing.assert_allclose(found.frequencies_hz("1").band(0.95), expected, rtol=1e-12)
+    response = found.transfer_functions(FREQUENCIES, ACCELERATION, 0.02)
+    assert response.draws.shape == (400, 2, 30)
+
+
+def test_shares_are_rounded_to_the_number_of_draws(average):
+    found = average(7, one_k=0.4, each_k=0.6)  # 2.8 and 4.2
+    assert {each.name: len(each.values) for each in found.classes} == {"one k": 3, "each k": 4}
+    found = average(100, one_k=0.001, each_k=0.999)
+    assert [each.name for each in found.classes] == ["each k"]
+
+
+def test_a_mode_that_a_class_does_not_explain(average, tiny_ranking):
+    one, each = tiny_ranking.posteriors
+    found = average(100, [each, replace(one, pairing={"1": 1})], one_k=0.3, each_k=0.7)
+    assert found.frequencies_hz("1").share == 1.0
+    second = found.frequencies_hz("2")
+    assert (second.share, second.draws.shape) == (0.7, (70,))
+    assert found.shapes("2", FLOORS).share == 0.7
+
+
+def test_modes_that_are_none(predicted, average):
+    with pytest.raises(
+        ValueError, match=r"each k: no model mode is paired .* '7'; choose from '1'"
+    ):
+        predicted.frequencies_hz("7")
+    for number in (0, 3):
+        with pytest.raises(ValueError, match=rf"each k: no mode {number}; choose from 1 to 2"):
+            predicted.shapes(number, FLOORS)
+    with pytest.raises(ValueError, match="average: mode 1 is another one in each model class"):
+        average(10, one_k=0.5, each_k=0.5).frequencies_hz(1)
+
+
+def test_errors_name_the_class(predicted):
+    unknown = Output("displacement", ("roof",))
+    motion = GroundMotion([0.0, 1.0], 0.1)
+    for compute in (
+        lambda: predicted.transfer_functions(FREQUENCIES, unknown, 0.02),
+        lambda: predicted.time_histories(motion, unknown, 0.02),
+        lambda: predicted.peak_responses(motion, unknown, 0.02),
+        lambda: predicted.shapes("1", ["roof"]),
+    ):
+        with pytest.raises(ValueError, match="model class 'each k': place 'roof': the structure"):
+            compute()
+    with pytest.raises(ValueError, match="model class 'each k': damping must be"):
+        predicted.transfer_functions(FREQUENCIES, ACCELERATION, 2.0)
+
+
+def test_a_class_that_is_not_the_one_sampled(classes, posteriors, tiny_ranking):
+    with pytest.raises(ValueError, match=r"'one k' is not the one .* a parameter 'k1', .* are 'k'"):
+        class_draws(posteriors["one k"], classes["each k"])
+    structure = classes["one k"].structure
+    heavier = replace(classes["one k"], structure=replace(structure, masses=(1.0, 1.001)))
+    with pytest.raises(ValueError, match="at a stored draw its structure has the frequencies"):
+        class_draws(posteriors["one k"], heavier)
+    more = replace(classes["one k"], structure=structure.with_element(bs.Pendulum(1, 0.1, 1.0)))
+    with pytest.raises(ValueError, match="at a stored draw its structure has the frequencies"):
+        class_draws(posteriors["one k"], more)
+    with pytest.raises(ValueError, match="number of draws must be at least 1, got 0"):
+        class_draws(posteriors["one k"], classes["one k"], 0)
+    with pytest.raises(ValueError, match="number of draws must be at least 1, got 0"):
+        predict_average(tiny_ranking.comparison, tiny_ranking.posteriors, classes, 0)
+
+
+def test_averages_need_every_class(tiny_ranking, classes):
+    comparison = tiny_ranking.comparison
+    with pytest.raises(ValueError, match="no posterior of model class 'each k'"):
+        predict_average(comparison, tiny_ranking.posteriors[:1], classes)
+    with pytest.raises(ValueError, match="no definition of model class 'one k'"):
+        predict_average(comparison, tiny_ranking.posteriors, {"each k": classes["each k"]})

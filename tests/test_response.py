@@ -1,0 +1,384 @@
+"""Responses against direct solutions, closed forms and an exact integration of the equations."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.sparse import diags_array, eye_array
+from scipy.sparse.linalg import eigsh, spsolve
+
+import bayes_ssi as bs
+from bayes_ssi.ground_motion import GroundMotion
+from bayes_ssi.modal import ModalModel, Modes, modal_model
+from bayes_ssi.response import (
+    GROUND,
+    Output,
+    damping_ratios,
+    largest_over_places,
+    peak_responses,
+    time_histories,
+    transfer_functions,
+)
+from bayes_ssi.structures import Structure
+
+NO_VALUES = np.empty((1, 0))
+FLOORS = ("floor 1", "floor 2", "floor 3")
+RATIOS = (0.01, 0.02, 0.03, 0.05)
+
+
+@pytest.fixture
+def values():
+    return np.exp(0.2 * np.random.default_rng(2).standard_normal((3, 4)))
+
+
+@pytest.fixture
+def oscillator():
+    """One floor: 2 Hz."""
+    return bs.ShearBuilding((3.0,), (3.0 * (2.0 * math.pi * 2.0) ** 2,))
+
+
+def full_matrices(structure, values, ratios):
+    """K, C and M of one row of values; C from modal damping ratios."""
+    stiffness, mass = structure.matrices(values)
+    M = np.diag(mass[0])
+    modes = structure.modes(values)
+    phi, omega = modes.shapes[0], 2.0 * math.pi * modes.frequencies_hz[0]
+    return stiffness[0], M @ phi @ np.diag(2.0 * np.array(ratios) * omega) @ phi.T @ M, M
+
+
+def direct(structure, values, ratios, frequencies_hz, load):
+    """Displacements (n_dof, F) that solve (K + iωC - ω²M) u = load."""
+    K, C, M = full_matrices(structure, values, ratios)
+    columns = []
+    for omega in 2.0 * math.pi * frequencies_hz:
+        columns.append(np.linalg.solve(K + 1j * omega * C - omega**2 * M, load(M)))
+    return np.array(columns).T
+
+
+def test_transfer_functions_from_ground_acceleration_solve_the_equations(augmented, values):
+    frequencies = np.linspace(0.0, 6.0, 61)
+    omega = 2.0 * math.pi * frequencies
+    everywhere = augmented.degrees_of_freedom
+    drifts = ((GROUND, "floor 1"), ("floor 1", "floor 2"), ("floor 2", "infill 1-2"))
+    found = {
+        quantity: transfer_functions(
+            augmented, values, frequencies, Output(quantity, places), RATIOS
+        )
+        for quantity, places in (
+            ("displacement", everywhere), ("acceleration", everywhere), ("drift", drifts)
+        )
+    }  # fmt: skip
+    for row in range(3):
+        u = direct(augmented, values[row : row + 1], RATIOS, frequencies, lambda M: -M @ np.ones(4))
+        expected = {
+            "displacement": u,
+            "acceleration": 1.0 - omega**2 * u,
+            "drift": np.array([u[0], u[1] - u[0], u[3] - u[1]]),
+        }
+        for quantity, exact in expected.items():
+            np.testing.assert_allclose(
+                found[quantity][row], exact, rtol=1e-8, atol=1e-9 * np.abs(exact).max()
+            )
+
+
+def test_transfer_functions_from_a_force_solve_the_equations(augmented, values):
+    frequencies = np.linspace(0.0, 6.0, 61)
+    u = direct(augmented, values[:1], [0.02] * 4, frequencies, lambda M: np.eye(len(M))[1])
+    for quantity, exact in (
+        ("displacement", u),
+        ("acceleration", -((2.0 * math.pi * frequencies) ** 2) * u),
+    ):
+        output = Output(quantity, augmented.degrees_of_freedom)
+        found = transfer_functions(
+            augmented, values[:1], frequencies, output, 0.02, force_at="floor 2"
+        )
+        np.testing.assert_allclose(found[0], exact, rtol=1e-8, atol=1e-9 * np.abs(exact).max())
+
+
+def test_an_oscillator_at_rest_and_at_resonance(oscillator):
+    at = np.array([0.0, 2.0])
+    acceleration = transfer_functions(
+        oscillator, NO_VALUES, at, Output("acceleration", ("floor 1",)), 0.05
+    )[0, 0]
+    np.testing.assert_allclose(np.abs(acceleration), [1.0, math.sqrt(1.0 + 0.01) / 0.1], rtol=1e-12)
+    displacement = transfer_functions(
+        oscillator, NO_VALUES, at, Output("displacement", ("floor 1",)), 0.05
+    )[0, 0]
+    np.testing.assert_allclose(displacement[0], -1.0 / (4.0 * math.pi) ** 2, rtol=1e-12)
+    force = transfer_functions(
+        oscillator, NO_VALUES, at, Output("displacement", ("floor 1",)), 0.05, force_at="floor 1"
+    )[0, 0]
+    np.testing.assert_allclose(force[0], 1.0 / (3.0 * (4.0 * math.pi) ** 2), rtol=1e-12)
+
+
+def test_the_largest_over_places(augmented, values):
+    frequencies = np.linspace(0.1, 5.0, 20)
+    found = transfer_functions(augmented, values, frequencies, Output("acceleration", FLOORS), 0.02)
+    each = [
+        np.abs(
+            transfer_functions(
+                augmented, values, frequencies, Output("acceleration", (floor,)), 0.02
+            )[:, 0]
+        )
+        for floor in FLOORS
+    ]
+    np.testing.assert_allclose(largest_over_places(found), np.maximum.reduce(each), rtol=1e-12)
+
+
+@pytest.mark.parametrize("dt", [0.3, 0.01, 0.0004])
+@pytest.mark.parametrize("ratio", [0.001, 0.2])
+def test_a_step_and_a_ramp_of_the_ground_have_closed_forms(oscillator, dt, ratio):
+    t = dt * np.arange(400)
+    omega = 2.0 * math.pi * 2.0
+    damped = omega * math.sqrt(1.0 - ratio**2)
+    decay = np.exp(-ratio * omega * t)
+    step = (
+        -(1.0 - decay * (np.cos(damped * t) + ratio * omega / damped * np.sin(damped * t)))
+        / omega**2
+    )
+    found = time_histories(
+        oscillator, NO_VALUES, GroundMotion(np.ones(400), dt),
+        Output("displacement", ("floor 1",)), ratio,
+    )  # fmt: skip
+    np.testing.assert_allclose(found[0, 0], step, atol=1e-11 * np.abs(step).max())
+    ramp = (
+        -(
+            t - 2.0 * ratio / omega
+            + decay * (2.0 * ratio / omega * np.cos(damped * t)
+                       + (2.0 * ratio**2 - 1.0) / damped * np.sin(damped * t))
+        ) / omega**2
+    )  # fmt: skip
+    found = time_histories(
+        oscillator, NO_VALUES, GroundMotion(t, dt), Output("displacement", ("floor 1",)), ratio
+    )
+    np.testing.assert_allclose(found[0, 0], ramp, atol=1e-10 * np.abs(ramp).max())
+
+
+def exact_history(structure, values, ratios, motion):
+    """Relative displacements and absolute accelerations, by the matrix exponential.
+
+    The state and the record's value and slope form one linear system; exact for each step.
+    """
+    K, C, M = full_matrices(structure, values, ratios)
+    n = len(K)
+    A = np.block([
+        [np.zeros((n, n)), np.eye(n)],
+        [-np.linalg.solve(M, K), -np.linalg.solve(M, C)],
+    ])  # fmt: skip
+    augmented = np.zeros((2 * n + 2, 2 * n + 2))
+    augmented[: 2 * n, : 2 * n] = A
+    augmented[n : 2 * n, 2 * n] = -1.0
+    augmented[2 * n, 2 * n + 1] = 1.0
+    step = expm(augmented * motion.dt)
+    states = [np.zeros(2 * n)]
+    a = motion.acceleration
+    for before, after in itertools.pairwise(a):
+        extended = np.r_[states[-1], before, (after - before) / motion.dt]
+        states.append((step @ extended)[: 2 * n])
+    states = np.array(states)
+    # ü + a_g ι: what springs and dampers give.
+    return states[:, :n].T, (states @ A[n:].T).T
+
+
+@pytest.mark.parametrize(
+    ("n_samples", "dt"), [(2, 0.01), (32, 0.01), (33, 0.01), (500, 0.02), (200, 0.4)]
+)
+def test_time_histories_are_exact_for_a_linear_record(augmented, values, n_samples, dt):
+    motion = GroundMotion(1.0 + np.random.default_rng(5).standard_normal(n_samples), dt)
+    everywhere = Output("displacement", augmented.degrees_of_freedom)
+    displacement = time_histories(augmented, values, motion, everywhere, RATIOS)
+    acceleration = time_histories(augmented, values, motion, Output("acceleration", FLOORS), RATIOS)
+    drift = time_histories(
+        augmented, values, motion, Output("drift", ((GROUND, "floor 1"), ("floor 1", "floor 2"))),
+        RATIOS,
+    )  # fmt: skip
+    for row in range(3):
+        u, total = exact_history(augmented, values[row : row + 1], RATIOS, motion)
+        scale = np.abs(u).max()
+        np.testing.assert_allclose(displacement[row], u, atol=1e-9 * scale)
+        np.testing.assert_allclose(drift[row], [u[0], u[1] - u[0]], atol=1e-9 * scale)
+        np.testing.assert_allclose(
+            acceleration[row], total[:3], atol=1e-9 * np.abs(total).max()
+        )  # fmt: skip
+
+
+def test_a_mode_at_the_sampling_rate_is_no_special_case():
+    stiff = bs.ShearBuilding((1.0,), ((2.0 * math.pi * 10.0) ** 2,))  # 10 Hz, sampled at 10 Hz
+    motion = GroundMotion(np.random.default_rng(1).standard_normal(100), 0.1)
+    found = time_histories(stiff, NO_VALUES, motion, Output("displacement", ("floor 1",)), 1e-6)
+    u, _ = exact_history(stiff, NO_VALUES, [1e-6], motion)
+    np.testing.assert_allclose(found[0], u, atol=1e-8 * np.abs(u).max())
+
+
+def test_an_empty_batch_has_an_empty_response(augmented):
+    motion = GroundMotion([0.0, 1.0], 0.1)
+    output = Output("acceleration", FLOORS)
+    nothing = np.empty((0, 4))
+    assert time_histories(augmented, nothing, motion, output, 0.02).shape == (0, 3, 2)
+    assert transfer_functions(augmented, nothing, [1.0], output, 0.02).shape == (0, 3, 1)
+
+
+def test_peaks_are_those_of_the_histories(augmented, values):
+    motion = GroundMotion(np.random.default_rng(5).standard_normal(777), 0.02)
+    output = Output("acceleration", FLOORS)
+    found = peak_responses(augmented, values, motion, output, 0.02)
+    expected = np.abs(time_histories(augmented, values, motion, output, 0.02)).max(-1)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+class SparseChain(Structure):
+    """A uniform fixed-free chain, kept sparse, that gives its lowest modes only."""
+
+    def __init__(self, n, n_modes):
+        self.n, self._n_modes = n, n_modes
+        self.factor = bs.Parameter("k", bs.LogNormal(1.0, 0.1))
+        main = np.r_[np.full(n - 1, 2.0), 1.0]
+        self.K = diags_array([-np.ones(n - 1), main, -np.ones(n - 1)], offsets=[-1, 0, 1]).tocsc()
+        self.K *= float(n) ** 2
+        self.M = eye_array(n, format="csc")
+
+    parameters = property(lambda self: (self.factor,))
+    degrees_of_freedom = property(lambda self: tuple(f"node {i}" for i in range(1, self.n + 1)))
+    n_modes = property(lambda self: self._n_modes)
+
+    def modes(self, values):
+        squares, shapes = eigsh(self.K, self._n_modes, self.M, sigma=0.0)
+        root = np.sqrt(values[:, :1])
+        frequencies = root * np.sqrt(squares) / (2.0 * math.pi)
+        return Modes(frequencies, np.repeat(2.0 * shapes[None], len(values), axis=0))
+
+    def modal_model(self, values):
+        modes = self.modes(values)
+        return modal_model(modes, np.stack([self.M @ shapes for shapes in modes.shapes]))
+
+
+def test_a_large_sparse_structure_answers_through_the_same_seam():
+    n, stiffness_damping = 20_000, 0.02
+    chain = SparseChain(n, 8)
+    # A fixed-free bar of unit length and wave speed: ω = (2j - 1) π/2, Γ² = 8/((2j-1)π)² of all.
+    model = chain.modal_model(np.array([[1.0]]))
+    odd = 2.0 * np.arange(1, 9) - 1.0
+    np.testing.assert_allclose(model.frequencies_hz[0], odd / 4.0, rtol=1e-3)
+    np.testing.assert_allclose(
+        model.participation[0] ** 2 / n, 8.0 / (odd * math.pi) ** 2, rtol=1e-3
+    )
+    values = np.array([[1.0], [1.2]])
+    frequencies = np.array([0.1, 0.3])
+    tip = Output("displacement", (f"node {n}",))
+    ratios = stiffness_damping * model.frequencies_hz[0] * math.pi  # C = 0.02 K
+    found = transfer_functions(chain, values[:1], frequencies, tip, ratios)[0, 0]
+    for i, omega in enumerate(2.0 * math.pi * frequencies):
+        dynamic = (1.0 + 1j * omega * stiffness_damping) * chain.K - omega**2 * chain.M
+        exact = spsolve(dynamic.tocsc(), -np.ones(n, dtype=complex))[-1]
+        np.testing.assert_allclose(found[i], exact, rtol=2e-3)  # eight modes of 20,000
+    assert np.isfinite(transfer_functions(chain, values, frequencies, tip, 0.02)).all()
+
+
+class BlackBox(Structure):
+    """A program that prints frequencies, mass-normalised shapes and participation factors."""
+
+    parameters = ()
+    degrees_of_freedom = ("floor 1",)
+    n_modes = 1
+    wrong = False
+
+    def modes(self, values):
+        return Modes(np.full((len(values), 1), 2.0), np.ones((len(values), 1, 1)))
+
+    def modal_model(self, values):
+        n = len(values)
+        mass = 3.0
+        shapes = np.full((n, 1, 1), mass**-0.5)
+        participation = np.full((n, 2 if self.wrong else 1), mass**0.5)
+        return ModalModel(np.full((n, 1), 2.0), shapes, participation, np.ones(1))
+
+
+def test_a_black_box_answers_through_the_same_seam(oscillator):
+    motion = GroundMotion(np.random.default_rng(0).standard_normal(50), 0.02)
+    output = Output("acceleration", ("floor 1",))
+    np.testing.assert_allclose(
+        time_histories(BlackBox(), NO_VALUES, motion, output, 0.02),
+        time_histories(oscillator, NO_VALUES, motion, output, 0.02),
+        rtol=1e-10,
+        atol=1e-14,
+    )
+
+
+def test_a_modal_model_that_does_not_fit_is_refused():
+    box = BlackBox()
+    box.wrong = True
+    with pytest.raises(ValueError, match=r"BlackBox: its modal model .*expected \(\(1, 1\)"):
+        transfer_functions(box, NO_VALUES, [1.0], Output("displacement", ("floor 1",)), 0.02)
+
+
+class ModesOnly(BlackBox):
+    modal_model = Structure.modal_model
+
+
+def test_a_structure_without_masses_says_so():
+    with pytest.raises(TypeError, match="structure ModesOnly gives frequencies and shapes but no"):
+        transfer_functions(
+            ModesOnly(), NO_VALUES, [1.0], Output("displacement", ("floor 1",)), 0.02
+        )
+
+
+@pytest.mark.parametrize("damping", [0.0, 1.0, -0.02, 2.0, math.nan, "two", (0.02, 1.5, 0.1, 0.1)])
+def test_damping_is_a_fraction(damping):
+    with pytest.raises(ValueError, match="damping must be a fraction of critical damping"):
+        damping_ratios(damping, 4)
+
+
+def test_damping_is_one_ratio_or_one_a_mode():
+    np.testing.assert_array_equal(damping_ratios(0.02, 3), [0.02] * 3)
+    np.testing.assert_array_equal(damping_ratios([0.1, 0.2], 2), [0.1, 0.2])
+    with pytest.raises(ValueError, match="one for each of the 4 modes, got 2 ratios"):
+        damping_ratios([0.1, 0.2], 4)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "places", "message"),
+    [
+        ("velocity", ("floor 1",), "quantity must be one of 'displacement', 'acceleration'"),
+        ("displacement", (), r"places must be a list of one or more, got \(\)"),
+        ("displacement", "floor 1", "places must be a list of one or more, got 'floor 1'"),
+        ("displacement", (("floor 1", "floor 2"),), "place of 'displacement' must be a label"),
+        ("drift", ("floor 1",), "place of 'drift' must be a pair"),
+        ("drift", (("floor 1", "floor 1"),), "place of 'drift' must be a pair"),
+    ],
+)
+def test_outputs_that_make_no_sense(quantity, places, message):
+    with pytest.raises(ValueError, match=message):
+        Output(quantity, places)
+
+
+def test_labels_of_places():
+    assert Output("drift", [[GROUND, "floor 1"]]).labels == ("ground to floor 1",)
+    assert Output("displacement", ["a", "b"]).labels == ("a", "b")
+
+
+@pytest.mark.parametrize(
+    "output", [Output("acceleration", ("roof",)), Output("drift", (("floor 1", "roof"),))]
+)
+def test_unknown_places_are_named(augmented, values, output):
+    motion = GroundMotion(np.ones(4), 0.01)
+    message = "place 'roof': the structure has no such degree of freedom; choose from 'floor 1'"
+    for compute in (
+        lambda: transfer_functions(augmented, values, [1.0], output, 0.02),
+        lambda: time_histories(augmented, values, motion, output, 0.02),
+        lambda: peak_responses(augmented, values, motion, output, 0.02),
+        lambda: transfer_functions(
+            augmented, values, [1.0], Output("displacement", FLOORS), 0.02, force_at="roof"
+        ),
+    ):
+        with pytest.raises(ValueError, match=message):
+            compute()
+
+
+@pytest.mark.parametrize("frequencies", [[], [[1.0]], [-1.0], [math.nan], 1.0])
+def test_frequencies_that_make_no_sense(augmented, values, frequencies):
+    with pytest.raises(ValueError, match="frequencies_hz must be"):
+        transfer_functions(
+            augmented, values, frequencies, Output("displacement", FLOORS), 0.02
+        )  # fmt: skip

@@ -1,0 +1,118 @@
+"""Figures of responses: what is drawn where, and with which words."""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+
+from bayes_ssi.predictions import Band
+from bayes_ssi.response_plots import (
+    plot_frequency_change,
+    plot_mac,
+    plot_shape,
+    plot_time_history,
+    plot_transfer_functions,
+)
+
+X = np.linspace(0.5, 2.5, 5)
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    plt.close("all")
+
+
+def band(middle, half):
+    middle = np.asarray(middle, dtype=float)
+    return Band(middle - half, middle, middle + half)
+
+
+def line(ax, label):
+    (found,) = [each for each in ax.lines if each.get_label() == label]
+    return found
+
+
+@pytest.mark.parametrize("plot", [plot_transfer_functions, plot_time_history])
+def test_a_band_its_median_and_the_reference(plot):
+    ax = plot(X, {"class $3$": band(X, 0.1)}, reference=("true", 2.0 * X), quantity="q (-)")
+    np.testing.assert_array_equal(line(ax, "class $3$").get_xydata(), np.c_[X, X])
+    np.testing.assert_array_equal(line(ax, "true").get_ydata(), 2.0 * X)
+    outline = ax.collections[0].get_paths()[0].vertices
+    at_2 = outline[outline[:, 0] == 2.0, 1]
+    np.testing.assert_allclose([at_2.min(), at_2.max()], [1.9, 2.1])
+    assert ax.get_ylabel() == "q (-)"
+    assert ax.get_xlabel() in ("frequency (Hz)", "time (s)")
+    assert ax.get_xlim() == (0.5, 2.5)
+    (legend,) = ax.figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["class $3$", "true"]
+    ax.figure.canvas.draw()
+
+
+def test_transfer_functions_are_on_a_logarithmic_axis():
+    assert plot_transfer_functions(X, {"a": band(X, 0.1)}).get_yscale() == "log"
+    assert plot_time_history(X, {"a": band(X, 0.1)}).get_yscale() == "linear"
+
+
+def test_bands_differ_in_colour_and_line_and_are_four_at_most():
+    ax = plot_transfer_functions(X, {name: band(X, 0.1) for name in "abcd"}, legend=False)
+    looks = {(line(ax, name).get_color(), line(ax, name).get_linestyle()) for name in "abcd"}
+    assert len({colour for colour, _ in looks}) == len({style for _, style in looks}) == 4
+    assert not ax.figure.legends
+    with pytest.raises(ValueError, match="at most 4 bands, got 5"):
+        plot_transfer_functions(X, {name: band(X, 0.1) for name in "abcde"})
+
+
+def test_a_shape_is_a_building_with_its_appendage(augmented):
+    places = augmented.degrees_of_freedom
+    shape = band([0.3, 0.6, 0.7, -0.4], 0.05)
+    ax = plot_shape(
+        augmented, places, shape, reference=("test", places[:3], np.array([0.2, 0.5, 0.8])),
+        title="mode $1$",
+    )  # fmt: skip
+    floors = [each for each in ax.lines if len(set(each.get_ydata())) == 1 and
+              len(each.get_xdata()) == 2][1:]  # fmt: skip
+    np.testing.assert_allclose([each.get_xdata().mean() for each in floors], [0.3, 0.6, 0.7])
+    np.testing.assert_allclose([each.get_ydata()[0] for each in floors], [1, 2, 3])
+    appendage = line(ax, "appendage")
+    np.testing.assert_allclose(appendage.get_xydata(), [[-0.4, 1.5]])
+    assert appendage.get_marker() == "s"
+    np.testing.assert_allclose(line(ax, "test").get_xydata(), [[0.2, 1], [0.5, 2], [0.8, 3]])
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["ground", *places[:3]]
+    assert ax.get_title(loc="left") == "mode $1$" or ax.get_title() == "mode $1$"
+    ax.figure.canvas.draw()
+
+
+def test_an_appendage_that_moves_far_is_an_arrow_with_its_numbers(augmented):
+    ax = plot_shape(augmented, augmented.degrees_of_freedom, band([0.7, 0.2, -0.7, -3.4], 0.5))
+    appendage = line(ax, "appendage")
+    assert appendage.get_marker() == "<"
+    assert ax.get_xlim()[0] < appendage.get_xdata()[0] < -1.5
+    assert [text.get_text() for text in ax.texts] == ["-3.4\n(-3.9 to -2.9)"]
+
+
+def test_the_mac_matrix_is_written_out():
+    matrix = np.array([[1.0, 0.02], [0.92, np.nan]])
+    ax = plot_mac(matrix, ["2a", "2b"], ["1", "2"], of=("correct", "incorrect"))
+    assert [text.get_text() for text in ax.texts] == ["1.00", "0.02", "0.92"]
+    np.testing.assert_array_equal(ax.images[0].get_array().filled(np.nan), matrix)
+    assert (ax.get_ylabel(), ax.get_xlabel()) == ("correct", "incorrect")
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["2a", "2b"]
+
+
+def test_frequencies_before_and_after():
+    identified = np.array([1.0, 4.0])
+    ax = plot_frequency_change(
+        ["1", "2"], identified, np.array([0.9, 4.4]), band(identified, [0.01, 0.08])
+    )
+    np.testing.assert_allclose(
+        line(ax, "before: prior medians").get_xydata(), [[-10.0, 0], [10.0, 1]]
+    )
+    (bars,) = ax.containers
+    np.testing.assert_allclose(bars[0].get_xdata(), [0.0, 0.0], atol=1e-12)
+    ends = [segment[:, 0] for segment in bars[2][0].get_segments()]
+    np.testing.assert_allclose(ends, [[-1.0, 1.0], [-2.0, 2.0]], atol=1e-9)
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["1\n1 Hz", "2\n4 Hz"]
