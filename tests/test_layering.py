@@ -14,7 +14,8 @@ PACKAGE = Path(bayes_ssi.__file__).parent
 ORDER = [
     "priors", "parameters", "modal", "structures", "ground_motion", "ground_motion_files",
     "time_stepping", "response", "data", "modal_csv", "errors", "shape_density", "likelihood",
-    "pairings", "any_pairing", "inferred_pairing", "configuration", "model_class",
+    "pairings", "any_pairing", "inferred_pairing", "description", "configuration", "model_class",
+    "updated_modes", "datum_terms",
     "configuration_modes", "calibration", "evaluation", "journal", "in_workers", "dispatch",
     "workers", "target", "mixture", "moves", "maxima", "discovery", "tempering", "regions",
     "production", "evidence", "sampling", "checks", "posterior", "versions", "checkpoint",

@@ -28,6 +28,8 @@ def ranking_of(prior=None, name="a", **weights):
 
 def assert_equal_posteriors(a, b):
     for item in fields(a):
+        if item.name == "datum_terms":  # for other packages, not read back
+            continue
         left, right = getattr(a, item.name), getattr(b, item.name)
         if isinstance(left, np.ndarray):
             np.testing.assert_array_equal(left, right, err_msg=item.name)
