@@ -107,7 +107,7 @@ class Configuration:
         return {
             "structure": type(self.structure).__name__,
             "definition": repr(self.structure),
-            "description": [list(line) for line in described(self.structure)],
+            "structure_lines": [list(line) for line in described(self.structure)],
             "degrees_of_freedom": list(self.structure.degrees_of_freedom),
             "pairing": "any" if given is None else dict(given),
             "spurious": None
