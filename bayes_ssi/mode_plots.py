@@ -220,6 +220,8 @@ def _deformed(
         name="model, 95 % band",
         title=title,
     )
+    for text in ax.texts:  # a small panel has no room for the band of what moves far
+        text.set_text(text.get_text().split("\n")[0])
 
 
 def _as_lines(

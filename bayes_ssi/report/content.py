@@ -58,7 +58,11 @@ def content(
         "scale": comparison.scale,
         "tests": [_test(name, data, pictures.of_test(name)) for name, data in stored.tests.items()],
         "several": len(stored.tests) > 1,
-        "classes": [_class(place, stored, pictures) for place in places[:most_listed]],
+        "classes": [
+            # A hypothesis of a search carries the description of the class that it was built on.
+            _class(place, stored, pictures, described=beside.search is None)
+            for place in places[:most_listed]
+        ],
         "n_more": max(0, len(places) - most_listed),
         "checks": [_checks(place) for place in places],
         "search": beside.search,
@@ -90,7 +94,8 @@ def _test(name: str, data: ModalData, drawn: list[Picture]) -> dict[str, Any]:
         "band_hz": data.band_hz,
         "sensors": data.sensors,
         "digest": data.digest,
-        "oddities": data.oddities(),
+        # Where no shape was measured at all, that is said once.
+        "oddities": data.oddities() if data.sensors else [],
         "modes": [
             {
                 "label": mode.label,
@@ -107,20 +112,22 @@ def _test(name: str, data: ModalData, drawn: list[Picture]) -> dict[str, Any]:
     }
 
 
-def _class(place: _Place, stored: StoredResult, pictures: Pictures) -> dict[str, Any]:
+def _class(
+    place: _Place, stored: StoredResult, pictures: Pictures, *, described: bool
+) -> dict[str, Any]:
     posterior, record = place.posterior, place.record
     tests = record.get("configurations") or [{**record, "name": ""}]
-    described = {test["name"]: test for test in tests}
+    records = {test["name"]: test for test in tests}
     return {
         "name": place.row.name,
         "row": place.row,
-        "description": record["description"],
+        "description": record["description"] if described else "",
         "error": record["error"],
         "detection_probability": record["detection_probability"],
         "expected_spurious_modes": record["expected_spurious_modes"],
         "parameters": _parameters(posterior, record),
         "configurations": [
-            _configuration(modes, described[modes.name], stored.tests[modes.name], posterior)
+            _configuration(modes, records[modes.name], stored.tests[modes.name], posterior)
             for modes in posterior.configurations
         ],
         "pairings": pairing_notes(posterior),
@@ -176,6 +183,7 @@ def _configuration(
             for mode in data.modes
         ],
         "has_updated": bool(updated),
+        "has_mac": any(mode.mac_after is not None for mode in updated.values()),
     }
 
 

@@ -45,7 +45,8 @@ def error_percent(model: Any, identified: float) -> str:
     """By how much a frequency is off, with its sign."""
     if model is None or not math.isfinite(float(model)):
         return MISSING
-    return f"{100.0 * (float(model) / identified - 1.0):+.1f} %"
+    error = round(100.0 * (float(model) / identified - 1.0), 1)
+    return f"{error:+.1f} %" if error else "0.0 %"
 
 
 def probability(value: float) -> str:
@@ -67,6 +68,10 @@ def names(items: Sequence[Any], last: str = "and") -> str:
     return f"{', '.join(told[:-1])} {last} {told[-1]}"
 
 
+def quoted(items: Sequence[Any]) -> list[str]:
+    return [f"'{item}'" for item in items]
+
+
 def markdown(value: Any) -> str:
     """A name as it is: nothing in it is taken for markup, or for the end of a table's cell."""
     flat = " ".join(str(value).split())
@@ -82,5 +87,6 @@ FILTERS = {
     "probability": probability,
     "prior": prior,
     "names": names,
+    "quoted": quoted,
     "md": markdown,
 }

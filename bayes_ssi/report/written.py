@@ -63,14 +63,18 @@ def write_report(
         lstrip_blocks=True,
     )
     environment.filters.update(FILTERS)
-    pictures = draw(stored, beside)
-    told = content(stored, beside, pictures, MOST_LISTED)
-    told |= {"page_versions": versions(), "result": str(stored.directory)}
+    try:
+        pictures = draw(stored, beside)
+        told = content(stored, beside, pictures, MOST_LISTED)
+        told |= {"page_versions": versions(), "result": str(stored.directory)}
+        pages = {name: environment.get_template(f"{name}.j2").render(told) for name in (PAGE, TWIN)}
+    except (LookupError, TypeError, AttributeError, jinja2.UndefinedError) as error:
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"{stored.directory}: incomplete or damaged result: {what}") from error
     with new_directory(directory, marker=PAGE, overwrite=overwrite) as partial:
         (partial / "figures").mkdir()
         for picture in pictures.all:
             picture.save(partial / "figures")
-        for name in (PAGE, TWIN):
-            text = environment.get_template(f"{name}.j2").render(told)
+        for name, text in pages.items():
             (partial / name).write_text(text.rstrip() + "\n", encoding="utf-8")
     return Report(directory, directory / PAGE, directory / TWIN, len(pictures.all))
