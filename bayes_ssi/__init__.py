@@ -13,7 +13,7 @@ from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.posterior import Posterior, sample
 from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
-from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.structures import (
     AddedMass,
     FloorMass,

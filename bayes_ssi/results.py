@@ -34,7 +34,7 @@ from bayes_ssi.versions import versions
 
 __all__ = ["StoredResult", "load_result", "require_new", "save_result"]
 
-FORMAT = 3
+FORMAT = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +259,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
     names = tuple(entry["parameter_names"])
     stored = load_draws(directory / "posteriors" / entry["file"], names)
     evidence = dict(entry["evidence"])
-    for check in ("bridge", "tempered"):
+    for check in ("bridge", "repeat"):
         evidence[check] = Estimate(**{k: float(v) for k, v in evidence[check].items()})
     for number, value in evidence.items():
         if isinstance(value, str):  # an infinity or NaN

@@ -24,7 +24,7 @@ from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.priors import FloatArray, LogNormal, LogUniform, Prior
-from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.lumped import LumpedStructure
 from bayes_ssi.study import Ranking, Study, sample_all
