@@ -29,6 +29,7 @@ __all__ = [
     "Damping",
     "Output",
     "damping_ratios",
+    "ground_influence",
     "largest_over_places",
     "peak_responses",
     "time_histories",
@@ -174,6 +175,17 @@ def modal_model_of(structure: Structure, values: FloatArray) -> ModalModel:
             f"participation and influence of shapes {found}, expected {expected}"
         )
     return model
+
+
+def ground_influence(structure: Structure) -> FloatArray | None:
+    """How every degree of freedom moves when the ground moves by 1 and nothing deforms, (n_dof,).
+
+    None where the structure does not know.
+    """
+    try:
+        return modal_model_of(structure, structure.medians()).influence
+    except TypeError:
+        return None
 
 
 def transfer_functions(
