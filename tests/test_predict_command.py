@@ -30,9 +30,7 @@ def saved(tmp_path_factory, tiny_ranking):
 
 @pytest.fixture
 def no_figures(monkeypatch):
-    monkeypatch.setattr(
-        "bayes_ssi.prediction_figures.save_prediction_figures", lambda directory, *_: None
-    )
+    monkeypatch.setattr("bayes_ssi.prediction_figures.save_prediction_figures", lambda *_: None)
 
 
 @pytest.fixture
