@@ -25,6 +25,9 @@ __all__ = [
 # Okabe and Ito's palette: told apart by colour-blind readers, and in grey by lightness.
 BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7F7F7F"
 
+# What a line of a legend holds in the width of a figure.
+LEGEND_LETTERS = 84
+
 RC: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
     "figure.dpi": 150,
@@ -73,8 +76,14 @@ def legend_below(ax: Axes, columns: int) -> None:
 
 
 def legend_of_figure(figure: Any, ax: Axes, columns: int = 3) -> None:
-    """The legend of one axes below the figure, for all that it holds."""
-    legend = figure.legend(*_named(ax), loc="outside lower center", ncols=columns)
+    """The legend of one axes below the figure, for all that it holds.
+
+    In fewer columns where names are long.
+    """
+    named, labels = _named(ax)
+    longest = max(map(len, labels), default=1)
+    columns = max(1, min(columns, LEGEND_LETTERS // (longest + 6)))
+    legend = figure.legend(named, labels, loc="outside lower center", ncols=columns)
     draw_as_they_are(legend.get_texts())
 
 

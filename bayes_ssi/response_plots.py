@@ -187,9 +187,12 @@ def _numbers_below(
 ) -> None:
     """Write below the axes the components of appendages that these do not hold."""
     far = [
-        f"{place}: {median:.1f}\n({low:.1f} to {high:.1f})"
-        for place, low, median, high in zip(places, *shape, strict=True)
-        if place in structure.appendages and abs(median) >= reach
+        # Adding zero makes a negative zero a plain one.
+        f"{place}: {median + 0.0:.1f}\n({low + 0.0:.1f} to {high + 0.0:.1f})"
+        for i, (place, low, median, high) in enumerate(
+            zip(places, *np.round(shape, 1), strict=True)
+        )
+        if place in structure.appendages and abs(shape.median[i]) >= reach
     ]
     draw_as_they_are([ax.set_xlabel("\n".join(far), fontsize=7)])
 

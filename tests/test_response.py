@@ -115,6 +115,17 @@ def test_an_oscillator_at_rest_and_at_resonance(oscillator):
     np.testing.assert_allclose(force[0], 1.0 / (3.0 * (4.0 * math.pi) ** 2), rtol=1e-12)
 
 
+def test_many_draws_are_stepped_in_parts(augmented, values, monkeypatch):
+    motion = GroundMotion(np.random.default_rng(5).standard_normal(150), 0.02)
+    output = Output("drift", (("floor 1", "floor 3"), ("ground", "infill 1-2")))
+    whole = time_histories(augmented, values, motion, output, RATIOS)
+    monkeypatch.setattr("bayes_ssi.time_stepping.STATES", 2 * 5 * 4)  # two draws of five blocks
+    in_parts = time_histories(augmented, values, motion, output, RATIOS)
+    np.testing.assert_allclose(in_parts, whole, rtol=1e-12, atol=1e-14)
+    peaks = peak_responses(augmented, values, motion, output, RATIOS)
+    np.testing.assert_allclose(peaks, np.abs(whole).max(-1), rtol=1e-12)
+
+
 def test_time_histories_cost_little_more_than_filtering(augmented, values):
     """At most three times one call of lfilter, of second order, for each history."""
     draws = np.tile(values, (50, 1))
