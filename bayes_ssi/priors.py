@@ -85,7 +85,8 @@ def prior_from_dict(record: Mapping[str, Any]) -> Prior:
         ValueError: no distribution is called so.
         TypeError: the numbers are not those of the distribution.
     """
-    numbers = {key: value for key, value in record.items() if key != "distribution"}
+    # Infinite bounds are text in a record.
+    numbers = {key: float(value) for key, value in record.items() if key != "distribution"}
     known = {kind.__name__: kind for kind in Prior.__subclasses__()}
     name = record.get("distribution")
     if name not in known:

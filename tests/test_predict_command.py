@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from conftest import TINY_STUDY, assert_one_line_error
 
-from bayes_ssi import study as study_module
 from bayes_ssi.ground_motion import GroundMotion
 from bayes_ssi.response import Output
 from bayes_ssi.results import save_result
@@ -52,7 +51,7 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
     def refuse(*_):
         raise AssertionError("sampled")
 
-    monkeypatch.setattr(study_module, "sample", refuse)
+    monkeypatch.setattr("bayes_ssi.posterior.sample_target", refuse)
     (tmp_path / "tiny.py").write_text(TINY_STUDY, "utf-8")
     out = tmp_path / "result"
     save_result(tiny_ranking, out, study_file=str(tmp_path / "tiny.py"))

@@ -11,7 +11,6 @@ from conftest import TINY_STUDY
 from searches import INFILL_01, PENDULUM_1
 
 import bayes_ssi as bs
-from bayes_ssi import study as study_module
 from bayes_ssi.class_draws import class_draws
 from bayes_ssi.response import Output
 from bayes_ssi.results import save_result
@@ -32,7 +31,7 @@ def test_a_stored_result_predicts_without_sampling(saved, tiny_study_file, monke
     def refuse(*_):
         raise AssertionError("sampled")
 
-    monkeypatch.setattr(study_module, "sample", refuse)
+    monkeypatch.setattr("bayes_ssi.posterior.sample_target", refuse)
     by_record = load_predictions(saved, n_draws=50)
     named = load_predictions(saved, tiny_study_file, n_draws=50)
     for name in ("one k", "each k"):
@@ -59,7 +58,7 @@ def test_classes_whose_pairing_was_inferred(tmp_path, tiny_study_file):
                         'bs.ShearBuilding((1.0, 1.0), (K * k, K * k)), modes, error,\n'
                         '                      pairing={"1": 1})')  # fmt: skip
     tiny_study_file.write_text(text, "utf-8")
-    study = study_module.load_study(tiny_study_file).with_any_pairing()
+    study = load_study(tiny_study_file).with_any_pairing()
     ranking = bs.rank(study, settings=bs.SamplingSettings(log_evidence_error=0.1))
     assert study.names == ("one k or each k",)
     save_result(ranking, tmp_path / "any", study_file=str(tiny_study_file))
