@@ -19,9 +19,10 @@ ORDER = [
     "workers", "target", "mixture", "moves", "maxima", "discovery", "tempering", "regions",
     "production", "evidence", "sampled", "economical", "sampling", "checks", "posterior",
     "versions", "checkpoint", "comparison", "study", "sensitivity", "search", "arviz_store",
-    "results", "class_draws", "predictions", "stored_predictions", "prediction_report", "tables",
-    "figure_style", "plots", "response_plots", "prediction_figures", "terminal", "study_argument",
-    "saved_run", "commands", "cli",
+    "new_directory", "results", "class_draws", "predictions", "stored_classes",
+    "stored_predictions", "prediction_answers", "prediction_modes", "prediction_defaults",
+    "prediction_files", "tables", "figure_style", "plots", "response_plots", "prediction_figures",
+    "terminal", "study_argument", "saved_run", "commands", "cli",
 ]  # fmt: skip
 # Methods load and save are one line each that hand over to the file format.
 EXCEPTIONS = {("data", "modal_csv"), ("ground_motion", "ground_motion_files")}
