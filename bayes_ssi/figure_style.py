@@ -31,6 +31,8 @@ BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00
 
 # How the text of a point begins where SVG has its identity.
 HOVER = "hover: "
+# What a line of a legend holds in the width of a figure.
+LEGEND_LETTERS = 84
 
 RC: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
@@ -95,9 +97,15 @@ def legend_below(ax: Axes, columns: int) -> None:
     draw_as_they_are(ax.legend(*_named(ax), loc="best", fontsize="small").get_texts())
 
 
-def legend_of_figure(figure: Any, ax: Axes, columns: int = 2) -> None:
-    """The legend of one axes below the figure, for all that it holds."""
-    legend = figure.legend(*_named(ax), loc="outside lower center", ncols=columns)
+def legend_of_figure(figure: Any, ax: Axes, columns: int = 3) -> None:
+    """The legend of one axes below the figure, for all that it holds.
+
+    In fewer columns where names are long.
+    """
+    named, labels = _named(ax)
+    longest = max(map(len, labels), default=1)
+    columns = max(1, min(columns, LEGEND_LETTERS // (longest + 6)))
+    legend = figure.legend(named, labels, loc="outside lower center", ncols=columns)
     draw_as_they_are(legend.get_texts())
 
 

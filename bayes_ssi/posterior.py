@@ -22,7 +22,8 @@ from bayes_ssi.journal import Journal
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.production import effective_sample_size, r_hat
-from bayes_ssi.sampling import Progress, Sampled, SamplingSettings, sample_target
+from bayes_ssi.sampled import Progress, Sampled, SamplingSettings
+from bayes_ssi.sampling import sample_target
 from bayes_ssi.target import Target
 from bayes_ssi.workers import Workers, as_workers
 
@@ -45,7 +46,8 @@ class Evidence:
         pareto_k: shape of the tail of their weights; the error is to be trusted below 0.7.
         n_draws: number of importance draws.
         bridge: bridge sampling's estimate.
-        tempered: the tempered starts' estimate, coarse.
+        repeat: an estimate by other means: the tempered starts', which is coarse, or on the
+            economical path that of importance sampling done a second time.
         laplace: Laplace's approximation, summed over the maxima found; a quick look.
         mean_log_likelihood: posterior mean of the log-likelihood, how well the class fits.
     """
@@ -56,7 +58,7 @@ class Evidence:
     pareto_k: float
     n_draws: int
     bridge: Estimate
-    tempered: Estimate
+    repeat: Estimate
     laplace: float
     mean_log_likelihood: float
 
@@ -288,7 +290,7 @@ def sample(
         n_searches=sampled.discovery.n_searches,
         seconds=perf_counter() - started,
         failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
-        edge_checks=tuple(failed_edge_checks(model_class, z.reshape(-1, n))),
+        edge_checks=tuple(failed_edge_checks(model_class, z.reshape(-1, n), found.frequencies_hz)),
         data_digest=model_class.data_digest,
         configurations=configurations,
         relative_spreads=z.reshape(-1, n).std(axis=0),
@@ -340,7 +342,7 @@ def _evidence(sampled: Sampled) -> Evidence:
         pareto_k=sampled.importance.pareto_k,
         n_draws=len(sampled.importance.z),
         bridge=sampled.bridge,
-        tempered=sampled.tempered,
+        repeat=sampled.repeat,
         laplace=sampled.maxima.log_evidence,
         mean_log_likelihood=sampled.importance.log_likelihood_mean,
     )
@@ -372,7 +374,7 @@ def _corrected_draws(sampled: Sampled, rng: np.random.Generator) -> tuple[FloatA
 def _regions(sampled: Sampled, z: FloatArray, values: FloatArray) -> tuple[Region, ...]:
     regions = sampled.regions
     shares, errors = sampled.region_shares, sampled.region_errors
-    of_starts = np.array([regions.shares(start.positions) for start in sampled.starts])
+    of_starts = [regions.shares(start.positions) for start in sampled.starts]
     labels = regions.assign(z.reshape(-1, z.shape[-1]))
     flat = values.reshape(-1, values.shape[-1])
     records: Sequence[Region] = [
@@ -380,7 +382,7 @@ def _regions(sampled: Sampled, z: FloatArray, values: FloatArray) -> tuple[Regio
             share=float(shares[k]),
             error=float(errors[k]),
             n_searches=int(sampled.searches_of_regions[k]),
-            shares_of_starts=tuple(float(share) for share in of_starts[:, k]),
+            shares_of_starts=tuple(float(shares[k]) for shares in of_starts),
             mean=tuple(float(mean) for mean in flat[labels == k].mean(0)),
         )
         for k in range(regions.n_regions)

@@ -12,7 +12,6 @@ import csv
 import json
 import math
 import re
-import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
@@ -21,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_ssi import new_directory
 from bayes_ssi.arviz_store import Further, StoredDraws, load_draws, save_draws
 from bayes_ssi.comparison import Comparison, RankedClass
 from bayes_ssi.configuration import label_in, only_one
@@ -34,9 +34,18 @@ from bayes_ssi.study import Ranking, Study
 from bayes_ssi.updated_modes import UpdatedModes
 from bayes_ssi.versions import versions
 
-__all__ = ["StoredResult", "load_result", "require_new", "save_result"]
+__all__ = [
+    "StoredResult",
+    "load_result",
+    "plain_record",
+    "require_new",
+    "save_result",
+    "write_json",
+]
 
-FORMAT = 3
+FORMAT = 4
+# The file that every result directory holds.
+MARKER = "result.json"
 PRIOR_DRAWS = 1000
 
 
@@ -84,27 +93,8 @@ class StoredResult:
 
 
 def require_new(directory: str | Path, *, overwrite: bool = False) -> None:
-    """Refuse a result directory that exists, unless it holds a result that may be overwritten.
-
-    The directory above it is made, so that a place that cannot be written is known at once.
-
-    Raises:
-        FileExistsError: it exists, and ``overwrite`` is false or it holds something else.
-        OSError: the directory above it cannot be made.
-    """
-    path = Path(directory)
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-    elif overwrite:
-        if not (path / "result.json").is_file():
-            raise FileExistsError(
-                f"{directory}: holds no result of this package and is not overwritten"
-            )
-    else:
-        raise FileExistsError(
-            f"{directory}: exists already and is not overwritten; name another with --out, or "
-            "pass --overwrite"
-        )
+    """As :func:`bayes_ssi.new_directory.require_new`, for a result directory."""
+    new_directory.require_new(directory, marker=MARKER, overwrite=overwrite)
 
 
 def save_result(
@@ -114,6 +104,7 @@ def save_result(
     study_file: str = "",
     overwrite: bool = False,
     accept_failed_checks: bool = False,
+    command: str = "",
     extra: Mapping[str, Any] | None = None,
 ) -> StoredResult:
     """Write a ranking to a new directory; nothing is left there if writing fails.
@@ -124,20 +115,15 @@ def save_result(
         study_file: the file that defines the study, for the record.
         overwrite: replace a result that exists.
         accept_failed_checks: put on record that failed checks were accepted.
+        command: that gives the result again, for the record.
         extra: name of a further JSON file → its record.
 
     Raises:
         FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
             than a result.
     """
-    directory = Path(directory)
-    require_new(directory, overwrite=overwrite)
-    partial = directory.with_name(f".{directory.name}.partial")
-    replaced = directory.with_name(f".{directory.name}.replaced")
-    for left_over in (partial, replaced):
-        shutil.rmtree(left_over, ignore_errors=True)
-    (partial / "posteriors").mkdir(parents=True)
-    try:
+    with new_directory.new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
+        (partial / "posteriors").mkdir()
         tests = _save_tests(ranking.study, partial)
         files = _file_names([p.name for p in ranking.posteriors])
         classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
@@ -152,21 +138,12 @@ def save_result(
             )
             save_draws(partial / "posteriors" / files[posterior.name], stored)
         record = {**_record(ranking, files, study_file), "data": tests}
-        record["failed_checks_accepted"] = accept_failed_checks
-        _write_json(partial / "result.json", record)
-        _write_json(partial / "comparison.json", asdict(ranking.comparison))
+        record |= {"failed_checks_accepted": accept_failed_checks, "command": command}
+        write_json(partial / MARKER, record)
+        write_json(partial / "comparison.json", asdict(ranking.comparison))
         for name, further in (extra or {}).items():
-            _write_json(partial / name, further)
+            write_json(partial / name, further)
         _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
-        # A result is there, whole, at every moment but between these two.
-        if directory.exists():
-            directory.rename(replaced)
-        partial.rename(directory)
-    finally:
-        if replaced.exists() and not directory.exists():
-            replaced.rename(directory)
-        for left_over in (partial, replaced):
-            shutil.rmtree(left_over, ignore_errors=True)
     return load_result(directory)
 
 
@@ -177,7 +154,7 @@ def load_result(directory: str | Path) -> StoredResult:
         ValueError: it does not exist, is incomplete or damaged, or another version's.
     """
     directory = Path(directory)
-    record = _read_json(directory / "result.json")
+    record = _read_json(directory / MARKER)
     if record.get("format") != FORMAT:
         raise ValueError(
             f"{directory}: a result of format {record.get('format')!r}, "
@@ -273,7 +250,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
     names = tuple(entry["parameter_names"])
     stored = load_draws(directory / "posteriors" / entry["file"], names)
     evidence = dict(entry["evidence"])
-    for check in ("bridge", "tempered"):
+    for check in ("bridge", "repeat"):
         evidence[check] = Estimate(**{k: float(v) for k, v in evidence[check].items()})
     for number, value in evidence.items():
         if isinstance(value, str):  # an infinity or NaN
@@ -340,17 +317,18 @@ def _comparison(record: Mapping[str, Any]) -> Comparison:
     return Comparison(rows, record["data_digest"], record["scale"])
 
 
-def _write_json(path: Path, record: Mapping[str, Any]) -> None:
-    text = json.dumps(_plain(record), indent=2, allow_nan=False)
+def write_json(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a record; infinities and NaN as text."""
+    text = json.dumps(plain_record(record), indent=2, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def _plain(value: Any) -> Any:
+def plain_record(value: Any) -> Any:
     """The value as JSON has it: numpy's numbers as numbers, and infinities and NaN as text."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain_record(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain_record(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
