@@ -14,14 +14,18 @@ from bayes_ssi.parameters import Parameter
 from bayes_ssi.posterior import Posterior, sample
 from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
 from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.sensors import Sensor
 from bayes_ssi.structures import (
     AddedMass,
+    FloorBlock,
     FloorMass,
     InPlaneInfill,
     OutOfPlaneInfill,
     Pendulum,
     ShearBuilding,
     ShearBuilding3D,
+    SpaceFrame,
+    floor_sensor,
 )
 from bayes_ssi.study import Study, rank
 
@@ -29,6 +33,7 @@ __all__ = [
     "AddedMass",
     "Configuration",
     "ErrorModel",
+    "FloorBlock",
     "FloorMass",
     "HalfNormal",
     "IdentificationModel",
@@ -44,13 +49,16 @@ __all__ = [
     "Pendulum",
     "Posterior",
     "SamplingSettings",
+    "Sensor",
     "ShearBuilding",
     "ShearBuilding3D",
+    "SpaceFrame",
     "Study",
     "TruncatedNormal",
     "Uniform",
     "calibrate",
     "compare",
+    "floor_sensor",
     "rank",
     "rms_distance",
     "sample",
