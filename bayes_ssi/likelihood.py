@@ -323,11 +323,10 @@ class ModalLikelihood:
 def _log_normalisers(variance: FloatArray, pairs: PairedModes) -> FloatArray:
     """log Z_d(σ), (B, S), for shape variances (B, S) or, where all shapes share σ, (B, 1)."""
     normalisers = np.empty((len(variance), len(pairs.n_measured)))
-    shared = not pairs.shape_var.any()
-    known: dict[tuple[int, int], FloatArray] = {}
-    for column, d in enumerate(pairs.n_measured):
-        source = 0 if shared else column
-        if (source, d) not in known:
-            known[source, d] = log_shape_normaliser(np.sqrt(variance[:, source]), d)
-        normalisers[:, column] = known[source, d]
+    known: dict[tuple[float, int], FloatArray] = {}
+    for column, (own, d) in enumerate(zip(pairs.shape_var.tolist(), pairs.n_measured, strict=True)):
+        if (own, d) not in known:
+            shared = variance[:, min(column, variance.shape[1] - 1)]
+            known[own, d] = log_shape_normaliser(np.sqrt(shared), d)
+        normalisers[:, column] = known[own, d]
     return normalisers
