@@ -62,9 +62,10 @@ def _series(d: int) -> tuple[FloatArray, float]:
     """
     k = np.arange(1, TERMS + 1)
     factors = -((d - 2.0) ** 2 - (2.0 * k - 1.0) ** 2) / (8.0 * k)
-    coefficients = np.cumprod(factors)
+    coefficients = np.multiply.accumulate(factors, dtype=float)
     # The last term must be negligible; it is zero where the series ends.
-    converged = (NEGLIGIBLE / max(abs(coefficients[-1]), NEGLIGIBLE)) ** (1.0 / TERMS)
+    last = max(abs(float(coefficients[-1])), NEGLIGIBLE)
+    converged = math.pow(NEGLIGIBLE / last, 1.0 / TERMS)
     kappa = 1.0 / converged
     while kappa - 0.5 * (d - 1) * math.log(kappa) < -math.log(NEGLIGIBLE):
         kappa *= 1.05

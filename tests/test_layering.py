@@ -18,10 +18,10 @@ ORDER = [
     "model_class", "configuration_modes", "calibration", "evaluation", "journal", "in_workers",
     "dispatch", "workers", "target", "mixture", "moves", "maxima", "discovery", "tempering",
     "regions", "production", "evidence", "sampling", "checks", "posterior", "versions",
-    "checkpoint", "comparison", "study", "sensitivity", "search", "arviz_store", "results",
-    "class_draws", "predictions", "stored_predictions", "prediction_report", "tables",
-    "figure_style", "plots", "response_plots", "prediction_figures", "terminal", "study_argument",
-    "saved_run", "commands", "cli",
+    "checkpoint", "comparison", "averages", "progress_files", "class_sampling", "study",
+    "sensitivity", "search", "arviz_store", "results", "class_draws", "predictions",
+    "stored_predictions", "prediction_report", "tables", "figure_style", "plots", "response_plots",
+    "prediction_figures", "terminal", "study_argument", "saved_run", "commands", "cli",
 ]  # fmt: skip
 # Methods load and save are one line each that hand over to the file format.
 EXCEPTIONS = {("data", "modal_csv"), ("ground_motion", "ground_motion_files")}
