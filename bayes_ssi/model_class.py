@@ -282,7 +282,12 @@ class ModelClass:
             **own,
             "error": repr(self.error),
             "parameters": [
-                {"name": p.name, "unit": p.unit, "prior": p.prior.as_dict()}
+                {
+                    "name": p.name,
+                    "unit": p.unit,
+                    "prior": p.prior.as_dict(),
+                    "prior_quantiles": [p.prior.quantile(share) for share in (0.05, 0.5, 0.95)],
+                }
                 for p in self.parameters
             ],
             "detection_probability": self.identification.detection_probability,

@@ -21,20 +21,23 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi import new_directory
-from bayes_ssi.arviz_store import StoredDraws, load_draws, save_draws
+from bayes_ssi.arviz_store import Further, StoredDraws, load_draws, save_draws
 from bayes_ssi.comparison import Comparison, RankedClass
 from bayes_ssi.configuration import label_in, only_one
 from bayes_ssi.configuration_modes import ConfigurationModes
 from bayes_ssi.data import ModalData
 from bayes_ssi.evidence import Estimate
 from bayes_ssi.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Evidence, Posterior, Region
 from bayes_ssi.study import Ranking, Study
+from bayes_ssi.updated_modes import UpdatedModes
 from bayes_ssi.versions import versions
 
 __all__ = ["StoredResult", "load_result", "require_new", "save_result", "write_json"]
 
-FORMAT = 4
+FORMAT = 5
+PRIOR_DRAWS = 1000
 # The file that every result directory holds.
 MARKER = "result.json"
 
@@ -114,6 +117,7 @@ def save_result(
         (partial / "posteriors").mkdir()
         tests = _save_tests(ranking.study, partial)
         files = _file_names([p.name for p in ranking.posteriors])
+        classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
         for posterior in ranking.posteriors:
             stored = StoredDraws(
                 posterior.parameter_names,
@@ -121,6 +125,7 @@ def save_result(
                 posterior.log_likelihoods,
                 posterior.frequencies_hz,
                 _mode_labels(posterior),
+                _further(posterior, classes[posterior.name]),
             )
             save_draws(partial / "posteriors" / files[posterior.name], stored)
         record = {**_record(ranking, files, study_file), "data": tests}
@@ -182,6 +187,15 @@ def _mode_labels(posterior: Posterior) -> tuple[int | str, ...]:
     )
 
 
+def _further(posterior: Posterior, model_class: ModelClass) -> Further | None:
+    """What other packages make use of beside a posterior's draws."""
+    if posterior.parameter_names != model_class.parameter_names:
+        return None
+    z = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, len(posterior.parameter_names)))
+    identified = [c.data.frequencies_hz for c in model_class.configurations]
+    return Further(model_class.values(z), posterior.datum_terms, np.concatenate(identified))
+
+
 def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict[str, Any]:
     study = ranking.study
     return {
@@ -202,7 +216,7 @@ def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict
     }
 
 
-ARRAYS = ("draws", "log_likelihoods", "frequencies_hz")
+IN_THE_FILE_OF_DRAWS = ("draws", "log_likelihoods", "frequencies_hz", "datum_terms")
 
 
 def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
@@ -210,7 +224,7 @@ def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
     entry: dict[str, Any] = {"file": file}
     for item in fields(posterior):
         value = getattr(posterior, item.name)
-        if item.name in ARRAYS:
+        if item.name in IN_THE_FILE_OF_DRAWS:
             continue
         if isinstance(value, np.ndarray):
             value = value.tolist()
@@ -263,6 +277,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
                 n_modes=modes["n_modes"],
                 pairing=modes["pairing"],
                 inferred_pairing=_inferred_pairing(modes["inferred_pairing"]),
+                updated=UpdatedModes.of_record(modes.get("updated")),
             )
             for modes in entry["configurations"]
         ),
