@@ -13,7 +13,7 @@ import numpy as np
 from bayes_ssi.parameters import Parameter, Product
 from bayes_ssi.structures.base import Structure
 
-__all__ = ["described"]
+__all__ = ["described", "in_words"]
 
 # A field that takes more characters is cut.
 LONGEST = 300
@@ -27,7 +27,7 @@ def described(structure: Structure) -> list[tuple[str, str]]:
     """
     lines = [(_words(type(structure).__name__), _first_paragraph(structure))]
     if not is_dataclass(structure):
-        return [*lines, ("degrees of freedom", _cut(_text(list(structure.degrees_of_freedom))))]
+        return [*lines, ("degrees of freedom", _cut(in_words(list(structure.degrees_of_freedom))))]
     told = [_field(field.name, getattr(structure, field.name)) for field in fields(structure)]
     plain = [each for lines_of_field in told for each in lines_of_field if not each.of_items]
     items = [each for lines_of_field in told for each in lines_of_field if each.of_items]
@@ -46,7 +46,7 @@ def _field(name: str, value: Any) -> list[_Line]:
     if _has_fields(value):
         told = f"{_words(type(value).__name__)}: {_items(value)}"
         return [_Line(name.replace("_", " "), told, True)]
-    text = _cut(_text(value))
+    text = _cut(in_words(value))
     return [_Line(name.replace("_", " "), text)] if text else []
 
 
@@ -59,14 +59,15 @@ def _items(item: Any) -> str:
     values = {field.name: getattr(item, field.name) for field in fields(item)}
     told = [str(values.pop("label"))] if values.get("label") else []
     told += [
-        f"{name.replace('_', ' ')} {_text(value)}"
+        f"{name.replace('_', ' ')} {in_words(value)}"
         for name, value in values.items()
         if not (isinstance(value, (int, float)) and value == 1.0 and name.endswith("factor"))
     ]
     return _cut(", ".join(told))
 
 
-def _text(value: Any) -> str:
+def in_words(value: Any) -> str:
+    """A number, a parameter, a product of them, or a collection of such, as it is written."""
     if isinstance(value, Parameter):
         return value.name
     if isinstance(value, Product):
@@ -76,12 +77,12 @@ def _text(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, Mapping):
-        return "; ".join(f"{key}: {_text(item)}" for key, item in value.items())
+        return "; ".join(f"{key}: {in_words(item)}" for key, item in value.items())
     if isinstance(value, (tuple, list)):
         flat = not any(isinstance(item, (tuple, list)) for item in value)
-        inner = ", ".join(_text(item) if flat else f"({_text(item)})" for item in value)
-        same = len(value) > 3 and all(_text(item) == _text(value[0]) for item in value[1:])
-        return f"{len(value)} times {_text(value[0])}" if same else inner
+        inner = ", ".join(in_words(item) if flat else f"({in_words(item)})" for item in value)
+        same = len(value) > 3 and all(in_words(item) == in_words(value[0]) for item in value[1:])
+        return f"{len(value)} times {in_words(value[0])}" if same else inner
     return "" if value is None else str(value)
 
 

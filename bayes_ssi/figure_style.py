@@ -29,10 +29,10 @@ __all__ = [
 # Okabe and Ito's palette: told apart by colour-blind readers, and in grey by lightness.
 BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7F7F7F"
 
-# What a line of a legend holds in the width of a figure.
-LEGEND_LETTERS = 84
 # How the text of a point begins where SVG has its identity.
 HOVER = "hover: "
+# What a line of a legend holds in the width of a figure.
+LEGEND_LETTERS = 84
 
 RC: dict[Any, Any] = {
     "figure.constrained_layout.use": True,

@@ -34,12 +34,19 @@ from bayes_ssi.study import Ranking, Study
 from bayes_ssi.updated_modes import UpdatedModes
 from bayes_ssi.versions import versions
 
-__all__ = ["StoredResult", "load_result", "require_new", "save_result", "write_json"]
+__all__ = [
+    "StoredResult",
+    "load_result",
+    "plain_record",
+    "require_new",
+    "save_result",
+    "write_json",
+]
 
 FORMAT = 5
-PRIOR_DRAWS = 1000
 # The file that every result directory holds.
 MARKER = "result.json"
+PRIOR_DRAWS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +104,7 @@ def save_result(
     study_file: str = "",
     overwrite: bool = False,
     accept_failed_checks: bool = False,
+    command: str = "",
     extra: Mapping[str, Any] | None = None,
 ) -> StoredResult:
     """Write a ranking to a new directory; nothing is left there if writing fails.
@@ -107,6 +115,7 @@ def save_result(
         study_file: the file that defines the study, for the record.
         overwrite: replace a result that exists.
         accept_failed_checks: put on record that failed checks were accepted.
+        command: that gives the result again, for the record.
         extra: name of a further JSON file → its record.
 
     Raises:
@@ -129,7 +138,7 @@ def save_result(
             )
             save_draws(partial / "posteriors" / files[posterior.name], stored)
         record = {**_record(ranking, files, study_file), "data": tests}
-        record["failed_checks_accepted"] = accept_failed_checks
+        record |= {"failed_checks_accepted": accept_failed_checks, "command": command}
         write_json(partial / MARKER, record)
         write_json(partial / "comparison.json", asdict(ranking.comparison))
         for name, further in (extra or {}).items():
@@ -310,16 +319,16 @@ def _comparison(record: Mapping[str, Any]) -> Comparison:
 
 def write_json(path: Path, record: Mapping[str, Any]) -> None:
     """Write a record; infinities and NaN as text."""
-    text = json.dumps(_plain(record), indent=2, allow_nan=False)
+    text = json.dumps(plain_record(record), indent=2, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def _plain(value: Any) -> Any:
+def plain_record(value: Any) -> Any:
     """The value as JSON has it: numpy's numbers as numbers, and infinities and NaN as text."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain_record(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain_record(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
 
-from bayes_ssi.terminal import console, say
+from bayes_ssi.terminal import console, json_option, progress_bars, say, tell_record
 
 __all__ = ["report"]
 
@@ -19,6 +20,7 @@ __all__ = ["report"]
     help="Where to write the report; 'report' in RESULT if not given.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace a report that exists.")
+@json_option
 def report(result: Path, out: Path | None, overwrite: bool) -> None:
     """Write a report of RESULT, a directory that rank or search saved.
 
@@ -28,5 +30,11 @@ def report(result: Path, out: Path | None, overwrite: bool) -> None:
     """
     from bayes_ssi.report import write_report
 
-    written = write_report(result, out, overwrite=overwrite)
+    with progress_bars() as tell:
+        written = write_report(result, out, overwrite=overwrite, progress=partial(tell, "report"))
+    tell_record(
+        lambda: {
+            "page": str(written.page), "twin": str(written.twin), "figures": written.n_figures
+        }
+    )  # fmt: skip
     say(console(), f"Written: {written.page} and {written.twin}, with {written.n_figures} figures.")

@@ -122,7 +122,7 @@ def _class(
         "name": place.row.name,
         "row": place.row,
         "description": record["description"] if described else "",
-        "error": record["error"],
+        "error_sizes": record["error_sizes"],
         "detection_probability": record["detection_probability"],
         "expected_spurious_modes": record["expected_spurious_modes"],
         "parameters": _parameters(posterior, record),

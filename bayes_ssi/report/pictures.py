@@ -110,8 +110,10 @@ class Pictures:
         return [*single, *(picture for group in groups for picture in group)]
 
 
-def draw(stored: StoredResult, beside: Beside) -> Pictures:
-    """Every figure of a report, from stored records."""
+def draw(
+    stored: StoredResult, beside: Beside, progress: Callable[[float], object] = float
+) -> Pictures:
+    """Every figure of a report, from stored records; progress is told the share that is done."""
     from matplotlib import rc_context
 
     ranked = stored.ranked_posteriors
@@ -124,15 +126,21 @@ def draw(stored: StoredResult, beside: Beside) -> Pictures:
     cornered = [row.name for row in top if row is top[0] or not row.distinguishable]
     # Drawings are the same, to the letter, whenever they are made.
     with style(), rc_context({"svg.hashsalt": "bayes_ssi"}):
+        evidence, tests = _evidence(stored.comparison), {}
+        for i, name in enumerate(stored.tests):
+            tests[name] = _of_test(stored, i, ranked)
+        progress(0.3)
+        classes = {}
+        for i, name in enumerate(drawn):
+            corner = name in cornered[:MOST_CORNERS]
+            classes[name] = _of_class(stored, stored.posterior(name), i, corner)
+            progress(0.3 + 0.6 * (i + 1) / len(drawn))
         return Pictures(
-            evidence=_evidence(stored.comparison),
+            evidence=evidence,
             sensitivity=_sensitivity(beside),
             places=_places(beside),
-            tests={name: _of_test(stored, i, ranked) for i, name in enumerate(stored.tests)},
-            classes={
-                name: _of_class(stored, stored.posterior(name), i, name in cornered[:MOST_CORNERS])
-                for i, name in enumerate(drawn)
-            },
+            tests=tests,
+            classes=classes,
             predictions=_predictions(beside),
         )
 

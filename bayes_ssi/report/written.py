@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,7 +38,11 @@ class Report:
 
 
 def write_report(
-    result: str | Path, directory: str | Path | None = None, *, overwrite: bool = False
+    result: str | Path,
+    directory: str | Path | None = None,
+    *,
+    overwrite: bool = False,
+    progress: Callable[[str, float], None] | None = None,
 ) -> Report:
     """Write the report of a stored result; nothing is sampled, and no study is needed.
 
@@ -45,6 +50,7 @@ def write_report(
         result: the result directory.
         directory: where to; ``report`` in the result directory if None.
         overwrite: replace a report that exists.
+        progress: called with the name of a step and the share of all that is done.
 
     Raises:
         FileExistsError: the directory exists and ``overwrite`` is false, or holds no report.
@@ -52,6 +58,11 @@ def write_report(
     """
     import jinja2
 
+    def tell(step: str, done: float) -> None:
+        if progress is not None:
+            progress(step, done)
+
+    tell("reading", 0.0)
     stored, beside = load_beside(result)
     directory = Path(directory) if directory is not None else stored.directory / "report"
     require_new(directory, marker=PAGE, overwrite=overwrite)
@@ -64,7 +75,9 @@ def write_report(
     )
     environment.filters.update(FILTERS)
     try:
-        pictures = draw(stored, beside)
+        tell("figures", 0.1)
+        pictures = draw(stored, beside, lambda share: tell("figures", 0.1 + 0.8 * share))
+        tell("pages", 0.9)
         told = content(stored, beside, pictures, MOST_LISTED)
         told |= {"page_versions": versions(), "result": str(stored.directory)}
         pages = {name: environment.get_template(f"{name}.j2").render(told) for name in (PAGE, TWIN)}
@@ -77,4 +90,5 @@ def write_report(
             picture.save(partial / "figures")
         for name, text in pages.items():
             (partial / name).write_text(text.rstrip() + "\n", encoding="utf-8")
+    tell("pages", 1.0)
     return Report(directory, directory / PAGE, directory / TWIN, len(pictures.all))
