@@ -16,15 +16,19 @@ from bayes_ssi.posterior import Posterior, sample
 from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
 from bayes_ssi.response import Output
 from bayes_ssi.sampled import SamplingSettings
+from bayes_ssi.sensors import Sensor
 from bayes_ssi.stored_predictions import load_predictions
 from bayes_ssi.structures import (
     AddedMass,
+    FloorBlock,
     FloorMass,
     InPlaneInfill,
     OutOfPlaneInfill,
     Pendulum,
     ShearBuilding,
     ShearBuilding3D,
+    SpaceFrame,
+    floor_sensor,
 )
 from bayes_ssi.study import Study, rank
 
@@ -32,6 +36,7 @@ __all__ = [
     "AddedMass",
     "Configuration",
     "ErrorModel",
+    "FloorBlock",
     "FloorMass",
     "GroundMotion",
     "HalfNormal",
@@ -49,13 +54,16 @@ __all__ = [
     "Pendulum",
     "Posterior",
     "SamplingSettings",
+    "Sensor",
     "ShearBuilding",
     "ShearBuilding3D",
+    "SpaceFrame",
     "Study",
     "TruncatedNormal",
     "Uniform",
     "calibrate",
     "compare",
+    "floor_sensor",
     "load_predictions",
     "rank",
     "rms_distance",

@@ -30,6 +30,7 @@ from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.modal import Modes
 from bayes_ssi.parameters import Parameter, Product, ProductTable, as_product, collect_parameters
 from bayes_ssi.priors import FloatArray
+from bayes_ssi.sensors import SensorMatrix
 from bayes_ssi.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.structures.base import Structure
 
@@ -170,7 +171,7 @@ class ModalLikelihood:
         pairing: label of an identified mode → number of the model mode, from 1.
 
     Raises:
-        ValueError: a sensor has no degree of freedom, or the pairing is not valid.
+        ValueError: the structure has no such sensor, or the pairing is not valid.
     """
 
     structure: Structure
@@ -180,7 +181,7 @@ class ModalLikelihood:
     pairing: Mapping[str, int]
 
     def __post_init__(self) -> None:
-        self.structure.sensor_rows(self.data.sensors)
+        self.structure.sensor_matrix(self.data.sensors)
         check_pairing(self.pairing, self.data, self.structure.n_modes)
 
     @cached_property
@@ -273,7 +274,7 @@ class ModalLikelihood:
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised."""
-        return modes.shapes[:, self._sensor_rows, :]
+        return self._sensor_matrix.apply(modes.shapes)
 
     def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         """Whether each model mode lies on the edge of the band, (B, n_modes).
@@ -351,8 +352,8 @@ class ModalLikelihood:
         return ProductTable(tuple(self._error_products), self.parameters)
 
     @cached_property
-    def _sensor_rows(self) -> NDArray[np.intp]:
-        return np.array(self.structure.sensor_rows(self.data.sensors), dtype=np.intp)
+    def _sensor_matrix(self) -> SensorMatrix:
+        return self.structure.sensor_matrix(self.data.sensors)
 
     @cached_property
     def _unpaired_model_modes(self) -> list[int]:
@@ -367,11 +368,10 @@ class ModalLikelihood:
 def _log_normalisers(variance: FloatArray, pairs: PairedModes) -> FloatArray:
     """log Z_d(σ), (B, S), for shape variances (B, S) or, where all shapes share σ, (B, 1)."""
     normalisers = np.empty((len(variance), len(pairs.n_measured)))
-    shared = not pairs.shape_var.any()
-    known: dict[tuple[int, int], FloatArray] = {}
-    for column, d in enumerate(pairs.n_measured):
-        source = 0 if shared else column
-        if (source, d) not in known:
-            known[source, d] = log_shape_normaliser(np.sqrt(variance[:, source]), d)
-        normalisers[:, column] = known[source, d]
+    known: dict[tuple[float, int], FloatArray] = {}
+    for column, (own, d) in enumerate(zip(pairs.shape_var.tolist(), pairs.n_measured, strict=True)):
+        if (own, d) not in known:
+            shared = variance[:, min(column, variance.shape[1] - 1)]
+            known[own, d] = log_shape_normaliser(np.sqrt(shared), d)
+        normalisers[:, column] = known[own, d]
     return normalisers

@@ -80,7 +80,7 @@ class ModelClass:
 
         Raises:
             ValueError: names repeat among different parameters or among configurations, nothing
-                is inferred, a prior is of no parameter, a sensor has no degree of freedom, or a
+                is inferred, a prior is of no parameter, a sensor is not on the structure, or a
                 pairing is not valid. The message begins with the class's name.
             TypeError: something is missing or of the wrong kind.
         """

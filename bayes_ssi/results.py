@@ -43,7 +43,7 @@ __all__ = [
     "write_json",
 ]
 
-FORMAT = 4
+FORMAT = 5
 # The file that every result directory holds.
 MARKER = "result.json"
 PRIOR_DRAWS = 1000

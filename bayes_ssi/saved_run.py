@@ -197,9 +197,9 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
                      help="Exit with code 0 where checks failed; they are shown and saved all "
                      "the same."),
         click.option("--dask", metavar="ADDRESS",
-                     help="Evaluate on a Dask cluster, by its scheduler's address."),
+                     help="Sample on a Dask cluster, by its scheduler's address."),
         click.option("--workers", type=click.IntRange(min=1), metavar="N",
-                     help="Evaluate in N processes on this machine."),
+                     help="Sample in N processes on this machine."),
         click.option("--sensitivity", is_flag=True,
                      help="Rank again with every setting halved and doubled: missed and spurious "
                      "modes, error sizes, widths of priors."),

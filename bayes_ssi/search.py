@@ -18,22 +18,24 @@ from typing import Any
 
 import numpy as np
 
+from bayes_ssi.averages import AveragedParameter, averaged_parameters
 from bayes_ssi.checkpoint import Checkpoint
+from bayes_ssi.class_sampling import sample_all
 from bayes_ssi.comparison import compare
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.posterior import Posterior
-from bayes_ssi.priors import FloatArray, LogNormal, LogUniform, Prior, prior_from_dict
+from bayes_ssi.priors import LogNormal, LogUniform, Prior, prior_from_dict
 from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.lumped import LumpedStructure
-from bayes_ssi.study import Ranking, Study, sample_all
+from bayes_ssi.study import Ranking, Study
 from bayes_ssi.workers import Workers, as_workers
 
 __all__ = [
     "AppendageSearch",
     "AppendageSummary",
-    "AveragedParameter",
+    "AveragedBesideNaive",
     "Place",
     "SearchSettings",
     "hypothesis",
@@ -144,20 +146,13 @@ class AppendageSummary:
 
 
 @dataclass(frozen=True)
-class AveragedParameter:
+class AveragedBesideNaive(AveragedParameter):
     """A parameter of the baseline, averaged over all hypotheses by their probability.
 
     Attributes:
-        name: of the parameter.
-        mean, sd, quantile_05, quantile_95: over all hypotheses.
         naive_mean, naive_sd: if no appendage is thought of.
     """
 
-    name: str
-    mean: float
-    sd: float
-    quantile_05: float
-    quantile_95: float
     naive_mean: float
     naive_sd: float
 
@@ -224,31 +219,19 @@ class AppendageSearch:
         )
 
     @property
-    def averaged_parameters(self) -> tuple[AveragedParameter, ...]:
+    def averaged_parameters(self) -> tuple[AveragedBesideNaive, ...]:
         """The baseline's parameters averaged over the hypotheses, beside the naive fit."""
         naive = next(p for p in self.ranking.posteriors if not self.places[p.name])
-        probabilities = {row.name: row.probability for row in self.ranking.comparison.classes}
-        rows = []
-        for i, name in enumerate(naive.parameter_names):
-            draws, weights = [], []
-            for posterior in self.ranking.posteriors:
-                own = posterior.values[:, posterior.parameter_names.index(name)]
-                draws.append(own)
-                weights.append(np.full(len(own), probabilities[posterior.name] / len(own)))
-            low, high = _quantiles(np.concatenate(draws), np.concatenate(weights), (0.05, 0.95))
-            each = [
-                (probabilities[p.name], d.mean(), d.var())
-                for p, d in zip(self.ranking.posteriors, draws, strict=True)
-            ]
-            mean = sum(share * m for share, m, _ in each)
-            variance = sum(share * (v + (m - mean) ** 2) for share, m, v in each)
-            rows.append(
-                AveragedParameter(
-                    name, float(mean), math.sqrt(variance), low, high,
-                    float(naive.values[:, i].mean()), float(naive.values[:, i].std()),
-                )
-            )  # fmt: skip
-        return tuple(rows)
+        averaged = averaged_parameters(self.ranking.posteriors, self.ranking.comparison)
+        by_name = {row.name: row for row in averaged}
+        return tuple(
+            AveragedBesideNaive(
+                **asdict(by_name[name]),
+                naive_mean=float(naive.values[:, i].mean()),
+                naive_sd=float(naive.values[:, i].std()),
+            )
+            for i, name in enumerate(naive.parameter_names)
+        )
 
 
 def places_of(structure: LumpedStructure) -> tuple[Place, ...]:
@@ -440,13 +423,3 @@ def _mass_name(place: Place) -> str:
 
 def _frequency_name(place: Place) -> str:
     return f"frequency, {place.name}"
-
-
-def _quantiles(
-    values: FloatArray, weights: FloatArray, shares: tuple[float, ...]
-) -> tuple[float, ...]:
-    """Quantiles of weighted values."""
-    order = np.argsort(values)
-    cumulative = np.cumsum(weights[order])
-    at = np.searchsorted(cumulative / cumulative[-1], shares)
-    return tuple(float(values[order][i]) for i in np.minimum(at, len(values) - 1))

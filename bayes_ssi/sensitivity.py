@@ -22,13 +22,14 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
+from bayes_ssi.class_sampling import sample_all
 from bayes_ssi.errors import ErrorModel
 from bayes_ssi.evidence import Estimate, pareto_shape
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import as_product
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.sampled import SamplingSettings
-from bayes_ssi.study import Ranking, sample_all
+from bayes_ssi.study import Ranking
 from bayes_ssi.workers import Workers, as_workers
 
 __all__ = [

@@ -9,7 +9,7 @@ from pools import spawning
 
 import bayes_ssi as bs
 from bayes_ssi.checkpoint import Checkpoint
-from bayes_ssi.study import sample_all
+from bayes_ssi.class_sampling import sample_all
 from bayes_ssi.workers import Workers
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")

@@ -138,7 +138,7 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
         return make_posterior(candidate.name, names=candidate.parameter_names)
 
     out, checkpoint = tmp_path / "r", tmp_path / ".r.checkpoint"
-    monkeypatch.setattr("bayes_ssi.study.sample", sample)
+    monkeypatch.setattr("bayes_ssi.class_sampling.sample", sample)
     monkeypatch.setattr("bayes_ssi.search.places_of", lambda _: (PENDULUM_1, INFILL_01))
     arguments = ("search", tiny_study_file, "--out", out)
 

@@ -9,18 +9,24 @@ from bayes_ssi.structures.elements import (
     Pendulum,
 )
 from bayes_ssi.structures.lumped import LumpedStructure
+from bayes_ssi.structures.rigid_floors import FloorBlock, FloorMass, RigidFloors, floor_sensor
 from bayes_ssi.structures.shear_building import ShearBuilding
-from bayes_ssi.structures.shear_building_3d import FloorMass, ShearBuilding3D
+from bayes_ssi.structures.shear_building_3d import ShearBuilding3D
+from bayes_ssi.structures.space_frame import SpaceFrame
 
 __all__ = [
     "AddedMass",
     "Element",
+    "FloorBlock",
     "FloorMass",
     "InPlaneInfill",
     "LumpedStructure",
     "OutOfPlaneInfill",
     "Pendulum",
+    "RigidFloors",
     "ShearBuilding",
     "ShearBuilding3D",
+    "SpaceFrame",
     "Structure",
+    "floor_sensor",
 ]

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
+from bayes_ssi.averages import AveragedParameter
 from bayes_ssi.comparison import Comparison, probability_text
 from bayes_ssi.inferred_pairing import InferredPairing, PairingShare
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.tables.layout import add_row, new_table
 
 __all__ = [
+    "averages_table",
     "comparison_notes",
     "evidence_table",
     "pairing_notes",
@@ -90,6 +92,24 @@ def parameter_table(posterior: Posterior) -> Table:
         numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)
         cells = [f"{number:.4g}" for number in numbers]
         add_row(table, row.name, *cells, f"{row.relative_spread:.2f}")
+    return table
+
+
+def averages_table(averaged: Sequence[AveragedParameter]) -> Table:
+    """Parameters that several classes infer, averaged over these classes by their probability."""
+    table = new_table("Parameters averaged over the model classes that infer them")
+    table.add_column("parameter", overflow="fold")
+    for heading in ("classes", "probability", "mean", "sd", "5 %", "95 %"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in averaged:
+        numbers = (row.mean, row.sd, row.quantile_05, row.quantile_95)
+        add_row(
+            table,
+            row.name,
+            str(row.n_classes),
+            probability_text(row.probability),
+            *(f"{number:.4g}" for number in numbers),
+        )
     return table
 
 
