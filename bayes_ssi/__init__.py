@@ -9,12 +9,15 @@ from bayes_ssi.comparison import compare
 from bayes_ssi.configuration import Configuration
 from bayes_ssi.data import IdentifiedMode, ModalData
 from bayes_ssi.errors import ErrorModel, IdentificationModel
+from bayes_ssi.ground_motion import GroundMotion
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.posterior import Posterior, sample
 from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
-from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.response import Output
+from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.sensors import Sensor
+from bayes_ssi.stored_predictions import load_predictions
 from bayes_ssi.structures import (
     AddedMass,
     FloorBlock,
@@ -35,6 +38,7 @@ __all__ = [
     "ErrorModel",
     "FloorBlock",
     "FloorMass",
+    "GroundMotion",
     "HalfNormal",
     "IdentificationModel",
     "IdentifiedMode",
@@ -45,6 +49,7 @@ __all__ = [
     "ModelClass",
     "Normal",
     "OutOfPlaneInfill",
+    "Output",
     "Parameter",
     "Pendulum",
     "Posterior",
@@ -59,6 +64,7 @@ __all__ = [
     "calibrate",
     "compare",
     "floor_sensor",
+    "load_predictions",
     "rank",
     "rms_distance",
     "sample",

@@ -35,10 +35,10 @@ class AnyPairing(ModalLikelihood):
             self.data, [(label, i) for label in self.data.labels for i in numbers]
         )
 
-    def at_band_edge(self, values: FloatArray) -> NDArray[np.bool_]:
+    def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         paired = pair_probabilities(self.pairing_weights(values)).sum(axis=1)
         every = range(self.structure.n_modes)
-        return self._near_a_limit(values, every) & (paired < 0.5)
+        return self._near_a_limit(values, frequencies, every) & (paired < 0.5)
 
     def log_density(self, values: FloatArray) -> FloatArray:
         nothing_paired = -self.identification.expected_spurious_modes + self._spurious.sum()

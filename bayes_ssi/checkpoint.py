@@ -17,7 +17,7 @@ import numpy as np
 
 from bayes_ssi.journal import Journal, JournalInUseError, run_of_journal
 from bayes_ssi.model_class import ModelClass
-from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.versions import versions
 
 __all__ = ["Checkpoint", "as_checkpoint", "name_of_run"]

@@ -21,7 +21,7 @@ from bayes_ssi.checkpoint import Checkpoint, as_checkpoint
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Posterior, sample
 from bayes_ssi.progress_files import ProgressFile, ProgressReader
-from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.workers import Workers
 
 __all__ = ["Report", "sample_all", "sample_one"]

@@ -233,15 +233,17 @@ class ModalLikelihood:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised."""
         return self._sensor_matrix.apply(modes.shapes)
 
-    def at_band_edge(self, values: FloatArray) -> NDArray[np.bool_]:
+    def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         """Whether each model mode lies on the edge of the band, (B, n_modes).
 
         That is, paired with nothing and within two standard errors of a limit other than zero.
+        ``frequencies`` (B, n_modes), in Hz, are those of the model at ``values``.
         """
-        return self._near_a_limit(values, self._unpaired_model_modes)
+        return self._near_a_limit(values, frequencies, self._unpaired_model_modes)
 
-    def _near_a_limit(self, values: FloatArray, which: Iterable[int]) -> NDArray[np.bool_]:
-        frequencies = self.modes(values).frequencies_hz
+    def _near_a_limit(
+        self, values: FloatArray, frequencies: FloatArray, which: Iterable[int]
+    ) -> NDArray[np.bool_]:
         prediction_var = self._error_variances(values)[:, :1]
         reach = 2.0 * np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
         limits = [limit for limit in self.data.band_hz if limit > 0]

@@ -21,7 +21,8 @@ from bayes_ssi.journal import Journal
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.production import effective_sample_size, r_hat
-from bayes_ssi.sampling import Progress, Sampled, SamplingSettings, sample_target
+from bayes_ssi.sampled import Progress, Sampled, SamplingSettings
+from bayes_ssi.sampling import sample_target
 from bayes_ssi.target import Target
 from bayes_ssi.workers import Workers, as_workers
 
@@ -44,7 +45,8 @@ class Evidence:
         pareto_k: shape of the tail of their weights; the error is to be trusted below 0.7.
         n_draws: number of importance draws.
         bridge: bridge sampling's estimate.
-        tempered: the tempered starts' estimate, coarse.
+        repeat: an estimate by other means: the tempered starts', which is coarse, or on the
+            economical path that of importance sampling done a second time.
         laplace: Laplace's approximation, summed over the maxima found; a quick look.
         mean_log_likelihood: posterior mean of the log-likelihood, how well the class fits.
     """
@@ -55,7 +57,7 @@ class Evidence:
     pareto_k: float
     n_draws: int
     bridge: Estimate
-    tempered: Estimate
+    repeat: Estimate
     laplace: float
     mean_log_likelihood: float
 
@@ -283,7 +285,7 @@ def sample(
         n_searches=sampled.discovery.n_searches,
         seconds=perf_counter() - started,
         failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
-        edge_checks=tuple(failed_edge_checks(model_class, z.reshape(-1, n))),
+        edge_checks=tuple(failed_edge_checks(model_class, z.reshape(-1, n), frequencies_hz)),
         data_digest=model_class.data_digest,
         configurations=configurations,
         relative_spreads=z.reshape(-1, n).std(axis=0),
@@ -292,10 +294,14 @@ def sample(
 
 def _frequencies(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> FloatArray:
     """Natural frequencies in Hz, (n, n_modes), at ``values`` (n, n_parameters)."""
+    # A draw is the one before it wherever a proposal was not accepted.
+    different, which = np.unique(values, axis=0, return_inverse=True)
     if pool is None:
-        return model_class.frequencies_hz(values)
-    parts = np.array_split(values, min(PARTS_OF_DRAWS, len(values)))
-    return np.concatenate(pool.call_each(model_class.frequencies_hz, parts))
+        found = model_class.frequencies_hz(different)
+    else:
+        parts = np.array_split(different, min(PARTS_OF_DRAWS, len(different)))
+        found = np.concatenate(pool.call_each(model_class.frequencies_hz, parts))
+    return found[which.ravel()]
 
 
 def _failures(model_class: ModelClass, target: Target) -> list[str]:
@@ -327,7 +333,7 @@ def _evidence(sampled: Sampled) -> Evidence:
         pareto_k=sampled.importance.pareto_k,
         n_draws=len(sampled.importance.z),
         bridge=sampled.bridge,
-        tempered=sampled.tempered,
+        repeat=sampled.repeat,
         laplace=sampled.maxima.log_evidence,
         mean_log_likelihood=sampled.importance.log_likelihood_mean,
     )
@@ -359,7 +365,7 @@ def _corrected_draws(sampled: Sampled, rng: np.random.Generator) -> tuple[FloatA
 def _regions(sampled: Sampled, z: FloatArray, values: FloatArray) -> tuple[Region, ...]:
     regions = sampled.regions
     shares, errors = sampled.region_shares, sampled.region_errors
-    of_starts = np.array([regions.shares(start.positions) for start in sampled.starts])
+    of_starts = [regions.shares(start.positions) for start in sampled.starts]
     labels = regions.assign(z.reshape(-1, z.shape[-1]))
     flat = values.reshape(-1, values.shape[-1])
     records: Sequence[Region] = [
@@ -367,7 +373,7 @@ def _regions(sampled: Sampled, z: FloatArray, values: FloatArray) -> tuple[Regio
             share=float(shares[k]),
             error=float(errors[k]),
             n_searches=int(sampled.searches_of_regions[k]),
-            shares_of_starts=tuple(float(share) for share in of_starts[:, k]),
+            shares_of_starts=tuple(float(shares[k]) for shares in of_starts),
             mean=tuple(float(mean) for mean in flat[labels == k].mean(0)),
         )
         for k in range(regions.n_regions)

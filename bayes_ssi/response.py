@@ -22,13 +22,14 @@ from bayes_ssi.ground_motion import GroundMotion
 from bayes_ssi.modal import ModalModel
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.structures.base import Structure
-from bayes_ssi.time_stepping import response_in_blocks
+from bayes_ssi.time_stepping import responses
 
 __all__ = [
     "GROUND",
     "Damping",
     "Output",
     "damping_ratios",
+    "ground_influence",
     "largest_over_places",
     "peak_responses",
     "time_histories",
@@ -176,6 +177,17 @@ def modal_model_of(structure: Structure, values: FloatArray) -> ModalModel:
     return model
 
 
+def ground_influence(structure: Structure) -> FloatArray | None:
+    """How every degree of freedom moves when the ground moves by 1 and nothing deforms, (n_dof,).
+
+    None where the structure does not know.
+    """
+    try:
+        return modal_model_of(structure, structure.medians()).influence
+    except TypeError:
+        return None
+
+
 def transfer_functions(
     structure: Structure,
     values: FloatArray,
@@ -263,8 +275,8 @@ def time_histories(
         TypeError: the structure does not know its masses.
     """
     found = np.empty((len(values), len(output.places), len(motion)))
-    for start, block in _blocks(structure, values, motion, output, damping):
-        found[:, :, start : start + block.shape[-1]] = block
+    for _ in _each(structure, values, motion, output, damping, found):
+        pass
     return found
 
 
@@ -279,9 +291,10 @@ def peak_responses(
 
     Arguments, units and errors as those of :func:`time_histories`.
     """
-    peaks = np.zeros((len(values), len(output.places)))
-    for _, block in _blocks(structure, values, motion, output, damping):
-        np.maximum(peaks, np.abs(block).max(-1), out=peaks)
+    peaks = np.empty((len(values), len(output.places)))
+    each = _each(structure, values, motion, output, damping)
+    for own, response in zip(peaks, each, strict=True):
+        np.maximum(response.max(-1), -response.min(-1), out=own)
     return peaks
 
 
@@ -290,14 +303,19 @@ def largest_over_places(response: NDArray[np.inexact]) -> FloatArray:
     return np.abs(response).max(axis=1)
 
 
-def _blocks(
+def _each(
     structure: Structure,
     values: FloatArray,
     motion: GroundMotion,
     output: Output,
     damping: Damping,
-) -> Iterator[tuple[int, FloatArray]]:
-    """First sample and response (B, n_places, ...) of consecutive blocks of samples."""
+    found: FloatArray | None = None,
+) -> Iterator[FloatArray]:
+    """The response (n_places, n_samples) at one row of ``values`` after another.
+
+    Put into ``found`` (B, n_places, n_samples) where that is given; else each is to be used before
+    the next one is asked for.
+    """
     output.require_on(structure)
     ratios = damping_ratios(damping, structure.n_modes)
     model = modal_model_of(structure, values)
@@ -312,4 +330,4 @@ def _blocks(
     if output.quantity == "acceleration":
         weights *= (poles**2)[:, None, :]
         direct = output.at_places(structure, model.influence, axis=0) - driven.sum(-1)
-    return response_in_blocks(poles, weights, direct, motion.acceleration, motion.dt)
+    return responses(poles, weights, direct, motion.acceleration, motion.dt, found)

@@ -12,7 +12,6 @@ import csv
 import json
 import math
 import re
-import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
@@ -21,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_ssi import new_directory
 from bayes_ssi.arviz_store import StoredDraws, load_draws, save_draws
 from bayes_ssi.comparison import Comparison, RankedClass
 from bayes_ssi.configuration import label_in, only_one
@@ -32,9 +32,11 @@ from bayes_ssi.posterior import Evidence, Posterior, Region
 from bayes_ssi.study import Ranking, Study
 from bayes_ssi.versions import versions
 
-__all__ = ["StoredResult", "load_result", "require_new", "save_result"]
+__all__ = ["StoredResult", "load_result", "require_new", "save_result", "write_json"]
 
-FORMAT = 3
+FORMAT = 4
+# The file that every result directory holds.
+MARKER = "result.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,27 +83,8 @@ class StoredResult:
 
 
 def require_new(directory: str | Path, *, overwrite: bool = False) -> None:
-    """Refuse a result directory that exists, unless it holds a result that may be overwritten.
-
-    The directory above it is made, so that a place that cannot be written is known at once.
-
-    Raises:
-        FileExistsError: it exists, and ``overwrite`` is false or it holds something else.
-        OSError: the directory above it cannot be made.
-    """
-    path = Path(directory)
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-    elif overwrite:
-        if not (path / "result.json").is_file():
-            raise FileExistsError(
-                f"{directory}: holds no result of this package and is not overwritten"
-            )
-    else:
-        raise FileExistsError(
-            f"{directory}: exists already and is not overwritten; name another with --out, or "
-            "pass --overwrite"
-        )
+    """As :func:`bayes_ssi.new_directory.require_new`, for a result directory."""
+    new_directory.require_new(directory, marker=MARKER, overwrite=overwrite)
 
 
 def save_result(
@@ -127,14 +110,8 @@ def save_result(
         FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
             than a result.
     """
-    directory = Path(directory)
-    require_new(directory, overwrite=overwrite)
-    partial = directory.with_name(f".{directory.name}.partial")
-    replaced = directory.with_name(f".{directory.name}.replaced")
-    for left_over in (partial, replaced):
-        shutil.rmtree(left_over, ignore_errors=True)
-    (partial / "posteriors").mkdir(parents=True)
-    try:
+    with new_directory.new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
+        (partial / "posteriors").mkdir()
         tests = _save_tests(ranking.study, partial)
         files = _file_names([p.name for p in ranking.posteriors])
         for posterior in ranking.posteriors:
@@ -148,20 +125,11 @@ def save_result(
             save_draws(partial / "posteriors" / files[posterior.name], stored)
         record = {**_record(ranking, files, study_file), "data": tests}
         record["failed_checks_accepted"] = accept_failed_checks
-        _write_json(partial / "result.json", record)
-        _write_json(partial / "comparison.json", asdict(ranking.comparison))
+        write_json(partial / MARKER, record)
+        write_json(partial / "comparison.json", asdict(ranking.comparison))
         for name, further in (extra or {}).items():
-            _write_json(partial / name, further)
+            write_json(partial / name, further)
         _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
-        # A result is there, whole, at every moment but between these two.
-        if directory.exists():
-            directory.rename(replaced)
-        partial.rename(directory)
-    finally:
-        if replaced.exists() and not directory.exists():
-            replaced.rename(directory)
-        for left_over in (partial, replaced):
-            shutil.rmtree(left_over, ignore_errors=True)
     return load_result(directory)
 
 
@@ -172,7 +140,7 @@ def load_result(directory: str | Path) -> StoredResult:
         ValueError: it does not exist, is incomplete or damaged, or another version's.
     """
     directory = Path(directory)
-    record = _read_json(directory / "result.json")
+    record = _read_json(directory / MARKER)
     if record.get("format") != FORMAT:
         raise ValueError(
             f"{directory}: a result of format {record.get('format')!r}, "
@@ -259,7 +227,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
     names = tuple(entry["parameter_names"])
     stored = load_draws(directory / "posteriors" / entry["file"], names)
     evidence = dict(entry["evidence"])
-    for check in ("bridge", "tempered"):
+    for check in ("bridge", "repeat"):
         evidence[check] = Estimate(**{k: float(v) for k, v in evidence[check].items()})
     for number, value in evidence.items():
         if isinstance(value, str):  # an infinity or NaN
@@ -325,7 +293,8 @@ def _comparison(record: Mapping[str, Any]) -> Comparison:
     return Comparison(rows, record["data_digest"], record["scale"])
 
 
-def _write_json(path: Path, record: Mapping[str, Any]) -> None:
+def write_json(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a record; infinities and NaN as text."""
     text = json.dumps(_plain(record), indent=2, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 

@@ -9,21 +9,22 @@
    and the share of the posterior in each region; bridge sampling with the draws of an ensemble
    checks it.
 5. Everything that should agree is compared; what does not is a warning in the result.
+
+Where evaluations are dear, :mod:`bayes_ssi.economical` does without the particles and ensembles.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.discovery import Discovery, discover
+from bayes_ssi.discovery import discover
+from bayes_ssi.economical import sample_economically
 from bayes_ssi.evidence import (
-    Estimate,
     ImportanceSample,
     bridge_sampling,
     extended,
@@ -36,13 +37,11 @@ from bayes_ssi.mixture import StudentMixture, choose_mixture
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.production import Ensemble, Proposal, Walkers, first_walkers, run_ensemble
 from bayes_ssi.regions import Regions, find_regions
+from bayes_ssi.sampled import Progress, Sampled, SamplingSettings
 from bayes_ssi.target import Target
 from bayes_ssi.tempering import TemperedStart, tempered_start
 
-__all__ = ["Progress", "Sampled", "SamplingSettings", "sample_target"]
-
-# Called with the name of a step and the share of it that is done.
-Progress = Callable[[str, float], None]
+__all__ = ["sample_target"]
 
 N_ENSEMBLES = 2
 WALKERS = 32
@@ -68,84 +67,6 @@ SHARE_ERROR = 0.3
 TYPICAL_WEIGHT = 0.1
 
 
-@dataclass(frozen=True)
-class SamplingSettings:
-    """How precisely to sample.
-
-    Attributes:
-        log_evidence_error: wanted standard error of the log evidence, in nats.
-        particles: of each tempered start; None chooses by the number of parameters.
-        searches: least number of independent searches for maxima.
-        max_steps: longest chain of an ensemble, in steps.
-
-    Raises:
-        ValueError: a setting is not positive, or there are fewer particles than 4 a parameter.
-    """
-
-    log_evidence_error: float = 0.01
-    particles: int | None = None
-    searches: int = 4
-    max_steps: int = 5000
-
-    def __post_init__(self) -> None:
-        for name in ("log_evidence_error", "particles", "searches", "max_steps"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ValueError(f"SamplingSettings: {name} must be positive, got {value!r}")
-
-    def n_particles(self, n_dimensions: int) -> int:
-        if self.particles is None:
-            return max(500, 100 * n_dimensions)
-        if self.particles < 4 * n_dimensions:
-            raise ValueError(
-                f"SamplingSettings: particles must be at least {4 * n_dimensions} for "
-                f"{n_dimensions} parameters, got {self.particles!r}"
-            )
-        return self.particles
-
-
-@dataclass(frozen=True, eq=False)
-class Sampled:
-    """Everything that sampling one target produced, in standard-normal coordinates."""
-
-    discovery: Discovery
-    starts: tuple[TemperedStart, ...]
-    maxima: Maxima
-    ensembles: tuple[Ensemble, ...]
-    importance: ImportanceSample
-    bridge: Estimate
-    regions: Regions
-    n_evaluations: int
-
-    @property
-    def evidence(self) -> Estimate:
-        """The quoted log evidence."""
-        return self.importance.estimate
-
-    @property
-    def tempered(self) -> Estimate:
-        return tempered_estimate(self.starts)
-
-    @property
-    def region_shares(self) -> FloatArray:
-        """Share of the posterior in each region, (n_regions,)."""
-        return self.regions.shares(self.importance.z, self.importance.weights)
-
-    @property
-    def searches_of_regions(self) -> NDArray[np.intp]:
-        """How many of the independent searches found a maximum in each region, (n_regions,)."""
-        label = self.regions.assign(self.discovery.maxima.z)
-        inside = label == np.arange(self.regions.n_regions)[:, None]
-        found: NDArray[np.intp] = (self.discovery.found_by @ inside.T).sum(axis=0)
-        return found
-
-    @property
-    def region_errors(self) -> FloatArray:
-        """Standard errors of :attr:`region_shares`."""
-        groups = self.regions.assign(self.importance.z)
-        return self.importance.share_errors(groups, self.regions.n_regions)
-
-
 def sample_target(
     target: Target,
     seed: np.random.SeedSequence,
@@ -163,9 +84,11 @@ def sample_target(
     Raises:
         ValueError: the likelihood is zero at every draw from the prior.
     """
+    settings = settings or SamplingSettings()
     # The matrices are small: threads inside BLAS would only wait for one another.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _sample(target, seed, settings or SamplingSettings(), progress)
+        sample = sample_economically if settings.economical else _sample
+        return sample(target, seed, settings, progress)
 
 
 def _sample(
@@ -212,7 +135,9 @@ def _sample(
         ensembles=tuple(ensembles),
         importance=importance,
         bridge=bridge_sampling(ensembles[1], importance),
+        repeat=tempered_estimate(starts),
         regions=regions,
+        wanted_error=settings.log_evidence_error,
         n_evaluations=target.n_evaluations,
     )
 

@@ -44,6 +44,7 @@ class SavedRun:
 
     seed: int
     log_evidence_error: float
+    economical: bool
     out: Path | None
     overwrite: bool
     workers: int | None
@@ -82,13 +83,15 @@ class SavedRun:
         from bayes_ssi.checkpoint import Checkpoint, name_of_run
         from bayes_ssi.plots import save_figures
         from bayes_ssi.results import require_new, save_result
-        from bayes_ssi.sampling import SamplingSettings
+        from bayes_ssi.sampled import SamplingSettings
         from bayes_ssi.sensitivity import sensitivity_record
         from bayes_ssi.workers import dask_workers
 
         if self.workers is not None and self.dask is not None:
             raise ValueError("--workers and --dask: give one of them")
-        settings = SamplingSettings(log_evidence_error=self.log_evidence_error)
+        settings = SamplingSettings(
+            log_evidence_error=self.log_evidence_error, economical=self.economical
+        )
         directory = self.out or RESULTS / name
         checkpoint = Checkpoint(
             directory.with_name(f".{directory.name}.checkpoint"),
@@ -182,6 +185,9 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
                      help="Replace a result, or an unfinished run, that exists."),
         click.option("--out", type=click.Path(path_type=Path),
                      help="Result directory; in runs/results if not given."),
+        click.option("--economical", is_flag=True,
+                     help="Sample with tens of times fewer evaluations, for models that take "
+                     "long and posteriors of a few plain regions."),
         click.option("--error", "log_evidence_error", type=float, default=0.01,
                      show_default=True,
                      help="Wanted standard error of each log evidence, in nats."),

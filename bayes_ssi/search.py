@@ -25,8 +25,8 @@ from bayes_ssi.comparison import compare
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.posterior import Posterior
-from bayes_ssi.priors import LogNormal, LogUniform, Prior
-from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.priors import LogNormal, LogUniform, Prior, prior_from_dict
+from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.lumped import LumpedStructure
 from bayes_ssi.study import Ranking, Study
@@ -107,6 +107,26 @@ class SearchSettings:
             if not isinstance(prior, Prior) and not (name == "frequency" and prior is None):
                 raise TypeError(f"SearchSettings: {name} must be a prior, got {prior!r}")
 
+    def as_dict(self) -> dict[str, Any]:
+        """The settings, for a JSON record."""
+        return {
+            "mass_ratio": self.mass_ratio.as_dict(),
+            "frequency": None if self.frequency is None else self.frequency.as_dict(),
+            "number_weights": list(self.number_weights),
+            "branches": self.branches,
+        }
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> SearchSettings:
+        """The settings of a record that :meth:`as_dict` made; KeyError where it lacks one."""
+        frequency = record["frequency"]
+        return cls(
+            mass_ratio=prior_from_dict(record["mass_ratio"]),
+            frequency=None if frequency is None else prior_from_dict(frequency),
+            number_weights=tuple(record["number_weights"]),
+            branches=record["branches"],
+        )
+
 
 @dataclass(frozen=True)
 class AppendageSummary:
@@ -146,12 +166,16 @@ class AppendageSearch:
         places: hypothesis → the places of its appendages.
         candidates: all places that were considered.
         mass_scale: the mean floor mass, in the structure's unit.
+        baseline: name of the model class that the hypotheses were built on.
+        search_settings: what an appendage may be.
     """
 
     ranking: Ranking
     places: Mapping[str, tuple[Place, ...]]
     candidates: tuple[Place, ...]
     mass_scale: float
+    baseline: str
+    search_settings: SearchSettings
 
     @property
     def probability_of_any(self) -> float:
@@ -270,13 +294,20 @@ def search(
     posteriors = tuple(found.values())
     ranking = Ranking(study, posteriors, compare(posteriors, weights), seed, settings)
     return AppendageSearch(
-        ranking, {classes[p].name: p for p in found}, candidates, mean_mass(structure)
+        ranking,
+        {classes[p].name: p for p in found},
+        candidates,
+        mean_mass(structure),
+        baseline.name,
+        options,
     )
 
 
 def search_record(found: AppendageSearch) -> dict[str, Any]:
     """What a search found, for a JSON record."""
     return {
+        "baseline": found.baseline,
+        "search_settings": found.search_settings.as_dict(),
         "mass_scale": found.mass_scale,
         "probability_of_any": found.probability_of_any,
         "places": [

@@ -28,7 +28,7 @@ from bayes_ssi.evidence import Estimate, pareto_shape
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import as_product
 from bayes_ssi.posterior import Posterior
-from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.study import Ranking
 from bayes_ssi.workers import Workers, as_workers
 

@@ -18,7 +18,7 @@ from bayes_ssi.comparison import Comparison, checked_weights, compare
 from bayes_ssi.in_workers import STUDY_MODULE
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Posterior
-from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.workers import Workers, as_workers
 
 __all__ = ["Ranking", "Study", "load_study", "rank"]

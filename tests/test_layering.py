@@ -17,10 +17,11 @@ ORDER = [
     "shape_density", "likelihood", "pairings", "any_pairing", "inferred_pairing", "configuration",
     "model_class", "configuration_modes", "calibration", "evaluation", "journal", "in_workers",
     "dispatch", "workers", "target", "mixture", "moves", "maxima", "discovery", "tempering",
-    "regions", "production", "evidence", "sampling", "checks", "posterior", "versions",
-    "checkpoint", "comparison", "averages", "progress_files", "class_sampling", "study",
-    "sensitivity", "search", "arviz_store", "results", "class_draws", "predictions",
-    "stored_predictions", "prediction_report", "tables", "figure_style", "plots", "response_plots",
+    "regions", "production", "evidence", "sampled", "economical", "sampling", "checks", "posterior",
+    "versions", "checkpoint", "comparison", "averages", "progress_files", "class_sampling", "study",
+    "sensitivity", "search", "arviz_store", "new_directory", "results", "class_draws",
+    "predictions", "stored_classes", "stored_predictions", "prediction_answers", "prediction_modes",
+    "prediction_defaults", "prediction_files", "tables", "figure_style", "plots", "response_plots",
     "prediction_figures", "terminal", "study_argument", "saved_run", "commands", "cli",
 ]  # fmt: skip
 # Methods load and save are one line each that hand over to the file format.

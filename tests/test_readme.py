@@ -1,11 +1,14 @@
 """The README's Python runs as it stands, and says what the package does."""
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 import bayes_ssi as bs
+from bayes_ssi.cli import main
 from bayes_ssi.results import save_result
 from bayes_ssi.study import load_study
 
@@ -39,6 +42,11 @@ def test_the_example_of_a_prediction_runs_as_it_stands(tmp_path, monkeypatch, ca
     first, second = capsys.readouterr().out.splitlines()
     assert first.startswith("3 Band(low=")
     assert second.startswith("average Band(low=")
+
+    (command,) = re.findall(r"^bayes-ssi (predict .*)$", text, re.MULTILINE)
+    done = CliRunner().invoke(main, shlex.split(command))
+    assert done.exit_code == 0, done.output
+    assert Path("runs/results/shear_building/predictions/peaks.csv").is_file()
 
 
 def test_the_example_of_a_data_file_is_read(tmp_path):

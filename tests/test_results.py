@@ -229,7 +229,7 @@ def test_a_damaged_directory_is_refused_in_one_line(saved, damage):
 
 def test_another_format_is_refused(saved):
     edit_json(saved.directory / "result.json", lambda r: r.update(format=99))
-    with pytest.raises(ValueError, match=r"a result of format 99, this version reads format 3"):
+    with pytest.raises(ValueError, match=r"a result of format 99, this version reads format 4"):
         load_result(saved.directory)
 
 

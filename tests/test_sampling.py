@@ -7,7 +7,8 @@ import pytest
 
 from bayes_ssi.checks import failed_checks
 from bayes_ssi.evidence import FIRST_BATCH
-from bayes_ssi.sampling import SamplingSettings, sample_target
+from bayes_ssi.sampled import SamplingSettings
+from bayes_ssi.sampling import sample_target
 from bayes_ssi.target import Target
 
 

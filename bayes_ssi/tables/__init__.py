@@ -2,6 +2,7 @@
 
 from bayes_ssi.tables.calibration import calibration_modes_table, calibration_table
 from bayes_ssi.tables.modes import modes_table
+from bayes_ssi.tables.predictions import frequency_table, peak_table, shape_tables
 from bayes_ssi.tables.ranking import (
     averages_table,
     comparison_notes,
@@ -21,13 +22,16 @@ __all__ = [
     "calibration_table",
     "comparison_notes",
     "evidence_table",
+    "frequency_table",
     "modes_table",
     "pairing_notes",
     "parameter_table",
+    "peak_table",
     "ranking_table",
     "region_notes",
     "search_notes",
     "search_table",
     "sensitivity_notes",
     "sensitivity_table",
+    "shape_tables",
 ]

@@ -48,7 +48,7 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
     """What each log evidence is made of, and the estimates that check it, in nats."""
     table = new_table("Log evidence = fit - information gained, and its checks (nats)")
     table.add_column("model class", overflow="fold")
-    for heading in ("fit", "information", "bridge", "tempered", "Laplace"):
+    for heading in ("fit", "information", "bridge", "repeat", "Laplace"):
         table.add_column(heading, justify="right", no_wrap=True)
     for posterior in posteriors:
         evidence = posterior.evidence
@@ -58,7 +58,7 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
             f"{evidence.mean_log_likelihood:.2f}",
             f"{round(evidence.information_gained, 2) + 0.0:.2f}",  # not -0.00
             f"{evidence.bridge.log_evidence:.3f}",
-            f"{evidence.tempered.log_evidence:.1f}",
+            f"{evidence.repeat.log_evidence:.1f}",
             f"{evidence.laplace:.2f}",
         )
     return table
