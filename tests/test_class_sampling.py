@@ -9,6 +9,7 @@ from conftest import COARSE
 
 import bayes_ssi as bs
 from bayes_ssi import class_sampling
+from bayes_ssi.checkpoint import Checkpoint
 from bayes_ssi.class_sampling import SLOW, _seconds_per_evaluation, sample_all
 from bayes_ssi.progress_files import ProgressFile, ProgressReader
 from bayes_ssi.workers import Workers, local_workers
@@ -98,6 +99,18 @@ def test_classes_whose_worker_died_are_sampled_all_the_same(
     assert batches
     expected = sample_all(classes, 7, COARSE)
     assert evidences(found) == evidences(expected)
+
+
+def test_classes_in_workers_go_on_from_their_checkpoints(tiny_study, alone, tmp_path, two_workers):
+    """And it is said here which do, since workers say nothing."""
+    told = []
+    checkpoint = Checkpoint(tmp_path / "c", say=told.append)
+    first, second = tiny_study.model_classes
+    sample_all([first], 7, COARSE, None, None, checkpoint)
+    assert told == []
+    found = sample_all([first, second], 7, COARSE, None, two_workers, checkpoint)
+    assert told == [f"continues an earlier run of {first.name!r}"]
+    assert evidences(found) == evidences(alone)
 
 
 class Sleeps(bs.ShearBuilding):
