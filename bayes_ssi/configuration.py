@@ -10,6 +10,7 @@ import numpy as np
 
 from bayes_ssi.any_pairing import AnyPairing
 from bayes_ssi.data import ModalData
+from bayes_ssi.description import described
 from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.likelihood import ModalLikelihood, check_pairing
 from bayes_ssi.structures.base import Structure
@@ -106,6 +107,7 @@ class Configuration:
         return {
             "structure": type(self.structure).__name__,
             "definition": repr(self.structure),
+            "structure_lines": [list(line) for line in described(self.structure)],
             "degrees_of_freedom": list(self.structure.degrees_of_freedom),
             "pairing": "any" if given is None else dict(given),
             "spurious": None

@@ -8,15 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = [
     "BLUE",
     "GREEN",
     "GREY",
+    "HOVER",
     "ORANGE",
     "VERMILION",
     "axes_of",
     "draw_as_they_are",
+    "figure_of",
+    "hover",
     "legend_below",
     "legend_of_figure",
     "style",
@@ -25,6 +29,8 @@ __all__ = [
 # Okabe and Ito's palette: told apart by colour-blind readers, and in grey by lightness.
 BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7F7F7F"
 
+# How the text of a point begins where SVG has its identity.
+HOVER = "hover: "
 # What a line of a legend holds in the width of a figure.
 LEGEND_LETTERS = 84
 
@@ -59,6 +65,22 @@ def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
     with style():
         _, ax = plt.subplots(figsize=size)
     return ax
+
+
+def figure_of(figure: Figure | None, size: tuple[float, float]) -> Figure:
+    """The figure given, or a new one of ``size`` (inches)."""
+    if figure is not None:
+        return figure
+    import matplotlib.pyplot as plt
+
+    with style():
+        return plt.figure(figsize=size)
+
+
+def hover(artist: Any, text: str) -> None:
+    """Say what a point is: an SVG drawing of it then holds the text, which a page can show."""
+    # An error bar is several artists; its marker is pointed at.
+    (artist.lines[0] if hasattr(artist, "lines") else artist).set_gid(f"{HOVER}{text}")
 
 
 def draw_as_they_are(texts: Sequence[Any]) -> None:

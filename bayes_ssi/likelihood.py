@@ -34,7 +34,10 @@ from bayes_ssi.sensors import SensorMatrix
 from bayes_ssi.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.structures.base import Structure
 
-__all__ = ["ModalLikelihood", "ModalTerms", "PairedModes", "check_pairing", "row_sums"]
+__all__ = ["MISSED", "ModalLikelihood", "ModalTerms", "PairedModes", "check_pairing", "row_sums"]
+
+# The datum that other modes were not identified.
+MISSED = "no other mode"
 
 
 class ModalTerms(NamedTuple):
@@ -203,9 +206,13 @@ class ModalLikelihood:
         """As :meth:`log_likelihood`, but NaN where there are no modes."""
         return self.terms(values).total()
 
-    def terms(self, values: FloatArray) -> ModalTerms:
-        """The log-likelihood in parts; NaN where the structure has no modes."""
-        modes, error_var = self.modes(values), self._error_variances(values)
+    def terms(self, values: FloatArray, modes: Modes | None = None) -> ModalTerms:
+        """The log-likelihood in parts; NaN where the structure has no modes.
+
+        ``modes`` are those at ``values``, where they are known already.
+        """
+        modes = self.modes(values) if modes is None else modes
+        error_var = self._error_variances(values)
         # Far out in the tail of its prior an error size can be so small that its square is zero.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             missed = self._missed_terms(modes, error_var[:, :1], self._unpaired_model_modes)
@@ -220,6 +227,42 @@ class ModalLikelihood:
                     if mode.label not in self.pairing
                 ),
             )
+
+    @property
+    def datum_names(self) -> tuple[str, ...]:
+        """The columns of :meth:`log_likelihoods`."""
+        return (*self.data.labels, MISSED)
+
+    def log_likelihoods(self, values: FloatArray, modes: Modes) -> FloatArray:
+        """What each datum adds to the log-likelihood, (B, n_data); a row adds up to it.
+
+        A column an identified mode, paired or spurious; the last one is of what was not
+        identified: model modes that are paired with nothing, and no more spurious modes.
+
+        Args:
+            values: (B, n_parameters).
+            modes: at these values.
+        """
+        terms = self.terms(values, modes)
+        found = np.empty((len(values), len(self.data.modes) + 1))
+        pair = {label: i for i, label in enumerate(self.pairing)}
+        scored = {pair_with_shape: k for k, pair_with_shape in enumerate(self.pairs.with_shape)}
+        for column, mode in enumerate(self.data.modes):
+            if mode.label not in pair:
+                found[:, column] = self._spurious_term(mode)
+                continue
+            i = pair[mode.label]
+            found[:, column] = terms.frequency[:, i]
+            if i in scored:
+                found[:, column] += terms.shape[:, scored[i]]
+        found[:, -1] = terms.undetected - self.identification.expected_spurious_modes
+        return found
+
+    def frequency_sds_hz(self, values: FloatArray) -> FloatArray:
+        """Standard deviation of each identified frequency about the model's, (B, n_modes) in Hz."""
+        own = np.array([mode.frequency_cov or 0.0 for mode in self.data.modes])
+        variance = self._error_variances(values)[:, :1] + own**2
+        return np.sqrt(variance) * self.data.frequencies_hz
 
     def _error_variances(self, values: FloatArray) -> FloatArray:
         """Squared prediction errors (B, 1 or 2) of frequencies and, where scored, shapes."""

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from time import perf_counter
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from bayes_ssi.checks import failed_checks, failed_edge_checks
 from bayes_ssi.configuration import only_one
 from bayes_ssi.configuration_modes import ConfigurationModes, configuration_modes
+from bayes_ssi.datum_terms import AtDraws, DatumTerms, at_draws, datum_terms
 from bayes_ssi.evidence import Estimate
 from bayes_ssi.inferred_pairing import InferredPairing
 from bayes_ssi.journal import Journal
@@ -137,6 +138,8 @@ class Posterior:
         configurations: the model's modes and their pairing, configuration by configuration.
         relative_spreads: (n_parameters,), standard deviation of the posterior over that of the
             prior, both in standard-normal coordinates: 1 where the data say nothing.
+        datum_terms: log-likelihoods and predictions datum by datum, for other packages; not read
+            back from a stored result, whose files of draws hold them.
     """
 
     name: str
@@ -159,6 +162,7 @@ class Posterior:
     data_digest: str
     configurations: tuple[ConfigurationModes, ...]
     relative_spreads: FloatArray
+    datum_terms: DatumTerms | None = None
 
     @property
     def configuration_names(self) -> tuple[str, ...]:
@@ -263,9 +267,10 @@ def sample(
         except ValueError as error:
             told = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
             raise ValueError(f"model class {model_class.name!r}: {error}{told}") from error
-        z, log_likelihoods = _corrected_draws(sampled, np.random.default_rng(seed))
+        rng = np.random.default_rng(seed)
+        z, log_likelihoods = _corrected_draws(sampled, rng)
         values = model_class.values(z.reshape(-1, n))
-        frequencies_hz = _frequencies(model_class, values, pool)
+        found = _at_draws(model_class, values, pool)
     configurations = configuration_modes(model_class, values)
     values = values.reshape(z.shape)
     return Posterior(
@@ -273,7 +278,7 @@ def sample(
         parameter_names=model_class.parameter_names,
         draws=values,
         log_likelihoods=log_likelihoods,
-        frequencies_hz=frequencies_hz.reshape(*z.shape[:2], -1),
+        frequencies_hz=found.frequencies_hz.reshape(*z.shape[:2], -1),
         effective_sample_sizes=effective_sample_size(sampled.ensembles),
         evidence=_evidence(sampled),
         regions=_regions(sampled, z, values),
@@ -285,23 +290,27 @@ def sample(
         n_searches=sampled.discovery.n_searches,
         seconds=perf_counter() - started,
         failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
-        edge_checks=tuple(failed_edge_checks(model_class, z.reshape(-1, n), frequencies_hz)),
+        edge_checks=tuple(failed_edge_checks(model_class, z.reshape(-1, n), found.frequencies_hz)),
         data_digest=model_class.data_digest,
         configurations=configurations,
         relative_spreads=z.reshape(-1, n).std(axis=0),
+        datum_terms=datum_terms(
+            model_class, found, [each.pairing for each in configurations], z.shape[:2], rng
+        ),
     )
 
 
-def _frequencies(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> FloatArray:
-    """Natural frequencies in Hz, (n, n_modes), at ``values`` (n, n_parameters)."""
+def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> AtDraws:
+    """The model at ``values`` (n, n_parameters)."""
     # A draw is the one before it wherever a proposal was not accepted.
     different, which = np.unique(values, axis=0, return_inverse=True)
     if pool is None:
-        found = model_class.frequencies_hz(different)
+        found = at_draws(model_class, different)
     else:
         parts = np.array_split(different, min(PARTS_OF_DRAWS, len(different)))
-        found = np.concatenate(pool.call_each(model_class.frequencies_hz, parts))
-    return found[which.ravel()]
+        done = pool.call_each(partial(at_draws, model_class), parts)
+        found = AtDraws(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
+    return AtDraws(*(array[which.ravel()] for array in found))
 
 
 def _failures(model_class: ModelClass, target: Target) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -15,11 +15,11 @@ from bayes_ssi.figure_style import (
     VERMILION,
     axes_of,
     draw_as_they_are,
+    hover,
     legend_below,
 )
 from bayes_ssi.predictions import Band
 from bayes_ssi.priors import FloatArray
-from bayes_ssi.structures.base import Structure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,8 +114,17 @@ def _bands(ax: Axes, x: FloatArray, bands: Mapping[str, Band]) -> None:
         ax.plot(x, band.median, color=colour, linestyle=line, linewidth=1.2, label=name)
 
 
+class Drawn(Protocol):
+    """What a drawing asks of a structure; a stored record of its modes answers it too."""
+
+    @property
+    def appendages(self) -> tuple[str, ...]: ...
+
+    def heights(self) -> dict[str, float]: ...
+
+
 def plot_shape(
-    structure: Structure,
+    structure: Drawn,
     places: Sequence[str],
     shape: Band,
     ax: Axes | None = None,
@@ -183,7 +192,7 @@ def _appendage(ax: Axes, height: float, low: float, median: float, high: float) 
 
 
 def _numbers_below(
-    ax: Axes, structure: Structure, places: Sequence[str], shape: Band, reach: float
+    ax: Axes, structure: Drawn, places: Sequence[str], shape: Band, reach: float
 ) -> None:
     """Write below the axes the components of appendages that these do not hold."""
     far = [
@@ -198,7 +207,7 @@ def _numbers_below(
 
 
 def plot_components(
-    structure: Structure,
+    structure: Drawn,
     places: Sequence[str],
     shape: Band,
     ax: Axes | None = None,
@@ -294,10 +303,17 @@ def plot_frequency_change(
     )
     ax.axvline(0.0, color="black", linewidth=0.8)
     ax.hlines(y, before, median, color=GREY, linewidth=0.8)
-    ax.plot(before, y, "o", color=VERMILION, markerfacecolor="white", markersize=6,
-            label="before: prior medians")  # fmt: skip
-    ax.errorbar(median, y, xerr=[median - low, high - median], fmt="s", color=BLUE, markersize=5,
-                capsize=3, label=f"after: posterior, {100 * level:g} %")  # fmt: skip
+    before_label, after_label = "before: prior medians", f"after: posterior, {100 * level:g} %"
+    for i, label in enumerate(labels):
+        (point,) = ax.plot(before[i], i, "o", color=VERMILION, markerfacecolor="white",
+                           markersize=6,
+                           label=None if i else before_label)  # fmt: skip
+        bar = ax.errorbar(median[i], i, xerr=[[median[i] - low[i]], [high[i] - median[i]]],
+                          fmt="s", color=BLUE, markersize=5, capsize=3,
+                          label=None if i else after_label)  # fmt: skip
+        hover(point, f"mode {label} before: {before_hz[i]:.4g} Hz, {before[i]:+.2f} %")
+        hover(bar, f"mode {label} after: {after.median[i]:.4g} Hz, {median[i]:+.2f} % "
+              f"({low[i]:+.2f} to {high[i]:+.2f} %)")  # fmt: skip
     names = [f"{label}\n{f:.4g} Hz" for label, f in zip(labels, identified_hz, strict=True)]
     ax.set_yticks(y, names)
     draw_as_they_are(ax.get_yticklabels())

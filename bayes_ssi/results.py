@@ -21,22 +21,32 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi import new_directory
-from bayes_ssi.arviz_store import StoredDraws, load_draws, save_draws
+from bayes_ssi.arviz_store import Further, StoredDraws, load_draws, save_draws
 from bayes_ssi.comparison import Comparison, RankedClass
 from bayes_ssi.configuration import label_in, only_one
 from bayes_ssi.configuration_modes import ConfigurationModes
 from bayes_ssi.data import ModalData
 from bayes_ssi.evidence import Estimate
 from bayes_ssi.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Evidence, Posterior, Region
 from bayes_ssi.study import Ranking, Study
+from bayes_ssi.updated_modes import UpdatedModes
 from bayes_ssi.versions import versions
 
-__all__ = ["StoredResult", "load_result", "require_new", "save_result", "write_json"]
+__all__ = [
+    "StoredResult",
+    "load_result",
+    "plain_record",
+    "require_new",
+    "save_result",
+    "write_json",
+]
 
-FORMAT = 4
+FORMAT = 5
 # The file that every result directory holds.
 MARKER = "result.json"
+PRIOR_DRAWS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +104,7 @@ def save_result(
     study_file: str = "",
     overwrite: bool = False,
     accept_failed_checks: bool = False,
+    command: str = "",
     extra: Mapping[str, Any] | None = None,
 ) -> StoredResult:
     """Write a ranking to a new directory; nothing is left there if writing fails.
@@ -104,6 +115,7 @@ def save_result(
         study_file: the file that defines the study, for the record.
         overwrite: replace a result that exists.
         accept_failed_checks: put on record that failed checks were accepted.
+        command: that gives the result again, for the record.
         extra: name of a further JSON file → its record.
 
     Raises:
@@ -114,6 +126,7 @@ def save_result(
         (partial / "posteriors").mkdir()
         tests = _save_tests(ranking.study, partial)
         files = _file_names([p.name for p in ranking.posteriors])
+        classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
         for posterior in ranking.posteriors:
             stored = StoredDraws(
                 posterior.parameter_names,
@@ -121,10 +134,11 @@ def save_result(
                 posterior.log_likelihoods,
                 posterior.frequencies_hz,
                 _mode_labels(posterior),
+                _further(posterior, classes[posterior.name]),
             )
             save_draws(partial / "posteriors" / files[posterior.name], stored)
         record = {**_record(ranking, files, study_file), "data": tests}
-        record["failed_checks_accepted"] = accept_failed_checks
+        record |= {"failed_checks_accepted": accept_failed_checks, "command": command}
         write_json(partial / MARKER, record)
         write_json(partial / "comparison.json", asdict(ranking.comparison))
         for name, further in (extra or {}).items():
@@ -182,6 +196,15 @@ def _mode_labels(posterior: Posterior) -> tuple[int | str, ...]:
     )
 
 
+def _further(posterior: Posterior, model_class: ModelClass) -> Further | None:
+    """What other packages make use of beside a posterior's draws."""
+    if posterior.parameter_names != model_class.parameter_names:
+        return None
+    z = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, len(posterior.parameter_names)))
+    identified = [c.data.frequencies_hz for c in model_class.configurations]
+    return Further(model_class.values(z), posterior.datum_terms, np.concatenate(identified))
+
+
 def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict[str, Any]:
     study = ranking.study
     return {
@@ -202,7 +225,7 @@ def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict
     }
 
 
-ARRAYS = ("draws", "log_likelihoods", "frequencies_hz")
+IN_THE_FILE_OF_DRAWS = ("draws", "log_likelihoods", "frequencies_hz", "datum_terms")
 
 
 def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
@@ -210,7 +233,7 @@ def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
     entry: dict[str, Any] = {"file": file}
     for item in fields(posterior):
         value = getattr(posterior, item.name)
-        if item.name in ARRAYS:
+        if item.name in IN_THE_FILE_OF_DRAWS:
             continue
         if isinstance(value, np.ndarray):
             value = value.tolist()
@@ -263,6 +286,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
                 n_modes=modes["n_modes"],
                 pairing=modes["pairing"],
                 inferred_pairing=_inferred_pairing(modes["inferred_pairing"]),
+                updated=UpdatedModes.of_record(modes.get("updated")),
             )
             for modes in entry["configurations"]
         ),
@@ -295,16 +319,16 @@ def _comparison(record: Mapping[str, Any]) -> Comparison:
 
 def write_json(path: Path, record: Mapping[str, Any]) -> None:
     """Write a record; infinities and NaN as text."""
-    text = json.dumps(_plain(record), indent=2, allow_nan=False)
+    text = json.dumps(plain_record(record), indent=2, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def _plain(value: Any) -> Any:
+def plain_record(value: Any) -> Any:
     """The value as JSON has it: numpy's numbers as numbers, and infinities and NaN as text."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain_record(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain_record(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):

@@ -6,14 +6,22 @@ import functools
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import click
 
-from bayes_ssi.terminal import console, progress_bars, say
+from bayes_ssi.terminal import (
+    command_line,
+    console,
+    is_quiet,
+    json_option,
+    progress_bars,
+    say,
+    tell_record,
+)
 
 if TYPE_CHECKING:
     from bayes_ssi.results import StoredResult
@@ -31,11 +39,15 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Saved(Generic[T]):
-    """What was sampled, what was saved of it, and how its ranking moves, where it was asked."""
+    """What was sampled, what was saved of it, and how its ranking moves, where it was asked.
+
+    ``further`` are the records saved beside the ranking, by their files.
+    """
 
     found: T
     result: StoredResult
     sensitivity: Sensitivity | None
+    further: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -109,29 +121,35 @@ class SavedRun:
                 found = sample(self.seed, settings, report, workers=pool, checkpoint=checkpoint)
                 moved = self._sensitivity(ranking(found), pool, report)
             except KeyboardInterrupt:
-                click.echo("Stopped; the same command goes on from here.", err=True)
+                click.echo(f"Stopped; this goes on from here: {command_line()}", err=True)
                 raise
         further = dict(extra(found)) if extra else {}
         if moved is not None:
             further["sensitivity.json"] = sensitivity_record(moved)
         require_new(directory, overwrite=overwrite)
         checkpoint.begin_saving()
-        result = save_result(
-            ranking(found),
-            directory,
-            study_file=str(study_file),
-            overwrite=overwrite,
-            accept_failed_checks=self.accept_failed_checks,
-            extra=further,
-        )
-        save_figures(_figures(result), result.tests, result.ranked_posteriors, result.comparison)
-        if draw:
-            draw(found, _figures(result))
+        with progress_bars() as report:
+            report("saving", "result", 0.0)
+            result = save_result(
+                ranking(found),
+                directory,
+                study_file=str(study_file),
+                overwrite=overwrite,
+                accept_failed_checks=self.accept_failed_checks,
+                command=command_line(),
+                extra=further,
+            )
+            report("saving", "figures", 0.2)
+            figures = _figures(result)
+            save_figures(figures, result.tests, result.ranked_posteriors, result.comparison)
+            if draw:
+                draw(found, figures)
+            report("saving", "figures", 1.0)
         names = set(ranking(found).study.names)
         if is_leftover:
             names.update(each for each in checkpoint.names() if is_leftover(found, each))
         checkpoint.remove(names)
-        return Saved(found, result, moved)
+        return Saved(found, result, moved, further)
 
     def _sensitivity(
         self,
@@ -158,7 +176,11 @@ class SavedRun:
             say(console(), *sensitivity_notes(saved.sensitivity))
         n_figures = len(list(_figures(result).iterdir()))
         say(console(), f"Saved in {result.directory}, with {n_figures} figures.")
-        if result.comparison.failed_checks and not self.accept_failed_checks:
+        tell_record(lambda: _record(saved))
+        failed = result.comparison.failed_checks
+        if failed and not self.accept_failed_checks:
+            if is_quiet():
+                click.echo(f"(!) {len(failed)} failed checks: {'; '.join(failed)}", err=True)
             sys.exit(FAILED_CHECK)
 
 
@@ -195,7 +217,30 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
                      help="The result follows from it."),
     ):  # fmt: skip
         wrapped = option(wrapped)
-    return wrapped
+    return json_option(wrapped)
+
+
+def _record(saved: Saved[Any]) -> dict[str, Any]:
+    """What ``--json`` prints: the ranking, what was learnt, and where the result is."""
+    result = saved.result
+    record: dict[str, Any] = {
+        "directory": str(result.directory),
+        "study": result.record["study"],
+        **asdict(result.comparison),
+        "failed_checks": list(result.comparison.failed_checks),
+        "not_distinguishable": list(result.comparison.not_distinguishable),
+        "parameters": {
+            posterior.name: [asdict(row) for row in posterior.summary]
+            for posterior in result.ranked_posteriors
+        },
+        "pairings": {
+            posterior.name: {modes.name: dict(modes.pairing) for modes in posterior.configurations}
+            for posterior in result.ranked_posteriors
+        },
+    }
+    for name, further in saved.further.items():
+        record[name.removesuffix(".json")] = further
+    return record
 
 
 def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:

@@ -38,6 +38,7 @@ __all__ = [
     "Variation",
     "default_variations",
     "sensitivity",
+    "sensitivity_of_record",
     "sensitivity_record",
 ]
 
@@ -165,6 +166,32 @@ def sensitivity(
 def sensitivity_record(found: Sensitivity) -> list[dict[str, Any]]:
     """How the ranking moved, for a JSON record."""
     return [asdict(row) for row in found.rows]
+
+
+def sensitivity_of_record(record: Sequence[Mapping[str, Any]]) -> Sensitivity:
+    """What :func:`sensitivity_record` made a record of.
+
+    Raises:
+        KeyError, TypeError, ValueError: the record lacks something.
+    """
+    rows = []
+    for row in record:
+        evidences = {
+            name: Estimate(float(each["log_evidence"]), float(each["error"]))
+            for name, each in row["log_evidences"].items()
+        }
+        rows.append(
+            SensitivityRow(
+                name=row["name"],
+                log_evidences=evidences,
+                probabilities={name: float(p) for name, p in row["probabilities"].items()},
+                sampled=tuple(row["sampled"]),
+                failed_checks=tuple(row["failed_checks"]),
+            )
+        )
+    if not rows or not rows[0].probabilities:
+        raise ValueError("no ranking")
+    return Sensitivity(tuple(rows))
 
 
 def _varied(

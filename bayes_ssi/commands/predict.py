@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.terminal import console, say
+from bayes_ssi.terminal import console, json_option, progress_bars, say, tell_record
 
 if TYPE_CHECKING:
-    from bayes_ssi.prediction_answers import Question
+    from bayes_ssi.prediction_answers import Answer, Question
     from bayes_ssi.predictions import Predictions
     from bayes_ssi.response import Damping, Output, Quantity
     from bayes_ssi.stored_predictions import StoredPredictions
@@ -108,6 +108,7 @@ NO_TRANSFER = "none"
     help="Where to save tables and figures; 'predictions' in RESULT if not given.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace predictions that exist.")
+@json_option
 def predict(
     result: Path, study: Path | None, classes: tuple[str, ...], out: Path | None, overwrite: bool,
     configuration: str | None, draws: int, **asked: Any,
@@ -132,9 +133,15 @@ def predict(
     question, remarks = _question(predicted, predicted.of(next(iter(names))), **asked)
     directory = out or result / "predictions"
     require_new(directory, marker=MARKER, overwrite=overwrite)
-    answers = [answer(predicted, name, question) for name in names]
+    record = _record(predicted, list(names), question)
+    answers = []
+    with progress_bars() as tell:
+        for done, name in enumerate(names, 1):
+            tell("predictions", name, (done - 1) / len(names))
+            answers.append(answer(predicted, name, question))
+            tell("predictions", name, done / len(names))
     with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
-        write_json(partial / MARKER, _record(predicted, list(names), question))
+        write_json(partial / MARKER, record)
         save_predictions(partial, predicted.data, answers)
         save_prediction_figures(partial / "figures", predicted.data, answers)
 
@@ -152,6 +159,22 @@ def predict(
         where.print(peak_table(answers))
     n_tables, n_figures = (len(list(directory.glob(f"**/*.{kind}"))) for kind in ("csv", "png"))
     say(where, f"Saved in {directory}: {n_tables} tables and {n_figures} figures.")
+    tell_record(
+        lambda: {"directory": str(directory), **record, "modes": _modes(predicted, answers)}
+    )
+
+
+def _modes(predicted: StoredPredictions, answers: Sequence[Answer]) -> dict[str, Any]:
+    """Predicted frequencies, for a JSON record: low, median and high of each mode."""
+    from bayes_ssi.prediction_modes import predicted_modes
+
+    return {
+        each.name: {
+            mode.label: list(mode.after_hz)
+            for mode in predicted_modes(predicted.data, each.predictions, each.question.level)
+        }
+        for each in answers
+    }
 
 
 def _question(
