@@ -23,6 +23,7 @@ __all__ = ["Further", "StoredDraws", "load_draws", "save_draws"]
 FREQUENCY, MODE = "frequency_hz", "model_mode"
 LOG_LIKELIHOOD, DATUM = "modes", "datum"
 IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"
+NOISE = 1e-9  # nats
 RESERVED = {
     "chain", "draw", FREQUENCY, MODE, LOG_LIKELIHOOD, DATUM, IDENTIFIED, IDENTIFIED_MODE
 }  # fmt: skip
@@ -103,11 +104,22 @@ def _add_further(
     terms = further.terms
     if terms is None:
         return
-    groups["log_likelihood"] = {LOG_LIKELIHOOD: terms.log_likelihoods}
+    groups["log_likelihood"] = {LOG_LIKELIHOOD: _never_constant(terms.log_likelihoods)}
     groups["posterior_predictive"][IDENTIFIED] = terms.predicted_hz
     groups["observed_data"] = {IDENTIFIED: further.identified_hz}
     labels["dims"] |= {LOG_LIKELIHOOD: [DATUM], IDENTIFIED: [IDENTIFIED_MODE]}
     labels["coords"] |= {DATUM: list(terms.data), IDENTIFIED_MODE: list(terms.identified)}
+
+
+def _never_constant(log_likelihoods: FloatArray) -> FloatArray:
+    """The same with noise far below any that matters where a datum's term does not vary.
+
+    A spurious mode has the same density at every draw. arviz 1.x fits the tail of each datum's
+    weights and refuses one that is a single value.
+    """
+    constant = np.ptp(log_likelihoods, axis=(0, 1)) == 0.0
+    noise = NOISE * np.random.default_rng(0).standard_normal(log_likelihoods.shape[:2])
+    return log_likelihoods + np.where(constant, noise[..., None], 0.0)
 
 
 def load_draws(path: Path, parameter_names: tuple[str, ...]) -> StoredDraws:

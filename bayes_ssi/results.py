@@ -167,7 +167,10 @@ def load_result(directory: str | Path) -> StoredResult:
             test["configuration"]: ModalData.load(directory / test["file"])
             for test in record["data"]
         }
-    except (KeyError, TypeError, OSError) as error:
+    except OSError as error:
+        told = f"{error.filename}: {error.strerror}"
+        raise ValueError(f"{directory}: incomplete or damaged result: {told}") from error
+    except (LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"{directory}: incomplete or damaged result: {error!r}") from error
     return StoredResult(directory, record, tests, posteriors, comparison)
 

@@ -113,16 +113,16 @@ class SavedRun:
         )
         overwrite = self.overwrite or checkpoint.is_saving
         require_new(directory, overwrite=overwrite)
-        with (
-            nullcontext(self.workers) if self.dask is None else dask_workers(self.dask) as pool,
-            progress_bars() as report,
-        ):
-            try:
+        try:
+            with (
+                nullcontext(self.workers) if self.dask is None else dask_workers(self.dask) as pool,
+                progress_bars() as report,
+            ):
                 found = sample(self.seed, settings, report, workers=pool, checkpoint=checkpoint)
                 moved = self._sensitivity(ranking(found), pool, report)
-            except KeyboardInterrupt:
-                click.echo(f"Stopped; this goes on from here: {command_line()}", err=True)
-                raise
+        except KeyboardInterrupt:  # said below the progress bars, once these stand still
+            click.echo(f"Stopped; this goes on from here: {command_line()}", err=True)
+            raise
         further = dict(extra(found)) if extra else {}
         if moved is not None:
             further["sensitivity.json"] = sensitivity_record(moved)

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import warnings
 from pathlib import Path
 
 import pytest
@@ -42,6 +43,11 @@ def test_the_example_of_a_prediction_runs_as_it_stands(tmp_path, monkeypatch, ca
     first, second = capsys.readouterr().out.splitlines()
     assert first.startswith("3 Band(low=")
     assert second.startswith("average Band(low=")
+    (example,) = re.findall(r"```\n(import arviz.*?)```", text, re.DOTALL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # arviz 0.23 announces version 1 at every import
+        exec(compile(example, "README.md", "exec"), {})
+    assert {"k1", "ks"} <= {line.split()[0] for line in capsys.readouterr().out.split("\n") if line}
 
     (command,) = re.findall(r"^bayes-ssi (predict .*)$", text, re.MULTILINE)
     done = CliRunner().invoke(main, shlex.split(command))

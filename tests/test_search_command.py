@@ -119,7 +119,7 @@ def test_a_stopped_search_goes_on_and_leaves_no_checkpoint(
         patch.setattr("bayes_ssi.search.compare", stop)
         stopped = run(*arguments)
     assert stopped.exit_code == 130
-    assert "the same command goes on from here" in stopped.stderr
+    assert "Stopped; this goes on from here: bayes-ssi search " in stopped.stderr
     assert (tmp_path / ".r.checkpoint").is_dir()
     result = run(*arguments)
     assert result.exit_code == 0, result.output

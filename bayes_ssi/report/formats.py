@@ -72,6 +72,10 @@ def quoted(items: Sequence[Any]) -> list[str]:
     return [f"'{item}'" for item in items]
 
 
+def replaced(items: Sequence[Any], old: str, new: str) -> list[Any]:
+    return [new if item == old else item for item in items]
+
+
 def markdown(value: Any) -> str:
     """A name as it is: nothing in it is taken for markup, or for the end of a table's cell."""
     flat = " ".join(str(value).split())
@@ -88,5 +92,6 @@ FILTERS = {
     "prior": prior,
     "names": names,
     "quoted": quoted,
+    "replaced": replaced,
     "md": markdown,
 }

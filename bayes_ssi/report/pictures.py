@@ -280,7 +280,8 @@ def _predictions(beside: Beside) -> list[Picture]:
         return []
     pictures = []
     for path in found.figures:
-        alt = f"Predictions: {path.stem.replace('_', ' ')}"
+        told = "MAC with the identified shapes" if path.stem == "mac" else path.stem
+        alt = f"Predictions: {told.replace('_', ' ')}"
         pictures.append(Picture(f"prediction_{path.stem}", alt, path.read_bytes(), 640))
     return pictures
 
