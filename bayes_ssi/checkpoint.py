@@ -106,6 +106,13 @@ class Checkpoint:
             self.directory, run=self._run, discard_others=self._discard_others, say=_keep_quiet
         )
 
+    def tell_continued(self, names: Iterable[str]) -> None:
+        """Say which of these model classes go on from a journal, opened where nothing is said."""
+        known = set(self.names())
+        continued = [name for name in names if name in known]
+        if continued:
+            self._say(f"continues an earlier run of {', '.join(map(repr, continued))}")
+
     @property
     def is_saving(self) -> bool:
         """Whether this run was stopped before while, or after, it wrote its result."""

@@ -95,19 +95,19 @@ def failed_edge_checks(
 def _chains_amiss(sampled: Sampled) -> list[str]:
     failed = []
     wanted = LENGTH_IN_AUTOCORRELATION_TIMES
-    for ensemble in sampled.ensembles:
+    for ensemble in sampled.draws:
         if not ensemble.is_long_enough:
             failed.append(
                 f"a chain of {ensemble.n_steps} steps is shorter than {wanted} autocorrelation "
                 f"times of {ensemble.autocorrelation_times.max():.0f} steps"
             )
-    fewest = float(effective_sample_size(sampled.ensembles).min())
+    fewest = float(effective_sample_size(sampled.draws).min())
     if fewest < LEAST_EFFECTIVE_SAMPLES:
         failed.append(
             f"the draws are worth only {fewest:.0f} independent ones, fewer than "
             f"{LEAST_EFFECTIVE_SAMPLES}"
         )
-    largest = float(r_hat(sampled.ensembles).max())
+    largest = float(r_hat(sampled.draws).max())
     # Between a few hundred independent draws R-hat exceeds 1 by chance.
     limit = max(R_HAT_LIMIT, 1.0 + R_HAT_SCATTER / fewest)
     if not largest <= limit:
@@ -167,7 +167,7 @@ def _regions_amiss(sampled: Sampled) -> list[str]:
     if regions.n_regions == 1:
         return failed
     of_starts = [regions.shares(start.positions) for start in sampled.starts]
-    of_chains = regions.shares(np.concatenate([e.draws for e in sampled.ensembles]))
+    of_chains = regions.shares(np.concatenate([e.draws for e in sampled.draws]))
     n_searches = sampled.searches_of_regions
     for region in np.flatnonzero(shares > SMALL_SHARE):
         name = f"a region with {100 * shares[region]:.1f} % of the posterior"

@@ -13,7 +13,6 @@ from bayes_ssi.modal import Modes
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.priors import FloatArray
-from bayes_ssi.response import row_of
 from bayes_ssi.structures.base import Structure
 
 __all__ = ["DRAWS", "ClassDraws", "class_draws", "configuration_of"]
@@ -56,12 +55,12 @@ class ClassDraws:
         """The shape of a model mode at some places, (n_draws, n_places), in the structure's scale.
 
         Raises:
-            ValueError: a place is no degree of freedom of the structure.
+            ValueError: a place is no degree of freedom or sensor of the structure.
         """
-        rows = [row_of(self.structure, place) for place in places]
+        matrix = self.structure.sensor_matrix(places, "place")
         return np.concatenate(
             [
-                Modes(*self.structure.modes(values)).shapes[:, rows, number - 1]
+                matrix.apply(Modes(*self.structure.modes(values)).shapes[:, :, number - 1])
                 for values in self.batches()
             ]
         )

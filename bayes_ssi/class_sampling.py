@@ -111,6 +111,8 @@ def _side_by_side(
 ) -> dict[int, Posterior]:
     """Whole classes, each in one worker; without those whose worker died."""
     names = [candidate.name for candidate in candidates]
+    if checkpoint is not None:
+        checkpoint.tell_continued(names)
     sample_there = partial(
         _sample_there,
         seed=seed,

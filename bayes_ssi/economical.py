@@ -24,14 +24,14 @@ from bayes_ssi.evidence import (
     extended,
     first_draws,
     refined,
+    resampled,
 )
 from bayes_ssi.maxima import Maxima
 from bayes_ssi.mixture import StudentMixture, choose_mixture
-from bayes_ssi.priors import FloatArray
 from bayes_ssi.production import Ensemble
 from bayes_ssi.regions import Regions, find_regions
 from bayes_ssi.sampled import Progress, Sampled, SamplingSettings
-from bayes_ssi.target import Target, log_standard_normal
+from bayes_ssi.target import Target
 
 __all__ = ["sample_economically"]
 
@@ -120,7 +120,7 @@ def _sampled(
     missing = LEAST_INDEPENDENT / sample.effective_sample_size
     if missing > 1.0 and len(sample.z) < MAX_DRAWS:
         sample = extended(target, sample, min(missing, MAX_DRAWS / len(sample.z)), rng, batch // 4)
-    return sample, _resampled(sample, rng)
+    return sample, resampled(sample, rng)
 
 
 def _adapted(sample: ImportanceSample, rng: np.random.Generator) -> StudentMixture:
@@ -139,26 +139,6 @@ def _adapted(sample: ImportanceSample, rng: np.random.Generator) -> StudentMixtu
     )
     fitted = choose_mixture(fitted_to, held_out, COMPONENTS, rng).widened(*WIDER)
     return known.joined_with(fitted, FITTED_SHARE)
-
-
-def _resampled(sample: ImportanceSample, rng: np.random.Generator) -> Ensemble:
-    """As many equally weighted draws as there are importance draws, in random order.
-
-    What takes the place of an autocorrelation time is how many of them are worth one independent
-    draw.
-    """
-    n = len(sample.z)
-    cumulative = np.cumsum(sample.weights)
-    ladder = (np.arange(n) + rng.random()) / n
-    chosen = rng.permutation(np.searchsorted(cumulative / cumulative[-1], ladder))
-    positions = sample.z[chosen][:, None]
-    log_posteriors: FloatArray = sample.log_likelihoods + log_standard_normal(sample.z)
-    return Ensemble(
-        positions=positions,
-        log_posteriors=log_posteriors[chosen][:, None],
-        autocorrelation_times=np.full(positions.shape[-1], n / sample.effective_sample_size),
-        acceptance=len(np.unique(chosen)) / n,
-    )
 
 
 def _regions(target: Target, maxima: Maxima, sample: ImportanceSample) -> Regions:

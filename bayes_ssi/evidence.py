@@ -30,8 +30,10 @@ __all__ = [
     "bridge_sampling",
     "extended",
     "first_draws",
+    "halves",
     "pareto_shape",
     "refined",
+    "resampled",
     "tempered_estimate",
 ]
 
@@ -39,6 +41,8 @@ PRIOR_SHARE = 0.02
 FIRST_BATCH = 3000
 LEAST_STRATUM = 20
 MAX_DRAWS = 200_000
+# Equally weighted draws that are made of one importance sample.
+MAX_RESAMPLED = 5000
 # No draw should carry more of the evidence than this.
 LARGEST_WEIGHT = 0.02
 # The tail of the weights is to be lighter than this; where it is not, components are added.
@@ -289,6 +293,43 @@ def _concatenated(a: ImportanceSample, b: ImportanceSample) -> ImportanceSample:
         np.concatenate([a.log_proposals, b.log_proposals]),
         np.concatenate([a.strata, b.strata]),
     )
+
+
+def resampled(sample: ImportanceSample, rng: np.random.Generator) -> Ensemble:
+    """As many equally weighted posterior draws as there are importance draws, in random order.
+
+    At most ``MAX_RESAMPLED``. What takes the place of an autocorrelation time is how many of them
+    are worth one independent draw.
+    """
+    n = min(len(sample.z), MAX_RESAMPLED)
+    cumulative = np.cumsum(sample.weights)
+    ladder = (np.arange(n) + rng.random()) / n
+    chosen = rng.permutation(np.searchsorted(cumulative / cumulative[-1], ladder))
+    positions = sample.z[chosen][:, None]
+    log_posteriors: FloatArray = sample.log_likelihoods + log_standard_normal(sample.z)
+    return Ensemble(
+        positions=positions,
+        log_posteriors=log_posteriors[chosen][:, None],
+        autocorrelation_times=np.full(
+            positions.shape[-1], max(1.0, n / sample.effective_sample_size)
+        ),
+        acceptance=len(np.unique(chosen)) / n,
+    )
+
+
+def halves(sample: ImportanceSample, rng: np.random.Generator) -> list[ImportanceSample]:
+    """The sample's draws in two halves, at random."""
+    parts = np.array_split(rng.permutation(len(sample.z)), 2)
+    return [
+        ImportanceSample(
+            sample.mixture,
+            sample.z[part],
+            sample.log_likelihoods[part],
+            sample.log_proposals[part],
+            sample.strata[part],
+        )
+        for part in parts
+    ]
 
 
 def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> Estimate:

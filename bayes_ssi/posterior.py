@@ -279,13 +279,13 @@ def sample(
         draws=values,
         log_likelihoods=log_likelihoods,
         frequencies_hz=found.frequencies_hz.reshape(*z.shape[:2], -1),
-        effective_sample_sizes=effective_sample_size(sampled.ensembles),
+        effective_sample_sizes=effective_sample_size(sampled.draws),
         evidence=_evidence(sampled),
         regions=_regions(sampled, z, values),
         maxima=model_class.values(sampled.maxima.z),
-        r_hat=float(r_hat(sampled.ensembles).max()),
-        autocorrelation_time=max(float(e.autocorrelation_times.max()) for e in sampled.ensembles),
-        acceptance=float(np.mean([e.acceptance for e in sampled.ensembles])),
+        r_hat=float(r_hat(sampled.draws).max()),
+        autocorrelation_time=max(float(e.autocorrelation_times.max()) for e in sampled.draws),
+        acceptance=float(np.mean([e.acceptance for e in sampled.draws])),
         n_evaluations=sampled.n_evaluations,
         n_searches=sampled.discovery.n_searches,
         seconds=perf_counter() - started,
@@ -354,9 +354,9 @@ def _corrected_draws(sampled: Sampled, rng: np.random.Generator) -> tuple[FloatA
     Chains visit far-apart regions in shares that are too noisy; where there are several, the
     draws are resampled to the shares that importance sampling gives.
     """
-    n = min(ensemble.n_steps for ensemble in sampled.ensembles)
-    z = np.concatenate([e.positions[-n:] for e in sampled.ensembles], axis=1).transpose(1, 0, 2)
-    densities = np.concatenate([e.log_posteriors[-n:] for e in sampled.ensembles], axis=1).T
+    n = min(ensemble.n_steps for ensemble in sampled.draws)
+    z = np.concatenate([e.positions[-n:] for e in sampled.draws], axis=1).transpose(1, 0, 2)
+    densities = np.concatenate([e.log_posteriors[-n:] for e in sampled.draws], axis=1).T
     if sampled.regions.n_regions > 1:
         flat = z.reshape(-1, z.shape[-1])
         label = sampled.regions.assign(flat)

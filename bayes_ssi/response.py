@@ -49,8 +49,8 @@ class Output:
     Attributes:
         quantity: "displacement" (relative to the ground), "acceleration" (absolute), or "drift"
             (the displacement of one place less that of another).
-        places: labels of degrees of freedom; for drift pairs of them, (lower, upper), of which
-            the lower may be "ground".
+        places: labels of degrees of freedom, or of the structure's sensors; for drift pairs of
+            them, (lower, upper), of which the lower may be "ground".
 
     Raises:
         ValueError: the quantity is none of these, there is no place, or a drift's place is no
@@ -90,7 +90,7 @@ class Output:
         """Refuse places that the structure does not have.
 
         Raises:
-            ValueError: a place is no degree of freedom of the structure.
+            ValueError: a place is no degree of freedom or sensor of the structure.
         """
         self.at_places(structure, np.zeros(len(structure.degrees_of_freedom)), axis=0)
 
@@ -98,15 +98,17 @@ class Output:
         """Displacements at the places, from those at all degrees of freedom along ``axis``."""
 
         def at(labels: Sequence[str]) -> FloatArray:
-            rows = [row_of(structure, label) for label in labels if label != GROUND]
-            taken = np.take(displacements, rows, axis)
+            on_it = [label for label in labels if label != GROUND]
+            taken = structure.sensor_matrix(on_it, "place").apply(displacements, axis)
             for i, label in enumerate(labels):
                 if label == GROUND:
                     taken = np.insert(taken, i, 0.0, axis)
             return taken
 
         if self.quantity != "drift":
-            return np.take(displacements, [row_of(structure, str(p)) for p in self.places], axis)
+            return structure.sensor_matrix(list(map(str, self.places)), "place").apply(
+                displacements, axis
+            )
         lower, upper = zip(*self.places, strict=True)
         return at(upper) - at(lower)
 
@@ -118,21 +120,6 @@ def _is_pair(place: object) -> bool:
         and all(isinstance(label, str) for label in place)
         and place[0] != place[1]
     )
-
-
-def row_of(structure: Structure, place: str) -> int:
-    """The row of a degree of freedom in the shapes.
-
-    Raises:
-        ValueError: the structure has none of that label.
-    """
-    labels = structure.degrees_of_freedom
-    if place not in labels:
-        raise ValueError(
-            f"place {place!r}: the structure has no such degree of freedom; "
-            f"choose from {', '.join(map(repr, labels))}"
-        )
-    return labels.index(place)
 
 
 def damping_ratios(damping: Damping, n_modes: int) -> FloatArray:
@@ -205,7 +192,8 @@ def transfer_functions(
         frequencies_hz: (F,).
         output: what is wanted, and where.
         damping: ratio of all modes, or of each.
-        force_at: the degree of freedom at which a force acts; ground acceleration if None.
+        force_at: the degree of freedom, or sensor's place and direction, at which a force acts;
+            ground acceleration if None.
 
     Returns:
         (B, n_places, F). For ground acceleration the unit is 1 for an acceleration and s² for a
@@ -224,7 +212,7 @@ def transfer_functions(
     if force_at is None:
         driven = -model.participation
     else:
-        driven = model.shapes[:, row_of(structure, force_at), :]
+        driven = structure.sensor_matrix([force_at], "place").apply(model.shapes)[:, 0, :]
     at_places = output.at_places(structure, model.shapes, axis=1)
     found = ((at_places * driven[:, None, :]) @ receptance).astype(np.complex128, copy=False)
     if output.quantity == "acceleration":

@@ -69,7 +69,9 @@ class Sampled:
         discovery: what the searches for maxima found.
         starts: the tempered starts; none on the economical path.
         maxima: of the posterior, all that were found.
-        ensembles: posterior draws.
+        ensembles: of posterior draws.
+        resampled: posterior draws made of the importance draws instead, where ensembles mix too
+            slowly and these draws are many; else empty.
         importance: what the evidence and the regions' shares come from.
         bridge: bridge sampling's estimate of the log evidence.
         repeat: an estimate by other means: of the tempered starts; on the economical path, of
@@ -89,6 +91,12 @@ class Sampled:
     regions: Regions
     wanted_error: float
     n_evaluations: int
+    resampled: tuple[Ensemble, ...] = ()
+
+    @property
+    def draws(self) -> tuple[Ensemble, ...]:
+        """The posterior draws, in two independent parts."""
+        return self.resampled or self.ensembles
 
     @property
     def evidence(self) -> Estimate:

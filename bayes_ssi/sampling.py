@@ -4,7 +4,8 @@
    particles from the prior to the regions around them.
 2. A Student-t mixture is fitted to the particles.
 3. Two independent emcee ensembles sample the posterior, with proposals from that mixture; where
-   they move slowly they begin again with a mixture fitted to their own draws.
+   they move slowly they begin again with a mixture fitted to their own draws. Where they move
+   slowly all the same, importance draws (4.) take their place, if they are worth enough.
 4. Mixture importance sampling, from a mixture fitted to the ensembles' draws, gives the evidence
    and the share of the posterior in each region; bridge sampling with the draws of an ensemble
    checks it.
@@ -25,11 +26,14 @@ from threadpoolctl import threadpool_limits
 from bayes_ssi.discovery import discover
 from bayes_ssi.economical import sample_economically
 from bayes_ssi.evidence import (
+    PARETO_K_LIMIT,
     ImportanceSample,
     bridge_sampling,
     extended,
     first_draws,
+    halves,
     refined,
+    resampled,
     tempered_estimate,
 )
 from bayes_ssi.maxima import Maxima, find_maxima
@@ -53,6 +57,10 @@ SLOW, MAX_REFITS = 12.0, 4
 EFFICIENT = 0.25
 # Shares of the moves that a poor and a good mixture proposes.
 LEAST_MOVES, MOST_MOVES = 0.7, 0.95
+# Where importance draws are worth at least this share of as many posterior draws, ensembles that
+# mix slowly stop after a few steps; posterior draws are then made of the importance draws, if all
+# of these are worth enough.
+SUFFICIENT_SHARE, FEW_STEPS, SUFFICIENT = 0.05, 1000, 2000.0
 COMPONENTS = (1, 2, 3, 4, 6, 8, 12, 16)
 DRAWS_FOR_FITTING = 3000
 # Weight of the maxima's own components in the mixtures: a region that the particles lost is
@@ -126,6 +134,10 @@ def _sample(
     importance = _with_sure_shares(
         target, importance, regions, SHARE_ERROR * settings.log_evidence_error, rng
     )
+    instead: tuple[Ensemble, ...] = ()
+    stopped = settings.max_steps > FEW_STEPS and not all(one.is_long_enough for one in ensembles)
+    if stopped and _suffices(importance):
+        instead = tuple(resampled(half, rng) for half in halves(importance, rng))
     if progress is not None:
         progress("evidence", 1.0)
     return Sampled(
@@ -139,6 +151,7 @@ def _sample(
         regions=regions,
         wanted_error=settings.log_evidence_error,
         n_evaluations=target.n_evaluations,
+        resampled=instead,
     )
 
 
@@ -171,8 +184,11 @@ def _run_ensembles(
         for i, own in enumerate(walkers):
             report = _reporter(progress, "ensembles", i, N_ENSEMBLES)
             slowest = math.inf if attempt == MAX_REFITS else SLOW
+            # Importance draws that are worth many make long chains needless.
+            worth = trial.effective_share >= SUFFICIENT_SHARE
+            most = min(settings.max_steps, FEW_STEPS) if worth else settings.max_steps
             one = run_ensemble(
-                target, own, proposal, settings.max_steps, of_attempts[i][attempt], report, slowest
+                target, own, proposal, most, of_attempts[i][attempt], report, slowest
             )
             ensembles.append(one)
         if all(one.autocorrelation_times.max() <= slowest for one in ensembles):
@@ -183,6 +199,11 @@ def _run_ensembles(
         mixture = _fitted(ensembles[0].draws, ensembles[1].draws, maxima, rng)
         trial = first_draws(target, mixture, rng)
     return ensembles, trial
+
+
+def _suffices(sample: ImportanceSample) -> bool:
+    """Whether importance draws can take the place of chains."""
+    return sample.pareto_k <= PARETO_K_LIMIT and sample.effective_sample_size >= SUFFICIENT
 
 
 def _fitted(

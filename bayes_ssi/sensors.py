@@ -89,17 +89,23 @@ class SensorMatrix:
     def _is_selection(self) -> bool:
         return self.rows.shape[1] == 1 and bool((self.weights == 1.0).all())
 
-    def apply(self, shapes: FloatArray) -> FloatArray:
-        """Shapes at the sensors, (B, n_sensors, n_modes), from those of (B, n_dof, n_modes).
+    def apply(self, motions: FloatArray, axis: int = 1) -> FloatArray:
+        """Motions at the sensors, from those of all degrees of freedom along ``axis``.
 
-        Only the degrees of freedom that a sensor sees are touched, and terms are added one by
-        one: not a matrix product, in which a row could depend on the size of its batch.
+        Shapes (B, n_dof, n_modes) become (B, n_sensors, n_modes). Only the degrees of freedom that
+        a sensor sees are touched, and terms are added one by one: not a matrix product, in which
+        a row could depend on the size of its batch.
         """
         if self._is_selection:
-            return shapes[:, self.rows[:, 0], :]
-        found = shapes[:, self.rows[:, 0], :] * self.weights[:, :1]
+            return np.take(motions, self.rows[:, 0], axis)
+        column = [1] * motions.ndim
+        column[axis] = len(self.rows)
+        found: FloatArray = np.take(motions, self.rows[:, 0], axis) * self.weights[:, 0].reshape(
+            column
+        )
         for term in range(1, self.rows.shape[1]):
-            found += shapes[:, self.rows[:, term], :] * self.weights[:, term, None]
+            seen = np.take(motions, self.rows[:, term], axis)
+            found += seen * self.weights[:, term].reshape(column)
         return found
 
     def toarray(self) -> FloatArray:

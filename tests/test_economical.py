@@ -12,8 +12,7 @@ from scipy.special import ndtr
 import bayes_ssi as bs
 from bayes_ssi.checks import failed_checks
 from bayes_ssi.cli import main
-from bayes_ssi.economical import _resampled
-from bayes_ssi.evidence import ImportanceSample
+from bayes_ssi.evidence import ImportanceSample, resampled
 from bayes_ssi.results import load_result
 from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.sampling import sample_target
@@ -85,7 +84,7 @@ def test_resampled_draws_count_by_their_weights():
     # Weights are likelihood · prior / proposal; a proposal like the prior leaves the likelihood.
 
     sample = replace(sample, log_proposals=log_standard_normal(sample.z))
-    draws = _resampled(sample, np.random.default_rng(0))
+    draws = resampled(sample, np.random.default_rng(0))
     assert sorted(draws.draws[:, 0]) == [0.0, 0.0, 1.0, 2.0]
     assert draws.autocorrelation_times[0] == pytest.approx(4.0 * (0.25 + 2.0 * 0.0625))
     assert draws.acceptance == 0.75

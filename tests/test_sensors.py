@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.response import transfer_functions
 from bayes_ssi.sensors import Sensor, SensorMatrix
 from bayes_ssi.structures import Structure
 
@@ -70,6 +71,32 @@ def test_the_likelihood_sees_what_the_sensors_see():
     difference = found.shape[1, 0] - found.shape[0, 0]
     assert difference == pytest.approx((cosine[1] - cosine[0]) / 0.1**2, rel=1e-10)
     assert abs(difference) > 1e-3
+
+
+def test_responses_at_a_sensor_are_those_of_its_point():
+    """Under ground motion, and under a force there, against the floor's own three motions."""
+    structure = bs.ShearBuilding3D(
+        [2.0, 1.0], [1.5, 1.5], [800.0] * 2, [1800.0] * 2, [5000.0] * 2, [(0.3, 0.2)] * 2
+    ).with_sensors([bs.floor_sensor("corner", 2, CORNER, "x")])
+    floor = ("floor 2 x", "floor 2 torsion")
+    row = np.array([1.0, -CORNER[1]])
+    at = np.array([1.0, 2.5, 7.0])
+
+    def found(places, quantity, force_at=None):
+        return transfer_functions(
+            structure, np.empty((1, 0)), at, bs.Output(quantity, places), 0.02, force_at=force_at
+        )[0]
+
+    for quantity in ("displacement", "acceleration"):
+        expected = row @ found(floor, quantity)
+        np.testing.assert_allclose(found(("corner",), quantity)[0], expected, rtol=1e-12)
+    forces = [found(floor, "displacement", place) for place in floor]
+    np.testing.assert_allclose(
+        found(floor, "displacement", "corner"), row[0] * forces[0] + row[1] * forces[1], rtol=1e-12
+    )
+    drift = found((("floor 1 x", "corner"),), "drift")[0]
+    expected = found(("corner",), "displacement")[0] - found(("floor 1 x",), "displacement")[0]
+    np.testing.assert_allclose(drift, expected, rtol=1e-12)
 
 
 def test_a_row_is_the_same_in_any_batch():

@@ -55,8 +55,8 @@ NO_TRANSFER = "none"
     "places",
     metavar="PLACE",
     multiple=True,
-    help="Degree of freedom; for drift LOWER:UPPER, the lower one may be 'ground'. The top if "
-    "not given. May be repeated.",
+    help="Degree of freedom, or sensor of the structure; for drift LOWER:UPPER, the lower one may "
+    "be 'ground'. The top if not given. May be repeated.",
 )
 @click.option(
     "--damping",

@@ -77,8 +77,12 @@ class Structure(ABC):
         """Sensors that are not simply on a degree of freedom; their labels are no label of one."""
         return ()
 
-    def sensor_matrix(self, sensors: Sequence[str]) -> SensorMatrix:
+    def sensor_matrix(self, sensors: Sequence[str], what: str = "sensor") -> SensorMatrix:
         """What each sensor sees: one of :attr:`sensors`, or a degree of freedom by its label.
+
+        Args:
+            sensors: their names.
+            what: they are called in messages.
 
         Raises:
             ValueError: a name is neither, or one of :attr:`sensors` is not on this structure.
@@ -92,12 +96,13 @@ class Structure(ABC):
             missing = [label for label in motion if label not in known]
             if missing and name not in combined:
                 raise ValueError(
-                    f"sensor {name!r}: the structure has no such degree of freedom or sensor; "
+                    f"{what} {name!r}: the structure has no such degree of freedom"
+                    f"{' or sensor' if combined else ''}; "
                     f"choose from {_listed((*combined, *labels))}"
                 )
             if missing:
                 raise ValueError(
-                    f"sensor {name!r}: the structure has no degree of freedom {missing[0]!r}; "
+                    f"{what} {name!r}: the structure has no degree of freedom {missing[0]!r}; "
                     f"choose from {_listed(labels)}"
                 )
             motions.append(motion)

@@ -86,8 +86,8 @@ def parameter_table(posterior: Posterior) -> Table:
     """
     table = new_table(f"Parameters of {posterior.name!r}")
     table.add_column("parameter", overflow="fold")
-    for heading in ("mean", "sd", "5 %", "median", "95 %", "of prior"):
-        table.add_column(heading, justify="right")
+    for heading in ("mean", "sd", "5 %", "median", "95 %", "of\nprior"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in posterior.summary:
         numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)
         cells = [f"{number:.4g}" for number in numbers]
@@ -96,17 +96,19 @@ def parameter_table(posterior: Posterior) -> Table:
 
 
 def averages_table(averaged: Sequence[AveragedParameter]) -> Table:
-    """Parameters that several classes infer, averaged over these classes by their probability."""
+    """Parameters that several classes infer, averaged over these classes by their probability.
+
+    Beside each stands the probability of these classes together.
+    """
     table = new_table("Parameters averaged over the model classes that infer them")
     table.add_column("parameter", overflow="fold")
-    for heading in ("classes", "probability", "mean", "sd", "5 %", "95 %"):
+    for heading in ("probability", "mean", "sd", "5 %", "95 %"):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in averaged:
         numbers = (row.mean, row.sd, row.quantile_05, row.quantile_95)
         add_row(
             table,
             row.name,
-            str(row.n_classes),
             probability_text(row.probability),
             *(f"{number:.4g}" for number in numbers),
         )
