@@ -11,17 +11,21 @@ from bayes_ssi.data import IdentifiedMode, ModalData
 from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
-from bayes_ssi.posterior import Posterior, sample
+from bayes_ssi.posterior import Posterior
 from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
+from bayes_ssi.reduction import sample
 from bayes_ssi.sampling import SamplingSettings
 from bayes_ssi.structures import (
     AddedMass,
     FloorMass,
+    FunctionStructure,
     InPlaneInfill,
+    MatrixStructure,
     OutOfPlaneInfill,
     Pendulum,
     ShearBuilding,
     ShearBuilding3D,
+    read_matrix,
 )
 from bayes_ssi.study import Study, rank
 
@@ -30,12 +34,14 @@ __all__ = [
     "Configuration",
     "ErrorModel",
     "FloorMass",
+    "FunctionStructure",
     "HalfNormal",
     "IdentificationModel",
     "IdentifiedMode",
     "InPlaneInfill",
     "LogNormal",
     "LogUniform",
+    "MatrixStructure",
     "ModalData",
     "ModelClass",
     "Normal",
@@ -52,6 +58,7 @@ __all__ = [
     "calibrate",
     "compare",
     "rank",
+    "read_matrix",
     "rms_distance",
     "sample",
 ]

@@ -10,13 +10,14 @@ import click
 
 from bayes_ssi.commands.calibrate import calibrate
 from bayes_ssi.commands.check import check
+from bayes_ssi.commands.new import new
 from bayes_ssi.commands.rank import rank
 from bayes_ssi.commands.search import search
 from bayes_ssi.terminal import OneLineErrors
 
 __all__ = ["main"]
 
-COMMANDS = (calibrate, check, rank, search)
+COMMANDS = (calibrate, check, new, rank, search)
 
 
 @click.group(

@@ -135,6 +135,7 @@ class Posterior:
         configurations: the model's modes and their pairing, configuration by configuration.
         relative_spreads: (n_parameters,), standard deviation of the posterior over that of the
             prior, both in standard-normal coordinates: 1 where the data say nothing.
+        remarks: what else a reader should know of how it was computed, a sentence each.
     """
 
     name: str
@@ -157,6 +158,7 @@ class Posterior:
     data_digest: str
     configurations: tuple[ConfigurationModes, ...]
     relative_spreads: FloatArray
+    remarks: tuple[str, ...] = ()
 
     @property
     def configuration_names(self) -> tuple[str, ...]:

@@ -18,7 +18,8 @@ from bayes_ssi.checkpoint import Checkpoint, as_checkpoint
 from bayes_ssi.comparison import Comparison, checked_weights, compare
 from bayes_ssi.in_workers import STUDY_MODULE
 from bayes_ssi.model_class import ModelClass
-from bayes_ssi.posterior import Posterior, sample
+from bayes_ssi.posterior import Posterior
+from bayes_ssi.reduction import sample
 from bayes_ssi.sampling import SamplingSettings
 from bayes_ssi.workers import Workers, as_workers
 

@@ -13,18 +13,23 @@ PACKAGE = Path(bayes_ssi.__file__).parent
 # Each may import those above it.
 ORDER = [
     "priors", "parameters", "modal", "structures", "ground_motion", "ground_motion_files",
-    "time_stepping", "response", "data", "modal_csv", "errors", "shape_density", "likelihood",
-    "pairings", "any_pairing", "inferred_pairing", "configuration", "model_class",
-    "configuration_modes", "calibration", "evaluation", "journal", "in_workers", "dispatch",
-    "workers", "target", "mixture", "moves", "maxima", "discovery", "tempering", "regions",
-    "production", "evidence", "sampling", "checks", "posterior", "versions", "checkpoint",
-    "comparison", "study", "sensitivity", "search", "arviz_store", "results", "class_draws",
-    "predictions", "stored_predictions", "prediction_report", "tables", "figure_style", "plots",
-    "response_plots", "prediction_figures", "terminal", "study_argument", "saved_run", "commands",
-    "cli",
+    "time_stepping", "response", "data", "modal_csv", "modal_uff", "modal_pyoma2", "errors",
+    "shape_density", "likelihood", "pairings", "any_pairing", "inferred_pairing", "configuration",
+    "model_class", "configuration_modes", "calibration", "evaluation", "journal", "in_workers",
+    "dispatch", "workers", "target", "mixture", "moves", "maxima", "discovery", "tempering",
+    "regions", "production", "evidence", "sampling", "checks", "posterior", "reduction", "versions",
+    "checkpoint", "comparison", "study", "sensitivity", "search", "arviz_store", "results",
+    "class_draws", "predictions", "stored_predictions", "prediction_report", "tables",
+    "figure_style", "plots", "response_plots", "prediction_figures", "terminal", "study_argument",
+    "saved_run", "scaffold", "commands", "cli",
 ]  # fmt: skip
 # Methods load and save are one line each that hand over to the file format.
-EXCEPTIONS = {("data", "modal_csv"), ("ground_motion", "ground_motion_files")}
+EXCEPTIONS = {
+    ("data", "modal_csv"),
+    ("data", "modal_uff"),
+    ("data", "modal_pyoma2"),
+    ("ground_motion", "ground_motion_files"),
+}
 # Packages, whose modules may import one another.
 PACKAGES = {"structures", "tables", "commands"}
 HEAVY = {"matplotlib", "arviz", "corner", "emcee"}

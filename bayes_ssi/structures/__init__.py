@@ -8,7 +8,11 @@ from bayes_ssi.structures.elements import (
     OutOfPlaneInfill,
     Pendulum,
 )
+from bayes_ssi.structures.function import FunctionStructure
 from bayes_ssi.structures.lumped import LumpedStructure
+from bayes_ssi.structures.matrices import MatrixStructure
+from bayes_ssi.structures.matrix_files import read_matrix
+from bayes_ssi.structures.reduced import ReducedStructure
 from bayes_ssi.structures.shear_building import ShearBuilding
 from bayes_ssi.structures.shear_building_3d import FloorMass, ShearBuilding3D
 
@@ -16,11 +20,15 @@ __all__ = [
     "AddedMass",
     "Element",
     "FloorMass",
+    "FunctionStructure",
     "InPlaneInfill",
     "LumpedStructure",
+    "MatrixStructure",
     "OutOfPlaneInfill",
     "Pendulum",
+    "ReducedStructure",
     "ShearBuilding",
     "ShearBuilding3D",
     "Structure",
+    "read_matrix",
 ]
