@@ -12,8 +12,9 @@ from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.ground_motion import GroundMotion
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
-from bayes_ssi.posterior import Posterior, sample
+from bayes_ssi.posterior import Posterior
 from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
+from bayes_ssi.reduction import sample
 from bayes_ssi.response import Output
 from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.sensors import Sensor
@@ -22,13 +23,16 @@ from bayes_ssi.structures import (
     AddedMass,
     FloorBlock,
     FloorMass,
+    FunctionStructure,
     InPlaneInfill,
+    MatrixStructure,
     OutOfPlaneInfill,
     Pendulum,
     ShearBuilding,
     ShearBuilding3D,
     SpaceFrame,
     floor_sensor,
+    read_matrix,
 )
 from bayes_ssi.study import Study, rank
 
@@ -38,6 +42,7 @@ __all__ = [
     "ErrorModel",
     "FloorBlock",
     "FloorMass",
+    "FunctionStructure",
     "GroundMotion",
     "HalfNormal",
     "IdentificationModel",
@@ -45,6 +50,7 @@ __all__ = [
     "InPlaneInfill",
     "LogNormal",
     "LogUniform",
+    "MatrixStructure",
     "ModalData",
     "ModelClass",
     "Normal",
@@ -66,6 +72,7 @@ __all__ = [
     "floor_sensor",
     "load_predictions",
     "rank",
+    "read_matrix",
     "rms_distance",
     "sample",
 ]
