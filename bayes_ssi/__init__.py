@@ -14,8 +14,9 @@ from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.ground_motion import GroundMotion
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
-from bayes_ssi.posterior import Posterior, sample
+from bayes_ssi.posterior import Posterior
 from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
+from bayes_ssi.reduction import sample
 from bayes_ssi.response import Output
 from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.sensors import Sensor
@@ -23,13 +24,16 @@ from bayes_ssi.structures import (
     AddedMass,
     FloorBlock,
     FloorMass,
+    FunctionStructure,
     InPlaneInfill,
+    MatrixStructure,
     OutOfPlaneInfill,
     Pendulum,
     ShearBuilding,
     ShearBuilding3D,
     SpaceFrame,
     floor_sensor,
+    read_matrix,
 )
 from bayes_ssi.study import Study, rank
 
@@ -42,6 +46,7 @@ __all__ = [
     "ErrorModel",
     "FloorBlock",
     "FloorMass",
+    "FunctionStructure",
     "GroundMotion",
     "HalfNormal",
     "IdentificationModel",
@@ -49,6 +54,7 @@ __all__ = [
     "InPlaneInfill",
     "LogNormal",
     "LogUniform",
+    "MatrixStructure",
     "ModalData",
     "ModelClass",
     "Normal",
@@ -70,6 +76,7 @@ __all__ = [
     "floor_sensor",
     "load_predictions",
     "rank",
+    "read_matrix",
     "rms_distance",
     "sample",
 ]

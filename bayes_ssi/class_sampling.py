@@ -19,8 +19,9 @@ import numpy as np
 
 from bayes_ssi.checkpoint import Checkpoint, as_checkpoint
 from bayes_ssi.model_class import ModelClass
-from bayes_ssi.posterior import Posterior, sample
+from bayes_ssi.posterior import Posterior
 from bayes_ssi.progress_files import ProgressFile, ProgressReader
+from bayes_ssi.reduction import sample
 from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.workers import Workers
 

@@ -276,6 +276,21 @@ class ModalLikelihood:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised."""
         return self._sensor_matrix.apply(modes.shapes)
 
+    def least_errors(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Standard errors (B,) of the frequency and of the shape of the surest paired mode.
+
+        Identification and prediction errors together; infinite where no mode is paired, or no
+        shape scored.
+        """
+        prediction_var = self._error_variances(values)
+        found = [
+            np.sqrt(prediction_var[:, column] + own.min())
+            if len(own)
+            else np.full(len(values), np.inf)
+            for column, own in ((0, self.pairs.frequency_var), (-1, self.pairs.shape_var))
+        ]
+        return found[0], found[1]
+
     def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         """Whether each model mode lies on the edge of the band, (B, n_modes).
 

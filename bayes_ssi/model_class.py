@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -247,6 +247,20 @@ class ModelClass:
         """
         only: Configuration = self._only(self.configurations)
         return self._changed(name, [replace(only, structure=structure)])
+
+    def with_structures(self, change: Callable[[Structure, int], Structure]) -> ModelClass:
+        """The class with other structures, of which all else holds; itself if none is another.
+
+        Args:
+            change: called with the structure of each configuration and the configuration's place.
+        """
+        made = [change(c.structure, i) for i, c in enumerate(self.configurations)]
+        if all(new is c.structure for new, c in zip(made, self.configurations, strict=True)):
+            return self
+        configurations = [
+            replace(c, structure=new) for new, c in zip(made, self.configurations, strict=True)
+        ]
+        return self._changed(self.name, configurations)
 
     def _changed(self, name: str, configurations: Sequence[Configuration]) -> ModelClass:
         return ModelClass(

@@ -140,6 +140,7 @@ class Posterior:
             prior, both in standard-normal coordinates: 1 where the data say nothing.
         datum_terms: log-likelihoods and predictions datum by datum, for other packages; not read
             back from a stored result, whose files of draws hold them.
+        remarks: what else a reader should know of how it was computed, a sentence each.
     """
 
     name: str
@@ -163,6 +164,7 @@ class Posterior:
     configurations: tuple[ConfigurationModes, ...]
     relative_spreads: FloatArray
     datum_terms: DatumTerms | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def configuration_names(self) -> tuple[str, ...]:

@@ -279,6 +279,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
         relative_spreads=np.array(entry["relative_spreads"], dtype=float),
         failed_checks=tuple(entry["failed_checks"]),
         edge_checks=tuple(entry["edge_checks"]),
+        remarks=tuple(entry.get("remarks", ())),
         name=entry["name"],
         n_evaluations=entry["n_evaluations"],
         n_searches=entry["n_searches"],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,22 @@ from bayes_ssi.parameters import Parameter
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.sensors import Sensor, SensorMatrix
 
-__all__ = ["Structure"]
+__all__ = ["Accuracy", "Structure"]
+
+
+class Accuracy(NamedTuple):
+    """How far the modes of a structure may be from those of the one that it approximates.
+
+    Attributes:
+        frequency: as a fraction of the frequency.
+        shape: of shapes at unit length.
+        told: a sentence for reports: how it is known, and what it cost.
+    """
+
+    frequency: float
+    shape: float
+    told: str
+
 
 # Valid choices that a message lists.
 LABELS_SHOWN = 30
@@ -71,6 +87,30 @@ class Structure(ABC):
             "response cannot be computed; give it a method modal_model(values), as described in "
             "bayes_ssi.structures.Structure"
         )
+
+    @property
+    def exact(self) -> Structure:
+        """The structure that this one approximates; itself where it approximates none."""
+        return self
+
+    def accurate_at(
+        self,
+        values: FloatArray,  # noqa: ARG002 - one that approximates nothing is accurate everywhere
+        frequency_error: float,  # noqa: ARG002
+        shape_error: float,  # noqa: ARG002
+    ) -> Structure:
+        """This structure if it is accurate enough, or else a better one; itself if it is exact.
+
+        Args:
+            values: (B, n_parameters), where it is to be.
+            frequency_error: largest relative error of frequencies.
+            shape_error: largest error of shapes at unit length.
+        """
+        return self
+
+    def accuracy(self, values: FloatArray) -> Accuracy:
+        """How accurate it is known to be at all of ``values`` (B, n_parameters)."""
+        return Accuracy(0.0, 0.0, f"exact at {len(values)} sets of values")
 
     @property
     def sensors(self) -> Sequence[Sensor]:

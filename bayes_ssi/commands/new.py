@@ -1,0 +1,34 @@
+"""``bayes-ssi new``: a small study to begin with, which runs as it stands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from bayes_ssi.terminal import console, say
+
+__all__ = ["new"]
+
+KINDS = ("shear-building", "matrices", "function")
+
+
+@click.command()
+@click.argument("name", type=click.Path(path_type=Path))
+@click.option("--kind", type=click.Choice(KINDS), default="shear-building", show_default=True,
+              help="What the structure is: storeys and floors, matrices of a finite-element "
+              "program, or a Python function (around OpenSees, for instance).")  # fmt: skip
+def new(name: Path, kind: str) -> None:
+    """Write a study NAME.py and its identified modes NAME.csv, to be changed into your own.
+
+    Both run as they stand: bayes-ssi rank NAME.py. Nothing is overwritten.
+    """
+    from bayes_ssi.scaffold import write_study
+
+    study, data = write_study(name, kind)
+    say(
+        console(),
+        f"Wrote {study} and {data}. Now:",
+        f"  bayes-ssi check {data}",
+        f"  bayes-ssi rank {study}",
+    )

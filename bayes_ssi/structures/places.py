@@ -1,0 +1,91 @@
+"""Which degrees of freedom of a large model are looked at, and what they are called."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from numbers import Integral
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["MOST_WITHOUT_SENSORS", "named_rows"]
+
+# A model with more degrees of freedom than this must say which of them are looked at.
+MOST_WITHOUT_SENSORS = 1000
+
+Sensors = Mapping[str, "int | str"] | Sequence["int | str"]
+
+
+def named_rows(
+    n: int, labels: Sequence[str] | None, sensors: Sensors | None
+) -> tuple[tuple[str, ...], NDArray[np.intp]]:
+    """Names and rows of the degrees of freedom that are looked at.
+
+    Args:
+        n: degrees of freedom of the model.
+        labels: of all of them, or None.
+        sensors: name → label, or number from 0, of a degree of freedom; or labels alone; or
+            None for all.
+
+    Raises:
+        ValueError: labels or sensors repeat, or are too few or too many; a sensor is at no degree
+            of freedom; or there are no sensors where the model is large.
+        TypeError: a label or sensor is of the wrong kind.
+    """
+    if isinstance(labels, str) or isinstance(sensors, str):
+        raise TypeError("labels and sensors must be several names, got one text")
+    if labels is not None:
+        _require_names("labels", labels)
+        if len(labels) != n:
+            raise ValueError(f"labels: {len(labels)} for {n} degrees of freedom")
+    row = {label: i for i, label in enumerate(labels or ())}
+    if sensors is None:
+        if n > MOST_WITHOUT_SENSORS:
+            raise ValueError(
+                f"sensors: a model of {n} degrees of freedom must say which are measured, as in "
+                'sensors={"roof x": 1203}; more than '
+                f"{MOST_WITHOUT_SENSORS} are not kept"
+            )
+        names = tuple(labels) if labels is not None else tuple(f"dof {i}" for i in range(n))
+        return names, np.arange(n)
+    if not isinstance(sensors, Mapping):
+        if not all(isinstance(sensor, str) for sensor in sensors):
+            raise TypeError(
+                "sensors: a list holds labels; to give numbers, name them, as in "
+                f'sensors={{"roof x": 1203}}, got {sensors!r}'
+            )
+        _require_names("sensors", list(sensors))
+        sensors = {str(sensor): sensor for sensor in sensors}
+    _require_names("sensors", list(sensors))
+    places = [_row(name, place, n, row) for name, place in sensors.items()]
+    return tuple(sensors), np.array(places, dtype=np.intp)
+
+
+def _row(name: str, place: object, n: int, row: Mapping[str, int]) -> int:
+    if isinstance(place, str):
+        if place in row:
+            return row[place]
+        known = ", ".join(map(repr, list(row)[:20])) or "none: no labels were given"
+        more = ", ..." if len(row) > 20 else ""
+        raise ValueError(
+            f"sensor {name!r}: no degree of freedom is labelled {place!r}; labels are {known}{more}"
+        )
+    if isinstance(place, Integral) and not isinstance(place, bool):
+        if 0 <= int(place) < n:
+            return int(place)
+        raise ValueError(
+            f"sensor {name!r}: number {place} of a degree of freedom must be from 0 to {n - 1}"
+        )
+    raise TypeError(
+        f"sensor {name!r}: must be the label or the number of a degree of freedom, got {place!r}"
+    )
+
+
+def _require_names(what: str, names: Sequence[object]) -> None:
+    for name in names:
+        if not isinstance(name, str) or not name.strip():
+            raise TypeError(f"{what} must be text and not empty, got {name!r}")
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        raise ValueError(f"{what}: {repeated[0]!r} stands for two degrees of freedom")
