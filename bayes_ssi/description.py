@@ -8,8 +8,6 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from bayes_ssi.parameters import Parameter, Product
 from bayes_ssi.structures.base import Structure
 
@@ -72,8 +70,10 @@ def in_words(value: Any) -> str:
         return value.name
     if isinstance(value, Product):
         return repr(value).replace(" * ", " · ")
-    if isinstance(value, np.ndarray):
-        return f"array of {' by '.join(map(str, value.shape))}"
+    if getattr(value, "shape", ()):  # dense or sparse
+        return f"{type(value).__name__} of {' by '.join(map(str, value.shape))}"
+    if callable(value):  # whose text would tell where it lies in memory
+        return str(getattr(value, "__qualname__", type(value).__name__))
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, Mapping):
