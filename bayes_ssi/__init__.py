@@ -4,6 +4,8 @@ Bayesian structural system identification for structures whose non-structural el
 vibrate on their own and hide in the modal data.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from bayes_ssi.calibration import calibrate, rms_distance
 from bayes_ssi.comparison import compare
 from bayes_ssi.configuration import Configuration
@@ -18,7 +20,6 @@ from bayes_ssi.reduction import sample
 from bayes_ssi.response import Output
 from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.sensors import Sensor
-from bayes_ssi.stored_predictions import load_predictions
 from bayes_ssi.structures import (
     AddedMass,
     FloorBlock,
@@ -35,6 +36,9 @@ from bayes_ssi.structures import (
     read_matrix,
 )
 from bayes_ssi.study import Study, rank
+
+if TYPE_CHECKING:
+    from bayes_ssi.stored_predictions import load_predictions
 
 __all__ = [
     "AddedMass",
@@ -76,3 +80,16 @@ __all__ = [
     "rms_distance",
     "sample",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Names whose modules read results: imported when they are asked for, so that starting is fast.
+
+    Raises:
+        AttributeError: there is no such name.
+    """
+    if name == "load_predictions":
+        from bayes_ssi.stored_predictions import load_predictions
+
+        return load_predictions
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
