@@ -131,9 +131,7 @@ def _sample(
     )
     importance = refined(target, trial, settings.log_evidence_error, rng)
     regions = _regions(target, importance)
-    importance = _with_sure_shares(
-        target, importance, regions, SHARE_ERROR * settings.log_evidence_error, rng
-    )
+    importance = _with_sure_shares(target, importance, regions, settings.log_evidence_error, rng)
     instead: tuple[Ensemble, ...] = ()
     stopped = settings.max_steps > FEW_STEPS and not all(one.is_long_enough for one in ensembles)
     if stopped and _suffices(importance):
@@ -225,8 +223,11 @@ def _with_sure_shares(
     if regions.n_regions == 1:
         return sample
     errors = sample.share_errors(regions.assign(sample.z), regions.n_regions)
-    factor = float(errors.max() / wanted_error) ** 2
-    return extended(target, sample, factor, rng) if factor > 1.0 else sample
+    factor = float(errors.max() / (SHARE_ERROR * wanted_error)) ** 2
+    if factor <= 1.0:
+        return sample
+    # More draws can show a heavier tail.
+    return refined(target, extended(target, sample, factor, rng), wanted_error, rng)
 
 
 def _reporter(

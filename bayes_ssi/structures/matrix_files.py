@@ -151,7 +151,8 @@ def _read_matrix_market(path: Path) -> Any:
 
 
 def _read_npz(path: Path, key: str | None) -> Any:
-    with np.load(path, allow_pickle=False) as arrays:
+    # Opened here: a damaged archive would be left open.
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
         if "format" in arrays.files and key is None:
             return sp.load_npz(path)
         return arrays[_chosen(key, arrays.files)]

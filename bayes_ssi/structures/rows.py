@@ -45,10 +45,10 @@ class OneByOne(Structure):
             ValueError: at a row there are no modes; the message gives its values, and why.
         """
         found = [self._remembered("modes", row, self.solved) for row in values]
-        n_dof, n_modes = len(self.degrees_of_freedom), self.n_modes
+        n, n_dof, n_modes = len(values), len(self.degrees_of_freedom), self.n_modes
         return Modes(
-            np.array([frequencies for frequencies, _ in found]).reshape(-1, n_modes),
-            np.array([shapes for _, shapes in found]).reshape(-1, n_dof, n_modes),
+            np.array([frequencies for frequencies, _ in found]).reshape(n, n_modes),
+            np.array([shapes for _, shapes in found]).reshape(n, n_dof, n_modes),
         )
 
     def at(self, values: FloatArray) -> str:

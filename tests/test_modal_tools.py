@@ -1,0 +1,133 @@
+"""Identified modes from the files and results of other tools, with the real packages."""
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+
+NODES = [11, 12, 13]
+SHAPES = np.array([[0.3, 0.6, 0.74], [-0.78, -0.29, 0.55]])
+
+
+def normal_mode(number, frequency_hz, shape):
+    return {
+        "type": 55, "id1": "NONE", "id2": "NONE", "id3": "NONE", "id4": "NONE", "id5": "NONE",
+        "model_type": 1, "analysis_type": 2, "data_ch": 2, "spec_data_type": 8, "data_type": 2,
+        "n_data_per_node": 3, "load_case": 1, "mode_n": number, "freq": frequency_hz,
+        "modal_m": 1.0, "modal_damp_vis": 0.01, "modal_damp_his": 0.0, "node_nums": NODES,
+        "r1": np.array(shape), "r2": np.zeros(3), "r3": np.zeros(3),
+    }  # fmt: skip
+
+
+def complex_mode(number, eigenvalue, shape):
+    return {
+        **normal_mode(number, 0.0, np.real(shape)), "analysis_type": 3, "data_type": 5,
+        "eig": eigenvalue, "modal_a": 1.0 + 0j, "modal_b": 1.0 + 0j,
+        "r1": np.array(shape, dtype=complex), "r2": np.zeros(3, complex),
+        "r3": np.zeros(3, complex),
+    }  # fmt: skip
+
+
+def write(path, sets):
+    pyuff = pytest.importorskip("pyuff", reason="pip install bayes_ssi[uff]")
+    pyuff.UFF(str(path)).write_sets(sets, "overwrite")
+    return path
+
+
+def test_normal_modes_of_a_universal_file(tmp_path):
+    sets = [normal_mode(2, 2.76, SHAPES[1]), normal_mode(1, 0.96, SHAPES[0])]
+    data = bs.ModalData.from_uff(write(tmp_path / "modes.uff", sets), band_hz=(0, 6))
+    assert data.sensors == ("11 x", "12 x", "13 x")
+    np.testing.assert_allclose(data.frequencies_hz, [0.96, 2.76], rtol=1e-5)
+    expected = SHAPES / np.linalg.norm(SHAPES, axis=1, keepdims=True)
+    np.testing.assert_allclose(data.unit_shapes, expected.T, atol=1e-5)
+    assert data.modes[0].damping == pytest.approx(0.01, rel=1e-4)
+
+
+def test_complex_modes_and_named_sensors(tmp_path):
+    # ω = 6 rad/s, damping 2 %: λ = -0.12 ± 5.9988 i; a shape turned by 30 degrees.
+    eigenvalue = 6.0 * (-0.02 + 1j * np.sqrt(1 - 0.02**2))
+    turned = SHAPES[0] * np.exp(1j * np.pi / 6)
+    path = write(tmp_path / "modes.uff", [complex_mode(1, eigenvalue, turned)])
+    sensors = {"roof": (13, "x"), "floor 1": (11, "-x")}
+    (mode,) = bs.ModalData.from_uff(path, band_hz=(0, 6), sensors=sensors).modes
+    assert mode.frequency_hz == pytest.approx(6.0 / (2 * np.pi), rel=1e-5)
+    assert mode.damping == pytest.approx(0.02, rel=1e-4)
+    expected = np.array([0.74, -0.3]) / np.hypot(0.74, 0.3)
+    np.testing.assert_allclose(mode.unit_shape * np.sign(mode.unit_shape[0]), expected, atol=1e-5)
+
+
+def test_what_is_wrong_with_a_universal_file_is_said(tmp_path):
+    path = write(tmp_path / "modes.uff", [normal_mode(1, 0.96, SHAPES[0])])
+    with pytest.raises(ValueError, match="sensor 'a': no node 99; nodes are 11, 12, 13"):
+        bs.ModalData.from_uff(path, band_hz=(0, 6), sensors={"a": (99, "x")})
+    with pytest.raises(ValueError, match="direction must be x, y or z"):
+        bs.ModalData.from_uff(path, band_hz=(0, 6), sensors={"a": (11, "w")})
+    with pytest.raises(FileNotFoundError):
+        bs.ModalData.from_uff(tmp_path / "none.uff", band_hz=(0, 6))
+    damaged = tmp_path / "damaged.uff"
+    damaged.write_text(path.read_text()[:700])
+    with pytest.raises(ValueError, match=r"damaged\.uff"):
+        bs.ModalData.from_uff(damaged, band_hz=(0, 6))
+
+
+def test_a_result_of_pyoma2():
+    data = pytest.importorskip(
+        "pyoma2.algorithms.data.result", reason="pip install bayes_ssi[pyoma2]"
+    )
+    result = data.SSIResult(
+        Fn=np.array([2.76, 0.96]),
+        Phi=(SHAPES[::-1] * np.exp(0.4j)).T,
+        Xi=np.array([0.02, 0.01]),
+        Fn_std=np.array([0.0276, 0.0048]),
+    )
+    names = ("floor 1", "floor 2", "floor 3")
+    modes = bs.ModalData.from_pyoma2(result, band_hz=(0, 6), sensors=names)
+    np.testing.assert_allclose(modes.frequencies_hz, [0.96, 2.76])
+    assert [mode.frequency_cov for mode in modes.modes] == pytest.approx([0.005, 0.01])
+    assert [mode.damping for mode in modes.modes] == [0.01, 0.02]
+    expected = SHAPES / np.linalg.norm(SHAPES, axis=1, keepdims=True)
+    signs = np.sign(modes.unit_shapes[2])
+    np.testing.assert_allclose(modes.unit_shapes * signs, expected.T, atol=1e-12)
+    with pytest.raises(ValueError, match="2 sensors for 3 channels"):
+        bs.ModalData.from_pyoma2(result, band_hz=(0, 6), sensors=names[:2])
+    with pytest.raises(ValueError, match="call mpe of the algorithm first"):
+        bs.ModalData.from_pyoma2(data.SSIResult(), band_hz=(0, 6))
+    with pytest.raises(TypeError, match="got dict"):
+        bs.ModalData.from_pyoma2({}, band_hz=(0, 6))
+
+
+def identified_by_pyoma2():
+    """Modes that pyOMA2 itself identifies in simulated ambient vibration of two oscillators."""
+    pytest.importorskip("pyoma2", reason="pip install bayes_ssi[pyoma2]")
+    from pyoma2.algorithms import FDD
+    from pyoma2.setup import SingleSetup
+
+    rng = np.random.default_rng(0)
+    rate, frequencies = 50.0, (2.0, 5.0)
+    shapes = np.array([[1.0, 0.618], [0.618, -1.0]])
+    step = 1.0 / rate
+    response = np.zeros((30_000, 2))
+    for f, shape in zip(frequencies, shapes, strict=True):
+        omega, damping = 2 * np.pi * f, 0.01
+        pole = np.exp(step * (-damping * omega + 1j * omega * np.sqrt(1 - damping**2)))
+        q = np.zeros(len(response), dtype=complex)
+        force = rng.standard_normal(len(response))
+        for i in range(1, len(q)):
+            q[i] = pole * q[i - 1] + force[i]
+        response += np.imag(q)[:, None] * shape
+    setup = SingleSetup(response, fs=rate)
+    algorithm = FDD(name="FDD", nxseg=2048)
+    setup.add_algorithms(algorithm)
+    setup.run_by_name("FDD")
+    setup.mpe("FDD", sel_freq=list(frequencies), DF=0.2)
+    return algorithm.result, shapes
+
+
+@pytest.mark.filterwarnings("ignore")  # whatever pyOMA2 and its libraries warn of
+def test_modes_that_pyoma2_identified():
+    result, shapes = identified_by_pyoma2()
+    data = bs.ModalData.from_pyoma2(result, band_hz=(0, 10), sensors=("a", "b"))
+    np.testing.assert_allclose(data.frequencies_hz, [2.0, 5.0], atol=0.05)
+    unit = shapes.T / np.linalg.norm(shapes, axis=1)
+    assert np.all(np.abs((data.unit_shapes * unit).sum(axis=0)) > 0.99)

@@ -1,0 +1,56 @@
+"""Studies to begin with run as they stand, and nothing is overwritten."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from bayes_ssi.cli import main
+from bayes_ssi.scaffold import KINDS
+from bayes_ssi.study import load_study
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, list(arguments))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_new_study_runs(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)
+    done = run("new", "mine", "--kind", kind)
+    assert done.exit_code == 0, done.output
+    assert "bayes-ssi rank mine.py" in done.output
+    checked = run("check", "mine.csv")
+    assert checked.exit_code == 0
+    assert "Nothing odd." in checked.output
+    study = load_study("mine.py")
+    one, each = study.model_classes
+    assert [p.name for p in one.parameters] == ["k"]
+    assert [p.name for p in each.parameters] == ["k1", "k2", "k3"]
+    for candidate in study.model_classes:
+        candidate.check_structure()
+    # The second storey is 20 % softer: this, and not the nominal building, fits.
+    values = np.array([[1.0, 0.8, 1.0], [1.0, 1.0, 1.0]])
+    found = each.log_likelihood(values)
+    assert found[0] > found[1] + 10.0
+
+
+def test_the_study_ranks_from_the_command_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("new", "mine").exit_code == 0
+    done = run("rank", "mine.py", "--error", "0.05")
+    assert done.exit_code == 0, done.output
+    assert "each its own" in done.output
+
+
+def test_nothing_is_overwritten(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.csv").write_text("precious")
+    done = run("new", "mine.py")
+    assert done.exit_code == 2
+    assert done.stderr.strip() == "Error: mine.csv: exists already and is not overwritten"
+    assert (tmp_path / "mine.csv").read_text() == "precious"
+    assert not (tmp_path / "mine.py").exists()
+    assert run("new", "none/mine").exit_code == 2
+    unknown = run("new", "other", "--kind", "bridge")
+    assert unknown.exit_code == 2
+    assert "'bridge' is not one of" in unknown.stderr
