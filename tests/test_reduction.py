@@ -43,7 +43,7 @@ class Stiff(Structure):
         frequencies, shapes = self.right.modes(values)
         return Modes(frequencies * (1.0 + self.too_high), shapes)
 
-    def accurate_at(self, values, frequency_error, shape_error):
+    def accurate_at(self, values, frequency_error, shape_error):  # noqa: ARG002
         better = max(frequency_error, self.best)
         return self if self.too_high <= better else Stiff(self.right, better, self.best)
 

@@ -106,9 +106,7 @@ def test_response_is_that_of_the_full_model():
     values = draws(3)
     exact, fast = frame.modal_model(values), frame.reduced().modal_model(values)
     np.testing.assert_allclose(np.abs(fast.participation), np.abs(exact.participation), rtol=1e-3)
-    products = [
-        np.einsum("dm,m->dm", one.shapes[0], one.participation[0]) for one in (exact, fast)
-    ]
+    products = [np.einsum("dm,m->dm", one.shapes[0], one.participation[0]) for one in (exact, fast)]
     np.testing.assert_allclose(products[1], products[0], atol=1e-3)
 
 
