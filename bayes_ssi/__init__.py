@@ -4,19 +4,25 @@ Bayesian structural system identification for structures whose non-structural el
 vibrate on their own and hide in the modal data.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from bayes_ssi.calibration import calibrate, rms_distance
 from bayes_ssi.comparison import compare
 from bayes_ssi.configuration import Configuration
 from bayes_ssi.data import IdentifiedMode, ModalData
 from bayes_ssi.errors import ErrorModel, IdentificationModel
+from bayes_ssi.ground_motion import GroundMotion
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
 from bayes_ssi.reduction import sample
-from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.response import Output
+from bayes_ssi.sampled import SamplingSettings
+from bayes_ssi.sensors import Sensor
 from bayes_ssi.structures import (
     AddedMass,
+    FloorBlock,
     FloorMass,
     FunctionStructure,
     InPlaneInfill,
@@ -25,16 +31,23 @@ from bayes_ssi.structures import (
     Pendulum,
     ShearBuilding,
     ShearBuilding3D,
+    SpaceFrame,
+    floor_sensor,
     read_matrix,
 )
 from bayes_ssi.study import Study, rank
+
+if TYPE_CHECKING:
+    from bayes_ssi.stored_predictions import load_predictions
 
 __all__ = [
     "AddedMass",
     "Configuration",
     "ErrorModel",
+    "FloorBlock",
     "FloorMass",
     "FunctionStructure",
+    "GroundMotion",
     "HalfNormal",
     "IdentificationModel",
     "IdentifiedMode",
@@ -46,19 +59,37 @@ __all__ = [
     "ModelClass",
     "Normal",
     "OutOfPlaneInfill",
+    "Output",
     "Parameter",
     "Pendulum",
     "Posterior",
     "SamplingSettings",
+    "Sensor",
     "ShearBuilding",
     "ShearBuilding3D",
+    "SpaceFrame",
     "Study",
     "TruncatedNormal",
     "Uniform",
     "calibrate",
     "compare",
+    "floor_sensor",
+    "load_predictions",
     "rank",
     "read_matrix",
     "rms_distance",
     "sample",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Names whose modules read results: imported when they are asked for, so that starting is fast.
+
+    Raises:
+        AttributeError: there is no such name.
+    """
+    if name == "load_predictions":
+        from bayes_ssi.stored_predictions import load_predictions
+
+        return load_predictions
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

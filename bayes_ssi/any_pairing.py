@@ -13,10 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.likelihood import ModalLikelihood, PairedModes, row_sums
+from bayes_ssi.modal import Modes
 from bayes_ssi.pairings import PairingWeights, log_sum, pair_probabilities
 from bayes_ssi.priors import FloatArray
 
-__all__ = ["AnyPairing"]
+__all__ = ["ALL_MODES", "AnyPairing"]
+
+# The one datum of a test whose pairing is inferred.
+ALL_MODES = "all modes"
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,23 +39,34 @@ class AnyPairing(ModalLikelihood):
             self.data, [(label, i) for label in self.data.labels for i in numbers]
         )
 
-    def at_band_edge(self, values: FloatArray) -> NDArray[np.bool_]:
+    def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         paired = pair_probabilities(self.pairing_weights(values)).sum(axis=1)
         every = range(self.structure.n_modes)
-        return self._near_a_limit(values, every) & (paired < 0.5)
+        return self._near_a_limit(values, frequencies, every) & (paired < 0.5)
 
-    def log_density(self, values: FloatArray) -> FloatArray:
+    @property
+    def datum_names(self) -> tuple[str, ...]:
+        return (ALL_MODES,)
+
+    def log_likelihoods(self, values: FloatArray, modes: Modes) -> FloatArray:
+        """As of one datum: a sum over pairings does not fall into parts, mode by mode."""
+        return self.log_density(values, modes)[:, None]
+
+    def log_density(self, values: FloatArray, modes: Modes | None = None) -> FloatArray:
         nothing_paired = -self.identification.expected_spurious_modes + self._spurious.sum()
-        weights, missed = self._weights(values)
+        weights, missed = self._weights(values, modes)
         return nothing_paired + row_sums(missed) + log_sum(weights)
 
     def pairing_weights(self, values: FloatArray) -> PairingWeights:
         """The weights of all pairs at ``values`` (B, n_parameters)."""
         return self._weights(values)[0]
 
-    def _weights(self, values: FloatArray) -> tuple[PairingWeights, FloatArray]:
+    def _weights(
+        self, values: FloatArray, modes: Modes | None = None
+    ) -> tuple[PairingWeights, FloatArray]:
         """Weights of pairs, and log probabilities (B, I) that a model mode is missed."""
-        modes, error_var = self.modes(values), self._error_variances(values)
+        modes = self.modes(values) if modes is None else modes
+        error_var = self._error_variances(values)
         n_data, n_model = len(self.data.modes), self.structure.n_modes
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             every = list(range(n_model))

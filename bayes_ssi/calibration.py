@@ -11,7 +11,7 @@ answer: all that many starts find are listed.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,6 +136,7 @@ def calibrate(
     reference: Mapping[str, float] | None = None,
     n_starts: int = 64,
     seed: int = 0,
+    progress: Callable[[str, float], None] | None = None,
 ) -> Calibration:
     """Minimise the paper's objective from many starts and list every distinct minimum.
 
@@ -149,6 +150,7 @@ def calibrate(
             model before calibration; prior medians where not given.
         n_starts: local searches, spread over the prior and beyond.
         seed: of the starts.
+        progress: called with the name of the step and the share of it that is done.
 
     Raises:
         NothingToCalibrateError: no mode is paired, a pairing is inferred, or the structures have
@@ -165,7 +167,11 @@ def calibrate(
     model_class.check_structure()
     problem = _Problem(model_class, shape_weight)
     reference_values = problem.reference_values(reference)
-    ends = [problem.descend(start) for start in problem.starts(n_starts, seed)]
+    ends = []
+    for done, start in enumerate(problem.starts(n_starts, seed), 1):
+        ends.append(problem.descend(start))
+        if progress is not None:
+            progress("descents", done / n_starts)
     minima, undetermined = _distinct(problem, [end for end in ends if end is not None])
     if not minima:
         raise ValueError(

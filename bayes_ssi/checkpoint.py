@@ -17,7 +17,7 @@ import numpy as np
 
 from bayes_ssi.journal import Journal, JournalInUseError, run_of_journal
 from bayes_ssi.model_class import ModelClass
-from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.versions import versions
 
 __all__ = ["Checkpoint", "as_checkpoint", "name_of_run"]
@@ -105,6 +105,13 @@ class Checkpoint:
         return Checkpoint(
             self.directory, run=self._run, discard_others=self._discard_others, say=_keep_quiet
         )
+
+    def tell_continued(self, names: Iterable[str]) -> None:
+        """Say which of these model classes go on from a journal, opened where nothing is said."""
+        known = set(self.names())
+        continued = [name for name in names if name in known]
+        if continued:
+            self._say(f"continues an earlier run of {', '.join(map(repr, continued))}")
 
     @property
     def is_saving(self) -> bool:

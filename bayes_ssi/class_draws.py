@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from bayes_ssi.configuration import Configuration
 from bayes_ssi.modal import Modes
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.priors import FloatArray
-from bayes_ssi.response import row_of
 from bayes_ssi.structures.base import Structure
 
-__all__ = ["DRAWS", "ClassDraws", "class_draws"]
+__all__ = ["DRAWS", "ClassDraws", "class_draws", "configuration_of"]
 
 DRAWS = 1000
 # Numbers that one batch of draws may hold: a large structure is asked for a few draws at once.
@@ -34,15 +34,17 @@ class ClassDraws:
 
     Attributes:
         name: of the model class.
-        structure: its structure.
+        structure: its structure, in one configuration.
         pairing: label of an identified mode → number of the model mode, from 1.
         values: (n_draws, n_parameters) of the structure.
+        at_sensors: reduces modes to shapes at the sensors, (B, n_sensors, n_modes).
     """
 
     name: str
     structure: Structure
     pairing: Mapping[str, int]
     values: FloatArray
+    at_sensors: Callable[[Modes], FloatArray]
 
     @cached_property
     def frequencies_hz(self) -> FloatArray:
@@ -55,12 +57,21 @@ class ClassDraws:
         """The shape of a model mode at some places, (n_draws, n_places), in the structure's scale.
 
         Raises:
-            ValueError: a place is no degree of freedom of the structure.
+            ValueError: a place is no degree of freedom or sensor of the structure.
         """
-        rows = [row_of(self.structure, place) for place in places]
+        matrix = self.structure.sensor_matrix(places, "place")
         return np.concatenate(
             [
-                Modes(*self.structure.modes(values)).shapes[:, rows, number - 1]
+                matrix.apply(Modes(*self.structure.modes(values)).shapes[:, :, number - 1])
+                for values in self.batches()
+            ]
+        )
+
+    def shapes_at_sensors(self, number: int) -> FloatArray:
+        """The shape of a model mode as the sensors see it, (n_draws, n_sensors)."""
+        return np.concatenate(
+            [
+                self.at_sensors(Modes(*self.structure.modes(values)))[:, :, number - 1]
                 for values in self.batches()
             ]
         )
@@ -73,21 +84,30 @@ class ClassDraws:
             yield self.values[start : start + rows]
 
 
-def class_draws(posterior: Posterior, model_class: ModelClass, n_draws: int = DRAWS) -> ClassDraws:
+def class_draws(
+    posterior: Posterior,
+    model_class: ModelClass,
+    n_draws: int = DRAWS,
+    configuration: str | None = None,
+) -> ClassDraws:
     """Draws of a posterior, thinned evenly to ``n_draws``, with the class's structure.
 
     Args:
         posterior: the draws, perhaps read from a file.
         model_class: the class that they are of.
         n_draws: how many.
+        configuration: whose structure and pairing; not needed where there is one.
 
     Raises:
-        ValueError: there is no draw to take, or the class is not the one that was sampled: it
-            has other parameters, or other frequencies at the stored draws.
+        ValueError: there is no draw to take, no such configuration, several and none is named, or
+            the class is not the one that was sampled: it has other configurations or parameters,
+            or other frequencies at the stored draws.
     """
     if n_draws < 1:
         raise ValueError(f"predictions: the number of draws must be at least 1, got {n_draws!r}")
-    names = [parameter.name for parameter in model_class.structure.parameters]
+    test = configuration_of(model_class, configuration)
+    structure = test.structure
+    names = [parameter.name for parameter in structure.parameters]
     changed = f"model class {posterior.name!r} is not the one that was sampled"
     missing = [name for name in names if name not in posterior.parameter_names]
     if missing:
@@ -99,18 +119,46 @@ def class_draws(posterior: Posterior, model_class: ModelClass, n_draws: int = DR
     at = np.arange(n_draws) * len(posterior.values) // n_draws
     values = posterior.values[at][:, columns]
 
+    if test.name not in posterior.configuration_names:
+        raise ValueError(
+            f"{changed}: it has a configuration {test.name!r}, the stored ones are "
+            f"{', '.join(map(repr, posterior.configuration_names))}"
+        )
+    modes, frequencies_hz = posterior.configuration(test.name)
+    stored = frequencies_hz.reshape(len(posterior.values), -1)[at[:CHECKED_DRAWS]]
+    test.check_structure()
     # Sampling made an approximate structure accurate at its draws, and so is it made here.
-    structure = model_class.structure.accurate_at(values, *ACCURATE)
+    structure = structure.accurate_at(values, *ACCURATE)
     approximate = structure.exact is not structure
     same = ACCURATE[0] if approximate else SAME_FREQUENCY
-    stored = posterior.frequencies_hz.reshape(len(posterior.values), -1)[at[:CHECKED_DRAWS]]
     found = structure.modes(values[:CHECKED_DRAWS]).frequencies_hz
     if found.shape != stored.shape or not np.allclose(found, stored, rtol=same, atol=0):
         raise ValueError(
             f"{changed}: at a stored draw its structure has the frequencies "
             f"{_listed(found[0])} Hz, stored are {_listed(stored[0])} Hz"
         )
-    return ClassDraws(posterior.name, structure, posterior.pairing, values)
+    likelihood = test.likelihood(model_class.error, model_class.identification)
+    at_sensors = likelihood.shapes_at_sensors
+    return ClassDraws(posterior.name, structure, modes.pairing, values, at_sensors)
+
+
+def configuration_of(model_class: ModelClass, name: str | None) -> Configuration:
+    """The configuration of a model class that has a name, or its only one if None.
+
+    Raises:
+        ValueError: there is none of that name, or there are several and none is named.
+    """
+    known = model_class.configurations
+    found = [each for each in known if name is None or each.name == name]
+    if len(found) == 1:
+        return found[0]
+    owner = f"model class {model_class.name!r}"
+    names = ", ".join(map(repr, model_class.configuration_names))
+    if name is None:
+        raise ValueError(f"{owner} has {len(known)} configurations; choose one of {names}")
+    if names == "''":
+        raise ValueError(f"{owner} has one configuration, without a name; got {name!r}")
+    raise ValueError(f"{owner} has no configuration {name!r}; choose from {names}")
 
 
 def _listed(frequencies: FloatArray) -> str:

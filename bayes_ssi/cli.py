@@ -1,7 +1,7 @@
 """The command line ``bayes-ssi``, and which commands it has.
 
 Exit codes: 0, all well; 2, an input is not usable, said in one line; 3, a result was computed and
-saved but a check of it failed, unless that is accepted.
+saved but a check of it failed, unless that is accepted; 130, it was interrupted.
 """
 
 from __future__ import annotations
@@ -11,13 +11,18 @@ import click
 from bayes_ssi.commands.calibrate import calibrate
 from bayes_ssi.commands.check import check
 from bayes_ssi.commands.new import new
+from bayes_ssi.commands.predict import predict
 from bayes_ssi.commands.rank import rank
+from bayes_ssi.commands.report import report
 from bayes_ssi.commands.search import search
-from bayes_ssi.terminal import OneLineErrors
+from bayes_ssi.terminal import OneLineErrors, quiet_option
 
 __all__ = ["main"]
 
-COMMANDS = (calibrate, check, new, rank, search)
+COMMANDS = (calibrate, check, new, rank, search, predict, report)
+
+for command in COMMANDS:
+    command.params.append(quiet_option())
 
 
 @click.group(

@@ -10,6 +10,7 @@ import numpy as np
 
 from bayes_ssi.any_pairing import AnyPairing
 from bayes_ssi.data import ModalData
+from bayes_ssi.description import described
 from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.likelihood import ModalLikelihood, check_pairing
 from bayes_ssi.structures.base import Structure
@@ -37,7 +38,7 @@ class Configuration:
             mode is which is inferred.
 
     Raises:
-        ValueError: a sensor has no degree of freedom, the pairing is not valid, or the name is
+        ValueError: a sensor is not on the structure, the pairing is not valid, or the name is
             not one that a file could hold. The message begins with the configuration's name.
         TypeError: a field is of the wrong kind.
     """
@@ -61,7 +62,7 @@ class Configuration:
                     raise TypeError(
                         f"{name} must be a {kind.__name__}, got {getattr(self, name)!r}"
                     )
-            self.structure.sensor_rows(self.data.sensors)
+            self.structure.sensor_matrix(self.data.sensors)
             if self.pairing != "any":
                 check_pairing(self.pairing, self.data, self.structure.n_modes)
                 object.__setattr__(self, "pairing", {k: int(i) for k, i in self.pairing.items()})
@@ -106,6 +107,7 @@ class Configuration:
         return {
             "structure": type(self.structure).__name__,
             "definition": repr(self.structure),
+            "structure_lines": [list(line) for line in described(self.structure)],
             "degrees_of_freedom": list(self.structure.degrees_of_freedom),
             "pairing": "any" if given is None else dict(given),
             "spurious": None

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from bayes_ssi.any_pairing import AnyPairing
 from bayes_ssi.inferred_pairing import InferredPairing, infer_pairing
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.priors import FloatArray
+from bayes_ssi.updated_modes import UpdatedModes, updated_modes
 
 __all__ = ["ConfigurationModes", "configuration_modes"]
 
@@ -23,12 +26,15 @@ class ConfigurationModes:
         pairing: label of an identified mode → number of the model mode, from 1; where it was
             inferred, the most probable one.
         inferred_pairing: how probable pairings are; None where the pairing was given.
+        updated: frequencies, MACs and shapes of the paired modes before and after updating; None
+            in results of versions that did not keep them.
     """
 
     name: str
     n_modes: int
     pairing: Mapping[str, int]
     inferred_pairing: InferredPairing | None
+    updated: UpdatedModes | None = None
 
 
 def configuration_modes(
@@ -36,9 +42,13 @@ def configuration_modes(
 ) -> tuple[ConfigurationModes, ...]:
     """Those of a class whose posterior has the draws ``values`` (n, n_parameters)."""
     records = []
-    for configuration, likelihood, own in model_class.parts(values):
+    # The prior medians go the same way as the draws, as their first row.
+    at = np.concatenate([model_class.values(np.zeros((1, values.shape[1]))), values])
+    for configuration, likelihood, rows in model_class.parts(at):
+        medians, own = rows[:1], rows[1:]
         inferred = infer_pairing(likelihood, own) if isinstance(likelihood, AnyPairing) else None
         pairing = dict(inferred.best if inferred else likelihood.pairing)
         n_modes = configuration.structure.n_modes
-        records.append(ConfigurationModes(configuration.name, n_modes, pairing, inferred))
+        updated = updated_modes(configuration, likelihood, pairing, own, medians)
+        records.append(ConfigurationModes(configuration.name, n_modes, pairing, inferred, updated))
     return tuple(records)

@@ -23,7 +23,7 @@ from bayes_ssi.maxima import SAME_MAXIMUM, Maxima, find_maxima
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.target import Target
 
-__all__ = ["Discovery", "discover"]
+__all__ = ["Discovery", "Effort", "discover"]
 
 # Draws of one search; in many dimensions neighbours are far, and more draws help less.
 DRAWS = 4000
@@ -34,6 +34,24 @@ MAX_ASCENTS = 40
 # more than this share of the posterior by Laplace's approximation.
 PATIENCE = 3
 SHARE_THAT_MATTERS = 1e-3
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What one search may cost.
+
+    Attributes:
+        draws: from the prior.
+        ascents: at most, from the highest of the draws that none of their neighbours exceeds.
+    """
+
+    draws: int
+    ascents: int = MAX_ASCENTS
+
+    @classmethod
+    def usual(cls, n_dimensions: int) -> Effort:
+        few = n_dimensions < MANY_DIMENSIONS
+        return cls(DRAWS if few else DRAWS_IN_MANY_DIMENSIONS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +83,7 @@ def discover(
     n_searches: int,
     seed: np.random.SeedSequence,
     progress: Callable[[float], None] | None = None,
+    effort: Effort | None = None,
 ) -> Discovery:
     """Search for maxima until independent searches agree.
 
@@ -73,20 +92,22 @@ def discover(
         n_searches: at least so many, and more while they do not agree.
         seed: everything random follows from it.
         progress: called with the share of ``n_searches`` that is done.
+        effort: of each search.
 
     Raises:
         ValueError: the likelihood is zero at every draw from the prior.
     """
+    effort = effort or Effort.usual(target.n_dimensions)
     found: list[Maxima | None] = []
     seeds = seed.spawn(max(PATIENCE * n_searches, 2))
     for each in seeds:
-        found.append(_search(target, np.random.default_rng(each)))
+        found.append(_search(target, effort, np.random.default_rng(each)))
         if progress is not None:
             progress(min(len(found) / n_searches, 1.0))
         if len(found) < n_searches:
             continue
         if not any(found):
-            n = len(found) * _n_draws(target)
+            n = len(found) * effort.draws
             raise ValueError(
                 f"the likelihood is zero at all of {n} draws from the prior; "
                 "are the priors, the pairing and the units those of the data?"
@@ -107,18 +128,15 @@ def _agreed(target: Target, found: list[Maxima | None]) -> Discovery:
     return Discovery(maxima, np.array(found_by))
 
 
-def _n_draws(target: Target) -> int:
-    return DRAWS if target.n_dimensions < MANY_DIMENSIONS else DRAWS_IN_MANY_DIMENSIONS
-
-
-def _search(target: Target, rng: np.random.Generator) -> Maxima | None:
+def _search(target: Target, effort: Effort, rng: np.random.Generator) -> Maxima | None:
     """The maxima that one search finds; None if the likelihood is zero at all its draws."""
-    draws = rng.standard_normal((_n_draws(target), target.n_dimensions))
+    draws = rng.standard_normal((effort.draws, target.n_dimensions))
     log_likelihoods = target.log_likelihood(draws)
     possible = np.isfinite(log_likelihoods)
     if not possible.any():
         return None
-    return find_maxima(target, _tops(draws[possible], log_likelihoods[possible]))
+    tops = _tops(draws[possible], log_likelihoods[possible])
+    return find_maxima(target, tops[: effort.ascents])
 
 
 def _tops(draws: FloatArray, log_likelihoods: FloatArray) -> FloatArray:
@@ -129,4 +147,4 @@ def _tops(draws: FloatArray, log_likelihoods: FloatArray) -> FloatArray:
     _, nearest = cKDTree(draws).query(draws, k=neighbours)
     highest = log_likelihoods[np.reshape(nearest, (len(draws), -1))].max(axis=1)
     tops = np.flatnonzero(log_likelihoods >= highest)
-    return draws[tops[np.argsort(-log_likelihoods[tops], kind="stable")][:MAX_ASCENTS]]
+    return draws[tops[np.argsort(-log_likelihoods[tops], kind="stable")]]

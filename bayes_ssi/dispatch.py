@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from functools import partial
+from time import monotonic
 from types import TracebackType
 from typing import Any, NoReturn, TypeVar
 
@@ -28,6 +29,8 @@ GROUPS = 4
 # Deaths that no point explains, and points at which workers die, before a run gives up.
 MAX_DEATHS = 20
 CHECK_SECONDS = 5.0
+# How often whoever waits is told so.
+IDLE_SECONDS = 0.25
 # Checks in a row without a worker before a run gives up: a cluster may be replacing them.
 CHECKS_WITHOUT_WORKERS = 6
 
@@ -134,29 +137,48 @@ class Workers:
     ) -> list[R]:
         """``function`` of every item, each in one worker, in the items' order.
 
+        Arguments and errors as those of :meth:`try_each`. An item whose worker died is tried
+        again, as often as ``MAX_DEATHS`` allows.
+        """
+        answers: dict[int, R] = {}
+        while len(answers) < len(items):
+            left = [i for i in range(len(items)) if i not in answers]
+
+            def tell(i: int, left: list[int] = left) -> None:
+                if done is not None:
+                    done(left[i])
+
+            found = self.try_each(function, [items[i] for i in left], tell)
+            answers.update((left[i], answer) for i, answer in found.items())
+        return [answers[index] for index in range(len(items))]
+
+    def try_each(
+        self,
+        function: Callable[[T], R],
+        items: Sequence[T],
+        done: Callable[[int], None] | None = None,
+        idle: Callable[[], None] | None = None,
+    ) -> dict[int, R]:
+        """``function`` of every item, each in one worker; not of those whose worker died.
+
         Args:
             function: picklable, and so are the items and the answers.
             items: as many as you like.
             done: called with the number of each item that is ready.
-
-        An item whose worker died is tried again, as often as ``MAX_DEATHS`` allows.
+            idle: called every now and then while answers are waited for.
 
         Raises:
             ValueError: an item cannot be sent, or workers die again and again.
         """
         answers: dict[int, R] = {}
-        tasks = [pickled(item) for item in items]
-        left = list(range(len(items)))
 
         def take(i: int, answer: R) -> None:
-            answers[left[i]] = answer
+            answers[i] = answer
             if done is not None:
-                done(left[i])
+                done(i)
 
-        while left:
-            lost = self._each_once(call_with_pickled, function, [tasks[i] for i in left], take)
-            left = [left[i] for i in lost]
-        return [answers[index] for index in range(len(items))]
+        self._each_once(call_with_pickled, function, [pickled(item) for item in items], take, idle)
+        return answers
 
     def _each_once(
         self,
@@ -164,10 +186,12 @@ class Workers:
         function: Callable[..., Any],
         arguments: Sequence[Any],
         take: Callable[[int, Any], None],
+        idle: Callable[[], None] | None = None,
     ) -> list[int]:
         """``call(function, argument)`` for every argument, in whatever order.
 
-        ``take`` is given the number and the answer of each; returns the numbers of those whose
+        ``take`` is given the number and the answer of each, and ``idle`` is called meanwhile;
+        returns the numbers of those whose
         worker died.
         """
         key, payload = self._packed(call, function)
@@ -187,7 +211,7 @@ class Workers:
             for i in range(len(arguments)):
                 submit(i, payload if i < n_sent else None)
             while waiting:
-                for future in self._wait(waiting):
+                for future in self._wait(waiting, idle):
                     index = waiting.pop(future)
                     error = future.exception()
                     if error is not None and _is_death(error):
@@ -208,11 +232,13 @@ class Workers:
             self._recover(died)
         return sorted(lost)
 
-    def _wait(self, waiting: Mapping[Future[Any], int]) -> set[Future[Any]]:
+    def _wait(
+        self, waiting: Mapping[Future[Any], int], idle: Callable[[], None] | None
+    ) -> set[Future[Any]]:
         """Futures that are ready; raises rather than wait for workers that are gone."""
         checks = 0
         while True:
-            ready, _ = wait(waiting, timeout=CHECK_SECONDS, return_when=FIRST_COMPLETED)
+            ready = _first_ready(waiting, idle)
             if any(future.cancelled() for future in ready):  # by Dask, without its scheduler
                 raise ValueError("workers: an evaluation was cancelled; is the scheduler gone?")
             if ready:
@@ -291,6 +317,22 @@ class Workers:
 def _cut(rows: NDArray[np.intp], n: int) -> list[NDArray[np.intp]]:
     """At most ``n`` parts of nearly one size, none of them empty."""
     return [part for part in np.array_split(rows, n) if len(part)]
+
+
+def _first_ready(
+    waiting: Mapping[Future[Any], int], idle: Callable[[], None] | None
+) -> set[Future[Any]]:
+    """Futures that are ready, none after some time; ``idle`` is called on the way."""
+    seconds = CHECK_SECONDS if idle is None else IDLE_SECONDS
+    ready: set[Future[Any]] = set()
+    give_up = monotonic() + CHECK_SECONDS
+    while not ready:
+        ready, _ = wait(waiting, timeout=seconds, return_when=FIRST_COMPLETED)
+        if idle is not None:
+            idle()
+        if monotonic() >= give_up:
+            break
+    return ready
 
 
 def _is_death(error: BaseException) -> bool:

@@ -30,8 +30,10 @@ __all__ = [
     "bridge_sampling",
     "extended",
     "first_draws",
+    "halves",
     "pareto_shape",
     "refined",
+    "resampled",
     "tempered_estimate",
 ]
 
@@ -39,10 +41,13 @@ PRIOR_SHARE = 0.02
 FIRST_BATCH = 3000
 LEAST_STRATUM = 20
 MAX_DRAWS = 200_000
+# Equally weighted draws that are made of one importance sample.
+MAX_RESAMPLED = 5000
+# No draw should carry more of the evidence than this.
+LARGEST_WEIGHT = 0.02
 # The tail of the weights is to be lighter than this; where it is not, components are added.
 PARETO_K_LIMIT = 0.7
 MAX_ADDED_COMPONENTS = 12
-DRAWS_OF_ADDED_COMPONENT = 500
 # Weights that differ by less than this are equal, but for rounding.
 FLAT = 1e-10
 # Share of the draws whose spread gives an added component its shape.
@@ -166,39 +171,62 @@ def pareto_shape(weights: FloatArray) -> float:
 
 
 def first_draws(
-    target: Target, mixture: StudentMixture, rng: np.random.Generator
+    target: Target,
+    mixture: StudentMixture,
+    rng: np.random.Generator,
+    batch: int = FIRST_BATCH,
+    prior_share: float = PRIOR_SHARE,
 ) -> ImportanceSample:
-    """``FIRST_BATCH`` draws from ``mixture``, to which the defensive prior component is added."""
-    return _draw(target, mixture.defended(PRIOR_SHARE), FIRST_BATCH, rng)
+    """``batch`` draws from ``mixture``, to which the defensive prior component is added."""
+    return _draw(target, mixture.defended(prior_share), batch, rng)
 
 
 def refined(
-    target: Target, sample: ImportanceSample, wanted_error: float, rng: np.random.Generator
+    target: Target,
+    sample: ImportanceSample,
+    wanted_error: float,
+    rng: np.random.Generator,
+    batch: int = FIRST_BATCH,
+    least_share: float = 0.0,
+    max_draws: int = MAX_DRAWS,
 ) -> ImportanceSample:
     """``sample`` and more draws, until the log evidence's error is ``wanted_error``.
 
     The number of draws is set from the error of those that there are. Where the weights have a
-    heavy tail, components are added at the heaviest draws first (incremental mixture importance
-    sampling, Raftery and Bao 2010).
+    heavy tail, one of them is heavy by itself, or the effective sample size is a smaller share
+    than ``least_share``, components are added at the heaviest draws first (incremental mixture
+    importance sampling, Raftery and Bao 2010). At least ``batch`` draws are made at once, and a
+    sixth of them from a new component.
     """
     added = 0
     while True:
-        if sample.pareto_k > PARETO_K_LIMIT and added < MAX_ADDED_COMPONENTS:
-            sample = _with_component(target, sample, rng)
+        poor = (
+            sample.pareto_k > PARETO_K_LIMIT
+            or sample.weights.max() > LARGEST_WEIGHT
+            or sample.effective_share < least_share
+        )
+        if poor and added < MAX_ADDED_COMPONENTS:
+            sample = _with_component(target, sample, batch // 6, rng)
             added += 1
             continue
-        if not sample.estimate.error > wanted_error or len(sample.z) >= MAX_DRAWS:
+        if not sample.estimate.error > wanted_error or len(sample.z) >= max_draws:
             return sample
-        sample = extended(target, sample, (sample.estimate.error / wanted_error) ** 2, rng)
+        wanted = (sample.estimate.error / wanted_error) ** 2
+        factor = min(wanted, max_draws / len(sample.z))
+        sample = extended(target, sample, factor, rng, batch)
 
 
 def extended(
-    target: Target, sample: ImportanceSample, factor: float, rng: np.random.Generator
+    target: Target,
+    sample: ImportanceSample,
+    factor: float,
+    rng: np.random.Generator,
+    batch: int = FIRST_BATCH,
 ) -> ImportanceSample:
     """``sample`` with about ``factor`` times as many draws, at most four times."""
     n = len(sample.z)
     more = int(min(1.1 * factor * n, 4.0 * n, MAX_DRAWS)) - n
-    return _concatenated(sample, _draw(target, sample.mixture, max(more, FIRST_BATCH), rng))
+    return _concatenated(sample, _draw(target, sample.mixture, max(more, batch), rng))
 
 
 def _draw(
@@ -218,7 +246,7 @@ def _draw(
 
 
 def _with_component(
-    target: Target, sample: ImportanceSample, rng: np.random.Generator
+    target: Target, sample: ImportanceSample, least: int, rng: np.random.Generator
 ) -> ImportanceSample:
     """The sample with one more component, and draws from it, where its heaviest draw is.
 
@@ -234,13 +262,13 @@ def _with_component(
     away = sample.z[near] - centre
     covariance = (away * weights[near, None]).T @ away / weights[near].sum()
     floor = 1e-6 * max(float(np.trace(covariance)) / len(centre), 1e-300)
-    more = max(DRAWS_OF_ADDED_COMPONENT, n // 6)
     component = StudentMixture(
         np.ones(1),
         centre[None],
         np.linalg.cholesky(covariance + floor * np.eye(len(centre)))[None],
         np.full(1, 5.0),
     )
+    more = max(least, n // 6)
     mixture = old.joined_with(component, more / (n + more))
     mixture = replace(mixture, prior_share=old.prior_share * n / (n + more))
     drawn = component.draw(np.array([more, 0]), rng)
@@ -265,6 +293,43 @@ def _concatenated(a: ImportanceSample, b: ImportanceSample) -> ImportanceSample:
         np.concatenate([a.log_proposals, b.log_proposals]),
         np.concatenate([a.strata, b.strata]),
     )
+
+
+def resampled(sample: ImportanceSample, rng: np.random.Generator) -> Ensemble:
+    """As many equally weighted posterior draws as there are importance draws, in random order.
+
+    At most ``MAX_RESAMPLED``. What takes the place of an autocorrelation time is how many of them
+    are worth one independent draw.
+    """
+    n = min(len(sample.z), MAX_RESAMPLED)
+    cumulative = np.cumsum(sample.weights)
+    ladder = (np.arange(n) + rng.random()) / n
+    chosen = rng.permutation(np.searchsorted(cumulative / cumulative[-1], ladder))
+    positions = sample.z[chosen][:, None]
+    log_posteriors: FloatArray = sample.log_likelihoods + log_standard_normal(sample.z)
+    return Ensemble(
+        positions=positions,
+        log_posteriors=log_posteriors[chosen][:, None],
+        autocorrelation_times=np.full(
+            positions.shape[-1], max(1.0, n / sample.effective_sample_size)
+        ),
+        acceptance=len(np.unique(chosen)) / n,
+    )
+
+
+def halves(sample: ImportanceSample, rng: np.random.Generator) -> list[ImportanceSample]:
+    """The sample's draws in two halves, at random."""
+    parts = np.array_split(rng.permutation(len(sample.z)), 2)
+    return [
+        ImportanceSample(
+            sample.mixture,
+            sample.z[part],
+            sample.log_likelihoods[part],
+            sample.log_proposals[part],
+            sample.strata[part],
+        )
+        for part in parts
+    ]
 
 
 def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> Estimate:

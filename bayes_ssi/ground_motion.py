@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy import constants
-from scipy.integrate import cumulative_trapezoid
 
 from bayes_ssi.priors import FloatArray
 
@@ -116,6 +115,8 @@ class GroundMotion:
     @property
     def peak_velocity(self) -> float:
         """PGV in m/s, of the acceleration integrated as it stands, from rest."""
+        from scipy.integrate import cumulative_trapezoid
+
         return float(np.abs(cumulative_trapezoid(self.acceleration, dx=self.dt)).max())
 
 

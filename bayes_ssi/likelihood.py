@@ -30,10 +30,14 @@ from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.modal import Modes
 from bayes_ssi.parameters import Parameter, Product, ProductTable, as_product, collect_parameters
 from bayes_ssi.priors import FloatArray
+from bayes_ssi.sensors import SensorMatrix
 from bayes_ssi.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.structures.base import Structure
 
-__all__ = ["ModalLikelihood", "ModalTerms", "PairedModes", "check_pairing", "row_sums"]
+__all__ = ["MISSED", "ModalLikelihood", "ModalTerms", "PairedModes", "check_pairing", "row_sums"]
+
+# The datum that other modes were not identified.
+MISSED = "no other mode"
 
 
 class ModalTerms(NamedTuple):
@@ -167,7 +171,7 @@ class ModalLikelihood:
         pairing: label of an identified mode → number of the model mode, from 1.
 
     Raises:
-        ValueError: a sensor has no degree of freedom, or the pairing is not valid.
+        ValueError: the structure has no such sensor, or the pairing is not valid.
     """
 
     structure: Structure
@@ -177,7 +181,7 @@ class ModalLikelihood:
     pairing: Mapping[str, int]
 
     def __post_init__(self) -> None:
-        self.structure.sensor_rows(self.data.sensors)
+        self.structure.sensor_matrix(self.data.sensors)
         check_pairing(self.pairing, self.data, self.structure.n_modes)
 
     @cached_property
@@ -202,9 +206,13 @@ class ModalLikelihood:
         """As :meth:`log_likelihood`, but NaN where there are no modes."""
         return self.terms(values).total()
 
-    def terms(self, values: FloatArray) -> ModalTerms:
-        """The log-likelihood in parts; NaN where the structure has no modes."""
-        modes, error_var = self.modes(values), self._error_variances(values)
+    def terms(self, values: FloatArray, modes: Modes | None = None) -> ModalTerms:
+        """The log-likelihood in parts; NaN where the structure has no modes.
+
+        ``modes`` are those at ``values``, where they are known already.
+        """
+        modes = self.modes(values) if modes is None else modes
+        error_var = self._error_variances(values)
         # Far out in the tail of its prior an error size can be so small that its square is zero.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             missed = self._missed_terms(modes, error_var[:, :1], self._unpaired_model_modes)
@@ -220,6 +228,42 @@ class ModalLikelihood:
                 ),
             )
 
+    @property
+    def datum_names(self) -> tuple[str, ...]:
+        """The columns of :meth:`log_likelihoods`."""
+        return (*self.data.labels, MISSED)
+
+    def log_likelihoods(self, values: FloatArray, modes: Modes) -> FloatArray:
+        """What each datum adds to the log-likelihood, (B, n_data); a row adds up to it.
+
+        A column an identified mode, paired or spurious; the last one is of what was not
+        identified: model modes that are paired with nothing, and no more spurious modes.
+
+        Args:
+            values: (B, n_parameters).
+            modes: at these values.
+        """
+        terms = self.terms(values, modes)
+        found = np.empty((len(values), len(self.data.modes) + 1))
+        pair = {label: i for i, label in enumerate(self.pairing)}
+        scored = {pair_with_shape: k for k, pair_with_shape in enumerate(self.pairs.with_shape)}
+        for column, mode in enumerate(self.data.modes):
+            if mode.label not in pair:
+                found[:, column] = self._spurious_term(mode)
+                continue
+            i = pair[mode.label]
+            found[:, column] = terms.frequency[:, i]
+            if i in scored:
+                found[:, column] += terms.shape[:, scored[i]]
+        found[:, -1] = terms.undetected - self.identification.expected_spurious_modes
+        return found
+
+    def frequency_sds_hz(self, values: FloatArray) -> FloatArray:
+        """Standard deviation of each identified frequency about the model's, (B, n_modes) in Hz."""
+        own = np.array([mode.frequency_cov or 0.0 for mode in self.data.modes])
+        variance = self._error_variances(values)[:, :1] + own**2
+        return np.sqrt(variance) * self.data.frequencies_hz
+
     def _error_variances(self, values: FloatArray) -> FloatArray:
         """Squared prediction errors (B, 1 or 2) of frequencies and, where scored, shapes."""
         return self._error_sizes.evaluate(values) ** 2
@@ -230,7 +274,7 @@ class ModalLikelihood:
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised."""
-        return modes.shapes[:, self._sensor_rows, :]
+        return self._sensor_matrix.apply(modes.shapes)
 
     def least_errors(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Standard errors (B,) of the frequency and of the shape of the surest paired mode.
@@ -247,15 +291,17 @@ class ModalLikelihood:
         ]
         return found[0], found[1]
 
-    def at_band_edge(self, values: FloatArray) -> NDArray[np.bool_]:
+    def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         """Whether each model mode lies on the edge of the band, (B, n_modes).
 
         That is, paired with nothing and within two standard errors of a limit other than zero.
+        ``frequencies`` (B, n_modes), in Hz, are those of the model at ``values``.
         """
-        return self._near_a_limit(values, self._unpaired_model_modes)
+        return self._near_a_limit(values, frequencies, self._unpaired_model_modes)
 
-    def _near_a_limit(self, values: FloatArray, which: Iterable[int]) -> NDArray[np.bool_]:
-        frequencies = self.modes(values).frequencies_hz
+    def _near_a_limit(
+        self, values: FloatArray, frequencies: FloatArray, which: Iterable[int]
+    ) -> NDArray[np.bool_]:
         prediction_var = self._error_variances(values)[:, :1]
         reach = 2.0 * np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
         limits = [limit for limit in self.data.band_hz if limit > 0]
@@ -321,8 +367,8 @@ class ModalLikelihood:
         return ProductTable(tuple(self._error_products), self.parameters)
 
     @cached_property
-    def _sensor_rows(self) -> NDArray[np.intp]:
-        return np.array(self.structure.sensor_rows(self.data.sensors), dtype=np.intp)
+    def _sensor_matrix(self) -> SensorMatrix:
+        return self.structure.sensor_matrix(self.data.sensors)
 
     @cached_property
     def _unpaired_model_modes(self) -> list[int]:
@@ -337,11 +383,10 @@ class ModalLikelihood:
 def _log_normalisers(variance: FloatArray, pairs: PairedModes) -> FloatArray:
     """log Z_d(σ), (B, S), for shape variances (B, S) or, where all shapes share σ, (B, 1)."""
     normalisers = np.empty((len(variance), len(pairs.n_measured)))
-    shared = not pairs.shape_var.any()
-    known: dict[tuple[int, int], FloatArray] = {}
-    for column, d in enumerate(pairs.n_measured):
-        source = 0 if shared else column
-        if (source, d) not in known:
-            known[source, d] = log_shape_normaliser(np.sqrt(variance[:, source]), d)
-        normalisers[:, column] = known[source, d]
+    known: dict[tuple[float, int], FloatArray] = {}
+    for column, (own, d) in enumerate(zip(pairs.shape_var.tolist(), pairs.n_measured, strict=True)):
+        if (own, d) not in known:
+            shared = variance[:, min(column, variance.shape[1] - 1)]
+            known[own, d] = log_shape_normaliser(np.sqrt(shared), d)
+        normalisers[:, column] = known[own, d]
     return normalisers

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_ssi.priors import FloatArray
 
-__all__ = ["ModalModel", "Modes", "mac", "modal_model", "solve_modes"]
+__all__ = ["ModalModel", "Modes", "inverse_cholesky", "mac", "modal_model", "solve_modes"]
 
 
 class Modes(NamedTuple):
@@ -64,32 +64,76 @@ def modal_model(
 
 
 def solve_modes(stiffness: FloatArray, mass: FloatArray) -> Modes:
-    """Solve K φ = (2πf)² M φ for a batch of structures with a lumped mass matrix.
+    """Solve K φ = (2πf)² M φ for a batch of structures.
 
     Args:
         stiffness: (B, n, n), symmetric.
-        mass: (B, n) or (1, n), the diagonal of M.
+        mass: the diagonal of M, (B, n) or (1, n), where all else is zero; or M itself, (B, n, n)
+            or (1, n, n), symmetric.
 
     Returns:
-        All n modes of each structure. A row is NaN where a mass is not positive, an entry is
-        not finite, or K is not positive definite: such a structure has no natural frequencies.
+        All n modes of each structure. A row is NaN where an entry is not finite, or M or K is
+        not positive definite: such a structure has no natural frequencies.
     """
+    if mass.ndim == 3:
+        return _solve_with_full_mass(stiffness, mass)
     with np.errstate(divide="ignore", invalid="ignore"):
         root = 1.0 / np.sqrt(mass)
         scaled = stiffness * (root[:, :, None] * root[:, None, :])
+    eigenvalues, vectors = _eigh(scaled)
+    return Modes(_frequencies_hz(eigenvalues), vectors * root[:, :, None])
+
+
+def _solve_with_full_mass(stiffness: FloatArray, mass: FloatArray) -> Modes:
+    """As :func:`solve_modes`, through M = L Lᵀ: L⁻¹ K L⁻ᵀ has the same eigenvalues."""
+    inverse = inverse_cholesky(mass)
+    with np.errstate(invalid="ignore", over="ignore"):
+        # einsum adds in one order, whatever the size of the batch.
+        half = np.einsum("bij,bjk->bik", inverse, stiffness)
+        scaled = np.einsum("bij,bkj->bik", half, inverse)
+    eigenvalues, vectors = _eigh(scaled)
+    return Modes(_frequencies_hz(eigenvalues), np.einsum("bji,bjm->bim", inverse, vectors))
+
+
+def inverse_cholesky(matrices: FloatArray) -> FloatArray:
+    """L⁻¹ with A = L Lᵀ of a batch of symmetric matrices (B, n, n); NaN where A has no factor.
+
+    Column by column for the whole batch at once: for small matrices, of which one that is not
+    positive definite spoils no other.
+    """
+    n = matrices.shape[-1]
+    lower = np.zeros(matrices.shape)
+    inverse = np.zeros(matrices.shape)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        for j in range(n):
+            column = matrices[:, j:, j] - np.einsum("bik,bk->bi", lower[:, j:, :j], lower[:, j, :j])
+            pivot = 1.0 / np.sqrt(column[:, 0])
+            lower[:, j:, j] = column * pivot[:, None]
+            inverse[:, j, j] = pivot
+            earlier = np.einsum("bk,bki->bi", lower[:, j, :j], inverse[:, :j, :j])
+            inverse[:, j, :j] = -pivot[:, None] * earlier
+    return inverse
+
+
+def _eigh(scaled: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues and vectors; NaN where an entry is not finite."""
     try:
-        eigenvalues, vectors = np.linalg.eigh(scaled)
+        return np.linalg.eigh(scaled)
     except np.linalg.LinAlgError:
         # One row that is not finite stops the whole batch; solve the others.
         solvable = np.isfinite(scaled).all(axis=(1, 2))
         scaled[~solvable] = np.eye(scaled.shape[-1])
         eigenvalues, vectors = np.linalg.eigh(scaled)
         eigenvalues[~solvable] = np.nan
+        return eigenvalues, vectors
+
+
+def _frequencies_hz(eigenvalues: FloatArray) -> FloatArray:
+    """Of (2πf)², in ascending order; NaN in a row where one is not positive."""
     if not eigenvalues[:, 0].min(initial=np.inf) > 0.0:  # also true when a NaN is among them
         with np.errstate(invalid="ignore"):
             eigenvalues[~(eigenvalues[:, 0] > 0.0)] = np.nan
-    frequencies = np.sqrt(eigenvalues) / (2.0 * math.pi)
-    return Modes(frequencies, vectors * root[:, :, None])
+    return np.sqrt(eigenvalues) / (2.0 * math.pi)
 
 
 def mac(shapes: FloatArray, others: FloatArray) -> FloatArray:

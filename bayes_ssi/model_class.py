@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.configuration import Configuration, only_one
 from bayes_ssi.data import ModalData
+from bayes_ssi.description import in_words
 from bayes_ssi.errors import ErrorModel, IdentificationModel
 from bayes_ssi.likelihood import ModalLikelihood
 from bayes_ssi.parameters import Parameter, collect_parameters
@@ -79,7 +80,7 @@ class ModelClass:
 
         Raises:
             ValueError: names repeat among different parameters or among configurations, nothing
-                is inferred, a prior is of no parameter, a sensor has no degree of freedom, or a
+                is inferred, a prior is of no parameter, a sensor is not on the structure, or a
                 pairing is not valid. The message begins with the class's name.
             TypeError: something is missing or of the wrong kind.
         """
@@ -295,8 +296,17 @@ class ModelClass:
             "description": self.description,
             **own,
             "error": repr(self.error),
+            "error_sizes": {
+                "frequency_cov": in_words(self.error.frequency_cov),
+                "shape_sd": in_words(self.error.shape_sd),
+            },
             "parameters": [
-                {"name": p.name, "unit": p.unit, "prior": p.prior.as_dict()}
+                {
+                    "name": p.name,
+                    "unit": p.unit,
+                    "prior": p.prior.as_dict(),
+                    "prior_quantiles": [p.prior.quantile(share) for share in (0.05, 0.5, 0.95)],
+                }
                 for p in self.parameters
             ],
             "detection_probability": self.identification.detection_probability,

@@ -168,6 +168,8 @@ def _sum(
     state[0] = by.one
     rows = np.arange(n_rows)
     start = np.zeros(n_rows, dtype=np.intp)
+    of_model = np.ascontiguousarray(pairs.transpose(2, 1, 0))  # (I, J, B)
+    possible = (of_model != by.zero).any(axis=2)  # also where it is NaN
     for i in range(n_model):
         if starts is not None:
             while (behind := np.flatnonzero(start < starts[:, i])).size:
@@ -175,9 +177,12 @@ def _sum(
                 start[behind] += 1
         before = state
         for k in range(width):
-            pair = pairs[rows, start + k, i]
-            if (pair == by.zero).all():
-                continue
+            if starts is None:
+                if not possible[i, k]:
+                    continue
+                pair = of_model[i, k]
+            else:
+                pair = of_model[i, start + k, rows]
             if state is before:
                 state = before.copy()
             with_k = state.reshape(-1, 2, 2**k, n_rows)[:, 1]

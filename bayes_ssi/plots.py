@@ -20,17 +20,19 @@ from bayes_ssi.figure_style import (
     VERMILION,
     axes_of,
     draw_as_they_are,
+    hover,
     legend_below,
     style,
 )
 from bayes_ssi.posterior import Posterior
-from bayes_ssi.search import AppendageSearch
+from bayes_ssi.search import AppendageSearch, Place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = [
+    "corner_size",
     "plot_corner",
     "plot_evidence",
     "plot_frequencies",
@@ -60,8 +62,12 @@ def plot_evidence(comparison: Comparison, ax: Axes | None = None) -> Axes:
     ax.barh(y, fit - evidence, left=evidence, height=0.35, color=BLUE, alpha=0.25,
             label="information gained")  # fmt: skip
     ax.plot(fit, y, "|", color=BLUE, markersize=11, label="fit: mean log-likelihood")
-    ax.errorbar(evidence, y, xerr=[row.error for row in rows], fmt="o", color=VERMILION,
-                capsize=3, label="log evidence ± 1 standard error")  # fmt: skip
+    for i, row in enumerate(rows):
+        point = ax.errorbar(row.log_evidence, i, xerr=row.error, fmt="o", color=VERMILION,
+                            capsize=3,
+                            label=None if i else "log evidence ± 1 standard error")  # fmt: skip
+        hover(point, f"{row.name}: log evidence {row.log_evidence:.3f} ± {row.error:.3f}, fit "
+              f"{row.mean_log_likelihood:.2f}, probability {row.probability_text}")  # fmt: skip
     ax.set_yticks(y, [f"{row.name}\n({row.probability_text})" for row in rows])
     draw_as_they_are(ax.get_yticklabels())
     ax.set_ylim(len(rows) - 0.4, -0.6)
@@ -109,9 +115,11 @@ def plot_frequencies(
             low, mid, high = 100.0 * (
                 np.quantile(frequencies, [0.025, 0.5, 0.975]) / mode.frequency_hz - 1.0
             )
-            ax.errorbar(i + offset, mid, yerr=[[mid - low], [high - mid]], fmt=marker,
-                        color=colour, markersize=4, capsize=2,
-                        label=None if named else posterior.name)  # fmt: skip
+            point = ax.errorbar(i + offset, mid, yerr=[[mid - low], [high - mid]], fmt=marker,
+                                color=colour, markersize=4, capsize=2,
+                                label=None if named else posterior.name)  # fmt: skip
+            hover(point, f"{posterior.name}, mode {mode.label}: {np.median(frequencies):.4g} Hz, "
+                  f"{mid:+.2f} % ({low:+.2f} to {high:+.2f} %)")  # fmt: skip
             named = True
     ax.axhline(0.0, color="black", linewidth=0.8)
     ticks = [f"{m.label}\n{m.frequency_hz:.4g} Hz" for m in data.modes]
@@ -128,19 +136,33 @@ def plot_frequencies(
     return ax
 
 
-def plot_corner(posterior: Posterior, figure: Figure | None = None) -> Figure:
-    """Marginal and joint posterior densities of the parameters."""
+def plot_corner(
+    posterior: Posterior, figure: Figure | None = None, parameters: Sequence[str] | None = None
+) -> Figure:
+    """Marginal and joint posterior densities of the parameters, or of those that are named.
+
+    Raises:
+        ValueError: there is no parameter of such a name.
+    """
     import corner
     import matplotlib.pyplot as plt
 
-    n = len(posterior.parameter_names)
+    names = posterior.parameter_names if parameters is None else tuple(parameters)
+    unknown = [name for name in names if name not in posterior.parameter_names]
+    if unknown:
+        raise ValueError(
+            f"plot_corner: no parameter {unknown[0]!r}; choose from "
+            f"{', '.join(map(repr, posterior.parameter_names))}"
+        )
+    columns = [posterior.parameter_names.index(name) for name in names]
+    n = len(names)
     with style():
         if figure is None:
             # corner places its axes itself.
-            figure = plt.figure(figsize=_corner_size(posterior), layout="none")
+            figure = plt.figure(figsize=corner_size(n), layout="none")
         corner.corner(
-            posterior.values,
-            labels=[name.replace("$", r"\$") for name in posterior.parameter_names],
+            posterior.values[:, columns],
+            labels=[name.replace("$", r"\$") for name in names],
             fig=figure,
             color=BLUE,
             bins=30,
@@ -164,29 +186,35 @@ def plot_corner(posterior: Posterior, figure: Figure | None = None) -> Figure:
     return figure
 
 
-def plot_places(found: AppendageSearch, ax: Axes | None = None) -> Axes:
+def plot_places(found: AppendageSearch | Mapping[Place, float], ax: Axes | None = None) -> Axes:
     """The building, and the probability that an appendage hangs at each place.
 
     A pendulum's circle stands beside its floor, an infill's in its storey; the circle's area and
     darkness grow with the probability, which is written beside it.
+
+    Args:
+        found: a search, or the probability of every place that it considered.
+        ax: axes; new ones if None.
     """
-    n_floors = max(max(place.floors) for place in found.candidates)
-    ax = axes_of(ax, _places_size(found))
+    probabilities = found if isinstance(found, Mapping) else found.place_probabilities
+    n_floors = max(max(place.floors) for place in probabilities)
+    ax = axes_of(ax, _places_size(n_floors))
     ax.plot([-1.6, 1.6], [0, 0], color="black", linewidth=2.0)
     for side in (-1.0, 1.0):
         ax.plot([side, side], [0, n_floors], color=GREY, linewidth=1.5)
     for floor in range(1, n_floors + 1):
         ax.plot([-1.0, 1.0], [floor, floor], color="black", linewidth=2.5)
         ax.text(-1.15, floor, f"floor {floor}", ha="right", va="center")
-    for place, probability in found.place_probabilities.items():
+    for place, probability in probabilities.items():
         infill = len(place.floors) == 2
         x, y = 0.0 if infill else 1.6, sum(place.floors) / len(place.floors)
         if not infill:
             ax.plot([1.0, x], [y, y], color=GREY, linewidth=0.8, linestyle=":")
-        ax.scatter(
+        point = ax.scatter(
             x, y, s=40.0 + 260.0 * probability, marker="s" if infill else "o", zorder=3,
             facecolor=VERMILION, edgecolor="black", alpha=0.12 + 0.88 * probability, linewidth=0.8,
         )  # fmt: skip
+        hover(point, f"{place.name}: probability {probability_text(probability)}")
         ax.text(x + 0.2, y, probability_text(probability), va="center", fontsize=8)
     ax.set_xlim(-2.2, 2.8)
     ax.set_ylim(-0.3, n_floors + 0.5)
@@ -204,14 +232,14 @@ def save_places(found: AppendageSearch, path: Path) -> Path:
     from matplotlib.figure import Figure
 
     with style():
-        figure = Figure(figsize=_places_size(found))
+        n_floors = max(max(place.floors) for place in found.candidates)
+        figure = Figure(figsize=_places_size(n_floors))
         plot_places(found, figure.subplots())
         figure.savefig(path)
     return path
 
 
-def _places_size(found: AppendageSearch) -> tuple[float, float]:
-    n_floors = max(max(place.floors) for place in found.candidates)
+def _places_size(n_floors: int) -> tuple[float, float]:
     return 4.6, 1.2 + 0.7 * n_floors
 
 
@@ -234,7 +262,9 @@ def save_figures(
     comparison = replace(comparison, classes=comparison.classes[:MOST_DRAWN])
     # Figures of their own, not pyplot's: nothing is shown, and no backend is switched.
     directory.mkdir()
-    corner = Figure(figsize=_corner_size(ranked[0]))  # outside the style: corner has its own layout
+    corner = Figure(
+        figsize=corner_size(len(ranked[0].parameter_names))
+    )  # outside the style: corner has its own layout
     with style():
         evidence = Figure(figsize=_evidence_size(comparison))
         sizes = [_frequencies_size(modes) for modes in tests.values()]
@@ -265,6 +295,7 @@ def _evidence_size(comparison: Comparison) -> tuple[float, float]:
     return 6.4, 1.3 + 0.42 * len(comparison.classes)
 
 
-def _corner_size(posterior: Posterior) -> tuple[float, float]:
-    side = 1.4 + 1.5 * len(posterior.parameter_names)
+def corner_size(n_parameters: int) -> tuple[float, float]:
+    """Width and height, in inches, of a corner plot."""
+    side = 1.4 + 1.5 * n_parameters
     return side, side + 0.6

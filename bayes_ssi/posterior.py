@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from time import perf_counter
 
 import numpy as np
@@ -15,13 +15,15 @@ import numpy as np
 from bayes_ssi.checks import failed_checks, failed_edge_checks
 from bayes_ssi.configuration import only_one
 from bayes_ssi.configuration_modes import ConfigurationModes, configuration_modes
+from bayes_ssi.datum_terms import AtDraws, DatumTerms, at_draws, datum_terms
 from bayes_ssi.evidence import Estimate
 from bayes_ssi.inferred_pairing import InferredPairing
 from bayes_ssi.journal import Journal
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.production import effective_sample_size, r_hat
-from bayes_ssi.sampling import Progress, Sampled, SamplingSettings, sample_target
+from bayes_ssi.sampled import Progress, Sampled, SamplingSettings
+from bayes_ssi.sampling import sample_target
 from bayes_ssi.target import Target
 from bayes_ssi.workers import Workers, as_workers
 
@@ -44,7 +46,8 @@ class Evidence:
         pareto_k: shape of the tail of their weights; the error is to be trusted below 0.7.
         n_draws: number of importance draws.
         bridge: bridge sampling's estimate.
-        tempered: the tempered starts' estimate, coarse.
+        repeat: an estimate by other means: the tempered starts', which is coarse, or on the
+            economical path that of importance sampling done a second time.
         laplace: Laplace's approximation, summed over the maxima found; a quick look.
         mean_log_likelihood: posterior mean of the log-likelihood, how well the class fits.
     """
@@ -55,7 +58,7 @@ class Evidence:
     pareto_k: float
     n_draws: int
     bridge: Estimate
-    tempered: Estimate
+    repeat: Estimate
     laplace: float
     mean_log_likelihood: float
 
@@ -135,6 +138,8 @@ class Posterior:
         configurations: the model's modes and their pairing, configuration by configuration.
         relative_spreads: (n_parameters,), standard deviation of the posterior over that of the
             prior, both in standard-normal coordinates: 1 where the data say nothing.
+        datum_terms: log-likelihoods and predictions datum by datum, for other packages; not read
+            back from a stored result, whose files of draws hold them.
         remarks: what else a reader should know of how it was computed, a sentence each.
     """
 
@@ -158,6 +163,7 @@ class Posterior:
     data_digest: str
     configurations: tuple[ConfigurationModes, ...]
     relative_spreads: FloatArray
+    datum_terms: DatumTerms | None = None
     remarks: tuple[str, ...] = ()
 
     @property
@@ -263,9 +269,10 @@ def sample(
         except ValueError as error:
             told = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
             raise ValueError(f"model class {model_class.name!r}: {error}{told}") from error
-        z, log_likelihoods = _corrected_draws(sampled, np.random.default_rng(seed))
+        rng = np.random.default_rng(seed)
+        z, log_likelihoods = _corrected_draws(sampled, rng)
         values = model_class.values(z.reshape(-1, n))
-        frequencies_hz = _frequencies(model_class, values, pool)
+        found = _at_draws(model_class, values, pool)
     configurations = configuration_modes(model_class, values)
     values = values.reshape(z.shape)
     return Posterior(
@@ -273,31 +280,39 @@ def sample(
         parameter_names=model_class.parameter_names,
         draws=values,
         log_likelihoods=log_likelihoods,
-        frequencies_hz=frequencies_hz.reshape(*z.shape[:2], -1),
-        effective_sample_sizes=effective_sample_size(sampled.ensembles),
+        frequencies_hz=found.frequencies_hz.reshape(*z.shape[:2], -1),
+        effective_sample_sizes=effective_sample_size(sampled.draws),
         evidence=_evidence(sampled),
         regions=_regions(sampled, z, values),
         maxima=model_class.values(sampled.maxima.z),
-        r_hat=float(r_hat(sampled.ensembles).max()),
-        autocorrelation_time=max(float(e.autocorrelation_times.max()) for e in sampled.ensembles),
-        acceptance=float(np.mean([e.acceptance for e in sampled.ensembles])),
+        r_hat=float(r_hat(sampled.draws).max()),
+        autocorrelation_time=max(float(e.autocorrelation_times.max()) for e in sampled.draws),
+        acceptance=float(np.mean([e.acceptance for e in sampled.draws])),
         n_evaluations=sampled.n_evaluations,
         n_searches=sampled.discovery.n_searches,
         seconds=perf_counter() - started,
         failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
-        edge_checks=tuple(failed_edge_checks(model_class, z.reshape(-1, n))),
+        edge_checks=tuple(failed_edge_checks(model_class, z.reshape(-1, n), found.frequencies_hz)),
         data_digest=model_class.data_digest,
         configurations=configurations,
         relative_spreads=z.reshape(-1, n).std(axis=0),
+        datum_terms=datum_terms(
+            model_class, found, [each.pairing for each in configurations], z.shape[:2], rng
+        ),
     )
 
 
-def _frequencies(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> FloatArray:
-    """Natural frequencies in Hz, (n, n_modes), at ``values`` (n, n_parameters)."""
+def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> AtDraws:
+    """The model at ``values`` (n, n_parameters)."""
+    # A draw is the one before it wherever a proposal was not accepted.
+    different, which = np.unique(values, axis=0, return_inverse=True)
     if pool is None:
-        return model_class.frequencies_hz(values)
-    parts = np.array_split(values, min(PARTS_OF_DRAWS, len(values)))
-    return np.concatenate(pool.call_each(model_class.frequencies_hz, parts))
+        found = at_draws(model_class, different)
+    else:
+        parts = np.array_split(different, min(PARTS_OF_DRAWS, len(different)))
+        done = pool.call_each(partial(at_draws, model_class), parts)
+        found = AtDraws(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
+    return AtDraws(*(array[which.ravel()] for array in found))
 
 
 def _failures(model_class: ModelClass, target: Target) -> list[str]:
@@ -329,7 +344,7 @@ def _evidence(sampled: Sampled) -> Evidence:
         pareto_k=sampled.importance.pareto_k,
         n_draws=len(sampled.importance.z),
         bridge=sampled.bridge,
-        tempered=sampled.tempered,
+        repeat=sampled.repeat,
         laplace=sampled.maxima.log_evidence,
         mean_log_likelihood=sampled.importance.log_likelihood_mean,
     )
@@ -341,9 +356,9 @@ def _corrected_draws(sampled: Sampled, rng: np.random.Generator) -> tuple[FloatA
     Chains visit far-apart regions in shares that are too noisy; where there are several, the
     draws are resampled to the shares that importance sampling gives.
     """
-    n = min(ensemble.n_steps for ensemble in sampled.ensembles)
-    z = np.concatenate([e.positions[-n:] for e in sampled.ensembles], axis=1).transpose(1, 0, 2)
-    densities = np.concatenate([e.log_posteriors[-n:] for e in sampled.ensembles], axis=1).T
+    n = min(ensemble.n_steps for ensemble in sampled.draws)
+    z = np.concatenate([e.positions[-n:] for e in sampled.draws], axis=1).transpose(1, 0, 2)
+    densities = np.concatenate([e.log_posteriors[-n:] for e in sampled.draws], axis=1).T
     if sampled.regions.n_regions > 1:
         flat = z.reshape(-1, z.shape[-1])
         label = sampled.regions.assign(flat)
@@ -361,7 +376,7 @@ def _corrected_draws(sampled: Sampled, rng: np.random.Generator) -> tuple[FloatA
 def _regions(sampled: Sampled, z: FloatArray, values: FloatArray) -> tuple[Region, ...]:
     regions = sampled.regions
     shares, errors = sampled.region_shares, sampled.region_errors
-    of_starts = np.array([regions.shares(start.positions) for start in sampled.starts])
+    of_starts = [regions.shares(start.positions) for start in sampled.starts]
     labels = regions.assign(z.reshape(-1, z.shape[-1]))
     flat = values.reshape(-1, values.shape[-1])
     records: Sequence[Region] = [
@@ -369,7 +384,7 @@ def _regions(sampled: Sampled, z: FloatArray, values: FloatArray) -> tuple[Regio
             share=float(shares[k]),
             error=float(errors[k]),
             n_searches=int(sampled.searches_of_regions[k]),
-            shares_of_starts=tuple(float(share) for share in of_starts[:, k]),
+            shares_of_starts=tuple(float(shares[k]) for shares in of_starts),
             mean=tuple(float(mean) for mean in flat[labels == k].mean(0)),
         )
         for k in range(regions.n_regions)

@@ -9,11 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_ssi.data import ModalData
-from bayes_ssi.figure_style import style
+from bayes_ssi.figure_style import draw_as_they_are, legend_of_figure, style
+from bayes_ssi.ground_motion import GroundMotion
 from bayes_ssi.modal import mac
-from bayes_ssi.prediction_report import PER_GROUND, UNITS, Answer
-from bayes_ssi.predictions import Band, Prediction, Predictions
+from bayes_ssi.prediction_answers import Answer
+from bayes_ssi.prediction_modes import predicted_modes, shown_places
+from bayes_ssi.predictions import Band, Predictions
+from bayes_ssi.priors import FloatArray
+from bayes_ssi.response import ground_influence
 from bayes_ssi.response_plots import (
+    plot_components,
     plot_frequency_change,
     plot_mac,
     plot_shape,
@@ -29,22 +34,28 @@ __all__ = ["save_prediction_figures"]
 
 # Figures of transfer functions and histories hold so many bands at most.
 MOST_DRAWN = 3
+# Mode shapes stand in rows of so many.
+MODES_ACROSS = 6
 
 
 def save_prediction_figures(
     directory: str | Path, data: ModalData, answers: Sequence[Answer]
 ) -> list[Path]:
-    """Write figures of the answers to one question into ``directory``, which exists.
+    """Write figures of the answers to one question into ``directory``, which is made.
 
-    Transfer functions and time histories of the first three answers; for the most probable class
-    of the first one its mode shapes, their MACs with the identified shapes, and its frequencies
-    before and after updating.
+    Transfer functions and time histories of the first three answers, as far as they were asked
+    for; for the most probable class of the first one its mode shapes, their MACs with the
+    identified shapes, and its frequencies before and after updating.
 
     Args:
         directory: where to.
         data: the identified modes.
-        answers: as of :func:`~bayes_ssi.prediction_report.answer`.
+        answers: as of :func:`~bayes_ssi.prediction_answers.answer`.
+
+    Raises:
+        FileExistsError: the directory exists.
     """
+    Path(directory).mkdir()
     paths = []
     with style():
         for name, figure in _figures(data, answers[:MOST_DRAWN]):
@@ -55,24 +66,26 @@ def save_prediction_figures(
 
 def _figures(data: ModalData, answers: Sequence[Answer]) -> Iterator[tuple[str, Figure]]:
     question = answers[0].question
-    yield "transfer_functions", _transfer_functions(answers)
-    if question.motion is not None:
-        yield "time_histories", _time_histories(answers)
+    if question.frequencies_hz is not None:
+        yield "transfer_functions", _transfer_functions(answers, question.frequencies_hz)
+    for i, motion in enumerate(question.motions, 1):
+        number = f"_{i}" if len(question.motions) > 1 else ""
+        yield f"time_histories{number}", _time_histories(answers, motion)
     each = max(answers[0].predictions.classes, key=lambda one: len(one.values))
     paired = [label for label in data.labels if label in each.pairing]
     if not paired:
         return
     own = Predictions(each.name, (each,))
-    yield "mode_shapes", _mode_shapes(own, paired, question.level)
+    yield "mode_shapes", _mode_shapes(own, data, paired, question.level)
     with_shape = [label for label in data.labels if data.mode(label).unit_shape is not None]
     if with_shape:
         yield "mac", _mac(own, data, with_shape, paired)
-    yield "frequency_change", _frequency_change(own, data, paired, question.level)
+    yield "frequency_change", _frequency_change(own, data, question.level)
 
 
-def _at(prediction: Prediction, i: int, level: float) -> Band:
+def _at(band: Band, i: int) -> Band:
     """The band at one place."""
-    return Prediction(prediction.draws[:, i]).band(level)
+    return Band(*(part[i] for part in band))
 
 
 def _panels(n: int) -> tuple[Figure, list[Axes]]:
@@ -82,58 +95,68 @@ def _panels(n: int) -> tuple[Figure, list[Axes]]:
     return figure, list(figure.subplots(n, 1, squeeze=False, sharex=True)[:, 0])
 
 
-def _transfer_functions(answers: Sequence[Answer]) -> Figure:
+def _transfer_functions(answers: Sequence[Answer], frequencies_hz: FloatArray) -> Figure:
     question = answers[0].question
-    quantity = question.output.quantity
     figure, axes = _panels(len(question.output.labels))
     for i, (place, ax) in enumerate(zip(question.output.labels, axes, strict=True)):
         plot_transfer_functions(
-            question.frequencies_hz,
-            {each.name: _at(each.transfer_functions, i, question.level) for each in answers},
+            frequencies_hz,
+            {
+                each.name: _at(each.transfer_functions, i)
+                for each in answers
+                if each.transfer_functions is not None
+            },
             ax,
-            quantity=f"{quantity} / ground acc. ({PER_GROUND[quantity]})",
-            legend=i == 0,
+            quantity=f"amplitude ({question.transfer_unit})",
+            legend=False,
         )
-        ax.set_title(f"{place}: median and {100 * question.level:g} % band")
+        level = f"median and {100 * question.level:g} % band"
+        draw_as_they_are([ax.set_title(f"{place}: {question.transfer_name}, {level}", fontsize=9)])
         ax.label_outer()
+    legend_of_figure(figure, axes[0])
     return figure
 
 
-def _time_histories(answers: Sequence[Answer]) -> Figure:
+def _time_histories(answers: Sequence[Answer], motion: GroundMotion) -> Figure:
     question = answers[0].question
-    quantity = question.output.quantity
-    assert question.motion is not None
     figure, axes = _panels(len(question.output.labels))
     for i, (place, ax) in enumerate(zip(question.output.labels, axes, strict=True)):
-        bands = {
-            each.name: _at(each.time_histories, i, question.level)
-            for each in answers
-            if each.time_histories is not None
-        }
         plot_time_history(
-            question.motion.times,
-            bands,
+            motion.times,
+            {each.name: _at(each.time_histories[motion.name], i) for each in answers},
             ax,
-            quantity=f"{quantity} ({UNITS[quantity]})",
-            legend=i == 0,
+            quantity=f"{question.output.quantity} ({question.unit})",
+            legend=False,
         )
-        ax.set_title(f"{place}: median and {100 * question.level:g} % envelope")
+        level = f"median and {100 * question.level:g} % envelope"
+        draw_as_they_are([ax.set_title(f"{place}: {motion.name}, {level}", fontsize=9)])
         ax.label_outer()
+    legend_of_figure(figure, axes[0])
     return figure
 
 
-def _mode_shapes(own: Predictions, paired: Sequence[str], level: float) -> Figure:
+def _mode_shapes(own: Predictions, data: ModalData, paired: Sequence[str], level: float) -> Figure:
     from matplotlib.figure import Figure
 
     structure = own.classes[0].structure
-    places = structure.degrees_of_freedom
-    main = [place for place in places if place not in structure.appendages]
-    figure = Figure(figsize=(0.8 + 1.7 * len(paired), 3.2))
-    axes = figure.subplots(1, len(paired), squeeze=False, sharey=True)[0]
-    for label, ax in zip(paired, axes, strict=True):
+    main = shown_places(own, data)
+    places = (*main, *structure.appendages)
+    influence = ground_influence(structure)
+    in_a_row = influence is None or bool((influence == 1.0).all())
+    across = min(len(paired), MODES_ACROSS)
+    down = -(-len(paired) // across)
+    height = 3.2 if in_a_row else 0.8 + 0.2 * len(places)
+    figure = Figure(figsize=(0.8 + 1.7 * across, 0.3 + height * down))
+    axes = figure.subplots(down, across, squeeze=False, sharey=True)
+    for label, ax in zip(paired, axes.flat, strict=False):
         shape = own.shapes(label, places, unit_over=main).band(level)
-        plot_shape(structure, places, shape, ax, title=f"mode {label}")
-        ax.label_outer()
+        if in_a_row:
+            plot_shape(structure, places, shape, ax, title=f"mode {label}")
+        else:
+            plot_components(structure, places, shape, ax, title=f"mode {label}")
+        ax.tick_params(labelleft=bool(ax.get_subplotspec().is_first_col()))
+    for ax in axes.flat[len(paired) :]:
+        ax.remove()
     title = figure.suptitle(
         f"{own.name!r}: mode shapes with {100 * level:g} % bands", fontsize=10, x=0.02, ha="left"
     )
@@ -147,7 +170,7 @@ def _mac(
     from matplotlib.figure import Figure
 
     identified = np.stack([np.asarray(data.mode(each).unit_shape) for each in with_shape], axis=1)
-    model = [own.shapes(label, data.sensors).quantile(0.5) for label in paired]
+    model = [own.shapes_at_sensors(label).quantile(0.5) for label in paired]
     figure = Figure(figsize=(2.0 + 0.55 * len(paired), 1.1 + 0.45 * len(with_shape)))
     plot_mac(
         mac(identified, np.stack(model, axis=1)),
@@ -159,20 +182,16 @@ def _mac(
     return figure
 
 
-def _frequency_change(
-    own: Predictions, data: ModalData, paired: Sequence[str], level: float
-) -> Figure:
+def _frequency_change(own: Predictions, data: ModalData, level: float) -> Figure:
     from matplotlib.figure import Figure
 
-    each = own.classes[0]
-    bands = [own.frequencies_hz(label).band(level) for label in paired]
-    before = each.structure.modes(each.structure.medians()).frequencies_hz[0]
-    figure = Figure(figsize=(6.4, 1.4 + 0.4 * len(paired)))
+    modes = list(predicted_modes(data, own, level))
+    figure = Figure(figsize=(6.4, 1.4 + 0.4 * len(modes)))
     plot_frequency_change(
-        paired,
-        np.array([data.mode(label).frequency_hz for label in paired]),
-        np.array([before[each.pairing[label] - 1] for label in paired]),
-        Band(*(np.array(part) for part in zip(*bands, strict=True))),
+        [mode.label for mode in modes],
+        np.array([mode.identified_hz for mode in modes]),
+        np.array([mode.before_hz for mode in modes]),
+        Band(*(np.array(part) for part in zip(*(mode.after_hz for mode in modes), strict=True))),
         figure.subplots(),
         level=level,
     )

@@ -87,10 +87,14 @@ class Prediction:
 
 
 def predict_class(
-    posterior: Posterior, model_class: ModelClass, n_draws: int = DRAWS
+    posterior: Posterior,
+    model_class: ModelClass,
+    n_draws: int = DRAWS,
+    configuration: str | None = None,
 ) -> Predictions:
     """Predictions of one model class; arguments and errors as those of :func:`class_draws`."""
-    return Predictions(posterior.name, (class_draws(posterior, model_class, n_draws),))
+    draws = class_draws(posterior, model_class, n_draws, configuration)
+    return Predictions(posterior.name, (draws,))
 
 
 def predict_average(
@@ -98,6 +102,7 @@ def predict_average(
     posteriors: Sequence[Posterior],
     model_classes: Mapping[str, ModelClass],
     n_draws: int = DRAWS,
+    configuration: str | None = None,
 ) -> Predictions:
     """Predictions averaged over model classes by their probabilities.
 
@@ -108,6 +113,7 @@ def predict_average(
         posteriors: of the classes, in any order.
         model_classes: name → class.
         n_draws: of all classes together.
+        configuration: as for :func:`class_draws`.
 
     Raises:
         ValueError: as for :func:`class_draws`, or a class is missing.
@@ -120,7 +126,7 @@ def predict_average(
             raise ValueError(f"predictions: no {kind} of model class {missing[0]!r}")
     counts = _shares([row.probability for row in comparison.classes], n_draws)
     classes = tuple(
-        class_draws(by_name[name], model_classes[name], count)
+        class_draws(by_name[name], model_classes[name], count, configuration)
         for name, count in zip(names, counts, strict=True)
         if count
     )
@@ -168,6 +174,17 @@ class Predictions:
             [each.frequencies_hz[:, number - 1] for each, number in self._classes_with(mode)]
         )
 
+    def frequencies_before_hz(self, mode: str | int) -> Prediction:
+        """The frequency of a mode at the prior medians of each draw's class, draws (n,).
+
+        Arguments and errors as those of :meth:`frequencies_hz`.
+        """
+        found = []
+        for each, number in self._classes_with(mode):
+            before = each.structure.modes(each.structure.medians()).frequencies_hz[0, number - 1]
+            found.append(np.full(len(each.values), before))
+        return self._joined(found)
+
     def shapes(
         self, mode: str | int, places: Sequence[str], unit_over: Sequence[str] | None = None
     ) -> Prediction:
@@ -188,17 +205,19 @@ class Predictions:
         for each, number in self._classes_with(mode):
             with _named(each):
                 found.append(each.shapes(number, places))
-        joined = self._joined(found)
         over = places if unit_over is None else unit_over
         for place in over:
             if place not in places:
                 raise ValueError(f"shapes: unit_over names {place!r}, which is not among places")
-        scaled = joined.draws[:, [list(places).index(place) for place in over]]
-        lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
-        main = np.linalg.svd(scaled / lengths, full_matrices=False)[2][0]
-        main *= np.sign(main[np.abs(main).argmax()])
-        signs = np.where(scaled @ main < 0.0, -1.0, 1.0)[:, None]
-        return Prediction(joined.draws * signs / lengths, joined.share)
+        return _aligned(self._joined(found), [list(places).index(place) for place in over])
+
+    def shapes_at_sensors(self, mode: str | int) -> Prediction:
+        """The shape of a mode as the sensors see it, at unit length, draws (n, n_sensors).
+
+        Arguments and errors as those of :meth:`frequencies_hz`.
+        """
+        found = [each.shapes_at_sensors(number) for each, number in self._classes_with(mode)]
+        return _aligned(self._joined(found), list(range(found[0].shape[1])))
 
     def transfer_functions(
         self,
@@ -283,6 +302,16 @@ class Predictions:
         if not 1 <= mode <= n_modes:
             raise ValueError(f"{self.name}: no mode {mode!r}; choose from 1 to {n_modes}")
         return [(self.classes[0], mode)]
+
+
+def _aligned(shapes: Prediction, over: Sequence[int]) -> Prediction:
+    """Shapes of unit length over some columns, all pointing the same way."""
+    scaled = shapes.draws[:, over]
+    lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
+    main = np.linalg.svd(scaled / lengths, full_matrices=False)[2][0]
+    main *= np.sign(main[np.abs(main).argmax()])
+    signs = np.where(scaled @ main < 0.0, -1.0, 1.0)[:, None]
+    return Prediction(shapes.draws * signs / lengths, shapes.share)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -24,6 +25,7 @@ __all__ = [
     "Prior",
     "TruncatedNormal",
     "Uniform",
+    "prior_from_dict",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -74,6 +76,24 @@ class Prior(ABC):
         """The distribution's name and numbers, for a JSON record."""
         numbers = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
         return {"distribution": type(self).__name__, **numbers}
+
+
+def prior_from_dict(record: Mapping[str, Any]) -> Prior:
+    """The prior of a record that :meth:`Prior.as_dict` made.
+
+    Raises:
+        ValueError: no distribution is called so.
+        TypeError: the numbers are not those of the distribution.
+    """
+    # Infinite bounds are text in a record.
+    numbers = {key: float(value) for key, value in record.items() if key != "distribution"}
+    known = {kind.__name__: kind for kind in Prior.__subclasses__()}
+    name = record.get("distribution")
+    if name not in known:
+        raise ValueError(
+            f"prior: no distribution {name!r}; choose from {', '.join(map(repr, known))}"
+        )
+    return known[name](**numbers)
 
 
 def _require_finite(prior: Prior, **numbers: float) -> None:

@@ -86,9 +86,13 @@ class Ensemble:
         return Walkers(self.positions[-1], self.log_posteriors[-1])
 
     @property
+    def needed_steps(self) -> int:
+        """The least number of steps that is long enough."""
+        return math.ceil(LENGTH_IN_AUTOCORRELATION_TIMES * self.autocorrelation_times.max())
+
+    @property
     def is_long_enough(self) -> bool:
-        longest = self.autocorrelation_times.max()
-        return self.n_steps >= LENGTH_IN_AUTOCORRELATION_TIMES * longest
+        return self.n_steps >= self.needed_steps
 
 
 def run_ensemble(

@@ -29,7 +29,7 @@ from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.posterior import sample as sample_as_it_is
 from bayes_ssi.priors import FloatArray
-from bayes_ssi.sampling import Progress, SamplingSettings
+from bayes_ssi.sampled import Progress, SamplingSettings
 from bayes_ssi.target import Target
 from bayes_ssi.workers import Workers, as_workers
 
@@ -201,7 +201,7 @@ def _confirmed(model_class: ModelClass, posterior: Posterior) -> Posterior:
             log_evidence=evidence.log_evidence + correction,
             error=math.hypot(evidence.error, error),
             bridge=_moved(evidence.bridge, correction, error),
-            tempered=_moved(evidence.tempered, correction, error),
+            repeat=_moved(evidence.repeat, correction, error),
             laplace=evidence.laplace + correction,
             mean_log_likelihood=evidence.mean_log_likelihood + float(change.mean()),
         ),

@@ -77,16 +77,19 @@ class Regions:
         return cKDTree(self.draws @ self._whitening)
 
 
-def find_regions(target: Target, draws: FloatArray, log_posteriors: FloatArray) -> Regions:
+def find_regions(
+    target: Target, draws: FloatArray, log_posteriors: FloatArray, max_draws: int = MAX_DRAWS
+) -> Regions:
     """Gather draws into regions.
 
     Args:
         target: evaluated at a few points between neighbouring draws.
-        draws: (n, d), where the posterior is; at most ``MAX_DRAWS`` of them are used.
+        draws: (n, d), where the posterior is; at most ``max_draws`` of them are used.
         log_posteriors: (n,), up to a constant.
+        max_draws: three times so many points between draws are evaluated.
     """
-    if len(draws) > MAX_DRAWS:
-        chosen = np.linspace(0, len(draws) - 1, MAX_DRAWS).astype(np.intp)
+    if len(draws) > max_draws:
+        chosen = np.linspace(0, len(draws) - 1, max_draws).astype(np.intp)
         draws, log_posteriors = draws[chosen], log_posteriors[chosen]
     heights = _Heights(target, draws, log_posteriors)
     whitened = draws @ _local_whitening(draws)

@@ -22,13 +22,14 @@ from bayes_ssi.ground_motion import GroundMotion
 from bayes_ssi.modal import ModalModel
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.structures.base import Structure
-from bayes_ssi.time_stepping import response_in_blocks
+from bayes_ssi.time_stepping import responses
 
 __all__ = [
     "GROUND",
     "Damping",
     "Output",
     "damping_ratios",
+    "ground_influence",
     "largest_over_places",
     "peak_responses",
     "time_histories",
@@ -48,8 +49,8 @@ class Output:
     Attributes:
         quantity: "displacement" (relative to the ground), "acceleration" (absolute), or "drift"
             (the displacement of one place less that of another).
-        places: labels of degrees of freedom; for drift pairs of them, (lower, upper), of which
-            the lower may be "ground".
+        places: labels of degrees of freedom, or of the structure's sensors; for drift pairs of
+            them, (lower, upper), of which the lower may be "ground".
 
     Raises:
         ValueError: the quantity is none of these, there is no place, or a drift's place is no
@@ -89,7 +90,7 @@ class Output:
         """Refuse places that the structure does not have.
 
         Raises:
-            ValueError: a place is no degree of freedom of the structure.
+            ValueError: a place is no degree of freedom or sensor of the structure.
         """
         self.at_places(structure, np.zeros(len(structure.degrees_of_freedom)), axis=0)
 
@@ -97,15 +98,17 @@ class Output:
         """Displacements at the places, from those at all degrees of freedom along ``axis``."""
 
         def at(labels: Sequence[str]) -> FloatArray:
-            rows = [row_of(structure, label) for label in labels if label != GROUND]
-            taken = np.take(displacements, rows, axis)
+            on_it = [label for label in labels if label != GROUND]
+            taken = structure.sensor_matrix(on_it, "place").apply(displacements, axis)
             for i, label in enumerate(labels):
                 if label == GROUND:
                     taken = np.insert(taken, i, 0.0, axis)
             return taken
 
         if self.quantity != "drift":
-            return np.take(displacements, [row_of(structure, str(p)) for p in self.places], axis)
+            return structure.sensor_matrix(list(map(str, self.places)), "place").apply(
+                displacements, axis
+            )
         lower, upper = zip(*self.places, strict=True)
         return at(upper) - at(lower)
 
@@ -117,21 +120,6 @@ def _is_pair(place: object) -> bool:
         and all(isinstance(label, str) for label in place)
         and place[0] != place[1]
     )
-
-
-def row_of(structure: Structure, place: str) -> int:
-    """The row of a degree of freedom in the shapes.
-
-    Raises:
-        ValueError: the structure has none of that label.
-    """
-    labels = structure.degrees_of_freedom
-    if place not in labels:
-        raise ValueError(
-            f"place {place!r}: the structure has no such degree of freedom; "
-            f"choose from {', '.join(map(repr, labels))}"
-        )
-    return labels.index(place)
 
 
 def damping_ratios(damping: Damping, n_modes: int) -> FloatArray:
@@ -176,6 +164,17 @@ def modal_model_of(structure: Structure, values: FloatArray) -> ModalModel:
     return model
 
 
+def ground_influence(structure: Structure) -> FloatArray | None:
+    """How every degree of freedom moves when the ground moves by 1 and nothing deforms, (n_dof,).
+
+    None where the structure does not know.
+    """
+    try:
+        return modal_model_of(structure, structure.medians()).influence
+    except TypeError:
+        return None
+
+
 def transfer_functions(
     structure: Structure,
     values: FloatArray,
@@ -193,7 +192,8 @@ def transfer_functions(
         frequencies_hz: (F,).
         output: what is wanted, and where.
         damping: ratio of all modes, or of each.
-        force_at: the degree of freedom at which a force acts; ground acceleration if None.
+        force_at: the degree of freedom, or sensor's place and direction, at which a force acts;
+            ground acceleration if None.
 
     Returns:
         (B, n_places, F). For ground acceleration the unit is 1 for an acceleration and s² for a
@@ -212,7 +212,7 @@ def transfer_functions(
     if force_at is None:
         driven = -model.participation
     else:
-        driven = model.shapes[:, row_of(structure, force_at), :]
+        driven = structure.sensor_matrix([force_at], "place").apply(model.shapes)[:, 0, :]
     at_places = output.at_places(structure, model.shapes, axis=1)
     found = ((at_places * driven[:, None, :]) @ receptance).astype(np.complex128, copy=False)
     if output.quantity == "acceleration":
@@ -263,8 +263,8 @@ def time_histories(
         TypeError: the structure does not know its masses.
     """
     found = np.empty((len(values), len(output.places), len(motion)))
-    for start, block in _blocks(structure, values, motion, output, damping):
-        found[:, :, start : start + block.shape[-1]] = block
+    for _ in _each(structure, values, motion, output, damping, found):
+        pass
     return found
 
 
@@ -279,9 +279,10 @@ def peak_responses(
 
     Arguments, units and errors as those of :func:`time_histories`.
     """
-    peaks = np.zeros((len(values), len(output.places)))
-    for _, block in _blocks(structure, values, motion, output, damping):
-        np.maximum(peaks, np.abs(block).max(-1), out=peaks)
+    peaks = np.empty((len(values), len(output.places)))
+    each = _each(structure, values, motion, output, damping)
+    for own, response in zip(peaks, each, strict=True):
+        np.maximum(response.max(-1), -response.min(-1), out=own)
     return peaks
 
 
@@ -290,14 +291,19 @@ def largest_over_places(response: NDArray[np.inexact]) -> FloatArray:
     return np.abs(response).max(axis=1)
 
 
-def _blocks(
+def _each(
     structure: Structure,
     values: FloatArray,
     motion: GroundMotion,
     output: Output,
     damping: Damping,
-) -> Iterator[tuple[int, FloatArray]]:
-    """First sample and response (B, n_places, ...) of consecutive blocks of samples."""
+    found: FloatArray | None = None,
+) -> Iterator[FloatArray]:
+    """The response (n_places, n_samples) at one row of ``values`` after another.
+
+    Put into ``found`` (B, n_places, n_samples) where that is given; else each is to be used before
+    the next one is asked for.
+    """
     output.require_on(structure)
     ratios = damping_ratios(damping, structure.n_modes)
     model = modal_model_of(structure, values)
@@ -312,4 +318,4 @@ def _blocks(
     if output.quantity == "acceleration":
         weights *= (poles**2)[:, None, :]
         direct = output.at_places(structure, model.influence, axis=0) - driven.sum(-1)
-    return response_in_blocks(poles, weights, direct, motion.acceleration, motion.dt)
+    return responses(poles, weights, direct, motion.acceleration, motion.dt, found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -15,16 +15,17 @@ from bayes_ssi.figure_style import (
     VERMILION,
     axes_of,
     draw_as_they_are,
+    hover,
     legend_below,
 )
 from bayes_ssi.predictions import Band
 from bayes_ssi.priors import FloatArray
-from bayes_ssi.structures.base import Structure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = [
+    "plot_components",
     "plot_frequency_change",
     "plot_mac",
     "plot_shape",
@@ -35,6 +36,8 @@ __all__ = [
 WIDE = (6.4, 3.2)  # inches
 # A band is told from the next one by colour, by lightness and by the line of its median.
 BANDS = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (VERMILION, ":"))
+# A logarithmic axis begins no lower than this share of its highest value.
+LOWEST = 1e-4
 # Half the width of a building, in the unit of the shapes that are drawn on it, and how far from its
 # axis anything is drawn: appendages may move many times as far as floors.
 HALF_WIDTH, REACH = 0.7, 2.1
@@ -64,6 +67,9 @@ def plot_transfer_functions(
     if reference is not None:
         ax.plot(frequencies_hz, reference[1], color="black", linewidth=1.1, label=reference[0])
     ax.set_yscale("log")
+    # At rest, and where it is annulled, a response is as low as rounding lets it.
+    highest = max((float(np.max(band.high)) for band in bands.values()), default=1.0)
+    ax.set_ylim(bottom=max(ax.get_ylim()[0], LOWEST * highest))
     ax.set_xlim(float(frequencies_hz[0]), float(frequencies_hz[-1]))
     ax.set_xlabel("frequency (Hz)")
     ax.set_ylabel(quantity)
@@ -108,8 +114,17 @@ def _bands(ax: Axes, x: FloatArray, bands: Mapping[str, Band]) -> None:
         ax.plot(x, band.median, color=colour, linestyle=line, linewidth=1.2, label=name)
 
 
+class Drawn(Protocol):
+    """What a drawing asks of a structure; a stored record of its modes answers it too."""
+
+    @property
+    def appendages(self) -> tuple[str, ...]: ...
+
+    def heights(self) -> dict[str, float]: ...
+
+
 def plot_shape(
-    structure: Structure,
+    structure: Drawn,
     places: Sequence[str],
     shape: Band,
     ax: Axes | None = None,
@@ -121,7 +136,7 @@ def plot_shape(
     """A mode shape as the deformed building: floors and columns, appendages marked, with bands.
 
     An appendage that moves further than the axes reach is an arrow at their edge, its component
-    and band written beside it.
+    and band written below.
 
     Args:
         structure: says at which height each degree of freedom is drawn.
@@ -150,6 +165,7 @@ def plot_shape(
     for i, place in enumerate(places):
         if place in structure.appendages:
             _appendage(ax, heights[place], *(float(part[i]) for part in shape))
+    _numbers_below(ax, structure, places, shape, REACH - 0.1)
     if reference is not None:
         other, at, components = reference
         ax.plot(components, [heights[place] for place in at], "x", color="black", markersize=7,
@@ -170,13 +186,62 @@ def _appendage(ax: Axes, height: float, low: float, median: float, high: float) 
     at = median if inside else np.copysign(REACH - 0.1, median)
     if inside:
         ax.errorbar(at, height, xerr=[[median - low], [high - median]], color=VERMILION, capsize=3)
-    else:
-        side = "left" if median < 0 else "right"
-        ax.text(at, height + 0.12, f"{median:.1f}\n({low:.1f} to {high:.1f})", fontsize=7,
-                ha=side, va="bottom")  # fmt: skip
     marker = "s" if inside else "<" if median < 0 else ">"
     ax.plot(at, height, marker, color=VERMILION, markeredgecolor="black", markersize=7,
             linestyle="none", label="appendage", zorder=3)  # fmt: skip
+
+
+def _numbers_below(
+    ax: Axes, structure: Drawn, places: Sequence[str], shape: Band, reach: float
+) -> None:
+    """Write below the axes the components of appendages that these do not hold."""
+    far = [
+        # Adding zero makes a negative zero a plain one.
+        f"{place}: {median + 0.0:.1f}\n({low + 0.0:.1f} to {high + 0.0:.1f})"
+        for i, (place, low, median, high) in enumerate(
+            zip(places, *np.round(shape, 1), strict=True)
+        )
+        if place in structure.appendages and abs(shape.median[i]) >= reach
+    ]
+    draw_as_they_are([ax.set_xlabel("\n".join(far), fontsize=7)])
+
+
+def plot_components(
+    structure: Drawn,
+    places: Sequence[str],
+    shape: Band,
+    ax: Axes | None = None,
+    *,
+    title: str = "",
+) -> Axes:
+    """A mode shape component by component, for structures that move in several directions.
+
+    The axes reach as far as the main structure moves; components of appendages that move further
+    are written below.
+
+    Args:
+        structure: which says what is an appendage.
+        places: degrees of freedom, from the lowest bar upwards.
+        shape: median and band of the components (n_places,).
+        ax: axes; new ones if None.
+        title: above the figure.
+    """
+    ax = axes_of(ax, (2.6, 0.8 + 0.22 * len(places)))
+    y = np.arange(len(places))
+    low, median, high = shape
+    main = [i for i, place in enumerate(places) if place not in structure.appendages]
+    reach = 1.15 * max(1e-300, *(float(np.abs(part[main]).max()) for part in shape))
+    colours = [BLUE if i in main else VERMILION for i in y]
+    ax.axvline(0.0, color=GREY, linewidth=0.6)
+    ax.barh(y, median, height=0.6, color=colours, alpha=0.45)
+    ax.errorbar(median, y, xerr=[median - low, high - median], fmt="none", ecolor="black",
+                elinewidth=0.8, capsize=2)  # fmt: skip
+    ax.set_xlim(-reach, reach)
+    ax.set_ylim(-0.5, len(places) - 0.5)
+    ax.set_yticks(y, places)
+    draw_as_they_are([*ax.get_yticklabels(), ax.set_title(title)])
+    _numbers_below(ax, structure, places, shape, reach)
+    return ax
 
 
 def plot_mac(
@@ -238,10 +303,17 @@ def plot_frequency_change(
     )
     ax.axvline(0.0, color="black", linewidth=0.8)
     ax.hlines(y, before, median, color=GREY, linewidth=0.8)
-    ax.plot(before, y, "o", color=VERMILION, markerfacecolor="white", markersize=6,
-            label="before: prior medians")  # fmt: skip
-    ax.errorbar(median, y, xerr=[median - low, high - median], fmt="s", color=BLUE, markersize=5,
-                capsize=3, label=f"after: posterior, {100 * level:g} %")  # fmt: skip
+    before_label, after_label = "before: prior medians", f"after: posterior, {100 * level:g} %"
+    for i, label in enumerate(labels):
+        (point,) = ax.plot(before[i], i, "o", color=VERMILION, markerfacecolor="white",
+                           markersize=6,
+                           label=None if i else before_label)  # fmt: skip
+        bar = ax.errorbar(median[i], i, xerr=[[median[i] - low[i]], [high[i] - median[i]]],
+                          fmt="s", color=BLUE, markersize=5, capsize=3,
+                          label=None if i else after_label)  # fmt: skip
+        hover(point, f"mode {label} before: {before_hz[i]:.4g} Hz, {before[i]:+.2f} %")
+        hover(bar, f"mode {label} after: {after.median[i]:.4g} Hz, {median[i]:+.2f} % "
+              f"({low[i]:+.2f} to {high[i]:+.2f} %)")  # fmt: skip
     names = [f"{label}\n{f:.4g} Hz" for label, f in zip(labels, identified_hz, strict=True)]
     ax.set_yticks(y, names)
     draw_as_they_are(ax.get_yticklabels())

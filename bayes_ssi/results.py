@@ -12,7 +12,6 @@ import csv
 import json
 import math
 import re
-import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
@@ -21,20 +20,33 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.arviz_store import StoredDraws, load_draws, save_draws
+from bayes_ssi import new_directory
+from bayes_ssi.arviz_store import Further, StoredDraws, load_draws, save_draws
 from bayes_ssi.comparison import Comparison, RankedClass
 from bayes_ssi.configuration import label_in, only_one
 from bayes_ssi.configuration_modes import ConfigurationModes
 from bayes_ssi.data import ModalData
 from bayes_ssi.evidence import Estimate
 from bayes_ssi.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Evidence, Posterior, Region
 from bayes_ssi.study import Ranking, Study
+from bayes_ssi.updated_modes import UpdatedModes
 from bayes_ssi.versions import versions
 
-__all__ = ["StoredResult", "load_result", "require_new", "save_result"]
+__all__ = [
+    "StoredResult",
+    "load_result",
+    "plain_record",
+    "require_new",
+    "save_result",
+    "write_json",
+]
 
-FORMAT = 3
+FORMAT = 5
+# The file that every result directory holds.
+MARKER = "result.json"
+PRIOR_DRAWS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,27 +93,8 @@ class StoredResult:
 
 
 def require_new(directory: str | Path, *, overwrite: bool = False) -> None:
-    """Refuse a result directory that exists, unless it holds a result that may be overwritten.
-
-    The directory above it is made, so that a place that cannot be written is known at once.
-
-    Raises:
-        FileExistsError: it exists, and ``overwrite`` is false or it holds something else.
-        OSError: the directory above it cannot be made.
-    """
-    path = Path(directory)
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-    elif overwrite:
-        if not (path / "result.json").is_file():
-            raise FileExistsError(
-                f"{directory}: holds no result of this package and is not overwritten"
-            )
-    else:
-        raise FileExistsError(
-            f"{directory}: exists already and is not overwritten; name another with --out, or "
-            "pass --overwrite"
-        )
+    """As :func:`bayes_ssi.new_directory.require_new`, for a result directory."""
+    new_directory.require_new(directory, marker=MARKER, overwrite=overwrite)
 
 
 def save_result(
@@ -111,6 +104,7 @@ def save_result(
     study_file: str = "",
     overwrite: bool = False,
     accept_failed_checks: bool = False,
+    command: str = "",
     extra: Mapping[str, Any] | None = None,
 ) -> StoredResult:
     """Write a ranking to a new directory; nothing is left there if writing fails.
@@ -121,22 +115,18 @@ def save_result(
         study_file: the file that defines the study, for the record.
         overwrite: replace a result that exists.
         accept_failed_checks: put on record that failed checks were accepted.
+        command: that gives the result again, for the record.
         extra: name of a further JSON file → its record.
 
     Raises:
         FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
             than a result.
     """
-    directory = Path(directory)
-    require_new(directory, overwrite=overwrite)
-    partial = directory.with_name(f".{directory.name}.partial")
-    replaced = directory.with_name(f".{directory.name}.replaced")
-    for left_over in (partial, replaced):
-        shutil.rmtree(left_over, ignore_errors=True)
-    (partial / "posteriors").mkdir(parents=True)
-    try:
+    with new_directory.new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
+        (partial / "posteriors").mkdir()
         tests = _save_tests(ranking.study, partial)
         files = _file_names([p.name for p in ranking.posteriors])
+        classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
         for posterior in ranking.posteriors:
             stored = StoredDraws(
                 posterior.parameter_names,
@@ -144,24 +134,16 @@ def save_result(
                 posterior.log_likelihoods,
                 posterior.frequencies_hz,
                 _mode_labels(posterior),
+                _further(posterior, classes[posterior.name]),
             )
             save_draws(partial / "posteriors" / files[posterior.name], stored)
         record = {**_record(ranking, files, study_file), "data": tests}
-        record["failed_checks_accepted"] = accept_failed_checks
-        _write_json(partial / "result.json", record)
-        _write_json(partial / "comparison.json", asdict(ranking.comparison))
+        record |= {"failed_checks_accepted": accept_failed_checks, "command": command}
+        write_json(partial / MARKER, record)
+        write_json(partial / "comparison.json", asdict(ranking.comparison))
         for name, further in (extra or {}).items():
-            _write_json(partial / name, further)
+            write_json(partial / name, further)
         _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
-        # A result is there, whole, at every moment but between these two.
-        if directory.exists():
-            directory.rename(replaced)
-        partial.rename(directory)
-    finally:
-        if replaced.exists() and not directory.exists():
-            replaced.rename(directory)
-        for left_over in (partial, replaced):
-            shutil.rmtree(left_over, ignore_errors=True)
     return load_result(directory)
 
 
@@ -172,7 +154,7 @@ def load_result(directory: str | Path) -> StoredResult:
         ValueError: it does not exist, is incomplete or damaged, or another version's.
     """
     directory = Path(directory)
-    record = _read_json(directory / "result.json")
+    record = _read_json(directory / MARKER)
     if record.get("format") != FORMAT:
         raise ValueError(
             f"{directory}: a result of format {record.get('format')!r}, "
@@ -185,7 +167,10 @@ def load_result(directory: str | Path) -> StoredResult:
             test["configuration"]: ModalData.load(directory / test["file"])
             for test in record["data"]
         }
-    except (KeyError, TypeError, OSError) as error:
+    except OSError as error:
+        told = f"{error.filename}: {error.strerror}"
+        raise ValueError(f"{directory}: incomplete or damaged result: {told}") from error
+    except (LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"{directory}: incomplete or damaged result: {error!r}") from error
     return StoredResult(directory, record, tests, posteriors, comparison)
 
@@ -214,6 +199,15 @@ def _mode_labels(posterior: Posterior) -> tuple[int | str, ...]:
     )
 
 
+def _further(posterior: Posterior, model_class: ModelClass) -> Further | None:
+    """What other packages make use of beside a posterior's draws."""
+    if posterior.parameter_names != model_class.parameter_names:
+        return None
+    z = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, len(posterior.parameter_names)))
+    identified = [c.data.frequencies_hz for c in model_class.configurations]
+    return Further(model_class.values(z), posterior.datum_terms, np.concatenate(identified))
+
+
 def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict[str, Any]:
     study = ranking.study
     return {
@@ -234,7 +228,7 @@ def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict
     }
 
 
-ARRAYS = ("draws", "log_likelihoods", "frequencies_hz")
+IN_THE_FILE_OF_DRAWS = ("draws", "log_likelihoods", "frequencies_hz", "datum_terms")
 
 
 def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
@@ -242,7 +236,7 @@ def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
     entry: dict[str, Any] = {"file": file}
     for item in fields(posterior):
         value = getattr(posterior, item.name)
-        if item.name in ARRAYS:
+        if item.name in IN_THE_FILE_OF_DRAWS:
             continue
         if isinstance(value, np.ndarray):
             value = value.tolist()
@@ -259,7 +253,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
     names = tuple(entry["parameter_names"])
     stored = load_draws(directory / "posteriors" / entry["file"], names)
     evidence = dict(entry["evidence"])
-    for check in ("bridge", "tempered"):
+    for check in ("bridge", "repeat"):
         evidence[check] = Estimate(**{k: float(v) for k, v in evidence[check].items()})
     for number, value in evidence.items():
         if isinstance(value, str):  # an infinity or NaN
@@ -296,6 +290,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
                 n_modes=modes["n_modes"],
                 pairing=modes["pairing"],
                 inferred_pairing=_inferred_pairing(modes["inferred_pairing"]),
+                updated=UpdatedModes.of_record(modes.get("updated")),
             )
             for modes in entry["configurations"]
         ),
@@ -326,17 +321,18 @@ def _comparison(record: Mapping[str, Any]) -> Comparison:
     return Comparison(rows, record["data_digest"], record["scale"])
 
 
-def _write_json(path: Path, record: Mapping[str, Any]) -> None:
-    text = json.dumps(_plain(record), indent=2, allow_nan=False)
+def write_json(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a record; infinities and NaN as text."""
+    text = json.dumps(plain_record(record), indent=2, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def _plain(value: Any) -> Any:
+def plain_record(value: Any) -> Any:
     """The value as JSON has it: numpy's numbers as numbers, and infinities and NaN as text."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain_record(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain_record(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):

@@ -4,31 +4,36 @@
    particles from the prior to the regions around them.
 2. A Student-t mixture is fitted to the particles.
 3. Two independent emcee ensembles sample the posterior, with proposals from that mixture; where
-   they move slowly they begin again with a mixture fitted to their own draws.
+   they move slowly they begin again with a mixture fitted to their own draws. Where they move
+   slowly all the same, importance draws (4.) take their place, if they are worth enough.
 4. Mixture importance sampling, from a mixture fitted to the ensembles' draws, gives the evidence
    and the share of the posterior in each region; bridge sampling with the draws of an ensemble
    checks it.
 5. Everything that should agree is compared; what does not is a warning in the result.
+
+Where evaluations are dear, :mod:`bayes_ssi.economical` does without the particles and ensembles.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.discovery import Discovery, discover
+from bayes_ssi.discovery import discover
+from bayes_ssi.economical import sample_economically
 from bayes_ssi.evidence import (
-    Estimate,
+    PARETO_K_LIMIT,
     ImportanceSample,
     bridge_sampling,
     extended,
     first_draws,
+    halves,
     refined,
+    resampled,
     tempered_estimate,
 )
 from bayes_ssi.maxima import Maxima, find_maxima
@@ -36,13 +41,11 @@ from bayes_ssi.mixture import StudentMixture, choose_mixture
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.production import Ensemble, Proposal, Walkers, first_walkers, run_ensemble
 from bayes_ssi.regions import Regions, find_regions
+from bayes_ssi.sampled import Progress, Sampled, SamplingSettings
 from bayes_ssi.target import Target
 from bayes_ssi.tempering import TemperedStart, tempered_start
 
-__all__ = ["Progress", "Sampled", "SamplingSettings", "sample_target"]
-
-# Called with the name of a step and the share of it that is done.
-Progress = Callable[[str, float], None]
+__all__ = ["sample_target"]
 
 N_ENSEMBLES = 2
 WALKERS = 32
@@ -54,6 +57,10 @@ SLOW, MAX_REFITS = 12.0, 4
 EFFICIENT = 0.25
 # Shares of the moves that a poor and a good mixture proposes.
 LEAST_MOVES, MOST_MOVES = 0.7, 0.95
+# Where importance draws are worth at least this share of as many posterior draws, ensembles that
+# mix slowly stop after a few steps; posterior draws are then made of the importance draws, if all
+# of these are worth enough.
+SUFFICIENT_SHARE, FEW_STEPS, SUFFICIENT = 0.05, 1000, 2000.0
 COMPONENTS = (1, 2, 3, 4, 6, 8, 12, 16)
 DRAWS_FOR_FITTING = 3000
 # Weight of the maxima's own components in the mixtures: a region that the particles lost is
@@ -66,84 +73,6 @@ WIDER = (2.0, 0.1)
 SHARE_ERROR = 0.3
 # Importance draws count as part of a region when their weight is at least this share of the mean.
 TYPICAL_WEIGHT = 0.1
-
-
-@dataclass(frozen=True)
-class SamplingSettings:
-    """How precisely to sample.
-
-    Attributes:
-        log_evidence_error: wanted standard error of the log evidence, in nats.
-        particles: of each tempered start; None chooses by the number of parameters.
-        searches: least number of independent searches for maxima.
-        max_steps: longest chain of an ensemble, in steps.
-
-    Raises:
-        ValueError: a setting is not positive, or there are fewer particles than 4 a parameter.
-    """
-
-    log_evidence_error: float = 0.01
-    particles: int | None = None
-    searches: int = 4
-    max_steps: int = 5000
-
-    def __post_init__(self) -> None:
-        for name in ("log_evidence_error", "particles", "searches", "max_steps"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ValueError(f"SamplingSettings: {name} must be positive, got {value!r}")
-
-    def n_particles(self, n_dimensions: int) -> int:
-        if self.particles is None:
-            return max(500, 100 * n_dimensions)
-        if self.particles < 4 * n_dimensions:
-            raise ValueError(
-                f"SamplingSettings: particles must be at least {4 * n_dimensions} for "
-                f"{n_dimensions} parameters, got {self.particles!r}"
-            )
-        return self.particles
-
-
-@dataclass(frozen=True, eq=False)
-class Sampled:
-    """Everything that sampling one target produced, in standard-normal coordinates."""
-
-    discovery: Discovery
-    starts: tuple[TemperedStart, ...]
-    maxima: Maxima
-    ensembles: tuple[Ensemble, ...]
-    importance: ImportanceSample
-    bridge: Estimate
-    regions: Regions
-    n_evaluations: int
-
-    @property
-    def evidence(self) -> Estimate:
-        """The quoted log evidence."""
-        return self.importance.estimate
-
-    @property
-    def tempered(self) -> Estimate:
-        return tempered_estimate(self.starts)
-
-    @property
-    def region_shares(self) -> FloatArray:
-        """Share of the posterior in each region, (n_regions,)."""
-        return self.regions.shares(self.importance.z, self.importance.weights)
-
-    @property
-    def searches_of_regions(self) -> NDArray[np.intp]:
-        """How many of the independent searches found a maximum in each region, (n_regions,)."""
-        label = self.regions.assign(self.discovery.maxima.z)
-        inside = label == np.arange(self.regions.n_regions)[:, None]
-        found: NDArray[np.intp] = (self.discovery.found_by @ inside.T).sum(axis=0)
-        return found
-
-    @property
-    def region_errors(self) -> FloatArray:
-        """Standard errors of :attr:`region_shares`."""
-        groups = self.regions.assign(self.importance.z)
-        return self.importance.share_errors(groups, self.regions.n_regions)
 
 
 def sample_target(
@@ -163,9 +92,11 @@ def sample_target(
     Raises:
         ValueError: the likelihood is zero at every draw from the prior.
     """
+    settings = settings or SamplingSettings()
     # The matrices are small: threads inside BLAS would only wait for one another.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _sample(target, seed, settings or SamplingSettings(), progress)
+        sample = sample_economically if settings.economical else _sample
+        return sample(target, seed, settings, progress)
 
 
 def _sample(
@@ -200,9 +131,11 @@ def _sample(
     )
     importance = refined(target, trial, settings.log_evidence_error, rng)
     regions = _regions(target, importance)
-    importance = _with_sure_shares(
-        target, importance, regions, SHARE_ERROR * settings.log_evidence_error, rng
-    )
+    importance = _with_sure_shares(target, importance, regions, settings.log_evidence_error, rng)
+    instead: tuple[Ensemble, ...] = ()
+    stopped = settings.max_steps > FEW_STEPS and not all(one.is_long_enough for one in ensembles)
+    if stopped and _suffices(importance):
+        instead = tuple(resampled(half, rng) for half in halves(importance, rng))
     if progress is not None:
         progress("evidence", 1.0)
     return Sampled(
@@ -212,8 +145,11 @@ def _sample(
         ensembles=tuple(ensembles),
         importance=importance,
         bridge=bridge_sampling(ensembles[1], importance),
+        repeat=tempered_estimate(starts),
         regions=regions,
+        wanted_error=settings.log_evidence_error,
         n_evaluations=target.n_evaluations,
+        resampled=instead,
     )
 
 
@@ -246,8 +182,11 @@ def _run_ensembles(
         for i, own in enumerate(walkers):
             report = _reporter(progress, "ensembles", i, N_ENSEMBLES)
             slowest = math.inf if attempt == MAX_REFITS else SLOW
+            # Importance draws that are worth many make long chains needless.
+            worth = trial.effective_share >= SUFFICIENT_SHARE
+            most = min(settings.max_steps, FEW_STEPS) if worth else settings.max_steps
             one = run_ensemble(
-                target, own, proposal, settings.max_steps, of_attempts[i][attempt], report, slowest
+                target, own, proposal, most, of_attempts[i][attempt], report, slowest
             )
             ensembles.append(one)
         if all(one.autocorrelation_times.max() <= slowest for one in ensembles):
@@ -258,6 +197,11 @@ def _run_ensembles(
         mixture = _fitted(ensembles[0].draws, ensembles[1].draws, maxima, rng)
         trial = first_draws(target, mixture, rng)
     return ensembles, trial
+
+
+def _suffices(sample: ImportanceSample) -> bool:
+    """Whether importance draws can take the place of chains."""
+    return sample.pareto_k <= PARETO_K_LIMIT and sample.effective_sample_size >= SUFFICIENT
 
 
 def _fitted(
@@ -279,8 +223,11 @@ def _with_sure_shares(
     if regions.n_regions == 1:
         return sample
     errors = sample.share_errors(regions.assign(sample.z), regions.n_regions)
-    factor = float(errors.max() / wanted_error) ** 2
-    return extended(target, sample, factor, rng) if factor > 1.0 else sample
+    factor = float(errors.max() / (SHARE_ERROR * wanted_error)) ** 2
+    if factor <= 1.0:
+        return sample
+    # More draws can show a heavier tail.
+    return refined(target, extended(target, sample, factor, rng), wanted_error, rng)
 
 
 def _reporter(

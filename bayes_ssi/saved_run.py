@@ -6,14 +6,22 @@ import functools
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import click
 
-from bayes_ssi.terminal import console, progress_bars, say
+from bayes_ssi.terminal import (
+    command_line,
+    console,
+    is_quiet,
+    json_option,
+    progress_bars,
+    say,
+    tell_record,
+)
 
 if TYPE_CHECKING:
     from bayes_ssi.results import StoredResult
@@ -31,11 +39,15 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Saved(Generic[T]):
-    """What was sampled, what was saved of it, and how its ranking moves, where it was asked."""
+    """What was sampled, what was saved of it, and how its ranking moves, where it was asked.
+
+    ``further`` are the records saved beside the ranking, by their files.
+    """
 
     found: T
     result: StoredResult
     sensitivity: Sensitivity | None
+    further: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -44,6 +56,7 @@ class SavedRun:
 
     seed: int
     log_evidence_error: float
+    economical: bool
     out: Path | None
     overwrite: bool
     workers: int | None
@@ -82,13 +95,15 @@ class SavedRun:
         from bayes_ssi.checkpoint import Checkpoint, name_of_run
         from bayes_ssi.plots import save_figures
         from bayes_ssi.results import require_new, save_result
-        from bayes_ssi.sampling import SamplingSettings
+        from bayes_ssi.sampled import SamplingSettings
         from bayes_ssi.sensitivity import sensitivity_record
         from bayes_ssi.workers import dask_workers
 
         if self.workers is not None and self.dask is not None:
             raise ValueError("--workers and --dask: give one of them")
-        settings = SamplingSettings(log_evidence_error=self.log_evidence_error)
+        settings = SamplingSettings(
+            log_evidence_error=self.log_evidence_error, economical=self.economical
+        )
         directory = self.out or RESULTS / name
         checkpoint = Checkpoint(
             directory.with_name(f".{directory.name}.checkpoint"),
@@ -98,37 +113,43 @@ class SavedRun:
         )
         overwrite = self.overwrite or checkpoint.is_saving
         require_new(directory, overwrite=overwrite)
-        with (
-            nullcontext(self.workers) if self.dask is None else dask_workers(self.dask) as pool,
-            progress_bars() as report,
-        ):
-            try:
+        try:
+            with (
+                nullcontext(self.workers) if self.dask is None else dask_workers(self.dask) as pool,
+                progress_bars() as report,
+            ):
                 found = sample(self.seed, settings, report, workers=pool, checkpoint=checkpoint)
                 moved = self._sensitivity(ranking(found), pool, report)
-            except KeyboardInterrupt:
-                click.echo("Stopped; the same command goes on from here.", err=True)
-                raise
+        except KeyboardInterrupt:  # said below the progress bars, once these stand still
+            click.echo(f"Stopped; this goes on from here: {command_line()}", err=True)
+            raise
         further = dict(extra(found)) if extra else {}
         if moved is not None:
             further["sensitivity.json"] = sensitivity_record(moved)
         require_new(directory, overwrite=overwrite)
         checkpoint.begin_saving()
-        result = save_result(
-            ranking(found),
-            directory,
-            study_file=str(study_file),
-            overwrite=overwrite,
-            accept_failed_checks=self.accept_failed_checks,
-            extra=further,
-        )
-        save_figures(_figures(result), result.tests, result.ranked_posteriors, result.comparison)
-        if draw:
-            draw(found, _figures(result))
+        with progress_bars() as report:
+            report("saving", "result", 0.0)
+            result = save_result(
+                ranking(found),
+                directory,
+                study_file=str(study_file),
+                overwrite=overwrite,
+                accept_failed_checks=self.accept_failed_checks,
+                command=command_line(),
+                extra=further,
+            )
+            report("saving", "figures", 0.2)
+            figures = _figures(result)
+            save_figures(figures, result.tests, result.ranked_posteriors, result.comparison)
+            if draw:
+                draw(found, figures)
+            report("saving", "figures", 1.0)
         names = set(ranking(found).study.names)
         if is_leftover:
             names.update(each for each in checkpoint.names() if is_leftover(found, each))
         checkpoint.remove(names)
-        return Saved(found, result, moved)
+        return Saved(found, result, moved, further)
 
     def _sensitivity(
         self,
@@ -155,7 +176,11 @@ class SavedRun:
             say(console(), *sensitivity_notes(saved.sensitivity))
         n_figures = len(list(_figures(result).iterdir()))
         say(console(), f"Saved in {result.directory}, with {n_figures} figures.")
-        if result.comparison.failed_checks and not self.accept_failed_checks:
+        tell_record(lambda: _record(saved))
+        failed = result.comparison.failed_checks
+        if failed and not self.accept_failed_checks:
+            if is_quiet():
+                click.echo(f"(!) {len(failed)} failed checks: {'; '.join(failed)}", err=True)
             sys.exit(FAILED_CHECK)
 
 
@@ -172,9 +197,9 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
                      help="Exit with code 0 where checks failed; they are shown and saved all "
                      "the same."),
         click.option("--dask", metavar="ADDRESS",
-                     help="Evaluate on a Dask cluster, by its scheduler's address."),
+                     help="Sample on a Dask cluster, by its scheduler's address."),
         click.option("--workers", type=click.IntRange(min=1), metavar="N",
-                     help="Evaluate in N processes on this machine."),
+                     help="Sample in N processes on this machine."),
         click.option("--sensitivity", is_flag=True,
                      help="Rank again with every setting halved and doubled: missed and spurious "
                      "modes, error sizes, widths of priors."),
@@ -182,6 +207,9 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
                      help="Replace a result, or an unfinished run, that exists."),
         click.option("--out", type=click.Path(path_type=Path),
                      help="Result directory; in runs/results if not given."),
+        click.option("--economical", is_flag=True,
+                     help="Sample with tens of times fewer evaluations, for models that take "
+                     "long and posteriors of a few plain regions."),
         click.option("--error", "log_evidence_error", type=float, default=0.01,
                      show_default=True,
                      help="Wanted standard error of each log evidence, in nats."),
@@ -189,7 +217,30 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
                      help="The result follows from it."),
     ):  # fmt: skip
         wrapped = option(wrapped)
-    return wrapped
+    return json_option(wrapped)
+
+
+def _record(saved: Saved[Any]) -> dict[str, Any]:
+    """What ``--json`` prints: the ranking, what was learnt, and where the result is."""
+    result = saved.result
+    record: dict[str, Any] = {
+        "directory": str(result.directory),
+        "study": result.record["study"],
+        **asdict(result.comparison),
+        "failed_checks": list(result.comparison.failed_checks),
+        "not_distinguishable": list(result.comparison.not_distinguishable),
+        "parameters": {
+            posterior.name: [asdict(row) for row in posterior.summary]
+            for posterior in result.ranked_posteriors
+        },
+        "pairings": {
+            posterior.name: {modes.name: dict(modes.pairing) for modes in posterior.configurations}
+            for posterior in result.ranked_posteriors
+        },
+    }
+    for name, further in saved.further.items():
+        record[name.removesuffix(".json")] = further
+    return record
 
 
 def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:

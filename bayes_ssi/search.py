@@ -18,22 +18,24 @@ from typing import Any
 
 import numpy as np
 
+from bayes_ssi.averages import AveragedParameter, averaged_parameters
 from bayes_ssi.checkpoint import Checkpoint
+from bayes_ssi.class_sampling import sample_all
 from bayes_ssi.comparison import compare
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.posterior import Posterior
-from bayes_ssi.priors import FloatArray, LogNormal, LogUniform, Prior
-from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.priors import LogNormal, LogUniform, Prior, prior_from_dict
+from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.lumped import LumpedStructure
-from bayes_ssi.study import Ranking, Study, sample_all
+from bayes_ssi.study import Ranking, Study
 from bayes_ssi.workers import Workers, as_workers
 
 __all__ = [
     "AppendageSearch",
     "AppendageSummary",
-    "AveragedParameter",
+    "AveragedBesideNaive",
     "Place",
     "SearchSettings",
     "hypothesis",
@@ -105,6 +107,26 @@ class SearchSettings:
             if not isinstance(prior, Prior) and not (name == "frequency" and prior is None):
                 raise TypeError(f"SearchSettings: {name} must be a prior, got {prior!r}")
 
+    def as_dict(self) -> dict[str, Any]:
+        """The settings, for a JSON record."""
+        return {
+            "mass_ratio": self.mass_ratio.as_dict(),
+            "frequency": None if self.frequency is None else self.frequency.as_dict(),
+            "number_weights": list(self.number_weights),
+            "branches": self.branches,
+        }
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> SearchSettings:
+        """The settings of a record that :meth:`as_dict` made; KeyError where it lacks one."""
+        frequency = record["frequency"]
+        return cls(
+            mass_ratio=prior_from_dict(record["mass_ratio"]),
+            frequency=None if frequency is None else prior_from_dict(frequency),
+            number_weights=tuple(record["number_weights"]),
+            branches=record["branches"],
+        )
+
 
 @dataclass(frozen=True)
 class AppendageSummary:
@@ -124,20 +146,13 @@ class AppendageSummary:
 
 
 @dataclass(frozen=True)
-class AveragedParameter:
+class AveragedBesideNaive(AveragedParameter):
     """A parameter of the baseline, averaged over all hypotheses by their probability.
 
     Attributes:
-        name: of the parameter.
-        mean, sd, quantile_05, quantile_95: over all hypotheses.
         naive_mean, naive_sd: if no appendage is thought of.
     """
 
-    name: str
-    mean: float
-    sd: float
-    quantile_05: float
-    quantile_95: float
     naive_mean: float
     naive_sd: float
 
@@ -151,12 +166,16 @@ class AppendageSearch:
         places: hypothesis → the places of its appendages.
         candidates: all places that were considered.
         mass_scale: the mean floor mass, in the structure's unit.
+        baseline: name of the model class that the hypotheses were built on.
+        search_settings: what an appendage may be.
     """
 
     ranking: Ranking
     places: Mapping[str, tuple[Place, ...]]
     candidates: tuple[Place, ...]
     mass_scale: float
+    baseline: str
+    search_settings: SearchSettings
 
     @property
     def probability_of_any(self) -> float:
@@ -200,31 +219,19 @@ class AppendageSearch:
         )
 
     @property
-    def averaged_parameters(self) -> tuple[AveragedParameter, ...]:
+    def averaged_parameters(self) -> tuple[AveragedBesideNaive, ...]:
         """The baseline's parameters averaged over the hypotheses, beside the naive fit."""
         naive = next(p for p in self.ranking.posteriors if not self.places[p.name])
-        probabilities = {row.name: row.probability for row in self.ranking.comparison.classes}
-        rows = []
-        for i, name in enumerate(naive.parameter_names):
-            draws, weights = [], []
-            for posterior in self.ranking.posteriors:
-                own = posterior.values[:, posterior.parameter_names.index(name)]
-                draws.append(own)
-                weights.append(np.full(len(own), probabilities[posterior.name] / len(own)))
-            low, high = _quantiles(np.concatenate(draws), np.concatenate(weights), (0.05, 0.95))
-            each = [
-                (probabilities[p.name], d.mean(), d.var())
-                for p, d in zip(self.ranking.posteriors, draws, strict=True)
-            ]
-            mean = sum(share * m for share, m, _ in each)
-            variance = sum(share * (v + (m - mean) ** 2) for share, m, v in each)
-            rows.append(
-                AveragedParameter(
-                    name, float(mean), math.sqrt(variance), low, high,
-                    float(naive.values[:, i].mean()), float(naive.values[:, i].std()),
-                )
-            )  # fmt: skip
-        return tuple(rows)
+        averaged = averaged_parameters(self.ranking.posteriors, self.ranking.comparison)
+        by_name = {row.name: row for row in averaged}
+        return tuple(
+            AveragedBesideNaive(
+                **asdict(by_name[name]),
+                naive_mean=float(naive.values[:, i].mean()),
+                naive_sd=float(naive.values[:, i].std()),
+            )
+            for i, name in enumerate(naive.parameter_names)
+        )
 
 
 def places_of(structure: LumpedStructure) -> tuple[Place, ...]:
@@ -287,13 +294,20 @@ def search(
     posteriors = tuple(found.values())
     ranking = Ranking(study, posteriors, compare(posteriors, weights), seed, settings)
     return AppendageSearch(
-        ranking, {classes[p].name: p for p in found}, candidates, mean_mass(structure)
+        ranking,
+        {classes[p].name: p for p in found},
+        candidates,
+        mean_mass(structure),
+        baseline.name,
+        options,
     )
 
 
 def search_record(found: AppendageSearch) -> dict[str, Any]:
     """What a search found, for a JSON record."""
     return {
+        "baseline": found.baseline,
+        "search_settings": found.search_settings.as_dict(),
         "mass_scale": found.mass_scale,
         "probability_of_any": found.probability_of_any,
         "places": [
@@ -409,13 +423,3 @@ def _mass_name(place: Place) -> str:
 
 def _frequency_name(place: Place) -> str:
     return f"frequency, {place.name}"
-
-
-def _quantiles(
-    values: FloatArray, weights: FloatArray, shares: tuple[float, ...]
-) -> tuple[float, ...]:
-    """Quantiles of weighted values."""
-    order = np.argsort(values)
-    cumulative = np.cumsum(weights[order])
-    at = np.searchsorted(cumulative / cumulative[-1], shares)
-    return tuple(float(values[order][i]) for i in np.minimum(at, len(values) - 1))

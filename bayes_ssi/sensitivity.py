@@ -22,13 +22,14 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
+from bayes_ssi.class_sampling import sample_all
 from bayes_ssi.errors import ErrorModel
 from bayes_ssi.evidence import Estimate, pareto_shape
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.parameters import as_product
 from bayes_ssi.posterior import Posterior
-from bayes_ssi.sampling import SamplingSettings
-from bayes_ssi.study import Ranking, sample_all
+from bayes_ssi.sampled import SamplingSettings
+from bayes_ssi.study import Ranking
 from bayes_ssi.workers import Workers, as_workers
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "Variation",
     "default_variations",
     "sensitivity",
+    "sensitivity_of_record",
     "sensitivity_record",
 ]
 
@@ -164,6 +166,32 @@ def sensitivity(
 def sensitivity_record(found: Sensitivity) -> list[dict[str, Any]]:
     """How the ranking moved, for a JSON record."""
     return [asdict(row) for row in found.rows]
+
+
+def sensitivity_of_record(record: Sequence[Mapping[str, Any]]) -> Sensitivity:
+    """What :func:`sensitivity_record` made a record of.
+
+    Raises:
+        KeyError, TypeError, ValueError: the record lacks something.
+    """
+    rows = []
+    for row in record:
+        evidences = {
+            name: Estimate(float(each["log_evidence"]), float(each["error"]))
+            for name, each in row["log_evidences"].items()
+        }
+        rows.append(
+            SensitivityRow(
+                name=row["name"],
+                log_evidences=evidences,
+                probabilities={name: float(p) for name, p in row["probabilities"].items()},
+                sampled=tuple(row["sampled"]),
+                failed_checks=tuple(row["failed_checks"]),
+            )
+        )
+    if not rows or not rows[0].probabilities:
+        raise ValueError("no ranking")
+    return Sensitivity(tuple(rows))
 
 
 def _varied(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from scipy.special import gammaln
@@ -14,6 +15,9 @@ __all__ = ["log_shape_normaliser", "log_sphere_area"]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 # The integral is taken this many standard deviations about the integrand's top.
 WIDTHS = 9.0
+# Of the series for small errors: its terms, and what is left out of it.
+TERMS = 12
+NEGLIGIBLE = 1e-17
 
 
 def log_sphere_area(d: int) -> float:
@@ -24,14 +28,53 @@ def log_sphere_area(d: int) -> float:
 def log_shape_normaliser(shape_sd: FloatArray, d: int) -> FloatArray:
     """log Z_d(σ), the normalising constant of the shape's density on the sphere.
 
-    ``Z_d(σ) = 2 |S^(d-2)| ∫_0^(π/2) exp(-(1 - cos t)/σ²) sin^(d-2)(t) dt``, by Gauss-Legendre
-    quadrature over the part of the interval in which the integrand is not negligible.
+    ``Z_d(σ) = 2 |S^(d-2)| ∫_0^(π/2) exp(-(1 - cos t)/σ²) sin^(d-2)(t) dt``: by a series where σ is
+    small, by quadrature elsewhere.
 
     Args:
         shape_sd: σ, of any shape, positive.
         d: number of sensors, at least 2.
     """
-    sd = np.asarray(shape_sd, dtype=float)[..., None]
+    sd = np.asarray(shape_sd, dtype=float)
+    coefficients, largest = _series(d)
+    variance = sd * sd
+    small = variance < largest
+    # log Z_d of two caps in a flat space, and how the sphere curves.
+    curved = np.full(sd.shape, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        curved = curved * variance + coefficient
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = math.log(2.0) + 0.5 * (d - 1) * np.log(2.0 * math.pi * variance)
+        found = found + np.log1p(curved * variance)
+    if not small.all():
+        found = np.array(found)
+        found[~small] = _by_quadrature(sd[~small], d)
+    return found
+
+
+@cache
+def _series(d: int) -> tuple[FloatArray, float]:
+    """Coefficients of Z_d / (2 (2πσ²)^((d-1)/2)) - 1 = c_1 σ² + c_2 σ⁴ + ..., and up to which σ².
+
+    One of the two caps alone is a von Mises-Fisher density, with κ = 1/σ² and a Bessel function
+    e^(-κ) I_(d/2-1)(κ), of which this is the series for a large κ (Abramowitz and Stegun, 9.7.1).
+    The caps reach into each other by about e^(-κ).
+    """
+    k = np.arange(1, TERMS + 1)
+    factors = -((d - 2.0) ** 2 - (2.0 * k - 1.0) ** 2) / (8.0 * k)
+    coefficients = np.multiply.accumulate(factors, dtype=float)
+    # The last term must be negligible; it is zero where the series ends.
+    last = max(abs(float(coefficients[-1])), NEGLIGIBLE)
+    converged = math.pow(NEGLIGIBLE / last, 1.0 / TERMS)
+    kappa = 1.0 / converged
+    while kappa - 0.5 * (d - 1) * math.log(kappa) < -math.log(NEGLIGIBLE):
+        kappa *= 1.05
+    return coefficients, 1.0 / kappa
+
+
+def _by_quadrature(shape_sd: FloatArray, d: int) -> FloatArray:
+    """Gauss-Legendre, over the part of the interval in which the integrand is not negligible."""
+    sd = shape_sd[..., None]
     # The logarithm of the integrand is highest where sin² t = (d - 2) σ² cos t, and as wide
     # there as its second derivative says.
     a = (d - 2) * sd * sd

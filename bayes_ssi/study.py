@@ -5,25 +5,23 @@ from __future__ import annotations
 import importlib.util
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from bayes_ssi.checkpoint import Checkpoint, as_checkpoint
+from bayes_ssi.checkpoint import Checkpoint
+from bayes_ssi.class_sampling import Report, sample_all
 from bayes_ssi.comparison import Comparison, checked_weights, compare
 from bayes_ssi.in_workers import STUDY_MODULE
 from bayes_ssi.model_class import ModelClass
 from bayes_ssi.posterior import Posterior
-from bayes_ssi.reduction import sample
-from bayes_ssi.sampling import SamplingSettings
+from bayes_ssi.sampled import SamplingSettings
 from bayes_ssi.workers import Workers, as_workers
 
-__all__ = ["Ranking", "Study", "load_study", "rank", "sample_all", "sample_one"]
+__all__ = ["Ranking", "Study", "load_study", "rank"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +148,7 @@ def rank(
     study: Study,
     seed: int = 0,
     settings: SamplingSettings | None = None,
-    progress: Callable[[str, str, float], None] | None = None,
+    progress: Report | None = None,
     *,
     workers: int | Executor | Workers | None = None,
     checkpoint: str | Path | Checkpoint | None = None,
@@ -162,8 +160,9 @@ def rank(
         seed: a class's result follows from it and the class's name, whatever others there are.
         settings: how precisely to sample.
         progress: called with the name of the class, of the step, and the share of it done.
-        workers: where the model is evaluated: so many processes, or an executor; here if None.
-            The result is the same.
+        workers: so many processes, or an executor, that take whole classes or share the
+            evaluations of one, as :func:`~bayes_ssi.class_sampling.sample_all` says; here if
+            None. The result is the same.
         checkpoint: directory to keep the evaluations in; a run that was stopped is continued
             from it, to the same result. It is left there for the caller to remove.
 
@@ -173,70 +172,10 @@ def rank(
     """
     study.require_same_data()
     settings = settings or SamplingSettings()
-    checkpoint = as_checkpoint(checkpoint)
-    posteriors = []
     with as_workers(workers) as pool:
-        for candidate in study.model_classes:
-            one = sample_one(candidate, seed, settings, progress, pool, checkpoint)
-            posteriors.append(one)
+        posteriors = sample_all(study.model_classes, seed, settings, progress, pool, checkpoint)
     comparison = compare(posteriors, study.prior_weights)
     return Ranking(study, tuple(posteriors), comparison, seed, settings)
-
-
-def sample_one(
-    candidate: ModelClass,
-    seed: int,
-    settings: SamplingSettings,
-    progress: Callable[[str, str, float], None] | None = None,
-    workers: Workers | None = None,
-    checkpoint: Checkpoint | None = None,
-) -> Posterior:
-    """Sample one class of a study; arguments and errors as those of :func:`rank`.
-
-    The checkpoint is no path: in a worker a relative one would be another place.
-    """
-
-    def report(step: str, done: float) -> None:
-        if progress is not None:
-            progress(candidate.name, step, done)
-
-    kept = checkpoint.journal(candidate, seed, settings) if checkpoint else nullcontext()
-    with kept as journal:
-        return sample(candidate, seed, settings, report, workers=workers, journal=journal)
-
-
-def sample_all(
-    candidates: Sequence[ModelClass],
-    seed: int,
-    settings: SamplingSettings,
-    progress: Callable[[str, str, float], None] | None = None,
-    workers: Workers | None = None,
-    checkpoint: str | Path | Checkpoint | None = None,
-) -> list[Posterior]:
-    """Sample several classes, each as a whole in one worker; in their order.
-
-    Arguments and errors as those of :func:`rank`; workers report no progress but the end of a
-    class. The results are those of :func:`sample_one`.
-    """
-    checkpoint = as_checkpoint(checkpoint)
-    if workers is None:
-        return [
-            sample_one(candidate, seed, settings, progress, None, checkpoint)
-            for candidate in candidates
-        ]
-
-    def done(index: int) -> None:
-        if progress is not None:
-            progress(candidates[index].name, "evidence", 1.0)
-
-    sample_there = partial(
-        sample_one,
-        seed=seed,
-        settings=settings,
-        workers=None,
-        checkpoint=checkpoint.silent() if checkpoint else None,
-    )
-    return workers.call_each(sample_there, candidates, done)
 
 
 def load_study(path: str | Path) -> Study:

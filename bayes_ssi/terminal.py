@@ -1,9 +1,15 @@
-"""What the command line has of a terminal: errors in one line, tables, lines, and progress."""
+"""What the command line has of a terminal: errors in one line, tables, lines, and progress.
+
+With ``--quiet`` nothing but errors is told; with ``--json`` one JSON record takes the place of
+tables and lines, and progress is still told on standard error.
+"""
 
 from __future__ import annotations
 
+import json
+import shlex
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -12,10 +18,25 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["BAD_INPUT", "OneLineErrors", "console", "progress_bars", "say"]
+__all__ = [
+    "BAD_INPUT",
+    "INTERRUPTED",
+    "OneLineErrors",
+    "command_line",
+    "console",
+    "is_quiet",
+    "json_option",
+    "progress_bars",
+    "quiet_option",
+    "say",
+    "tell_record",
+]
 
 BAD_INPUT = 2
+INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 WIDTH = 80
+META = "bayes_ssi"
+COMMAND_LINE, QUIET, JSON = f"{META}.command_line", f"{META}.quiet", f"{META}.json"
 # Share of a class's time at which each step of the sampling begins and ends.
 STEPS = {
     "searches": (0.0, 0.1),
@@ -27,6 +48,10 @@ STEPS = {
 
 class OneLineErrors(click.Group):
     """A group whose errors, of its commands and of their usage, are one line and an exit code."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta[COMMAND_LINE] = shlex.join(["bayes-ssi", *args])
+        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         with _one_line_errors():
@@ -44,7 +69,7 @@ class OneLineErrors(click.Group):
             _fail(error.format_message())
         except click.Abort:
             click.echo("Interrupted.", err=True)
-            sys.exit(1)
+            sys.exit(INTERRUPTED)
         sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -67,10 +92,62 @@ def _fail(text: str) -> NoReturn:
     sys.exit(BAD_INPUT)
 
 
+def command_line() -> str:
+    """The command as it was given, as a shell takes it."""
+    return str(_meta().get(COMMAND_LINE, "bayes-ssi"))
+
+
+def is_quiet() -> bool:
+    """Whether nothing but errors is to be told."""
+    return bool(_meta().get(QUIET, False))
+
+
+def _meta() -> dict[str, Any]:
+    context = click.get_current_context(silent=True)
+    return {} if context is None else context.meta
+
+
+def _keep(context: click.Context, option: click.Parameter, value: bool) -> None:
+    context.meta[f"{META}.{option.name}"] = value
+
+
+def quiet_option() -> click.Option:
+    """``--quiet``, for any command."""
+    return click.Option(
+        ["--quiet"],
+        is_flag=True,
+        expose_value=False,
+        callback=_keep,
+        help="Tell nothing but errors; the exit code says the rest.",
+    )
+
+
+def json_option(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command that calls :func:`tell_record` the option ``--json``."""
+    return click.option(
+        "--json",
+        "json",
+        is_flag=True,
+        expose_value=False,
+        callback=_keep,
+        help="Print one JSON record in place of tables.",
+    )(command)
+
+
+def tell_record(record: Callable[[], Mapping[str, Any]]) -> None:
+    """Print a JSON record, made only if it was asked for; infinities and NaN are text."""
+    if _meta().get(JSON, False) and not is_quiet():
+        from bayes_ssi.results import plain_record
+
+        click.echo(json.dumps(plain_record(record()), indent=2, allow_nan=False))
+
+
 def console() -> Console:
     """Where tables are printed."""
     from rich.console import Console
 
+    if is_quiet() or _meta().get(JSON, False):
+        return Console(quiet=True)
     made = Console()
     # Piped output has no width of its own; tables are made for 80 columns.
     return made if made.is_terminal else Console(width=WIDTH)
@@ -86,8 +163,22 @@ def say(where: Console, *lines: str) -> None:
 def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
     """Progress bars on standard error, one a model class; a line each where it is no terminal."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskID,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
+    if is_quiet():
+
+        def silent(name: str, step: str, done: float) -> None:
+            """Tell nothing."""
+
+        yield silent
+        return
     stderr = Console(stderr=True)
     if not stderr.is_terminal:
 
@@ -102,7 +193,11 @@ def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
         BarColumn(),
         TextColumn("{task.fields[step]}"),
         TimeElapsedColumn(),
+        TextColumn("left"),
+        # Steps differ in pace: the time left follows from all that was done, not the last seconds.
+        TimeRemainingColumn(),
         console=stderr,
+        speed_estimate_period=3600.0,
     ) as progress:
         tasks: dict[str, TaskID] = {}
 

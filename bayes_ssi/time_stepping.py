@@ -7,9 +7,10 @@ f is linear,
     s_after = e^z s_before + dt (φ₁(z) - φ₂(z)) f_before + dt φ₂(z) f_after,    z = λ dt,
 
 with φ₁ = (e^z - 1)/z and φ₂ = (e^z - 1 - z)/z². Without the sample of the same instant,
-v = s - dt φ₂ f, this is v_after = e^z v_before + γ f_before. The response in a block of samples is
-then that to the block's part of the record, one matrix product for all oscillators, and that to
-the states v at its beginning.
+v = s - dt φ₂ f, this is v_after = e^z v_before + γ f_before. Step by step only from block to block
+of samples, for all oscillators together, that gives the states v at the beginning of every block.
+The response in all blocks is then one matrix product: of the blocks' samples and states with the
+response to a unit sample and to a unit state.
 """
 
 from __future__ import annotations
@@ -22,21 +23,24 @@ from numpy.typing import NDArray
 
 from bayes_ssi.priors import FloatArray
 
-__all__ = ["phi_functions", "response_in_blocks"]
+__all__ = ["phi_functions", "responses"]
 
 ComplexArray = NDArray[np.complex128]
 
-# Samples computed at once: the work for each grows with it, the number of calls falls.
+# Samples in a block: the work for each grows with it, the number of steps falls.
 BLOCK = 32
+# States that are kept at once; they should stay near the processor.
+STATES = 1_000_000
 
 
-def response_in_blocks(
+def responses(
     poles: ComplexArray,
     weights: ComplexArray,
     direct: FloatArray,
     record: FloatArray,
     dt: float,
-) -> Iterator[tuple[int, FloatArray]]:
+    found: FloatArray | None = None,
+) -> Iterator[FloatArray]:
     """y = Im(Σ_r weights_r s_r) + direct · f, from rest (s = 0 at the first sample).
 
     Args:
@@ -45,41 +49,72 @@ def response_in_blocks(
         direct: (B, n_outputs).
         record: (n_samples,), f.
         dt: time between samples.
+        found: (B, n_outputs, n_samples), where to put y; if None, it is not kept.
 
     Yields:
-        The first sample of a block and y in it, (B, n_outputs, up to BLOCK samples).
+        y of one row of B after another, (n_outputs, n_samples); not to be used after the next
+        one is asked for where ``found`` is None.
     """
     n, n_outputs, n_modes = weights.shape
-    z = poles * dt
+    n_blocks = -(-len(record) // BLOCK)
+    whole = len(record) // BLOCK
+    padded = np.zeros((n_blocks, BLOCK))
+    padded.flat[: len(record)] = record
+    # What the response of a block follows from: its samples, and the states at its beginning.
+    causes = np.concatenate([padded, np.empty((n_blocks, 2 * n_modes))], axis=1)
+    own = np.empty((n_outputs, len(record)))
+    at_once = max(1, STATES // (n_blocks * n_modes))
+    for start in range(0, n, at_once):
+        part = slice(start, start + at_once)
+        states, effects = _states_and_effects(
+            poles[part] * dt, weights[part], direct[part], padded, dt
+        )
+        for i in range(len(effects)):
+            y = own if found is None else found[start + i]
+            causes[:, BLOCK:] = states[:, i]
+            blocks = y[:, : whole * BLOCK].reshape(n_outputs, whole, BLOCK)
+            np.matmul(causes[:whole], effects[i], out=blocks)
+            if whole < n_blocks:
+                rest = causes[whole] @ effects[i]
+                y[:, whole * BLOCK :] = rest[:, : len(record) - whole * BLOCK]
+            yield y
+
+
+def _states_and_effects(
+    z: ComplexArray, weights: ComplexArray, direct: FloatArray, padded: FloatArray, dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """States v at the beginning of blocks, and what samples and states do within a block.
+
+    Returns:
+        (n_blocks, B, 2 n_modes), real and imaginary parts in turn; and (B, n_outputs,
+        BLOCK + 2 n_modes, BLOCK).
+    """
+    (n, n_outputs, n_modes), n_blocks = weights.shape, len(padded)
     phi1, phi2 = phi_functions(z)
     after = dt * phi2
     gamma = dt * (phi1 - phi2) + np.exp(z) * after
     powers = np.exp(z[:, :, None] * np.arange(BLOCK + 1))  # (B, modes, BLOCK + 1)
 
-    free = weights[:, :, :, None] * powers[:, None, :, :BLOCK]  # response to a state of 1
-    at_once = direct + (weights * after[:, None, :]).sum(-1).imag
-    later = (free[..., :-1] * gamma[:, None, :, None]).sum(2).imag
-    impulse = np.concatenate([at_once[:, :, None], later], axis=-1).reshape(-1, BLOCK)
-    # Im(a v) = Im(a) Re(v) + Re(a) Im(v), as one real product for each of the B.
-    to_free = np.concatenate([free.imag, free.real], axis=2).transpose(0, 1, 3, 2)
-    to_free = np.ascontiguousarray(to_free).reshape(n, n_outputs * BLOCK, 2 * n_modes)
-    onward = (gamma[:, :, None] * powers[:, :, BLOCK - 1 :: -1]).reshape(-1, BLOCK)
-    onward_parts = np.concatenate([onward.real, onward.imag])
+    onward = (gamma[:, :, None] * powers[:, :, BLOCK - 1 :: -1]).transpose(2, 0, 1)
+    driven = padded @ np.ascontiguousarray(onward).view(np.float64).reshape(BLOCK, -1)
+    states = np.empty((n_blocks, n, n_modes), dtype=np.complex128)
+    states[0] = -after * padded[0, 0]
+    over_a_block = np.ascontiguousarray(powers[:, :, BLOCK])
+    steps = driven.view(np.complex128).reshape(n_blocks, n, n_modes)
+    for before, step, state in zip(states, steps, states[1:], strict=False):
+        np.multiply(over_a_block, before, out=state)
+        state += step
 
-    state = -after * record[0]
-    for start in range(0, len(record), BLOCK):
-        part = record[start : start + BLOCK]
-        samples = np.zeros(BLOCK)
-        samples[: len(part)] = part
-        # Row i holds the samples delayed by i.
-        padded = np.concatenate([np.zeros(BLOCK - 1), samples])
-        delayed = np.ascontiguousarray(sliding_window_view(padded, BLOCK)[::-1])
-        found = (impulse @ delayed).reshape(n, n_outputs * BLOCK)
-        both = np.concatenate([state.real, state.imag], axis=1)
-        found += np.matmul(to_free, both[:, :, None])[:, :, 0]
-        yield start, found.reshape(n, n_outputs, BLOCK)[:, :, : len(part)]
-        real, imaginary = (onward_parts @ samples).reshape(2, *state.shape)
-        state = powers[:, :, BLOCK] * state + (real + 1j * imaginary)
+    free = weights[:, :, :, None] * powers[:, None, :, :BLOCK]  # response to a state of 1
+    impulse = np.zeros((n, n_outputs, 2 * BLOCK - 1))  # response to a sample of 1, after zeros
+    impulse[..., BLOCK - 1] = direct + (weights * after[:, None, :]).sum(-1).imag
+    impulse[..., BLOCK:] = (free[..., :-1] * gamma[:, None, :, None]).sum(2).imag
+    effects = np.empty((n, n_outputs, BLOCK + 2 * n_modes, BLOCK))
+    effects[:, :, :BLOCK] = sliding_window_view(impulse, BLOCK, axis=-1)[:, :, ::-1]
+    # Im(a v) = Im(a) Re(v) + Re(a) Im(v).
+    effects[:, :, BLOCK::2] = free.imag
+    effects[:, :, BLOCK + 1 :: 2] = free.real
+    return states.view(np.float64), effects
 
 
 def phi_functions(z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:

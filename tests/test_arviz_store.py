@@ -106,3 +106,40 @@ def test_a_file_that_is_replaced_is_read_afresh(tmp_path):
     path.write_bytes((tmp_path / "second.nc").read_bytes())
     again = load_draws(path, first.parameter_names)
     np.testing.assert_array_equal(again.draws, first.draws + 1.0)
+
+
+def test_arviz_finds_prior_data_and_likelihoods(tiny_ranking, tmp_path):
+    from bayes_ssi.results import save_result
+
+    save_result(tiny_ranking, tmp_path / "r")
+    tree = open_with_arviz(tmp_path / "r" / "posteriors" / "each_k.nc")
+    posterior = tiny_ranking.posteriors[1]
+    modes = tree["log_likelihood"]["modes"]
+    assert modes["datum"].values.tolist() == ["1", "2", "no other mode"]
+    np.testing.assert_allclose(modes.sum("datum").values, posterior.log_likelihoods)
+    # A lognormal of median 1: half of the prior lies below it.
+    below = float((tree["prior"]["k1"] < 1.0).mean())
+    assert abs(below - 0.5) < 5 * 0.5 / np.sqrt(tree["prior"]["k1"].size)
+    observed = tree["observed_data"]["identified_hz"].values
+    golden = (1.0 + np.sqrt(5.0)) / 2.0
+    np.testing.assert_allclose(observed, [1.0 / golden, golden])
+    predicted = tree["posterior_predictive"]["identified_hz"]
+    assert predicted.dims == ("chain", "draw", "identified_mode")
+    np.testing.assert_allclose(predicted.mean(("chain", "draw")), observed, rtol=0.02)
+
+
+def test_arviz_judges_by_leaving_data_out(tiny_ranking, tmp_path):
+    from bayes_ssi.results import save_result
+
+    save_result(tiny_ranking, tmp_path / "r")
+    tree = open_with_arviz(tmp_path / "r" / "posteriors" / "one_k.nc")
+    import arviz
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = arviz.loo(tree, var_name="modes")
+    # Left out by importance weights: E[1/p]⁻¹ of each datum, summed.
+    inverse = -tiny_ranking.posteriors[0].datum_terms.log_likelihoods.reshape(-1, 3)
+    expected = -np.log(np.exp(inverse).mean(0)).sum()
+    elpd = found.elpd_loo if hasattr(found, "elpd_loo") else found.elpd
+    assert abs(float(elpd) - expected) < 0.2

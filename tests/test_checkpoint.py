@@ -7,6 +7,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.checkpoint import Checkpoint
+from bayes_ssi.datum_terms import DatumTerms
 from bayes_ssi.evaluation import Evaluated
 from bayes_ssi.modal import Modes
 from bayes_ssi.structures import Structure
@@ -89,12 +90,18 @@ def stop(directory, journals, share):
 def assert_equal(a, b):
     assert a.comparison == b.comparison
     for left, right in zip(a.posteriors, b.posteriors, strict=True):
-        for item in fields(left):
-            x, y = getattr(left, item.name), getattr(right, item.name)
-            if isinstance(x, np.ndarray):
-                assert (x.shape, x.tobytes()) == (y.shape, y.tobytes()), item.name
-            elif item.name != "seconds":
-                assert x == y, item.name
+        assert_same_fields(left, right)
+
+
+def assert_same_fields(left, right):
+    for item in fields(left):
+        x, y = getattr(left, item.name), getattr(right, item.name)
+        if isinstance(x, np.ndarray):
+            assert (x.shape, x.tobytes()) == (y.shape, y.tobytes()), item.name
+        elif isinstance(x, DatumTerms):
+            assert_same_fields(x, y)
+        elif item.name != "seconds":
+            assert x == y, item.name
 
 
 @pytest.mark.parametrize("share", np.random.default_rng(11).random(4).round(6))

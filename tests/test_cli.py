@@ -91,6 +91,7 @@ def test_existing_results_are_kept_unless_told_otherwise(run, tiny_study_file, t
 @pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_ends_with_3_and_is_said(run, tiny_study_file, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_ssi.checks.R_HAT_LIMIT", 0.5)
+    monkeypatch.setattr("bayes_ssi.checks.R_HAT_SCATTER", -1e9)
     result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "one k (!)" in result.stdout

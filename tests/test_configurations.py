@@ -260,7 +260,7 @@ def test_a_mode_at_the_edge_of_the_band_is_named_with_its_configuration():
     tests = (state(bare, BARE, "bare"), state(loaded, cut, "loaded", {"1": 1}))
     candidate = joint(configurations=tests)
     z = candidate.coordinates(np.tile([[1.1, 0.25]], (10, 1)))
-    (failed,) = failed_edge_checks(candidate, z)
+    (failed,) = failed_edge_checks(candidate, z, candidate.frequencies_hz(candidate.values(z)))
     assert failed.startswith("configuration 'loaded': model mode 2 is paired with nothing")
 
 

@@ -46,7 +46,8 @@ def searches(target, n_searches=4, seed=0, **kwargs):
 
 
 def one_search(target, seed):
-    return discovery._search(target, np.random.default_rng(seed))
+    effort = discovery.Effort.usual(target.n_dimensions)
+    return discovery._search(target, effort, np.random.default_rng(seed))
 
 
 def finds(maxima, points):
@@ -59,7 +60,7 @@ def scripted(monkeypatch, script):
     told = iter(script)
     last = ["A"]
 
-    def search(target, rng):  # noqa: ARG001
+    def search(target, effort, rng):  # noqa: ARG001
         last[0] = next(told, last[0])
         z = np.array([{"A": A, "B": B}[name] for name in last[0]])
         return Maxima(z, target.log_posterior(z), np.tile(np.eye(2) / 0.15**2, (len(z), 1, 1)))
@@ -250,9 +251,9 @@ def test_searches_are_independent(monkeypatch):
     firsts = []
     whole = discovery._search
 
-    def watched(target, rng):
+    def watched(target, effort, rng):
         firsts.append(rng.random())
-        return whole(target, rng)
+        return whole(target, effort, rng)
 
     monkeypatch.setattr(discovery, "_search", watched)
     searches(two_peaks(0.3))

@@ -12,16 +12,20 @@ import bayes_ssi
 PACKAGE = Path(bayes_ssi.__file__).parent
 # Each may import those above it.
 ORDER = [
-    "priors", "parameters", "modal", "structures", "ground_motion", "ground_motion_files",
-    "time_stepping", "response", "data", "modal_csv", "modal_uff", "modal_pyoma2", "errors",
-    "shape_density", "likelihood", "pairings", "any_pairing", "inferred_pairing", "configuration",
-    "model_class", "configuration_modes", "calibration", "evaluation", "journal", "in_workers",
+    "priors", "parameters", "modal", "sensors", "structures", "ground_motion",
+    "ground_motion_files", "time_stepping", "response", "data", "modal_csv", "modal_uff",
+    "modal_pyoma2", "errors", "shape_density", "likelihood", "pairings", "any_pairing",
+    "inferred_pairing", "description", "configuration", "model_class", "updated_modes",
+    "datum_terms", "configuration_modes", "calibration", "evaluation", "journal", "in_workers",
     "dispatch", "workers", "target", "mixture", "moves", "maxima", "discovery", "tempering",
-    "regions", "production", "evidence", "sampling", "checks", "posterior", "reduction", "versions",
-    "checkpoint", "comparison", "study", "sensitivity", "search", "arviz_store", "results",
-    "class_draws", "predictions", "stored_predictions", "prediction_report", "tables",
-    "figure_style", "plots", "response_plots", "prediction_figures", "terminal", "study_argument",
-    "saved_run", "scaffold", "commands", "cli",
+    "regions", "production", "evidence", "sampled", "economical", "sampling", "checks",
+    "posterior", "reduction", "versions", "checkpoint", "comparison", "averages",
+    "progress_files", "class_sampling", "study", "sensitivity", "search", "arviz_store",
+    "new_directory", "results", "class_draws", "predictions", "stored_classes",
+    "stored_predictions", "prediction_answers", "prediction_modes", "prediction_defaults",
+    "prediction_files", "tables", "figure_style", "plots", "response_plots", "mode_plots",
+    "summary_plots", "prediction_figures", "report", "terminal", "study_argument", "saved_run",
+    "scaffold", "commands", "cli",
 ]  # fmt: skip
 # Methods load and save are one line each that hand over to the file format.
 EXCEPTIONS = {
@@ -31,8 +35,8 @@ EXCEPTIONS = {
     ("ground_motion", "ground_motion_files"),
 }
 # Packages, whose modules may import one another.
-PACKAGES = {"structures", "tables", "commands"}
-HEAVY = {"matplotlib", "arviz", "corner", "emcee"}
+PACKAGES = {"structures", "tables", "commands", "report"}
+HEAVY = {"matplotlib", "arviz", "corner", "emcee", "jinja2", "h5py", "rich"}
 SOURCES = sorted(p for p in PACKAGE.rglob("*.py") if p.parent != PACKAGE or p.stem != "__init__")
 
 

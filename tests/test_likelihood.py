@@ -248,7 +248,8 @@ def at_band_edge(band, pairing, frequency_cov=0.01, own=(None,)):
     modes = [bs.IdentifiedMode(str(i), middle, frequency_cov=e) for i, e in enumerate(own, 1)]
     model = likelihood(two, bs.ModalData(tuple(modes), band), pairing, frequency_cov)
     with np.errstate(all="ignore"):
-        return model.at_band_edge(np.array([[1.0], [4.0], [-1.0]])).tolist()
+        values = np.array([[1.0], [4.0], [-1.0]])
+        return model.at_band_edge(values, model.modes(values).frequencies_hz).tolist()
 
 
 @pytest.mark.parametrize(
@@ -289,7 +290,8 @@ def test_the_edge_follows_an_inferred_error():
     two = bs.ShearBuilding((1.0, 1.0), (1.0, 1.0))
     data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, 1.03 * UPPER_HZ))
     model = likelihood(two, data, {"1": 1}, size)
-    assert model.at_band_edge(np.array([[0.014], [0.016]])).tolist() == [
+    values = np.array([[0.014], [0.016]])
+    assert model.at_band_edge(values, model.modes(values).frequencies_hz).tolist() == [
         [False, False],
         [False, True],
     ]

@@ -143,10 +143,15 @@ def test_summary_is_a_json_record(model_classes):
     assert summary["name"] == "1-a"
     assert summary["structure"] == "ShearBuilding"
     assert summary["degrees_of_freedom"] == ["floor 1", "floor 2", "floor 3"]
-    assert summary["parameters"][0] == {
+    first = summary["parameters"][0]
+    # exp(±1.6449 √ln(1 + 0.3²)), and the median between them
+    assert first.pop("prior_quantiles") == pytest.approx([0.617014, 1.0, 1.620709], abs=1e-6)
+    assert first == {
         "name": "k1",
         "unit": "",
         "prior": {"distribution": "LogNormal", "median": 1.0, "cov": 0.3},
+        # exp(∓1.644854 √ln(1.09))
+        "prior_quantiles": pytest.approx([0.617014, 1.0, 1.620709], rel=1e-6),
     }
     assert summary["pairing"] == {"1": 1, "2a": 2, "3": 3}
     assert summary["spurious"] == ["2b"]
@@ -267,5 +272,5 @@ def test_a_class_that_pairs_nothing_is_sampled():
     data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
     for seed in range(4):
         found = bs.sample(bs.ModelClass("none", building, data, pairing={}), seed)
-        assert np.isfinite(found.evidence.tempered.error)
+        assert np.isfinite(found.evidence.repeat.error)
         assert found.failed_checks == ()

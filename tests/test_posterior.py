@@ -48,7 +48,7 @@ def test_evidence_and_summary_are_those_of_quadrature(posterior):
     found, (row,) = posterior.evidence, posterior.summary
     assert found.log_evidence == pytest.approx(log_evidence, abs=4.0 * found.error)
     assert found.bridge.log_evidence == pytest.approx(log_evidence, abs=4.0 * found.bridge.error)
-    assert found.tempered.log_evidence == pytest.approx(log_evidence, abs=0.3)
+    assert found.repeat.log_evidence == pytest.approx(log_evidence, abs=0.3)
     assert found.laplace == pytest.approx(log_evidence, abs=0.02)
     assert found.mean_log_likelihood == pytest.approx(fit, abs=0.03)
     assert row.name == "k"

@@ -186,7 +186,9 @@ def test_shares_are_rounded_to_the_number_of_draws(average):
 
 def test_a_mode_that_a_class_does_not_explain(average, tiny_ranking):
     one, each = tiny_ranking.posteriors
-    found = average(100, [each, replace(one, pairing={"1": 1})], one_k=0.3, each_k=0.7)
+    (modes,) = one.configurations
+    first_only = replace(one, configurations=(replace(modes, pairing={"1": 1}),))
+    found = average(100, [each, first_only], one_k=0.3, each_k=0.7)
     assert found.frequencies_hz("1").share == 1.0
     second = found.frequencies_hz("2")
     assert (second.share, second.draws.shape) == (0.7, (70,))
@@ -224,10 +226,12 @@ def test_a_class_that_is_not_the_one_sampled(classes, posteriors, tiny_ranking):
     with pytest.raises(ValueError, match=r"'one k' is not the one .* a parameter 'k1', .* are 'k'"):
         class_draws(posteriors["one k"], classes["each k"])
     structure = classes["one k"].structure
-    heavier = replace(classes["one k"], structure=replace(structure, masses=(1.0, 1.001)))
+    heavier = classes["one k"].with_structure(replace(structure, masses=(1.0, 1.001)), "one k")
     with pytest.raises(ValueError, match="at a stored draw its structure has the frequencies"):
         class_draws(posteriors["one k"], heavier)
-    more = replace(classes["one k"], structure=structure.with_element(bs.Pendulum(1, 0.1, 1.0)))
+    more = classes["one k"].with_structure(
+        structure.with_element(bs.Pendulum(1, 0.1, 1.0)), "one k"
+    )
     with pytest.raises(ValueError, match="at a stored draw its structure has the frequencies"):
         class_draws(posteriors["one k"], more)
     with pytest.raises(ValueError, match="number of draws must be at least 1, got 0"):

@@ -1,5 +1,6 @@
 """Priors against scipy.stats, quadrature, and the normal distribution that they come from."""
 
+import json
 import math
 
 import numpy as np
@@ -7,7 +8,15 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
-from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
+from bayes_ssi.priors import (
+    HalfNormal,
+    LogNormal,
+    LogUniform,
+    Normal,
+    TruncatedNormal,
+    Uniform,
+    prior_from_dict,
+)
 
 LOG_SD_03 = math.sqrt(math.log(1.09))
 
@@ -236,3 +245,27 @@ def test_narrowing_undoes_widening(name):
     prior = CASES[name][0]
     again = prior.widened(3.0).widened(1.0 / 3.0)
     assert numbers(again) == pytest.approx(numbers(prior), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "prior",
+    [
+        Normal(1.0, 0.2),
+        LogNormal(2.0, 0.5),
+        Uniform(-1.0, 3.0),
+        LogUniform(0.5, 6.0),
+        TruncatedNormal(1.0, 0.5, 0.2),
+        HalfNormal(0.3),
+    ],
+)
+def test_a_record_gives_the_prior_again(prior):
+    record = {key: str(value) if value == math.inf else value
+              for key, value in prior.as_dict().items()}  # fmt: skip
+    assert prior_from_dict(json.loads(json.dumps(record, allow_nan=False))) == prior
+
+
+def test_records_of_no_prior_are_refused():
+    with pytest.raises(ValueError, match="no distribution 'Cauchy'; choose from 'Normal'"):
+        prior_from_dict({"distribution": "Cauchy"})
+    with pytest.raises(TypeError, match="median"):
+        prior_from_dict({"distribution": "Normal", "median": 1.0})

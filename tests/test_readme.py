@@ -1,11 +1,15 @@
 """The README's Python runs as it stands, and says what the package does."""
 
 import re
+import shlex
+import warnings
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 import bayes_ssi as bs
+from bayes_ssi.cli import main
 from bayes_ssi.results import save_result
 from bayes_ssi.study import load_study
 
@@ -39,6 +43,16 @@ def test_the_example_of_a_prediction_runs_as_it_stands(tmp_path, monkeypatch, ca
     first, second = capsys.readouterr().out.splitlines()
     assert first.startswith("3 Band(low=")
     assert second.startswith("average Band(low=")
+    (example,) = re.findall(r"```\n(import arviz.*?)```", text, re.DOTALL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # arviz 0.23 announces version 1 at every import
+        exec(compile(example, "README.md", "exec"), {})
+    assert {"k1", "ks"} <= {line.split()[0] for line in capsys.readouterr().out.split("\n") if line}
+
+    (command,) = re.findall(r"^bayes-ssi (predict .*)$", text, re.MULTILINE)
+    done = CliRunner().invoke(main, shlex.split(command))
+    assert done.exit_code == 0, done.output
+    assert Path("runs/results/shear_building/predictions/peaks.csv").is_file()
 
 
 def test_the_example_of_a_data_file_is_read(tmp_path):

@@ -10,6 +10,7 @@ import matplotlib.pyplot as plt
 
 from bayes_ssi.predictions import Band
 from bayes_ssi.response_plots import (
+    plot_components,
     plot_frequency_change,
     plot_mac,
     plot_shape,
@@ -57,6 +58,13 @@ def test_transfer_functions_are_on_a_logarithmic_axis():
     assert plot_time_history(X, {"a": band(X, 0.1)}).get_yscale() == "linear"
 
 
+def test_transfer_functions_that_vanish_leave_the_others_visible():
+    amplitude = np.array([1e-9, 1.0, 2.0, 1e-12])
+    ax = plot_transfer_functions(np.arange(4.0), {"a": band(amplitude, 0.0)})
+    assert ax.get_ylim()[0] == pytest.approx(2e-4)
+    assert ax.get_ylim()[1] > 2.0
+
+
 def test_bands_differ_in_colour_and_line_and_are_four_at_most():
     ax = plot_transfer_functions(X, {name: band(X, 0.1) for name in "abcd"}, legend=False)
     looks = {(line(ax, name).get_color(), line(ax, name).get_linestyle()) for name in "abcd"}
@@ -91,7 +99,18 @@ def test_an_appendage_that_moves_far_is_an_arrow_with_its_numbers(augmented):
     appendage = line(ax, "appendage")
     assert appendage.get_marker() == "<"
     assert ax.get_xlim()[0] < appendage.get_xdata()[0] < -1.5
-    assert [text.get_text() for text in ax.texts] == ["-3.4\n(-3.9 to -2.9)"]
+    assert ax.get_xlabel() == "infill 1-2: -3.4\n(-3.9 to -2.9)"
+
+
+def test_components_reach_as_far_as_the_main_structure(augmented):
+    places = augmented.degrees_of_freedom
+    shape = band([0.7, 0.2, -0.7, -3.4], 0.1)
+    ax = plot_components(augmented, places, shape, title="mode $1$")
+    assert [bar.get_width() for bar in ax.patches] == [0.7, 0.2, -0.7, -3.4]
+    assert ax.get_xlim() == pytest.approx((-1.15 * 0.8, 1.15 * 0.8))
+    assert ax.get_xlabel() == "infill 1-2: -3.4\n(-3.5 to -3.3)"
+    assert tuple(t.get_text() for t in ax.get_yticklabels()) == places
+    ax.figure.canvas.draw()
 
 
 def test_the_mac_matrix_is_written_out():
@@ -108,11 +127,11 @@ def test_frequencies_before_and_after():
     ax = plot_frequency_change(
         ["1", "2"], identified, np.array([0.9, 4.4]), band(identified, [0.01, 0.08])
     )
-    np.testing.assert_allclose(
-        line(ax, "before: prior medians").get_xydata(), [[-10.0, 0], [10.0, 1]]
-    )
-    (bars,) = ax.containers
-    np.testing.assert_allclose(bars[0].get_xdata(), [0.0, 0.0], atol=1e-12)
-    ends = [segment[:, 0] for segment in bars[2][0].get_segments()]
+    before = [own.get_xydata()[0] for own in ax.lines if own.get_markerfacecolor() == "white"]
+    np.testing.assert_allclose(before, [[-10.0, 0], [10.0, 1]])
+    assert line(ax, "before: prior medians").get_markerfacecolor() == "white"
+    medians = [bar[0].get_xdata()[0] for bar in ax.containers]
+    np.testing.assert_allclose(medians, [0.0, 0.0], atol=1e-12)
+    ends = [segment[:, 0] for bar in ax.containers for segment in bar[2][0].get_segments()]
     np.testing.assert_allclose(ends, [[-1.0, 1.0], [-2.0, 2.0]], atol=1e-9)
     assert [t.get_text() for t in ax.get_yticklabels()] == ["1\n1 Hz", "2\n4 Hz"]

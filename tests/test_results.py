@@ -28,6 +28,8 @@ def ranking_of(prior=None, name="a", **weights):
 
 def assert_equal_posteriors(a, b):
     for item in fields(a):
+        if item.name == "datum_terms":  # for other packages, not read back
+            continue
         left, right = getattr(a, item.name), getattr(b, item.name)
         if isinstance(left, np.ndarray):
             np.testing.assert_array_equal(left, right, err_msg=item.name)
@@ -229,7 +231,7 @@ def test_a_damaged_directory_is_refused_in_one_line(saved, damage):
 
 def test_another_format_is_refused(saved):
     edit_json(saved.directory / "result.json", lambda r: r.update(format=99))
-    with pytest.raises(ValueError, match=r"a result of format 99, this version reads format 3"):
+    with pytest.raises(ValueError, match=r"a result of format 99, this version reads format 5"):
         load_result(saved.directory)
 
 

@@ -298,9 +298,10 @@ def test_a_damaged_checkpoint_is_said_and_harms_nothing(sampled_command, uninter
 
 @pytest.mark.parametrize("moment", INTERRUPTS)
 def test_an_interrupt_is_said_in_a_line(command, moment):
-    assert command.run(moment=moment) == 1
-    lines = [line for line in command.stderr.splitlines() if line]
-    assert lines == ["Stopped; the same command goes on from here.", "Interrupted."]
+    assert command.run(moment=moment) == 130
+    first, last = [line for line in command.stderr.splitlines() if line]
+    assert first.startswith("Stopped; this goes on from here: bayes-ssi rank ")
+    assert last == "Interrupted."
 
 
 @pytest.mark.parametrize("moment", FULL_DISKS)
@@ -310,9 +311,9 @@ def test_a_full_disk_is_said_in_a_line(command, moment):
 
 
 def test_an_interrupt_and_a_full_disk_lose_nothing(command, uninterrupted):
-    assert command.run(moment="an interrupt at record 20") == 1
+    assert command.run(moment="an interrupt at record 20") == 130
     assert command.run(moment="a full disk at record 100") == 2
-    assert command.run(moment="an interrupt at record 20") == 1
+    assert command.run(moment="an interrupt at record 20") == 130
     assert command.run() == 0
     assert command.stderr.startswith("model class 'one k': continues after ")
     command.assert_result_is(uninterrupted)

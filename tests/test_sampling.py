@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from bayes_ssi import sampling
 from bayes_ssi.checks import failed_checks
 from bayes_ssi.evidence import FIRST_BATCH
-from bayes_ssi.sampling import SamplingSettings, sample_target
+from bayes_ssi.sampled import SamplingSettings
+from bayes_ssi.sampling import sample_target
 from bayes_ssi.target import Target
 
 
@@ -157,3 +159,27 @@ def test_a_likelihood_that_is_zero_in_places():
     assert found.evidence.log_evidence == pytest.approx(
         math.log(0.5), abs=4.0 * found.evidence.error
     )
+
+
+def test_importance_draws_take_the_place_of_chains_that_are_too_short(monkeypatch):
+    """N(0.9, 0.1²) from a prior N(0, 1) and one datum; chains of 20 steps never suffice."""
+    variance = 1.0 / 99.0
+    target = Target(lambda z: -0.5 * (z[:, 0] - 0.909) ** 2 / variance, 1)
+    monkeypatch.setattr(sampling, "FEW_STEPS", 20)
+    found = sample_target(target, np.random.SeedSequence(3))
+    assert not any(ensemble.is_long_enough for ensemble in found.ensembles)
+    assert found.draws == found.resampled
+    exact = 0.909 / (1.0 + variance)
+    for part in found.draws:
+        draws = part.draws[:, 0]
+        independent = len(draws) / float(part.autocorrelation_times[0])
+        assert independent > 1000
+        assert draws.mean() == pytest.approx(exact, abs=4.0 * 0.1 / np.sqrt(independent))
+        assert draws.std() == pytest.approx(0.1, rel=4.0 / np.sqrt(2.0 * independent))
+    assert failed_checks(found) == []
+
+
+def test_chains_that_suffice_are_the_draws():
+    found = sample_target(Target(lambda z: -2.0 * z[:, 0] ** 2, 1), np.random.SeedSequence(3))
+    assert found.resampled == ()
+    assert found.draws == found.ensembles

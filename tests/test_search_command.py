@@ -118,8 +118,8 @@ def test_a_stopped_search_goes_on_and_leaves_no_checkpoint(
     with monkeypatch.context() as patch:
         patch.setattr("bayes_ssi.search.compare", stop)
         stopped = run(*arguments)
-    assert stopped.exit_code == 1
-    assert "the same command goes on from here" in stopped.stderr
+    assert stopped.exit_code == 130
+    assert "Stopped; this goes on from here: bayes-ssi search " in stopped.stderr
     assert (tmp_path / ".r.checkpoint").is_dir()
     result = run(*arguments)
     assert result.exit_code == 0, result.output
@@ -138,7 +138,7 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
         return make_posterior(candidate.name, names=candidate.parameter_names)
 
     out, checkpoint = tmp_path / "r", tmp_path / ".r.checkpoint"
-    monkeypatch.setattr("bayes_ssi.study.sample", sample)
+    monkeypatch.setattr("bayes_ssi.class_sampling.sample", sample)
     monkeypatch.setattr("bayes_ssi.search.places_of", lambda _: (PENDULUM_1, INFILL_01))
     arguments = ("search", tiny_study_file, "--out", out)
 
@@ -148,7 +148,7 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     with monkeypatch.context() as patch:
         patch.setattr("bayes_ssi.search._next_level", one_with_both)
         patch.setattr("bayes_ssi.search.compare", stop)
-        assert run(*arguments).exit_code == 1
+        assert run(*arguments).exit_code == 130
     one_k = tiny_study.model_classes[0]
     Checkpoint(checkpoint).journal(one_k, 0, bs.SamplingSettings(particles=60)).close()
     names = {"no appendage", "pendulum 1", "infill 0-1", "pendulum 1 + infill 0-1", "one k"}
@@ -165,6 +165,7 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
 def test_a_failed_check_of_a_search_ends_with_3(run, tiny_study_file, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_ssi.search.places_of", lambda _: (INFILL_01,))
     monkeypatch.setattr("bayes_ssi.checks.R_HAT_LIMIT", 0.5)
+    monkeypatch.setattr("bayes_ssi.checks.R_HAT_SCATTER", -1e9)
     result = run("search", tiny_study_file, "--error", 0.5, "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "Checks that failed" in result.stdout

@@ -8,7 +8,12 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import ive, modstruve
 
-from bayes_ssi.shape_density import log_shape_normaliser, log_sphere_area
+from bayes_ssi.shape_density import (
+    _by_quadrature,
+    _series,
+    log_shape_normaliser,
+    log_sphere_area,
+)
 
 SIZES = [1e-4, 0.003, 0.02, 0.05, 0.1]
 
@@ -92,3 +97,13 @@ def test_a_batch_of_errors_equals_one_by_one():
     assert batch.shape == (2, 3)
     one_by_one = [[normaliser(size, 5) for size in row] for row in sizes]
     np.testing.assert_allclose(batch, one_by_one, rtol=1e-13)
+
+
+@pytest.mark.parametrize("d", [2, 3, 5, 8, 20, 50, 300])
+def test_series_and_quadrature_meet(d):
+    """Both are right on either side of where one takes over from the other."""
+    _, largest = _series(d)
+    sizes = math.sqrt(largest) * np.array([0.2, 0.5, 0.9, 0.999, 1.001])
+    np.testing.assert_allclose(
+        log_shape_normaliser(sizes, d), _by_quadrature(sizes, d), rtol=1e-12, atol=5e-11
+    )

@@ -1,16 +1,22 @@
 """Predictions from a result directory and a study file, without sampling."""
 
+import json
 import re
 import shutil
 
 import numpy as np
 import pytest
+import searches
+from conftest import TINY_STUDY
+from searches import INFILL_01, PENDULUM_1
 
 import bayes_ssi as bs
-from bayes_ssi import study as study_module
+from bayes_ssi.class_draws import class_draws
 from bayes_ssi.response import Output
 from bayes_ssi.results import save_result
+from bayes_ssi.search import SearchSettings, search, search_record
 from bayes_ssi.stored_predictions import load_predictions
+from bayes_ssi.study import load_study
 
 ROOF = Output("acceleration", ("floor 2",))
 FREQUENCIES = np.linspace(0.2, 2.0, 20)
@@ -25,7 +31,7 @@ def test_a_stored_result_predicts_without_sampling(saved, tiny_study_file, monke
     def refuse(*_):
         raise AssertionError("sampled")
 
-    monkeypatch.setattr(study_module, "sample", refuse)
+    monkeypatch.setattr("bayes_ssi.posterior.sample_target", refuse)
     by_record = load_predictions(saved, n_draws=50)
     named = load_predictions(saved, tiny_study_file, n_draws=50)
     for name in ("one k", "each k"):
@@ -52,7 +58,7 @@ def test_classes_whose_pairing_was_inferred(tmp_path, tiny_study_file):
                         'bs.ShearBuilding((1.0, 1.0), (K * k, K * k)), modes, error,\n'
                         '                      pairing={"1": 1})')  # fmt: skip
     tiny_study_file.write_text(text, "utf-8")
-    study = study_module.load_study(tiny_study_file).with_any_pairing()
+    study = load_study(tiny_study_file).with_any_pairing()
     ranking = bs.rank(study, settings=bs.SamplingSettings(log_evidence_error=0.1))
     assert study.names == ("one k or each k",)
     save_result(ranking, tmp_path / "any", study_file=str(tiny_study_file))
@@ -77,12 +83,147 @@ def test_the_study_file_defines_other_classes(saved, tiny_study_file):
         load_predictions(saved)
 
 
-def test_the_result_of_a_search(saved, tiny_study_file):
+def save_search(found, directory, study_file):
+    extra = {"search.json": search_record(found)}
+    return save_result(found.ranking, directory, study_file=str(study_file), extra=extra).directory
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory):
+    """A search on the tiny study's second class, among two places."""
+    directory = tmp_path_factory.mktemp("search")
+    (directory / "tiny.py").write_text(TINY_STUDY, "utf-8")
+    (baseline,) = load_study(directory / "tiny.py").only(["each k"]).model_classes
+    settings = SearchSettings(mass_ratio=bs.LogNormal(0.04, 0.5), number_weights=(1.0, 0.5))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayes_ssi.search.places_of", lambda _: (PENDULUM_1, INFILL_01))
+        found = search(baseline, settings, settings=searches.COARSE)
+    save_search(found, directory / "result", directory / "tiny.py")
+    return found, directory / "result"
+
+
+def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
+    found, directory = searched
+    predicted = load_predictions(directory, n_draws=40)
+    assert set(predicted.model_classes) == {"no appendage", "pendulum 1", "infill 0-1"}
+    for name, places in found.places.items():
+        built = predicted.model_classes[name]
+        assert built.structure.appendages == tuple(f"appendage {place.name}" for place in places)
+        (sampled,) = (c for c in found.ranking.study.model_classes if c.name == name)
+        assert built.summary() == sampled.summary()
+    average = predicted.average()
+    probabilities = {row.name: row.probability for row in found.ranking.comparison.classes}
+    assert average.n_draws == 40
+    for each in average.classes:
+        assert len(each.values) == pytest.approx(40 * probabilities[each.name], abs=1)
+    draws = predicted.of_class("pendulum 1").transfer_functions(FREQUENCIES, ROOF, 0.02).draws
+    assert draws.shape == (40, 1, 20)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda record: record.clear(), r"search.json: damaged, .* KeyError\('baseline'\)"),
+        (lambda record: record["hypotheses"].pop(), "search.json: damaged, or of an older"),
+        (lambda record: record["search_settings"]["mass_ratio"].update(distribution="None"),
+         "no distribution 'None'"),
+        (lambda record: record.update(baseline="no k"),
+         "lacks the model class that the search was built on: .* 'no k'"),
+        (lambda record: record["hypotheses"][0]["appendages"].append(
+            {"place": {"kind": "pendulum", "floors": [7]}}), "floor"),
+    ],
+)  # fmt: skip
+def test_the_record_of_a_search_is_damaged(searched, tmp_path, change, message):
+    copy = shutil.copytree(searched[1], tmp_path / "copy")
+    record = json.loads((copy / "search.json").read_text("utf-8"))
+    change(record)
+    (copy / "search.json").write_text(json.dumps(record), "utf-8")
+    with pytest.raises(ValueError, match=message):
+        load_predictions(copy)
+
+
+def test_a_hypothesis_on_a_structure_that_has_changed(searched, tmp_path):
+    changed = tmp_path / "changed.py"
+    changed.write_text(TINY_STUDY.replace("(K * k1, K * k2)", "(K * k1, 2 * K * k2)"), "utf-8")
+    predicted = load_predictions(searched[1], changed)
+    with pytest.raises(ValueError, match="'no appendage' is not the one that was sampled"):
+        predicted.of_class("no appendage")
+
+
+@pytest.fixture
+def of_two_tests(tmp_path):
+    """The tiny building bare, and with a known mass of 0.5 on its roof, as two configurations."""
+    path = tmp_path / "two.py"
+    path.write_text(
+        TINY_STUDY.split("study = bs.Study(")[0]
+        + """
+building = bs.ShearBuilding((1.0, 1.0), (K * k1, K * k2))
+heavy = building.with_element(bs.AddedMass(0.5, ((2, 1.0),)))
+heavier = bs.ModalData((bs.IdentifiedMode("1", 0.55), bs.IdentifiedMode("2", 1.5)), (0.0, 3.0))
+study = bs.Study("Two tests", [
+    bs.ModelClass("each k", error=error, configurations=[
+        bs.Configuration("bare", building, modes, pairing=pairing),
+        bs.Configuration("heavy", heavy, heavier, pairing={"1": 1}),
+    ])
+])
+""",
+        "utf-8",
+    )
+    ranking = bs.rank(load_study(path), settings=searches.COARSE)
+    return save_result(ranking, tmp_path / "two", study_file=str(path)).directory, ranking
+
+
+def test_several_configurations_each_predict_their_own(of_two_tests):
+    directory, ranking = of_two_tests
+    (posterior,) = ranking.posteriors
+    rows = np.arange(30) * len(posterior.values) // 30
+    for name, columns, pairing in (
+        ("bare", slice(0, 2), {"1": 1, "2": 2}), ("heavy", slice(2, 4), {"1": 1}),
+    ):  # fmt: skip
+        predicted = load_predictions(directory, n_draws=30, configuration=name)
+        for of in (predicted.of_class("each k"), predicted.average()):
+            (each,) = of.classes
+            assert each.pairing == pairing
+            stored = posterior.frequencies_hz.reshape(-1, 4)[rows, columns]
+            np.testing.assert_allclose(each.frequencies_hz, stored, rtol=1e-9)
+        assert predicted.data.labels == ("1", "2")
+        _, mass = each.structure.matrices(each.values)
+        assert mass.sum() == (2.0 if name == "bare" else 2.5)
+
+
+def test_a_configuration_must_be_chosen(of_two_tests, saved):
+    directory, _ = of_two_tests
+    with pytest.raises(ValueError, match="has 2 configurations; choose one of 'bare', 'heavy'"):
+        load_predictions(directory)
+    with pytest.raises(ValueError, match="no configuration 'x'; choose from 'bare', 'heavy'"):
+        load_predictions(directory, configuration="x")
+    with pytest.raises(ValueError, match="has one configuration, without a name; got 'x'"):
+        load_predictions(saved, configuration="x")
+
+
+def test_configurations_that_have_changed(of_two_tests):
+    directory, ranking = of_two_tests
+    path = directory.with_suffix(".py")
+    text = path.read_text("utf-8")
+    path.write_text(text.replace('"bare"', '"empty"'), "utf-8")
+    with pytest.raises(ValueError, match=r"a configuration 'empty', but .* of 'bare', 'heavy'"):
+        load_predictions(directory, configuration="empty")
+    (model_class,) = load_study(path).model_classes
+    with pytest.raises(ValueError, match="a configuration 'empty', the stored ones are 'bare'"):
+        class_draws(ranking.posteriors[0], model_class, configuration="empty")
+
+
+def test_merged_classes_of_a_part_of_a_study(tmp_path, tiny_study_file):
+    """Of three classes alike, two were ranked, with their pairing inferred."""
     text = tiny_study_file.read_text("utf-8")
-    tiny_study_file.write_text(text.replace('"each k"', '"both k"'), "utf-8")
-    (saved / "search.json").write_text("{}", "utf-8")
-    with pytest.raises(ValueError, match="the result of a search; its hypothesis 'each k' is in"):
-        load_predictions(saved)
+    one = text[text.index("        bs.ModelClass(") : text.index('        bs.ModelClass("each k"')]
+    several = "".join(one.replace("one k", name) for name in "abc")
+    tiny_study_file.write_text(text.replace(one, several), "utf-8")
+    study = load_study(tiny_study_file).only(["a", "b"]).with_any_pairing()
+    assert study.names == ("a or b",)
+    ranking = bs.rank(study, settings=searches.COARSE)
+    save_result(ranking, tmp_path / "r", study_file=str(tiny_study_file))
+    assert load_predictions(tmp_path / "r", n_draws=5).of_class("a or b").n_draws == 5
 
 
 def test_the_study_file_has_changed(saved, tiny_study_file):

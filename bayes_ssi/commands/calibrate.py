@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import click
 
 from bayes_ssi.study_argument import load, study_argument
-from bayes_ssi.terminal import console, say
+from bayes_ssi.terminal import console, json_option, progress_bars, say, tell_record
 
 __all__ = ["calibrate"]
 
@@ -21,6 +23,7 @@ __all__ = ["calibrate"]
 @click.option("--starts", type=int, default=64, show_default=True, help="Local searches.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
               help="Seed of the starts.")  # fmt: skip
+@json_option
 def calibrate(
     study: Path, only: str | None, shape_weight: float | None, starts: int, seed: int
 ) -> None:
@@ -29,16 +32,19 @@ def calibrate(
     from bayes_ssi.calibration import calibrate as calibrate_class
     from bayes_ssi.tables import calibration_modes_table, calibration_table
 
-    where = console()
+    where, records = console(), []
     candidates = load(study, only).model_classes
     for candidate in candidates:
         try:
-            found = calibrate_class(candidate, shape_weight, n_starts=starts, seed=seed)
+            with progress_bars() as tell:
+                report = partial(tell, candidate.name)
+                found = calibrate_class(candidate, shape_weight, None, starts, seed, report)
         except NothingToCalibrateError as error:
             if len(candidates) == 1:
                 raise
             say(where, f"(!) {error}")
             continue
+        records.append(asdict(found))
         where.print(calibration_table(found))
         where.print(calibration_modes_table(found))
         if found.undetermined_directions:
@@ -50,6 +56,7 @@ def calibrate(
         elif _is_not_unique([fit.objective for fit in found.minima]):
             where.print("(!) the fit is not unique: several minima are equally good")
         where.print()
+    tell_record(lambda: {"calibrations": records})
 
 
 def _is_not_unique(objectives: list[float]) -> bool:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -24,10 +26,17 @@ __all__ = ["rank"]
 def rank(study: Path, only: str | None, any_pairing: bool, run: SavedRun) -> None:
     """Sample every model class of STUDY, rank them by evidence, and save the result.
 
-    A run that was stopped goes on when the same command is given again. Workers share the
-    evaluations of one model, which pays where one takes milliseconds or more.
+    A run that was stopped goes on when the same command is given again. Workers take whole
+    classes where models are fast, and share the evaluations of one class where one evaluation
+    takes milliseconds or more, or where there is but one class.
     """
+    from bayes_ssi.averages import averaged_parameters
+    from bayes_ssi.study import Ranking
     from bayes_ssi.study import rank as rank_study
+
+    def averages(found: Ranking) -> dict[str, Any]:
+        rows = averaged_parameters(found.posteriors, found.comparison)
+        return {"averaged_parameters.json": [asdict(row) for row in rows]}
 
     loaded = load(study, only)
     if any_pairing:
@@ -40,14 +49,18 @@ def rank(study: Path, only: str | None, any_pairing: bool, run: SavedRun) -> Non
         name=study.stem,
         options=("rank",),
         ranking=lambda found: found,
+        extra=averages,
     )
 
     result = saved.result
-    from bayes_ssi.tables import evidence_table, parameter_table, ranking_table
+    from bayes_ssi.tables import averages_table, evidence_table, parameter_table, ranking_table
 
     where = console()
     where.print(ranking_table(result.comparison, loaded.name))
     where.print(evidence_table(result.ranked_posteriors))
     where.print(parameter_table(result.ranked_posteriors[0]))
+    shared = averaged_parameters(result.posteriors, result.comparison)
+    if shared:
+        where.print(averages_table(shared))
     say(where, *notes_of(result))
     run.end(saved)

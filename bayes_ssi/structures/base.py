@@ -11,6 +11,7 @@ import numpy as np
 from bayes_ssi.modal import ModalModel, Modes
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.priors import FloatArray
+from bayes_ssi.sensors import Sensor, SensorMatrix
 
 __all__ = ["Accuracy", "Structure"]
 
@@ -27,6 +28,10 @@ class Accuracy(NamedTuple):
     frequency: float
     shape: float
     told: str
+
+
+# Valid choices that a message lists.
+LABELS_SHOWN = 30
 
 
 class Structure(ABC):
@@ -107,20 +112,41 @@ class Structure(ABC):
         """How accurate it is known to be at all of ``values`` (B, n_parameters)."""
         return Accuracy(0.0, 0.0, f"exact at {len(values)} sets of values")
 
-    def sensor_rows(self, sensors: Sequence[str]) -> list[int]:
-        """The degree of freedom, as a row of the mode shapes, that each sensor measures.
+    @property
+    def sensors(self) -> Sequence[Sensor]:
+        """Sensors that are not simply on a degree of freedom; their labels are no label of one."""
+        return ()
+
+    def sensor_matrix(self, sensors: Sequence[str], what: str = "sensor") -> SensorMatrix:
+        """What each sensor sees: one of :attr:`sensors`, or a degree of freedom by its label.
+
+        Args:
+            sensors: their names.
+            what: they are called in messages.
 
         Raises:
-            ValueError: a sensor names no degree of freedom of this structure.
+            ValueError: a name is neither, or one of :attr:`sensors` is not on this structure.
         """
-        row = {label: i for i, label in enumerate(self.degrees_of_freedom)}
-        unknown = [sensor for sensor in sensors if sensor not in row]
-        if unknown:
-            raise ValueError(
-                f"sensor {unknown[0]!r}: the structure has no such degree of freedom; "
-                f"choose from {', '.join(map(repr, self.degrees_of_freedom))}"
-            )
-        return [row[sensor] for sensor in sensors]
+        labels = self.degrees_of_freedom
+        known = set(labels)
+        combined = {sensor.label: dict(sensor.motion) for sensor in self.sensors}
+        motions = []
+        for name in sensors:
+            motion = combined.get(name, {name: 1.0})
+            missing = [label for label in motion if label not in known]
+            if missing and name not in combined:
+                raise ValueError(
+                    f"{what} {name!r}: the structure has no such degree of freedom"
+                    f"{' or sensor' if combined else ''}; "
+                    f"choose from {_listed((*combined, *labels))}"
+                )
+            if missing:
+                raise ValueError(
+                    f"{what} {name!r}: the structure has no degree of freedom {missing[0]!r}; "
+                    f"choose from {_listed(labels)}"
+                )
+            motions.append(motion)
+        return SensorMatrix.of(motions, labels)
 
     @property
     def appendages(self) -> tuple[str, ...]:
@@ -134,3 +160,10 @@ class Structure(ABC):
     def medians(self) -> FloatArray:
         """Every parameter at its prior median, as one row of ``values`` (1, n_parameters)."""
         return np.array([[p.prior.quantile(0.5) for p in self.parameters]])
+
+
+def _listed(labels: Sequence[str]) -> str:
+    """Labels for a message; the first ones where there are many."""
+    shown = ", ".join(map(repr, labels[:LABELS_SHOWN]))
+    more = len(labels) - LABELS_SHOWN
+    return shown if more <= 0 else f"{shown} and {more} more"

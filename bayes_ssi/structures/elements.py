@@ -37,10 +37,15 @@ class Spring:
 
 @dataclass(frozen=True)
 class PointMass:
-    """A mass that moves with one place."""
+    """Inertia ``m v vᵀ``: a mass that moves by ``Σ component · x(place)``, mostly of one place."""
 
     mass: Product
-    place: Place
+    direction: tuple[tuple[Place, float], ...]
+
+    @classmethod
+    def on(cls, place: Place, mass: Product) -> PointMass:
+        """A mass that moves with one place."""
+        return cls(mass, ((place, 1.0),))
 
 
 class Element(ABC):
@@ -122,7 +127,7 @@ class AddedMass(Element):
 
     def masses(self) -> Sequence[PointMass]:
         mass = as_product(self.mass)
-        return [PointMass(mass * share, place) for place, share in self.shares]
+        return [PointMass.on(place, mass * share) for place, share in self.shares]
 
     def as_mass(self) -> AddedMass:
         return self
@@ -201,7 +206,7 @@ class Pendulum(Element):
         return [Spring(stiffness, ((self.on, -1.0), (self.label, 1.0)))]
 
     def masses(self) -> Sequence[PointMass]:
-        return [PointMass(as_product(self.mass), self.label)]
+        return [PointMass.on(self.label, as_product(self.mass))]
 
     def as_mass(self) -> AddedMass:
         return AddedMass(self.mass, ((self.on, 1.0),), label=f"{self.label}, as mass")
@@ -249,9 +254,9 @@ class OutOfPlaneInfill(Element):
         low, high = self.between
         mass = as_product(self.mass)
         return [
-            PointMass(mass * 0.25, low),
-            PointMass(mass * 0.25, high),
-            PointMass(mass * 0.5, self.label),
+            PointMass.on(low, mass * 0.25),
+            PointMass.on(high, mass * 0.25),
+            PointMass.on(self.label, mass * 0.5),
         ]
 
     def as_mass(self) -> AddedMass:

@@ -1,7 +1,7 @@
 """Structures made of springs and point masses, with any number of elements on them.
 
-Stiffness and mass are sums of fixed matrices times products of parameters,
-``K(θ) = Σ c_t(θ) K_t``, assembled for a whole batch at once.
+Stiffness and mass are sums of fixed matrices times products of parameters, assembled for a whole
+batch at once; a structure may add stiffness of another kind to them.
 """
 
 from __future__ import annotations
@@ -16,63 +16,27 @@ from typing import Self
 import numpy as np
 
 from bayes_ssi.modal import ModalModel, Modes, modal_model, solve_modes
-from bayes_ssi.parameters import Parameter, Product, ProductTable, collect_parameters
+from bayes_ssi.parameters import Parameter, collect_parameters
 from bayes_ssi.priors import FloatArray
+from bayes_ssi.sensors import Sensor
 from bayes_ssi.structures.base import Structure
 from bayes_ssi.structures.elements import Element, Place, PointMass, Spring
+from bayes_ssi.structures.matrix_sum import MatrixSum
 
 __all__ = ["LumpedStructure"]
 
 
 @dataclass(frozen=True)
-class _Sum:
-    """``Σ c_t(θ) A_t``: coefficients (products of parameters) times fixed arrays."""
-
-    table: ProductTable
-    arrays: FloatArray
-
-    @classmethod
-    def of(
-        cls,
-        terms: Iterable[tuple[Product, FloatArray]],
-        parameters: tuple[Parameter, ...],
-        shape: tuple[int, ...],
-    ) -> _Sum:
-        """Add up the terms that share their parameters: all fixed ones become one array."""
-        merged: dict[tuple[tuple[Parameter, float], ...], FloatArray] = {}
-        for coefficient, array in terms:
-            total = merged.setdefault(coefficient.powers, np.zeros(shape))
-            total += coefficient.scale * array
-        table = ProductTable(tuple(Product(1.0, powers) for powers in merged), parameters)
-        arrays = np.array(list(merged.values()))
-        arrays.setflags(write=False)
-        return cls(table, arrays)
-
-    @cached_property
-    def _flat(self) -> FloatArray:
-        return self.arrays.reshape(len(self.arrays), -1)
-
-    @property
-    def is_fixed(self) -> bool:
-        return not any(product.powers for product in self.table.products)
-
-    def evaluate(self, values: FloatArray) -> FloatArray:
-        """(B, *shape); (1, *shape) where nothing depends on the parameters."""
-        shape = self.arrays.shape[1:]
-        if self.is_fixed:
-            return self.arrays.sum(axis=0, keepdims=True)
-        coefficients = self.table.evaluate(values)
-        with np.errstate(invalid="ignore"):  # inf · 0 of a value that is not finite
-            # Not a matrix product: BLAS rounds a row differently in a batch of another size, and a
-            # batch may be evaluated in parts.
-            return np.einsum("bt,tk->bk", coefficients, self._flat).reshape(-1, *shape)
-
-
-@dataclass(frozen=True)
 class LumpedStructure(Structure):
-    """A main structure of springs and point masses, and the elements on it."""
+    """A main structure of springs and point masses, the elements on it, and sensors.
+
+    Attributes:
+        elements: what stands on the main structure.
+        sensors: those that are not simply on a degree of freedom.
+    """
 
     elements: tuple[Element, ...] = field(default=(), kw_only=True)
+    sensors: tuple[Sensor, ...] = field(default=(), kw_only=True)
 
     @abstractmethod
     def main_degrees_of_freedom(self) -> Sequence[str]:
@@ -94,6 +58,15 @@ class LumpedStructure(Structure):
         """
         return replace(self, elements=(*self.elements, element))
 
+    def with_sensors(self, sensors: Iterable[Sensor]) -> Self:
+        """This structure with more sensors.
+
+        Raises:
+            ValueError: a label is that of another sensor or of a degree of freedom, or a sensor
+                sees a degree of freedom that there is not.
+        """
+        return replace(self, sensors=(*self.sensors, *sensors))
+
     def __post_init__(self) -> None:
         labels = Counter(self.degrees_of_freedom)
         repeated = [label for label, count in labels.items() if count > 1]
@@ -107,7 +80,16 @@ class LumpedStructure(Structure):
                 for place, _ in spring.direction:
                     self._index(place, element.label)
             for mass in element.masses():
-                self._index(mass.place, element.label)
+                for place, _ in mass.direction:
+                    self._index(place, element.label)
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        taken = Counter((*self.degrees_of_freedom, *(sensor.label for sensor in self.sensors)))
+        for sensor in self.sensors:
+            if taken[sensor.label] > 1:
+                raise ValueError(
+                    f"sensor {sensor.label!r}: another sensor or degree of freedom has that label"
+                )
+        self.sensor_matrix([sensor.label for sensor in self.sensors])
 
     @cached_property
     def degrees_of_freedom(self) -> tuple[str, ...]:
@@ -116,9 +98,13 @@ class LumpedStructure(Structure):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
+        return collect_parameters(self._of_springs_and_masses)
+
+    @property
+    def _of_springs_and_masses(self) -> list[Parameter]:
         coefficients = [spring.stiffness for spring in self._springs]
         coefficients += [mass.mass for mass in self._masses]
-        return collect_parameters(p for c in coefficients for p in c.parameters)
+        return [p for c in coefficients for p in c.parameters]
 
     @property
     def n_modes(self) -> int:
@@ -154,14 +140,40 @@ class LumpedStructure(Structure):
         return found
 
     def modal_model(self, values: FloatArray) -> ModalModel:
-        """As :meth:`Structure.modal_model`; every degree of freedom moves along with the ground."""
-        modes = self.modes(values)
-        return modal_model(modes, self._mass.evaluate(values)[:, :, None] * modes.shapes)
+        """As :meth:`Structure.modal_model`; how degrees of freedom follow the ground is known."""
+        modes, mass = self.modes(values), self._mass.evaluate(values)
+        if self._mass_is_diagonal:
+            product = mass[:, :, None] * modes.shapes
+        else:
+            product = np.einsum("bij,bjm->bim", mass, modes.shapes)
+        return modal_model(modes, product, self.influence())
+
+    def main_influence(self) -> Sequence[float]:
+        """How every main degree of freedom moves when the ground moves by 1; all along with it."""
+        return [1.0] * len(self.main_degrees_of_freedom())
+
+    def influence(self) -> FloatArray:
+        """As :class:`ModalModel` has it, (n_dof,); an appendage moves so that its spring rests."""
+        found = [*self.main_influence(), *(0.0 for _ in self.appendages)]
+        for element in self.elements:
+            for spring in element.springs() if element.own_degree_of_freedom else ():
+                own, rest = 0.0, 0.0
+                for place, component in spring.direction:
+                    index = self._index(place)
+                    if place == element.own_degree_of_freedom:
+                        own = component
+                    else:
+                        rest += component * (1.0 if index is None else found[index])
+                found[self.degrees_of_freedom.index(str(element.own_degree_of_freedom))] = (
+                    -rest / own
+                )
+        return np.array(found)
 
     def matrices(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Stiffness (B, n, n) and the diagonal of the mass matrix (B, n) for ``values``.
+        """Stiffness (B, n, n) and mass for ``values``.
 
-        An array that depends on no parameter has a first dimension of 1.
+        The mass is its diagonal (B, n) where all else is zero, and (B, n, n) otherwise. An array
+        that depends on no parameter has a first dimension of 1.
         """
         return self._stiffness.evaluate(values), self._mass.evaluate(values)
 
@@ -174,27 +186,35 @@ class LumpedStructure(Structure):
         return [*self.main_masses(), *(m for element in self.elements for m in element.masses())]
 
     @cached_property
-    def _stiffness(self) -> _Sum:
+    def _stiffness(self) -> MatrixSum:
         n = len(self.degrees_of_freedom)
-        terms = []
-        for spring in self._springs:
-            direction = np.zeros(n)
-            for place, component in spring.direction:
-                index = self._index(place)
-                if index is not None:
-                    direction[index] += component
-            terms.append((spring.stiffness, np.outer(direction, direction)))
-        return _Sum.of(terms, self.parameters, (n, n))
+        terms = [(spring.stiffness, self._outer(spring.direction)) for spring in self._springs]
+        return MatrixSum.of(terms, self.parameters, (n, n))
 
     @cached_property
-    def _mass(self) -> _Sum:
+    def _mass(self) -> MatrixSum:
         n = len(self.degrees_of_freedom)
-        terms = []
-        for mass in self._masses:
-            index = self._index(mass.place)
+        terms = [(mass.mass, self._outer(mass.direction)) for mass in self._masses]
+        full = MatrixSum.of(terms, self.parameters, (n, n))
+        if (full.arrays * (1.0 - np.eye(n))).any():
+            return full
+        # Masses that balance each other leave nothing beside the diagonal.
+        return MatrixSum.of(
+            [(mass, array.diagonal()) for mass, array in terms], self.parameters, (n,)
+        )
+
+    @property
+    def _mass_is_diagonal(self) -> bool:
+        return self._mass.arrays.ndim == 2
+
+    def _outer(self, direction: Sequence[tuple[Place, float]]) -> FloatArray:
+        """``v vᵀ``, (n, n), of the displacement ``Σ component · x(place)``."""
+        vector = np.zeros(len(self.degrees_of_freedom))
+        for place, component in direction:
+            index = self._index(place)
             if index is not None:
-                terms.append((mass.mass, np.eye(n)[index]))
-        return _Sum.of(terms, self.parameters, (n,))
+                vector[index] += component
+        return np.outer(vector, vector)
 
     def _index(self, place: Place, label: str = "element") -> int | None:
         """The degree of freedom at a place; None for the ground, which does not move."""

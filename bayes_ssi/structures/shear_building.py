@@ -59,4 +59,4 @@ class ShearBuilding(LumpedStructure):
         ]
 
     def main_masses(self) -> Sequence[PointMass]:
-        return [PointMass(as_product(mass), floor) for floor, mass in enumerate(self.masses, 1)]
+        return [PointMass.on(floor, as_product(mass)) for floor, mass in enumerate(self.masses, 1)]

@@ -5,21 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bayes_ssi.parameters import Product, Value, as_product
-from bayes_ssi.structures.elements import Element, Place, PointMass, Spring
-from bayes_ssi.structures.lumped import LumpedStructure
+from bayes_ssi.parameters import Value, as_product
+from bayes_ssi.structures.elements import Place, PointMass, Spring
+from bayes_ssi.structures.rigid_floors import RigidFloors, floor_label, rigid_masses
 
-__all__ = ["FloorMass", "ShearBuilding3D"]
-
-DIRECTIONS = ("x", "y", "torsion")
-
-
-def _label(floor: int, direction: str) -> str:
-    return f"floor {floor} {direction}"
+__all__ = ["ShearBuilding3D"]
 
 
 @dataclass(frozen=True)
-class ShearBuilding3D(LumpedStructure):
+class ShearBuilding3D(RigidFloors):
     """Rigid floors with three degrees of freedom each, on storeys that resist all three.
 
     The degrees of freedom are ``"floor 1 x"``, ``"floor 1 y"``, ``"floor 1 torsion"`` and so on
@@ -38,7 +32,8 @@ class ShearBuilding3D(LumpedStructure):
             torsion are uncoupled.
 
     Masses, lengths and stiffnesses are in consistent units, each a number, a Parameter or a
-    number times a Parameter.
+    number times a Parameter. ``ground_motion`` and the ways to add to the structure are those of
+    :class:`~bayes_ssi.structures.rigid_floors.RigidFloors`.
 
     Raises:
         ValueError: lengths differ, or a mass, radius or stiffness can be zero or negative.
@@ -75,9 +70,9 @@ class ShearBuilding3D(LumpedStructure):
                 as_product(value, where).require_positive(where)
         super().__post_init__()
 
-    def main_degrees_of_freedom(self) -> Sequence[str]:
-        floors = range(1, len(self.masses) + 1)
-        return [_label(floor, direction) for floor in floors for direction in DIRECTIONS]
+    @property
+    def n_floors(self) -> int:
+        return len(self.masses)
 
     def main_springs(self) -> Sequence[Spring]:
         springs = []
@@ -89,7 +84,7 @@ class ShearBuilding3D(LumpedStructure):
                 (self.torsional_stiffnesses, {"torsion": 1.0}),
             ):
                 drift: list[tuple[Place, float]] = [
-                    (_label(floor, direction), sign * component)
+                    (floor_label(floor, direction), sign * component)
                     for floor, sign in ((storey - 1, -1.0), (storey, 1.0))
                     for direction, component in motion.items()
                     if floor
@@ -102,54 +97,5 @@ class ShearBuilding3D(LumpedStructure):
         return [
             mass
             for floor, (m, radius) in enumerate(each, 1)
-            for mass in _rigid(floor, as_product(m), as_product(radius))
+            for mass in rigid_masses(floor, as_product(m), as_product(radius))
         ]
-
-    def _index(self, place: Place, label: str = "element") -> int | None:
-        if place != 0 and place not in self.degrees_of_freedom:
-            raise ValueError(
-                f"{label}: the structure has no degree of freedom {place!r}; choose from "
-                f"{', '.join(map(repr, self.degrees_of_freedom))} (a floor moves in three "
-                "directions here)"
-            )
-        return super()._index(place, label)
-
-
-@dataclass(frozen=True)
-class FloorMass(Element):
-    """A mass that rides on a floor of a :class:`ShearBuilding3D`, in x, y and torsion.
-
-    Attributes:
-        on: the floor, from 1.
-        mass: the mass.
-        radius: of gyration about the floor's centre of mass, for a small mass its distance.
-    """
-
-    on: int
-    mass: Value
-    radius: Value
-    label: str = ""
-
-    def __post_init__(self) -> None:
-        if not self.label:
-            object.__setattr__(self, "label", f"mass on floor {self.on}")
-        if not isinstance(self.on, int) or isinstance(self.on, bool) or self.on < 1:
-            raise ValueError(f"{self.label}: on must be a floor from 1 upwards, got {self.on!r}")
-        for field in ("mass", "radius"):
-            where = f"{self.label}: {field}"
-            as_product(getattr(self, field), where).require_positive(where)
-
-    def masses(self) -> Sequence[PointMass]:
-        return _rigid(self.on, as_product(self.mass), as_product(self.radius))
-
-    def as_mass(self) -> FloorMass:
-        return self
-
-
-def _rigid(floor: int, mass: Product, radius: Product) -> list[PointMass]:
-    """The inertia of a mass that moves with a floor."""
-    inertias = (mass, mass, mass * radius**2)
-    return [
-        PointMass(inertia, _label(floor, direction))
-        for inertia, direction in zip(inertias, DIRECTIONS, strict=True)
-    ]

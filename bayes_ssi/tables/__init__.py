@@ -2,7 +2,9 @@
 
 from bayes_ssi.tables.calibration import calibration_modes_table, calibration_table
 from bayes_ssi.tables.modes import modes_table
+from bayes_ssi.tables.predictions import frequency_table, peak_table, shape_tables
 from bayes_ssi.tables.ranking import (
+    averages_table,
     comparison_notes,
     evidence_table,
     pairing_notes,
@@ -15,17 +17,21 @@ from bayes_ssi.tables.sensitivity import sensitivity_notes, sensitivity_table
 
 __all__ = [
     "averaged_table",
+    "averages_table",
     "calibration_modes_table",
     "calibration_table",
     "comparison_notes",
     "evidence_table",
+    "frequency_table",
     "modes_table",
     "pairing_notes",
     "parameter_table",
+    "peak_table",
     "ranking_table",
     "region_notes",
     "search_notes",
     "search_table",
     "sensitivity_notes",
     "sensitivity_table",
+    "shape_tables",
 ]

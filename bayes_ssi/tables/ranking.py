@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
+from bayes_ssi.averages import AveragedParameter
 from bayes_ssi.comparison import Comparison, probability_text
 from bayes_ssi.inferred_pairing import InferredPairing, PairingShare
 from bayes_ssi.posterior import Posterior
 from bayes_ssi.tables.layout import add_row, new_table
 
 __all__ = [
+    "averages_table",
     "comparison_notes",
     "evidence_table",
     "pairing_notes",
@@ -46,7 +48,7 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
     """What each log evidence is made of, and the estimates that check it, in nats."""
     table = new_table("Log evidence = fit - information gained, and its checks (nats)")
     table.add_column("model class", overflow="fold")
-    for heading in ("fit", "information", "bridge", "tempered", "Laplace"):
+    for heading in ("fit", "information", "bridge", "repeat", "Laplace"):
         table.add_column(heading, justify="right", no_wrap=True)
     for posterior in posteriors:
         evidence = posterior.evidence
@@ -56,7 +58,7 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
             f"{evidence.mean_log_likelihood:.2f}",
             f"{round(evidence.information_gained, 2) + 0.0:.2f}",  # not -0.00
             f"{evidence.bridge.log_evidence:.3f}",
-            f"{evidence.tempered.log_evidence:.1f}",
+            f"{evidence.repeat.log_evidence:.1f}",
             f"{evidence.laplace:.2f}",
         )
     return table
@@ -84,12 +86,32 @@ def parameter_table(posterior: Posterior) -> Table:
     """
     table = new_table(f"Parameters of {posterior.name!r}")
     table.add_column("parameter", overflow="fold")
-    for heading in ("mean", "sd", "5 %", "median", "95 %", "of prior"):
-        table.add_column(heading, justify="right")
+    for heading in ("mean", "sd", "5 %", "median", "95 %", "of\nprior"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in posterior.summary:
         numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)
         cells = [f"{number:.4g}" for number in numbers]
         add_row(table, row.name, *cells, f"{row.relative_spread:.2f}")
+    return table
+
+
+def averages_table(averaged: Sequence[AveragedParameter]) -> Table:
+    """Parameters that several classes infer, averaged over these classes by their probability.
+
+    Beside each stands the probability of these classes together.
+    """
+    table = new_table("Parameters averaged over the model classes that infer them")
+    table.add_column("parameter", overflow="fold")
+    for heading in ("probability", "mean", "sd", "5 %", "95 %"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in averaged:
+        numbers = (row.mean, row.sd, row.quantile_05, row.quantile_95)
+        add_row(
+            table,
+            row.name,
+            probability_text(row.probability),
+            *(f"{number:.4g}" for number in numbers),
+        )
     return table
 
 

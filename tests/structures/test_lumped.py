@@ -121,15 +121,16 @@ def test_medians_are_one_row(augmented):
 
 
 def test_sensors_are_rows_of_the_shapes(augmented):
-    assert augmented.sensor_rows(["infill 1-2", "floor 1", "floor 3"]) == [3, 0, 2]
-    assert augmented.sensor_rows([]) == []
+    matrix = augmented.sensor_matrix(["infill 1-2", "floor 1", "floor 3"])
+    assert matrix.toarray().tolist() == [[0, 0, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0]]
+    assert augmented.sensor_matrix([]).toarray().shape == (0, 4)
 
 
 def test_a_sensor_off_the_structure_is_refused(frame):
     with pytest.raises(
         ValueError, match=r"sensor 'roof': .*choose from 'floor 1', 'floor 2', 'floor 3'"
     ):
-        frame.sensor_rows(["floor 1", "roof"])
+        frame.sensor_matrix(["floor 1", "roof"])
 
 
 @pytest.mark.parametrize(

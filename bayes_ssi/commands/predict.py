@@ -1,0 +1,305 @@
+"""``bayes-ssi predict``: modes and responses from a stored result, with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bayes_ssi.terminal import console, json_option, progress_bars, say, tell_record
+
+if TYPE_CHECKING:
+    from bayes_ssi.prediction_answers import Answer, Question
+    from bayes_ssi.predictions import Predictions
+    from bayes_ssi.response import Damping, Output, Quantity
+    from bayes_ssi.stored_predictions import StoredPredictions
+
+__all__ = ["predict"]
+
+# The file that every directory of predictions holds.
+MARKER = "predictions.json"
+NO_TRANSFER = "none"
+
+
+@click.command()
+@click.argument("result", type=click.Path(path_type=Path))
+@click.option(
+    "--study",
+    type=click.Path(path_type=Path),
+    help="The study file, where it is no longer where the result says.",
+)
+@click.option(
+    "--class",
+    "classes",
+    metavar="NAME",
+    multiple=True,
+    help="Model class, or hypothesis of a search; 'average' over all by their probabilities if "
+    "not given. May be repeated.",
+)
+@click.option(
+    "--configuration",
+    metavar="NAME",
+    help="State of the structure, where several were tested.",
+)
+@click.option(
+    "--quantity",
+    type=click.Choice(["displacement", "acceleration", "drift"]),
+    default="acceleration",
+    show_default=True,
+    help="Displacement relative to the ground, absolute acceleration, or drift.",
+)
+@click.option(
+    "--at",
+    "places",
+    metavar="PLACE",
+    multiple=True,
+    help="Degree of freedom, or sensor of the structure; for drift LOWER:UPPER, the lower one may "
+    "be 'ground'. The top if not given. May be repeated.",
+)
+@click.option(
+    "--damping",
+    metavar="RATIO,…",
+    help="Fraction of critical damping, one for all modes or one for each; the median of the "
+    "identified ones, or 0.02, if not given.",
+)
+@click.option(
+    "--transfer",
+    metavar="SOURCE",
+    default="ground",
+    show_default=True,
+    help="Transfer functions from the acceleration of the 'ground', from a force at a degree of "
+    "freedom, or 'none'.",
+)
+@click.option(
+    "--band",
+    type=(float, float),
+    metavar="LOW HIGH",
+    help="Frequencies of transfer functions in Hz; the band of the data if not given.",
+)
+@click.option(
+    "--record",
+    "records",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    multiple=True,
+    help="Ground motion (AT2, text or CSV) of time histories. May be repeated.",
+)
+@click.option("--unit", help="Unit of the records (g, m/s2, cm/s2), where they do not say.")
+@click.option("--dt", type=float, help="Time step of the records in s, where they do not say.")
+@click.option(
+    "--level",
+    type=float,
+    default=0.95,
+    show_default=True,
+    help="Probability that each credible band holds.",
+)
+@click.option(
+    "--draws",
+    type=click.IntRange(min=1),
+    default=1000,
+    show_default=True,
+    help="Posterior draws of every prediction.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Where to save tables and figures; 'predictions' in RESULT if not given.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace predictions that exist.")
+@json_option
+def predict(
+    result: Path, study: Path | None, classes: tuple[str, ...], out: Path | None, overwrite: bool,
+    configuration: str | None, draws: int, **asked: Any,
+) -> None:  # fmt: skip
+    """Predict modes and responses from RESULT, a directory that rank or search saved.
+
+    Nothing is sampled: the draws are the stored ones, the structures those of the study file.
+    Frequencies and mode shapes, transfer functions, and time histories and peaks under records,
+    all with credible bands.
+    """
+    from bayes_ssi.new_directory import new_directory, require_new
+    from bayes_ssi.prediction_answers import answer
+    from bayes_ssi.prediction_figures import save_prediction_figures
+    from bayes_ssi.prediction_files import save_predictions
+    from bayes_ssi.predictions import AVERAGE
+    from bayes_ssi.results import write_json
+    from bayes_ssi.stored_predictions import load_predictions
+
+    predicted = load_predictions(result, study, draws, configuration)
+    of_one = len(predicted.model_classes) == 1
+    names = dict.fromkeys(classes or (list(predicted.model_classes) if of_one else [AVERAGE]))
+    question, remarks = _question(predicted, predicted.of(next(iter(names))), **asked)
+    directory = out or result / "predictions"
+    require_new(directory, marker=MARKER, overwrite=overwrite)
+    record = _record(predicted, list(names), question)
+    answers = []
+    with progress_bars() as tell:
+        for done, name in enumerate(names, 1):
+            tell("predictions", name, (done - 1) / len(names))
+            answers.append(answer(predicted, name, question))
+            tell("predictions", name, done / len(names))
+    with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
+        write_json(partial / MARKER, record)
+        save_predictions(partial, predicted.data, answers)
+        save_prediction_figures(partial / "figures", predicted.data, answers)
+
+    from bayes_ssi.tables import frequency_table, peak_table, shape_tables
+
+    where = console()
+    title = predicted.stored.record["study"]
+    test = f", configuration {predicted.configuration!r}" if predicted.configuration else ""
+    say(where, f"{title}{test}: {draws} stored draws, nothing sampled.")
+    say(where, *(_composition(each.predictions) for each in answers), *remarks)
+    where.print(frequency_table(predicted.data, answers))
+    for table in shape_tables(predicted.data, answers[0]):
+        where.print(table)
+    if question.frequencies_hz is not None or question.motions:
+        where.print(peak_table(answers))
+    n_tables, n_figures = (len(list(directory.glob(f"**/*.{kind}"))) for kind in ("csv", "png"))
+    say(where, f"Saved in {directory}: {n_tables} tables and {n_figures} figures.")
+    tell_record(
+        lambda: {"directory": str(directory), **record, "modes": _modes(predicted, answers)}
+    )
+
+
+def _modes(predicted: StoredPredictions, answers: Sequence[Answer]) -> dict[str, Any]:
+    """Predicted frequencies, for a JSON record: low, median and high of each mode."""
+    from bayes_ssi.prediction_modes import predicted_modes
+
+    return {
+        each.name: {
+            mode.label: list(mode.after_hz)
+            for mode in predicted_modes(predicted.data, each.predictions, each.question.level)
+        }
+        for each in answers
+    }
+
+
+def _question(
+    predicted: StoredPredictions,
+    first: Predictions,
+    *,
+    quantity: Quantity,
+    places: tuple[str, ...],
+    damping: str | None,
+    transfer: str,
+    band: tuple[float, float] | None,
+    records: tuple[Path, ...],
+    unit: str | None,
+    dt: float | None,
+    level: float,
+) -> tuple[Question, list[str]]:
+    """The question that the options ask, and what must be said of it."""
+    from bayes_ssi.ground_motion import UNITS, GroundMotion
+    from bayes_ssi.prediction_answers import Question
+    from bayes_ssi.prediction_defaults import (
+        MOST_FREQUENCIES,
+        default_damping,
+        default_frequencies,
+        default_output,
+    )
+    from bayes_ssi.response import GROUND, damping_ratios
+
+    for name, value in (("--unit", unit), ("--dt", dt)):
+        if value is not None and not records:
+            raise ValueError(f"{name}: says something of records, but there is no --record")
+    ratios: Damping
+    if damping is None:
+        ratios, source = default_damping(predicted.data)
+        said = f"Damping: {100 * ratios:.3g} % in all modes, {source} (--damping changes it)."
+    else:
+        ratios = _ratios(damping)
+        of = "in all modes" if isinstance(ratios, float) else "mode by mode"
+        each = ", ".join(f"{100 * ratio:.3g}" for ratio in _listed(ratios))
+        said = f"Damping: {each} % {of}, as given."
+    lowest = min(damping_ratios(ratios, len(_listed(ratios))))
+    output = _output(quantity, places) if places else default_output(first, quantity)
+    remarks = [said]
+    frequencies = None
+    if transfer != NO_TRANSFER:
+        frequencies = default_frequencies(predicted.data, lowest, band)
+        source = "the ground's acceleration" if transfer == GROUND else f"a force at {transfer!r}"
+        remarks.append(
+            f"Transfer functions: from {source}, {len(frequencies)} frequencies from "
+            f"{frequencies[0]:g} to {frequencies[-1]:g} Hz."
+        )
+        if len(frequencies) == MOST_FREQUENCIES:
+            remarks.append(
+                "(!) So many frequencies may pass by the top of a narrow peak; a narrower --band "
+                "helps."
+            )
+    elif band is not None:
+        raise ValueError("--band: says something of transfer functions, but --transfer is none")
+    motions = tuple(GroundMotion.load(file, unit=unit, dt=dt) for file in records)
+    remarks += [
+        f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
+        f"{motion.peak_acceleration / UNITS['g']:.3g} g."
+        for motion in motions
+    ]
+    force_at = None if transfer in (GROUND, NO_TRANSFER) else transfer
+    return Question(output, ratios, frequencies, force_at, motions, level), remarks
+
+
+def _listed(ratios: Damping) -> Sequence[float]:
+    return [ratios] if isinstance(ratios, float) else ratios
+
+
+def _ratios(text: str) -> Damping:
+    try:
+        ratios = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(
+            f"--damping: must be a fraction, or one for each mode between commas, got {text!r}"
+        ) from None
+    return ratios if len(ratios) > 1 else ratios[0]
+
+
+def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
+    from bayes_ssi.response import Output
+
+    if quantity != "drift":
+        return Output(quantity, places)
+    for place in places:
+        if place.count(":") != 1:
+            raise ValueError(f"--at: a drift is from LOWER:UPPER, got {place!r}")
+    lower, upper = zip(*(place.split(":") for place in places), strict=True)
+    return Output(quantity, tuple(zip(lower, upper, strict=True)))
+
+
+def _composition(predictions: Predictions) -> str:
+    """What the draws of a prediction are of."""
+    from bayes_ssi.predictions import AVERAGE
+
+    if predictions.name != AVERAGE:
+        return f"{predictions.name}: one model class."
+    by_share = sorted(predictions.classes, key=lambda each: -len(each.values))
+    shares = [f"{len(each.values)} of {each.name!r}" for each in by_share[:4]]
+    if len(by_share) > 4:
+        shares.append(f"{sum(len(each.values) for each in by_share[4:])} of others")
+    return f"{AVERAGE}: draws by probability, {', '.join(shares)}."
+
+
+def _record(predicted: StoredPredictions, names: list[str], question: Question) -> dict[str, Any]:
+    """What the predictions are of, for the record."""
+    from bayes_ssi.versions import versions
+
+    frequencies = question.frequencies_hz
+    return {
+        "study": predicted.stored.record["study"],
+        "result_created": predicted.stored.record["created"],
+        "configuration": predicted.configuration,
+        "predictions_of": names,
+        "draws": predicted.n_draws,
+        "level": question.level,
+        "quantity": question.output.quantity,
+        "places": list(question.output.labels),
+        "damping": question.damping,
+        "transfer_functions": None if frequencies is None else question.transfer_name,
+        "records": [
+            {"name": motion.name, "samples": len(motion), "dt_s": motion.dt}
+            for motion in question.motions
+        ],
+        "versions": versions(),
+    }

@@ -1,0 +1,103 @@
+"""A structure in words: what it is made of, line by line."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bayes_ssi.parameters import Parameter, Product
+from bayes_ssi.structures.base import Structure
+
+__all__ = ["described", "in_words"]
+
+# A field that takes more characters is cut.
+LONGEST = 300
+
+
+def described(structure: Structure) -> list[tuple[str, str]]:
+    """What a structure is, and each of its fields with its numbers and parameters.
+
+    The first line is the structure's name and the first paragraph of its docstring. A structure
+    that is no dataclass is told by its degrees of freedom besides.
+    """
+    lines = [(_words(type(structure).__name__), _first_paragraph(structure))]
+    if not is_dataclass(structure):
+        return [*lines, ("degrees of freedom", _cut(in_words(list(structure.degrees_of_freedom))))]
+    told = [_field(field.name, getattr(structure, field.name)) for field in fields(structure)]
+    plain = [each for lines_of_field in told for each in lines_of_field if not each.of_items]
+    items = [each for lines_of_field in told for each in lines_of_field if each.of_items]
+    return [*lines, *((each.name, each.text) for each in (*plain, *items))]
+
+
+class _Line(NamedTuple):
+    name: str
+    text: str
+    of_items: bool = False
+
+
+def _field(name: str, value: Any) -> list[_Line]:
+    if isinstance(value, (tuple, list)) and value and all(_has_fields(item) for item in value):
+        return [_Line(_words(type(item).__name__), _items(item), True) for item in value]
+    if _has_fields(value):
+        told = f"{_words(type(value).__name__)}: {_items(value)}"
+        return [_Line(name.replace("_", " "), told, True)]
+    text = _cut(in_words(value))
+    return [_Line(name.replace("_", " "), text)] if text else []
+
+
+def _has_fields(value: Any) -> bool:
+    return is_dataclass(value) and not isinstance(value, (Parameter, Product))
+
+
+def _items(item: Any) -> str:
+    """The fields of an element, its label first."""
+    values = {field.name: getattr(item, field.name) for field in fields(item)}
+    told = [str(values.pop("label"))] if values.get("label") else []
+    told += [
+        f"{name.replace('_', ' ')} {in_words(value)}"
+        for name, value in values.items()
+        if not (isinstance(value, (int, float)) and value == 1.0 and name.endswith("factor"))
+    ]
+    return _cut(", ".join(told))
+
+
+def in_words(value: Any) -> str:
+    """A number, a parameter, a product of them, or a collection of such, as it is written."""
+    if isinstance(value, Parameter):
+        return value.name
+    if isinstance(value, Product):
+        return repr(value).replace(" * ", " · ")
+    if isinstance(value, np.ndarray):
+        return f"array of {' by '.join(map(str, value.shape))}"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return "; ".join(f"{key}: {in_words(item)}" for key, item in value.items())
+    if isinstance(value, (tuple, list)):
+        flat = not any(isinstance(item, (tuple, list)) for item in value)
+        inner = ", ".join(in_words(item) if flat else f"({in_words(item)})" for item in value)
+        same = len(value) > 3 and all(in_words(item) == in_words(value[0]) for item in value[1:])
+        return f"{len(value)} times {in_words(value[0])}" if same else inner
+    return "" if value is None else str(value)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+
+
+def _words(name: str) -> str:
+    """ShearBuilding3D → shear building 3D."""
+    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z][a-z]+|[a-z]+|[0-9A-Z]+", name)
+    return " ".join(part.lower() if part[1:].islower() else part for part in parts)
+
+
+def _first_paragraph(structure: Structure) -> str:
+    text = (inspect.getdoc(type(structure)) or "").strip().split("\n\n")[0]
+    # What a dataclass writes by itself says nothing.
+    own = "" if text.startswith(f"{type(structure).__name__}(") else text
+    return " ".join(own.replace("``", "").split())

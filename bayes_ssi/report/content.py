@@ -1,0 +1,218 @@
+"""What a report says, from stored records only: plain numbers and names for the templates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.comparison import Comparison, RankedClass
+from bayes_ssi.configuration_modes import ConfigurationModes
+from bayes_ssi.data import ModalData
+from bayes_ssi.posterior import Posterior
+from bayes_ssi.report.pictures import Picture, Pictures
+from bayes_ssi.report.stored import Beside
+from bayes_ssi.results import StoredResult
+from bayes_ssi.tables import pairing_notes, region_notes
+
+__all__ = ["content"]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where to find one class in the stored result."""
+
+    posterior: Posterior
+    record: Mapping[str, Any]
+    row: RankedClass
+
+
+def content(
+    stored: StoredResult, beside: Beside, pictures: Pictures, most_listed: int
+) -> dict[str, Any]:
+    """Everything that the templates ask for.
+
+    Args:
+        stored: the ranking.
+        beside: what lies beside it.
+        pictures: its figures.
+        most_listed: model classes that are told in full, the best first.
+    """
+    record, comparison = stored.record, stored.comparison
+    records = {each["name"]: each for each in record["model_classes"]}
+    places = [
+        _Place(stored.posterior(row.name), records[row.name], row) for row in comparison.classes
+    ]
+    return {
+        "title": record["study"],
+        "question": record["description"],
+        "record": record,
+        "rows": [_ranked(place, comparison, record) for place in places],
+        "best": comparison.best,
+        "runner_up": comparison.classes[1] if len(comparison.classes) > 1 else None,
+        "alike": comparison.not_distinguishable,
+        "failed": comparison.failed_checks,
+        "scale": comparison.scale,
+        "tests": [_test(name, data, pictures.of_test(name)) for name, data in stored.tests.items()],
+        "several": len(stored.tests) > 1,
+        "classes": [
+            # A hypothesis of a search carries the description of the class that it was built on.
+            _class(place, stored, pictures, described=beside.search is None)
+            for place in places[:most_listed]
+        ],
+        "n_more": max(0, len(places) - most_listed),
+        "checks": [_checks(place) for place in places],
+        "search": beside.search,
+        "sensitivity": beside.sensitivity,
+        "turning": beside.sensitivity.turning if beside.sensitivity else (),
+        "predictions": beside.predictions,
+        "pictures": pictures,
+        "command": record.get("command") or _command(record),
+        "sampled_seconds": sum(place.posterior.seconds for place in places),
+    }
+
+
+def _ranked(place: _Place, comparison: Comparison, record: Mapping[str, Any]) -> dict[str, Any]:
+    row = place.row
+    weights = record.get("prior_weights") or {}
+    total = sum(weights.values()) or len(comparison.classes)
+    return {
+        **asdict(row),
+        "description": place.record["description"],
+        "prior_probability": weights.get(row.name, 1.0) / total,
+        "best": row is comparison.best,
+    }
+
+
+def _test(name: str, data: ModalData, drawn: list[Picture]) -> dict[str, Any]:
+    return {
+        "name": name,
+        "source": data.source,
+        "band_hz": data.band_hz,
+        "sensors": data.sensors,
+        "digest": data.digest,
+        # Where no shape was measured at all, that is said once.
+        "oddities": data.oddities() if data.sensors else [],
+        "modes": [
+            {
+                "label": mode.label,
+                "hz": mode.frequency_hz,
+                "cov": mode.frequency_cov,
+                "damping": mode.damping,
+                "shape": None
+                if mode.unit_shape is None
+                else [float(component) for component in np.asarray(mode.unit_shape)],
+            }
+            for mode in data.modes
+        ],
+        "pictures": drawn,
+    }
+
+
+def _class(
+    place: _Place, stored: StoredResult, pictures: Pictures, *, described: bool
+) -> dict[str, Any]:
+    posterior, record = place.posterior, place.record
+    tests = record.get("configurations") or [{**record, "name": ""}]
+    records = {test["name"]: test for test in tests}
+    return {
+        "name": place.row.name,
+        "row": place.row,
+        "description": record["description"] if described else "",
+        "error_sizes": record["error_sizes"],
+        "detection_probability": record["detection_probability"],
+        "expected_spurious_modes": record["expected_spurious_modes"],
+        "parameters": _parameters(posterior, record),
+        "configurations": [
+            _configuration(modes, records[modes.name], stored.tests[modes.name], posterior)
+            for modes in posterior.configurations
+        ],
+        "pairings": pairing_notes(posterior),
+        "regions": region_notes(posterior),
+        "pictures": pictures.of_class(place.row.name),
+        "failed_checks": place.row.failed_checks,
+    }
+
+
+def _parameters(posterior: Posterior, record: Mapping[str, Any]) -> list[dict[str, Any]]:
+    priors = {each["name"]: each for each in record["parameters"]}
+    return [
+        {
+            **asdict(row),
+            "unit": priors[row.name]["unit"],
+            "prior": priors[row.name]["prior"],
+            "before": priors[row.name].get("prior_quantiles"),
+            "after": (row.quantile_05, row.median, row.quantile_95),
+        }
+        for row in posterior.summary
+    ]
+
+
+def _configuration(
+    modes: ConfigurationModes, record: Mapping[str, Any], data: ModalData, posterior: Posterior
+) -> dict[str, Any]:
+    _, frequencies_hz = posterior.configuration(modes.name)
+    label_of = {number: label for label, number in modes.pairing.items()}
+    medians = np.median(frequencies_hz.reshape(-1, modes.n_modes), axis=0)
+    low, high = data.band_hz
+    updated = {mode.label: mode for mode in modes.updated.modes} if modes.updated else {}
+    return {
+        "name": modes.name,
+        "structure": record["structure"],
+        "structure_lines": record.get("structure_lines")
+        or [[record["structure"], record["definition"]]],
+        "inferred": modes.inferred_pairing is not None,
+        "shares": modes.inferred_pairing.of_modes if modes.inferred_pairing else None,
+        "explained": [label for label in data.labels if label in modes.pairing],
+        "spurious": [label for label in data.labels if label not in modes.pairing],
+        "not_identified": [
+            {"number": number, "hz": float(median)}
+            for number, median in enumerate(medians, 1)
+            if number not in label_of and math.isfinite(median) and low <= median <= high
+        ],
+        "modes": [
+            {
+                "label": mode.label,
+                "identified_hz": mode.frequency_hz,
+                "model_mode": modes.pairing.get(mode.label),
+                "updated": updated.get(mode.label),
+            }
+            for mode in data.modes
+        ],
+        "has_updated": bool(updated),
+        "has_mac": any(mode.mac_after is not None for mode in updated.values()),
+    }
+
+
+def _checks(place: _Place) -> dict[str, Any]:
+    posterior = place.posterior
+    evidence = posterior.evidence
+    return {
+        "name": place.row.name,
+        "failed": place.row.failed_checks,
+        "r_hat": posterior.r_hat,
+        "effective_samples": float(posterior.effective_sample_sizes.min()),
+        "chain_lengths": posterior.draws.shape[1] / posterior.autocorrelation_time
+        if posterior.autocorrelation_time > 0
+        else math.nan,
+        "acceptance": posterior.acceptance,
+        "quoted": evidence.log_evidence,
+        "error": evidence.error,
+        "bridge": evidence.bridge,
+        "repeat": evidence.repeat,
+        "laplace": evidence.laplace,
+        "pareto_k": evidence.pareto_k,
+        "importance_samples": evidence.effective_sample_size,
+        "n_regions": len(posterior.regions),
+        "n_evaluations": posterior.n_evaluations,
+        "seconds": posterior.seconds,
+    }
+
+
+def _command(record: Mapping[str, Any]) -> str:
+    """The command that gives a result again, as far as its record tells."""
+    error = record["settings"]["log_evidence_error"]
+    return f"bayes-ssi rank {record['study_file']} --seed {record['seed']} --error {error:g}"

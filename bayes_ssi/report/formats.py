@@ -1,0 +1,97 @@
+"""Numbers as a report writes them, and names as Markdown has them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bayes_ssi.comparison import probability_text
+
+__all__ = ["FILTERS"]
+
+MISSING = "-"
+
+
+def number(value: Any, digits: int = 4) -> str:
+    """So many significant digits; a dash where there is no number."""
+    if value is None:
+        return MISSING
+    value = float(value)
+    return f"{value:.{digits}g}" if math.isfinite(value) else MISSING
+
+
+def fixed(value: Any, decimals: int = 2) -> str:
+    """So many decimals, never -0.00."""
+    if value is None or not math.isfinite(float(value)):
+        return MISSING
+    return f"{round(float(value), decimals) + 0.0:.{decimals}f}"
+
+
+def interval(three: Sequence[Any] | None, digits: int = 4) -> str:
+    """Median and ends of (low, median, high)."""
+    if three is None:
+        return MISSING
+    low, median, high = (number(value, digits) for value in three)
+    return f"{median} ({low} to {high})"
+
+
+def percent(fraction: Any, digits: int = 3) -> str:
+    return MISSING if fraction is None else f"{number(100.0 * float(fraction), digits)} %"
+
+
+def error_percent(model: Any, identified: float) -> str:
+    """By how much a frequency is off, with its sign."""
+    if model is None or not math.isfinite(float(model)):
+        return MISSING
+    error = round(100.0 * (float(model) / identified - 1.0), 1)
+    return f"{error:+.1f} %" if error else "0.0 %"
+
+
+def probability(value: float) -> str:
+    return probability_text(float(value))
+
+
+def prior(record: Mapping[str, Any]) -> str:
+    """A prior's record as it is written in a study."""
+    numbers = [f"{key} {number(v)}" for key, v in record.items() if key != "distribution"]
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", str(record["distribution"])).lower()
+    return f"{name.replace('log-normal', 'lognormal')}: {', '.join(numbers)}"
+
+
+def names(items: Sequence[Any], last: str = "and") -> str:
+    """A list in a sentence: 'a', 'b' and 'c'."""
+    told = [str(item) for item in items]
+    if len(told) < 2:
+        return "".join(told)
+    return f"{', '.join(told[:-1])} {last} {told[-1]}"
+
+
+def quoted(items: Sequence[Any]) -> list[str]:
+    return [f"'{item}'" for item in items]
+
+
+def replaced(items: Sequence[Any], old: str, new: str) -> list[Any]:
+    return [new if item == old else item for item in items]
+
+
+def markdown(value: Any) -> str:
+    """A name as it is: nothing in it is taken for markup, or for the end of a table's cell."""
+    flat = " ".join(str(value).split())
+    return re.sub(r"([\\`*_\[\]<>|#~$])", r"\\\1", flat)
+
+
+FILTERS = {
+    "number": number,
+    "fixed": fixed,
+    "interval": interval,
+    "percent": percent,
+    "error_percent": error_percent,
+    "probability": probability,
+    "prior": prior,
+    "names": names,
+    "quoted": quoted,
+    "replaced": replaced,
+    "md": markdown,
+}

@@ -1,0 +1,201 @@
+"""Structures in space with rigid floors: each moves in x and y and turns about the vertical."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from bayes_ssi.parameters import Product, Value, as_product
+from bayes_ssi.sensors import Sensor
+from bayes_ssi.structures.elements import Element, Place, PointMass
+from bayes_ssi.structures.lumped import LumpedStructure
+
+__all__ = [
+    "DIRECTIONS",
+    "FloorBlock",
+    "FloorMass",
+    "RigidFloors",
+    "floor_label",
+    "floor_sensor",
+    "rigid_masses",
+]
+
+DIRECTIONS = ("x", "y", "torsion")
+
+
+def floor_label(floor: int, direction: str) -> str:
+    """The degree of freedom of a floor, from 1, in one of its three directions."""
+    return f"floor {floor} {direction}"
+
+
+@dataclass(frozen=True)
+class RigidFloors(LumpedStructure):
+    """Floors with three degrees of freedom each: ``"floor 1 x"``, ``"floor 1 y"``, ``"floor 1
+    torsion"`` and so on upwards, the last in radians.
+
+    Elements stand on a degree of freedom, by its label; masses and sensors may be anywhere on a
+    floor (:class:`FloorBlock`, :func:`floor_sensor`).
+
+    Attributes:
+        ground_motion: the direction in which an earthquake moves the ground, "x" or "y".
+
+    Raises:
+        ValueError: the direction is neither.
+    """
+
+    ground_motion: str = field(default="x", kw_only=True)
+
+    @property
+    @abstractmethod
+    def n_floors(self) -> int:
+        """How many floors there are."""
+
+    def __post_init__(self) -> None:
+        if self.ground_motion not in DIRECTIONS[:2]:
+            raise ValueError(
+                f"{type(self).__name__}: ground_motion must be 'x' or 'y', got "
+                f"{self.ground_motion!r}"
+            )
+        super().__post_init__()
+
+    def main_degrees_of_freedom(self) -> Sequence[str]:
+        floors = range(1, self.n_floors + 1)
+        return [floor_label(floor, direction) for floor in floors for direction in DIRECTIONS]
+
+    def main_influence(self) -> Sequence[float]:
+        return [float(d == self.ground_motion) for d in DIRECTIONS] * self.n_floors
+
+    def _index(self, place: Place, label: str = "element") -> int | None:
+        if place != 0 and place not in self.degrees_of_freedom:
+            raise ValueError(
+                f"{label}: the structure has no degree of freedom {place!r}; choose from "
+                f"{', '.join(map(repr, self.degrees_of_freedom))} (a floor moves in three "
+                "directions here)"
+            )
+        return super()._index(place, label)
+
+
+@dataclass(frozen=True)
+class FloorMass(Element):
+    """A mass that rides on a floor of a structure in space, in x, y and torsion.
+
+    Attributes:
+        on: the floor, from 1.
+        mass: the mass.
+        radius: of gyration about the floor's centre, for a small mass its distance.
+    """
+
+    on: int
+    mass: Value
+    radius: Value
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        _set_label_and_check_floor(self, f"mass on floor {self.on}")
+        for name in ("mass", "radius"):
+            where = f"{self.label}: {name}"
+            as_product(getattr(self, name), where).require_positive(where)
+
+    def masses(self) -> Sequence[PointMass]:
+        return rigid_masses(self.on, as_product(self.mass), as_product(self.radius))
+
+    def as_mass(self) -> FloorMass:
+        return self
+
+
+@dataclass(frozen=True)
+class FloorBlock(Element):
+    """A point mass somewhere on a floor of a structure in space.
+
+    Off the floor's centre it couples the floor's motions: its static moment counts, and its polar
+    inertia about the centre.
+
+    Attributes:
+        on: the floor, from 1.
+        mass: the mass.
+        at: (x, y) from the floor's centre, in the structure's unit of length.
+    """
+
+    on: int
+    mass: Value
+    at: tuple[float, float]
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        _set_label_and_check_floor(self, f"block on floor {self.on}")
+        where = f"{self.label}: mass"
+        as_product(self.mass, where).require_positive(where)
+        object.__setattr__(self, "at", _point(self.at, f"{self.label}: at"))
+
+    def masses(self) -> Sequence[PointMass]:
+        mass = as_product(self.mass)
+        return [
+            PointMass(mass, tuple(_motion_at(self.on, self.at, angle).items()))
+            for angle in (0.0, 90.0)
+        ]
+
+    def as_mass(self) -> FloorBlock:
+        return self
+
+
+def floor_sensor(label: str, floor: int, at: tuple[float, float], direction: str | float) -> Sensor:
+    """A sensor at a point of a floor of a structure in space.
+
+    Args:
+        label: its name in the data.
+        floor: from 1.
+        at: (x, y) from the floor's centre, in the structure's unit of length.
+        direction: in which it measures: "x", "y", or degrees from x towards y.
+
+    Raises:
+        ValueError: the point or the direction is none.
+    """
+    angles = {"x": 0.0, "y": 90.0}
+    angle = angles.get(direction) if isinstance(direction, str) else float(direction)
+    if angle is None or not math.isfinite(angle):
+        raise ValueError(
+            f"sensor {label!r}: direction must be 'x', 'y' or degrees from x, got {direction!r}"
+        )
+    return Sensor(label, _motion_at(floor, _point(at, f"sensor {label!r}: at"), angle))
+
+
+def rigid_masses(floor: int, mass: Product, radius: Product) -> list[PointMass]:
+    """The inertia of a mass that moves with a floor about its centre."""
+    inertias = (mass, mass, mass * radius**2)
+    return [
+        PointMass.on(floor_label(floor, direction), inertia)
+        for inertia, direction in zip(inertias, DIRECTIONS, strict=True)
+    ]
+
+
+def _motion_at(floor: int, at: tuple[float, float], angle: float) -> dict[str, float]:
+    """How a point moves, along an axis at an angle in degrees from x, with its floor.
+
+    The point itself moves by (u - y θ, v + x θ); parts that are zero are left out.
+    """
+    # Exact along the axes, where a cosine would leave a rounding error.
+    along = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0)}
+    turned = math.radians(angle)
+    cosine, sine = along.get(angle, (math.cos(turned), math.sin(turned)))
+    x, y = at
+    parts = zip(DIRECTIONS, (cosine, sine, x * sine - y * cosine), strict=True)
+    return {floor_label(floor, direction): part for direction, part in parts if part != 0.0}
+
+
+def _point(at: Sequence[float], where: str) -> tuple[float, float]:
+    try:
+        x, y = (float(coordinate) for coordinate in at)
+    except (TypeError, ValueError):
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError(f"{where} must be two coordinates, (x, y), got {at!r}")
+    return x, y
+
+
+def _set_label_and_check_floor(element: FloorMass | FloorBlock, label: str) -> None:
+    if not element.label:
+        object.__setattr__(element, "label", label)
+    if not isinstance(element.on, int) or isinstance(element.on, bool) or element.on < 1:
+        raise ValueError(f"{element.label}: on must be a floor from 1 upwards, got {element.on!r}")

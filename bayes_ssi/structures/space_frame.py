@@ -1,0 +1,237 @@
+"""A frame in space on rigid floors, the rotations of its joints condensed statically.
+
+Columns and beams bend (Euler-Bernoulli) and do not lengthen; nothing resists torsion but columns
+that bend. Each line of columns is then a plane frame that moves with the floors, whose joints turn
+so that no moment is left over.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayes_ssi.modal import inverse_cholesky
+from bayes_ssi.parameters import Parameter, Product, Value, as_product, collect_parameters
+from bayes_ssi.priors import FloatArray
+from bayes_ssi.structures.elements import PointMass, Spring
+from bayes_ssi.structures.matrix_sum import MatrixSum
+from bayes_ssi.structures.rigid_floors import DIRECTIONS, RigidFloors, floor_label
+
+__all__ = ["SpaceFrame"]
+
+NUMBERS = ("storey_heights", "x_lines", "y_lines")
+PER_STOREY = (
+    "column_inertias_x", "column_inertias_y", "beam_inertias_x", "beam_inertias_y", "masses",
+    "rotational_inertias",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SpaceFrame(RigidFloors):
+    """A frame with a column at every crossing of its lines, fixed at the base.
+
+    The degrees of freedom are those of the floors' centres, the origin of x and y, as in
+    :class:`~bayes_ssi.structures.rigid_floors.RigidFloors`. Beams run along every line, between
+    neighbouring columns, on every floor.
+
+    Attributes:
+        storey_heights: from the lowest.
+        x_lines: x of the columns, in ascending order: one bay of 4 m is (-2.0, 2.0).
+        y_lines: the same in y.
+        elastic_modulus: of columns and beams.
+        column_inertias_x: second moment of area of one column that resists motion in x, of every
+            storey from the lowest.
+        column_inertias_y: the same in y.
+        beam_inertias_x: second moment of area of one beam along x, of every floor.
+        beam_inertias_y: the same along y.
+        masses: of the floors, with what columns and beams add to them.
+        rotational_inertias: of the floors about the vertical through their centres.
+
+    All in consistent units (m, N/m², m⁴, kg, kg m²). Lines and heights are numbers; the others are
+    each a number, a Parameter or a number times a Parameter.
+
+    Raises:
+        ValueError: lengths differ, lines are not in ascending order or fewer than two, or a
+            quantity can be zero or negative.
+        TypeError: one of them is neither a number nor a Parameter.
+    """
+
+    storey_heights: tuple[float, ...]
+    x_lines: tuple[float, ...]
+    y_lines: tuple[float, ...]
+    elastic_modulus: Value
+    column_inertias_x: tuple[Value, ...]
+    column_inertias_y: tuple[Value, ...]
+    beam_inertias_x: tuple[Value, ...]
+    beam_inertias_y: tuple[Value, ...]
+    masses: tuple[Value, ...]
+    rotational_inertias: tuple[Value, ...]
+
+    def __post_init__(self) -> None:
+        for name in NUMBERS:
+            object.__setattr__(self, name, _numbers(getattr(self, name), name))
+        for name in PER_STOREY:
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        counts = {name: len(getattr(self, name)) for name in ("storey_heights", *PER_STOREY)}
+        if len(set(counts.values())) != 1 or not self.storey_heights:
+            told = ", ".join(f"{count} {name}" for name, count in counts.items())
+            raise ValueError(f"SpaceFrame: needs one of each a storey, at least one, got {told}")
+        if min(self.storey_heights) <= 0.0:
+            raise ValueError(
+                f"SpaceFrame: storey_heights must be positive, got {self.storey_heights!r}"
+            )
+        for name in ("x_lines", "y_lines"):
+            lines = getattr(self, name)
+            if len(lines) < 2 or min(np.diff(lines)) <= 0.0:
+                raise ValueError(
+                    f"SpaceFrame: {name} must be two or more coordinates in ascending order, got "
+                    f"{lines!r}"
+                )
+        where = "SpaceFrame: elastic_modulus"
+        as_product(self.elastic_modulus, where).require_positive(where)
+        for name in PER_STOREY:
+            for i, value in enumerate(getattr(self, name), 1):
+                where = f"SpaceFrame: {name}, number {i} from below,"
+                as_product(value, where).require_positive(where)
+        super().__post_init__()
+
+    @property
+    def n_floors(self) -> int:
+        return len(self.storey_heights)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        values = (
+            self.elastic_modulus,
+            *(value for name in PER_STOREY for value in getattr(self, name)),
+        )
+        own = (p for value in values for p in as_product(value).parameters)
+        return collect_parameters((*own, *self._of_springs_and_masses))
+
+    def main_springs(self) -> Sequence[Spring]:
+        return ()  # the frame's stiffness is condensed, and no sum of springs
+
+    def main_masses(self) -> Sequence[PointMass]:
+        each = zip(self.masses, self.rotational_inertias, strict=True)
+        return [
+            PointMass.on(floor_label(floor, direction), as_product(inertia))
+            for floor, (mass, rotational) in enumerate(each, 1)
+            for direction, inertia in zip(DIRECTIONS, (mass, mass, rotational), strict=True)
+        ]
+
+    def matrices(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        of_elements, mass = super().matrices(values)
+        n = 3 * self.n_floors
+        stiffness = self._condensed_stiffness(values)
+        if of_elements.shape[-1] == n and not self._springs:
+            return stiffness, mass
+        total = np.empty((max(len(stiffness), len(of_elements)), *of_elements.shape[1:]))
+        total[:] = of_elements
+        total[:, :n, :n] += stiffness
+        return total, mass
+
+    def _condensed_stiffness(self, values: FloatArray) -> FloatArray:
+        """Of the floors, (B, 3 n_floors, 3 n_floors): all plane frames together.
+
+        That of the line at y moves by u - y θ, that of the line at x by v + x θ.
+        """
+        along_x = [(1.0, 0.0, -y) for y in self.y_lines]
+        along_y = [(0.0, 1.0, x) for x in self.x_lines]
+        n = self.n_floors
+        total: FloatArray | float = 0.0
+        for plane, lines in zip(self._planes, (along_x, along_y), strict=True):
+            motions = np.array(lines)
+            moved = np.einsum("la,lc->ac", motions, motions)
+            lateral = _condensed(plane.evaluate(values), n)
+            total = total + lateral[:, :, None, :, None] * moved[:, None, :]
+        return np.asarray(total).reshape(-1, 3 * n, 3 * n)
+
+    @cached_property
+    def _planes(self) -> tuple[MatrixSum, MatrixSum]:
+        """Stiffness of one plane frame along x, and of one along y, before condensation."""
+        return (
+            self._plane(self.x_lines, self.column_inertias_x, self.beam_inertias_x),
+            self._plane(self.y_lines, self.column_inertias_y, self.beam_inertias_y),
+        )
+
+    def _plane(
+        self, lines: Sequence[float], columns: Sequence[Value], beams: Sequence[Value]
+    ) -> MatrixSum:
+        """Of a plane frame: displacements of the floors, then rotations of the joints.
+
+        Where the lines are symmetric, so is the frame, and joints that mirror each other turn
+        alike when the floors move: one rotation stands for both.
+        """
+        modulus = as_product(self.elastic_modulus)
+        n, last = self.n_floors, len(lines) - 1
+        mirrored = np.allclose(np.add(lines, lines[::-1]), lines[0] + lines[-1], rtol=0, atol=1e-9)
+        place = [min(i, last - i) if mirrored else i for i in range(len(lines))]
+        n_places = max(place) + 1
+        size = n * (1 + n_places)
+        terms: list[tuple[Product, FloatArray]] = []
+        for floor, (height, column, beam) in enumerate(
+            zip(self.storey_heights, columns, beams, strict=True)
+        ):
+            of_columns, of_beams = np.zeros((size, size)), np.zeros((size, size))
+            joints = [n + floor * n_places + i for i in place]
+            for joint in joints:
+                below = (floor - 1, joint - n_places) if floor else (None, None)
+                _add(of_columns, _column(height), (*below, floor, joint))
+            for i, span in enumerate(np.diff(lines)):
+                _add(of_beams, _beam(float(span)), (joints[i], joints[i + 1]))
+            terms.append((modulus * as_product(column), of_columns))
+            terms.append((modulus * as_product(beam), of_beams))
+        return MatrixSum.of(terms, self.parameters, (size, size))
+
+
+def _condensed(stiffness: FloatArray, n_kept: int) -> FloatArray:
+    """Static condensation to the first degrees of freedom: K_dd - K_dr K_rr⁻¹ K_rd.
+
+    NaN where the rest is not positive definite.
+    """
+    coupling = stiffness[:, n_kept:, :n_kept]
+    half = np.einsum("bij,bjk->bik", inverse_cholesky(stiffness[:, n_kept:, n_kept:]), coupling)
+    return stiffness[:, :n_kept, :n_kept] - np.einsum("bji,bjk->bik", half, half)
+
+
+def _column(height: float) -> FloatArray:
+    """Per E I: displacement and rotation below, displacement and rotation above."""
+    h = height
+    return (
+        np.array(
+            [
+                [12.0, 6.0 * h, -12.0, 6.0 * h],
+                [6.0 * h, 4.0 * h**2, -6.0 * h, 2.0 * h**2],
+                [-12.0, -6.0 * h, 12.0, -6.0 * h],
+                [6.0 * h, 2.0 * h**2, -6.0 * h, 4.0 * h**2],
+            ]
+        )
+        / h**3
+    )
+
+
+def _beam(span: float) -> FloatArray:
+    """Per E I: rotations of the two ends, which columns keep from moving up or down."""
+    return np.array([[4.0, 2.0], [2.0, 4.0]]) / span
+
+
+def _add(total: FloatArray, part: FloatArray, places: Sequence[int | None]) -> None:
+    """Add a member's stiffness at its degrees of freedom; None is the base, which is fixed."""
+    for i, row in enumerate(places):
+        for k, column in enumerate(places):
+            if row is not None and column is not None:
+                total[row, column] += part[i, k]
+
+
+def _numbers(values: Sequence[float], name: str) -> tuple[float, ...]:
+    try:
+        found = tuple(float(value) for value in values)
+    except (TypeError, ValueError):
+        raise TypeError(f"SpaceFrame: {name} must be numbers, got {values!r}") from None
+    if not all(math.isfinite(value) for value in found):
+        raise ValueError(f"SpaceFrame: {name} must be finite, got {found!r}")
+    return found

@@ -1,0 +1,88 @@
+"""Parameters averaged over model classes."""
+
+import io
+import json
+import math
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import bayes_ssi as bs
+from bayes_ssi.averages import averaged_parameters
+from bayes_ssi.tables import averages_table
+
+
+def draws(seed, centre, n):
+    rng = np.random.default_rng(seed)
+    return np.array(centre) * np.exp(0.3 * rng.standard_normal((4, 250, n)))
+
+
+@pytest.fixture
+def three(make_posterior):
+    """Classes with probabilities 1/6, 2/6 and 3/6; b is in all, a and c in two, d in one."""
+    return [
+        make_posterior("A", math.log(1.0), names="ab", draws=draws(1, [1.0, 2.0], 2)),
+        make_posterior("B", math.log(2.0), names="cba", draws=draws(2, [5.0, 3.0, 1.5], 3)),
+        make_posterior("C", math.log(3.0), names="bcd", draws=draws(3, [2.5, 4.0, 9.0], 3)),
+    ]
+
+
+def test_averages_are_those_of_the_mixture_of_the_classes_that_infer_it(three):
+    found = averaged_parameters(three, bs.compare(three))
+    assert [(row.name, row.n_classes) for row in found] == [("a", 2), ("b", 3), ("c", 2)]
+    shares = {"a": {"A": 1 / 3, "B": 2 / 3}, "b": {"A": 1 / 6, "B": 2 / 6, "C": 3 / 6},
+              "c": {"B": 2 / 5, "C": 3 / 5}}  # fmt: skip
+    assert [row.probability for row in found] == pytest.approx([1 / 2, 1.0, 5 / 6])
+    for row in found:
+        own = {p.name: p.values[:, p.parameter_names.index(row.name)] for p in three
+               if row.name in p.parameter_names}  # fmt: skip
+        x = np.concatenate(list(own.values()))
+        w = np.concatenate([np.full(1000, shares[row.name][name] / 1000) for name in own])
+        assert row.mean == pytest.approx(w @ x, rel=1e-12)
+        assert row.sd == pytest.approx(math.sqrt(w @ (x - w @ x) ** 2), rel=1e-12)
+        expected = np.quantile(x, [0.05, 0.95], weights=w, method="inverted_cdf")
+        assert (row.quantile_05, row.quantile_95) == pytest.approx(tuple(expected), rel=1e-3)
+
+
+def test_a_class_of_all_the_probability_is_the_average(make_posterior):
+    one = make_posterior("A", 0.0, names="a", draws=draws(4, [1.0], 1))
+    other = make_posterior("B", -900.0, names="a", draws=draws(5, [9.0], 1))
+    (found,) = averaged_parameters([one, other], bs.compare([one, other]))
+    assert found.mean == pytest.approx(one.values.mean(), rel=1e-12)
+    assert found.n_classes == 2
+
+
+def test_what_only_impossible_classes_share_is_left_out(make_posterior):
+    best = make_posterior("A", 0.0, names="a", draws=draws(4, [1.0], 1))
+    worse = [make_posterior(name, -900.0, names="b", draws=draws(5, [9.0], 1)) for name in "BC"]
+    assert averaged_parameters([best, *worse], bs.compare([best, *worse])) == ()
+
+
+def test_the_table_fits_a_terminal(make_posterior):
+    name = "stiffness multiplier of all of the lower storeys"
+    both = [make_posterior(n, 0.0, names=[name], draws=1e5 * draws(i, [1.0], 1))
+            for i, n in enumerate("AB")]  # fmt: skip
+    file = io.StringIO()
+    Console(file=file, width=80).print(averages_table(averaged_parameters(both, bs.compare(both))))
+    text = file.getvalue()
+    assert max(map(len, text.splitlines())) <= 80
+    assert "…" not in text
+
+
+# ArviZ: there are more chains than steps.
+@pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
+@pytest.mark.usefixtures("no_figures", "coarse_command")
+def test_ranking_shows_and_saves_the_averages(run, tiny_study_file, tmp_path):
+    title = "Parameters averaged over the model classes that infer them"
+    unlike = run("rank", tiny_study_file, "--out", tmp_path / "a", "--accept-failed-checks")
+    assert unlike.exit_code == 0, unlike.output
+    assert title not in unlike.stdout
+    text = tiny_study_file.read_text(encoding="utf-8")
+    tiny_study_file.write_text(text.replace('"k1"', '"k"'), encoding="utf-8")
+    alike = run("rank", tiny_study_file, "--out", tmp_path / "b", "--accept-failed-checks")
+    assert title in alike.stdout
+    for name, expected in (("a", []), ("b", [("k", 2)])):
+        path = tmp_path / name / "averaged_parameters.json"
+        rows = json.loads(path.read_text(encoding="utf-8"))
+        assert [(row["name"], row["n_classes"]) for row in rows] == expected

@@ -1,0 +1,83 @@
+"""The guide's Python runs as it stands, page by page, and what it points to is there."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import bayes_ssi
+from bayes_ssi import mode_plots, plots, response_plots, summary_plots
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted((Path(bayes_ssi.__file__).parent / "guide").glob("*.md"))
+
+
+def blocks(page):
+    return re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+
+
+@pytest.fixture
+def told(tmp_path, monkeypatch, capsys):
+    """Runs a page in an empty directory; returns what it printed."""
+    import matplotlib as mpl
+
+    mpl.use("agg")
+    monkeypatch.chdir(tmp_path)
+
+    def run(name):
+        namespace = {"__name__": "a_page"}
+        for block in blocks(next(page for page in PAGES if page.stem == name)):
+            exec(compile(block, name, "exec"), namespace)
+        return capsys.readouterr().out
+
+    return run
+
+
+def test_there_are_pages_and_all_are_run():
+    assert {page.stem for page in PAGES if blocks(page)} == {
+        "concepts", "plots_and_arviz", "reading_a_report", "your_own_structure",
+    }  # fmt: skip
+
+
+def test_concepts(told):
+    first, second, refused = told("concepts").splitlines()
+    assert first == "both modes 0.0 best"
+    assert second.startswith("first mode only -")
+    assert "explain different data" in refused
+
+
+def test_a_structure_of_your_own(told):
+    # (2π · 6.13 / 1.8751²)² = 120.0: the stiffness that gives the first frequency.
+    assert float(told("your_own_structure")) == pytest.approx(120.0, rel=0.03)
+
+
+def test_reading_a_report(told):
+    assert told("reading_a_report").strip().endswith("report.html")
+    assert Path("result/report/report.md").is_file()
+
+
+@pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::UserWarning")
+def test_plots_and_arviz(told):
+    summary = told("plots_and_arviz")
+    assert re.search(r"^k1 ", summary, re.M)
+    assert re.search(r"^k2 ", summary, re.M)
+
+
+def test_every_plot_has_an_example():
+    page = next(page for page in PAGES if page.stem == "plots_and_arviz").read_text("utf-8")
+    modules = (mode_plots, plots, response_plots, summary_plots)
+    names = [name for module in modules for name in module.__all__ if name.startswith("plot_")]
+    assert len(names) >= 15
+    missing = [name for name in names if f".{name}(" not in page]
+    assert not missing
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_what_a_page_points_to_is_there(page):
+    text = page.read_text("utf-8")
+    for link in re.findall(r"\]\((\w+\.md)\)", text):
+        assert (page.parent / link).is_file()
+    for path in re.findall(
+        r"(?:python|pytest|rank|search) ((?:runs|tests|model_classes)/\S+\.py)", text
+    ):
+        assert (ROOT / path).is_file(), path
