@@ -34,14 +34,6 @@ def test_a_new_study_runs(tmp_path, monkeypatch, kind):
     assert found[0] > found[1] + 10.0
 
 
-def test_the_study_ranks_from_the_command_line(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert run("new", "mine").exit_code == 0
-    done = run("rank", "mine.py", "--error", "0.05")
-    assert done.exit_code == 0, done.output
-    assert "each its own" in done.output
-
-
 def test_nothing_is_overwritten(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.csv").write_text("precious")

@@ -7,7 +7,7 @@ A simply supported square plate of thin steel, in five strips whose bending stif
 inferred, is meshed by scikit-fem with conforming plate elements (Bogner, Fox and Schmit: four
 degrees of freedom a node). The six lowest modes at 25 sensors are simulated, and the posterior of
 the five factors is sampled with the reduced model. For each size: the CPU time of a full solution
-(the direct path needs one for every evaluation), full solutions spent in all, the time of an
+(the direct path needs one for every evaluation), full solutions spent in all, the CPU time of an
 evaluation of the likelihood with the reduced model, and its error at draws. Writes
 runs/results/scaling.png.
 """

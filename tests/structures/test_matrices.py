@@ -99,7 +99,7 @@ class TestModes:
 
     def test_rows_do_not_depend_on_their_batch(self):
         k = factor("k")
-        for n in (3, 200):
+        for n in (3, 60, 200):
             structure = bs.MatrixStructure([(k, chain(n)), 0.1 * sp.eye_array(n)],
                                            sp.eye_array(n), n_modes=3)  # fmt: skip
             values = np.random.default_rng(0).lognormal(0.0, 0.3, (7, 1))
@@ -199,7 +199,7 @@ def test_matrices_without_modes(stiffness, mass, message):
         structure.modes(np.ones((1, 1)))
 
 
-@pytest.mark.parametrize("n", [3, 200])
+@pytest.mark.parametrize("n", [3, 60, 200])
 def test_negative_parameters_are_named(n):
     k = bs.Parameter("k", bs.Normal(1.0, 1.0))
     structure = bs.MatrixStructure((k, chain(n)), sp.eye_array(n), n_modes=2)
