@@ -2,7 +2,7 @@
 
     python runs/concrete_frame.py concrete_frame_fe.mat
 
-The file is that of a laboratory frame of reinforced concrete: a
+The file holds a concrete frame: a
 nominal stiffness matrix K0, a lumped mass matrix M0 (913 degrees of freedom have no mass), the
 influence matrices E_1 ... E_12, Influence_Link and Influence_Rebar, which add up to K0, and the 43
 measured degrees of freedom measDOFs, counted from 1. It is not part of this package.

@@ -29,7 +29,7 @@ TRAINING_POINTS = 512
 # Rows that are assembled at a time.
 CHUNK = 64
 # Directions that add less than this share of the wanted accuracy to a mode are left out.
-NEGLIGIBLE = 0.05
+NEGLIGIBLE = 0.15
 # A point whose error is this share of the largest one known may be solved in its place.
 BAD_ENOUGH = 0.7
 

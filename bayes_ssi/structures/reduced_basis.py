@@ -10,9 +10,9 @@ relative distance of at least δ, |μ/λ - 1| ≤ η²/δ (Temple, Kato). Modes 
 ``CLOSE`` count as one group, whose η² add up.
 
 Shapes are wrong at the sensors in two ways. What no vector of the basis has of a mode is about
-η/(1 - μ/μ_m+1) in energy, and moves the sensors by no more than the flexibility that the basis
-lacks there, Eᵀ(K⁻¹ - V Vᵀ)E at the reference, allows. And modes i and j are mixed with one another
-by about η_i η_j/|1 - μ_i/μ_j|. Both are estimates of first order, not bounds.
+K⁻¹ r/(1 - μ/μ_m+1), of which the sensors see Eᵀ K⁻¹ r, here with K_r in place of K and divided by
+α. And modes i and j are mixed with one another by about η_i η_j/|1 - μ_i/μ_j|. Both are estimates
+of first order, not bounds.
 
 rᵀ K⁻¹ r ≤ rᵀ K_r⁻¹ r / α where K - α K_r is positive semi-definite, as for the least ratio α of
 coefficients c_t(θ)/c_t(θ_r) where all K_t are. The norm of K_r⁻¹ is that of a few random
@@ -78,9 +78,8 @@ class Reference:
     """What residuals and bases are measured by: the model at the reference values.
 
     Attributes:
-        sketch: S (n, SKETCH).
+        probes: (n, SKETCH + d), S and, for the d sensors, K_r⁻¹ E.
         sensors: rows of the sensors.
-        flexibility: Eᵀ K_r⁻¹ E (d, d), of the d sensors.
         coefficients: of the reference values.
         definite: whether every K_t is positive semi-definite.
     """
@@ -104,14 +103,15 @@ class Reference:
             raise NoModesError("the stiffness matrix is not positive definite")
         n = self.matrix.shape[0]
         normal = np.random.default_rng(0).standard_normal((n, SKETCH)) / np.sqrt(SKETCH)
-        self.sketch = factor.solve(factor.root_times(normal))
         self.sensors = sensors
-        self.flexibility = np.empty((len(sensors), len(sensors)))
+        self.probes = np.empty((n, SKETCH + len(sensors)))
+        self.probes[:, :SKETCH] = factor.solve(factor.root_times(normal))
         for start in range(0, len(sensors), COLUMNS):
             columns = sensors[start : start + COLUMNS]
             unit = np.zeros((n, len(columns)))
             unit[columns, np.arange(len(columns))] = 1.0
-            self.flexibility[:, start : start + COLUMNS] = factor.solve(unit)[sensors]
+            at = SKETCH + start
+            self.probes[:, at : at + len(columns)] = factor.solve(unit)
         self.definite = all(is_semidefinite(each) for each in stiffness.matrices)
 
 
@@ -123,10 +123,9 @@ class ReducedBasis:
         vectors: V (n, N).
         stiffness: Vᵀ K_t V (T, N, N).
         mass: Vᵀ M_u V (U, N, N).
-        residual_stiffness: Sᵀ K_t V (T, SKETCH, N).
-        residual_mass: Sᵀ M_u V (U, SKETCH, N).
+        residual_stiffness: K_t V (T, SKETCH + d, N) in the reference's probes.
+        residual_mass: M_u V (U, SKETCH + d, N) in them.
         at_sensors: Eᵀ V (d, N).
-        missing_flexibility: greatest eigenvalue of Eᵀ(K_r⁻¹ - V Vᵀ)E.
     """
 
     vectors: FloatArray
@@ -135,7 +134,6 @@ class ReducedBasis:
     residual_stiffness: FloatArray
     residual_mass: FloatArray
     at_sensors: FloatArray
-    missing_flexibility: float
 
     @classmethod
     def empty(cls, reference: Reference) -> ReducedBasis:
@@ -145,10 +143,9 @@ class ReducedBasis:
             np.zeros((n, 0)),
             np.zeros((n_k, 0, 0)),
             np.zeros((n_m, 0, 0)),
-            np.zeros((n_k, SKETCH, 0)),
-            np.zeros((n_m, SKETCH, 0)),
+            np.zeros((n_k, reference.probes.shape[1], 0)),
+            np.zeros((n_m, reference.probes.shape[1], 0)),
             np.zeros((len(reference.sensors), 0)),
-            np.inf,
         )
 
     @property
@@ -181,16 +178,13 @@ class ReducedBasis:
         mass, residual_mass = _extended(
             reference.mass, self.mass, self.residual_mass, new, every, reference
         )
-        at_sensors = every[reference.sensors]
-        missing = reference.flexibility - at_sensors @ at_sensors.T
         return ReducedBasis(
             vectors=every,
             stiffness=stiffness,
             mass=mass,
             residual_stiffness=residual_stiffness,
             residual_mass=residual_mass,
-            at_sensors=at_sensors,
-            missing_flexibility=max(float(np.linalg.eigvalsh(missing).max(initial=0.0)), 0.0),
+            at_sensors=every[reference.sensors],
         )
 
     def bounds(self, at: Coefficients, n_modes: int, reference: Reference) -> Bounds:
@@ -211,12 +205,12 @@ class ReducedBasis:
         y = y / np.sqrt(eigenvalues)  # at unit energy, not unit mass
         residuals = _sum(at.stiffness, self.residual_stiffness) @ y
         residuals -= (_sum(at.mass, self.residual_mass) @ y) * eigenvalues
-        eta = np.sqrt(SKETCH_MARGIN * np.einsum("sm,sm->m", residuals, residuals) / alpha)
+        eta = np.linalg.norm(residuals[:SKETCH], axis=0) * math.sqrt(SKETCH_MARGIN / alpha)
+        moved = np.linalg.norm(residuals[SKETCH:], axis=0) / alpha
         moves = np.linalg.norm(self.at_sensors @ y, axis=0)
-        missing = math.sqrt(self.missing_flexibility / alpha)
         return Bounds(
             _frequency_bounds(eigenvalues, eta)[:n_modes],
-            _shape_errors(eigenvalues, eta, moves, missing, n_modes),
+            _shape_errors(eigenvalues, eta, moves, moved, n_modes),
         )
 
 
@@ -242,7 +236,7 @@ def _frequency_bounds(eigenvalues: FloatArray, eta: FloatArray) -> FloatArray:
 
 
 def _shape_errors(
-    eigenvalues: FloatArray, eta: FloatArray, moves: FloatArray, missing: float, n_modes: int
+    eigenvalues: FloatArray, eta: FloatArray, moves: FloatArray, moved: FloatArray, n_modes: int
 ) -> FloatArray:
     """Errors (n_modes,) at the sensors of shapes of unit length there.
 
@@ -250,13 +244,13 @@ def _shape_errors(
         eigenvalues: (m,), those of the shapes and perhaps the next one.
         eta: (m,).
         moves: (m,), lengths at the sensors of the shapes at unit energy.
-        missing: length at the sensors of the largest shape at unit energy outside the basis.
+        moved: (m,), by how much the residuals, as static loads, move the sensors.
         n_modes: how many shapes.
     """
     own = slice(0, n_modes)
     beyond = eigenvalues[n_modes] if len(eigenvalues) > n_modes else np.inf
     with np.errstate(divide="ignore", invalid="ignore"):
-        outside = eta[own] / (1.0 - eigenvalues[own] / beyond) * missing
+        outside = moved[own] / (1.0 - eigenvalues[own] / beyond)
         distance = np.abs(1.0 - eigenvalues[own, None] / eigenvalues)
         mixed = np.minimum(eta[own, None] * eta / distance, 1.0)
     mixed[np.arange(n_modes), np.arange(n_modes)] = 0.0
@@ -287,20 +281,20 @@ def _extended(
     every: FloatArray,
     reference: Reference,
 ) -> tuple[FloatArray, FloatArray]:
-    """Vᵀ A_t V and Sᵀ A_t V with new columns in V, of which the old ones are known."""
+    """Vᵀ A_t V, and A_t V in the probes, with new columns in V, of which the old ones are known."""
     before, size = small.shape[1], every.shape[1]
     grown = np.zeros((len(small), size, size))
     grown[:, :before, :before] = small
-    sketched = np.zeros((len(small), SKETCH, size))
-    sketched[:, :, :before] = residuals
+    probed = np.zeros((len(small), reference.probes.shape[1], size))
+    probed[:, :, :before] = residuals
     for t, matrix in enumerate(total.matrices):
         for start in range(0, new.shape[1], COLUMNS):
             columns = slice(before + start, min(before + start + COLUMNS, size))
             product = matrix @ new[:, start : start + COLUMNS]
             grown[t, :, columns] = every.T @ product
-            sketched[t, :, columns] = reference.sketch.T @ product
+            probed[t, :, columns] = reference.probes.T @ product
         grown[t, before:, :before] = grown[t, :before, before:].T
         grown[t, before:, before:] = 0.5 * (
             grown[t, before:, before:] + grown[t, before:, before:].T
         )
-    return grown, sketched
+    return grown, probed
