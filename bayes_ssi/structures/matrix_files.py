@@ -147,7 +147,7 @@ def _chosen(key: str | None, keys: list[str]) -> str:
 def _read_matrix_market(path: Path) -> Any:
     from scipy.io import mmread
 
-    return mmread(path)
+    return mmread(path, spmatrix=False)
 
 
 def _read_npz(path: Path, key: str | None) -> Any:
@@ -164,7 +164,7 @@ def _read_mat(path: Path, key: str | None) -> Any:
     try:
         keys = [name for name, *_ in whosmat(path)]
         chosen = _chosen(key, keys)
-        return loadmat(path, variable_names=[chosen])[chosen]
+        return loadmat(path, spmatrix=False, variable_names=[chosen])[chosen]
     except NotImplementedError:  # version 7.3 is another format altogether
         return _read_hdf5(path, key)
 
