@@ -12,7 +12,8 @@ from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.inferred_pairing import LEAST_PROBABILITY, MAX_DRAWS, infer_pairing
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes
-from bayes_ssi.results.result_directory import load_result, save_result
+from bayes_ssi.results.result_directory import load_result
+from bayes_ssi.results.saving import save_result
 from bayes_ssi.structures import Structure
 from bayes_ssi.tables import pairing_notes
 

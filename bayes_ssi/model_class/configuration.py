@@ -11,7 +11,8 @@ import numpy as np
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
-from bayes_ssi.identification.likelihood import ModalLikelihood, check_pairing
+from bayes_ssi.identification.likelihood import ModalLikelihood
+from bayes_ssi.identification.paired_modes import check_pairing
 from bayes_ssi.model_class.description import described
 from bayes_ssi.structures.base import Structure
 
