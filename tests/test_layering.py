@@ -106,6 +106,12 @@ def test_imports_go_down(path):
         assert LIST.index(other) < LIST.index(own), f"{own} imports {other}"
 
 
+@pytest.mark.parametrize("package", [name for name, modules in ORDER.items() if modules])
+def test_a_package_shows_its_own_modules(package):
+    shown = set(imported_layers(PACKAGE / package / "__init__.py"))
+    assert {name.split(".")[0] for name in shown} <= {package}
+
+
 def test_the_reader_of_imports_sees_lazy_ones():
     found = set(imported_layers(PACKAGE / "sampling" / "production.py"))
     assert "emcee" not in found

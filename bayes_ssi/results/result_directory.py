@@ -133,7 +133,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
         maxima=np.array(entry["maxima"], dtype=float),
         relative_spreads=np.array(entry["relative_spreads"], dtype=float),
         failed_checks=tuple(entry["failed_checks"]),
-        edge_checks=tuple(entry["edge_checks"]),
+        failed_edge_checks=tuple(entry["edge_checks"]),
         remarks=tuple(entry.get("remarks", ())),
         name=entry["name"],
         n_evaluations=entry["n_evaluations"],

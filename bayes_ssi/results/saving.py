@@ -137,6 +137,8 @@ def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict
 
 
 IN_THE_FILE_OF_DRAWS = ("draws", "log_likelihoods", "frequencies_hz", "datum_terms")
+# What a record calls otherwise.
+NAMES_IN_RECORDS = {"failed_edge_checks": "edge_checks"}
 
 
 def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
@@ -152,7 +154,7 @@ def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
             value = asdict(value)
         elif item.name in ("regions", "configurations"):
             value = [asdict(part) for part in value]
-        entry[item.name] = value
+        entry[NAMES_IN_RECORDS.get(item.name, item.name)] = value
     entry["summary"] = [asdict(row) for row in posterior.summary]
     return entry
 

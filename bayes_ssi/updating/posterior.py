@@ -116,7 +116,7 @@ class Posterior:
         n_searches: independent searches for maxima.
         seconds: wall-clock time.
         failed_checks: what should have agreed and did not, a sentence each.
-        edge_checks: what the posterior leans on that is not data, a sentence each.
+        failed_edge_checks: what the posterior leans on that is not data, a sentence each.
         data_digest: identifies the data whose density the evidence is.
         configurations: the model's modes and their pairing, configuration by configuration.
         relative_spreads: (n_parameters,), standard deviation of the posterior over that of the
@@ -142,7 +142,7 @@ class Posterior:
     n_searches: int
     seconds: float
     failed_checks: tuple[str, ...]
-    edge_checks: tuple[str, ...]
+    failed_edge_checks: tuple[str, ...]
     data_digest: str
     configurations: tuple[ConfigurationModes, ...]
     relative_spreads: FloatArray

@@ -80,7 +80,9 @@ def sample_as_it_is(
         n_searches=sampled.discovery.n_searches,
         seconds=perf_counter() - started,
         failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
-        edge_checks=tuple(failed_edge_checks(model_class, z.reshape(-1, n), found.frequencies_hz)),
+        failed_edge_checks=tuple(
+            failed_edge_checks(model_class, z.reshape(-1, n), found.frequencies_hz)
+        ),
         data_digest=model_class.data_digest,
         configurations=configurations,
         relative_spreads=z.reshape(-1, n).std(axis=0),
