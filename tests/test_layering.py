@@ -24,7 +24,7 @@ ORDER = {
         "error_model", "shape_density", "paired_modes", "likelihood", "pairings",
         "any_pairing", "inferred_pairing",
     ),
-    "model_class": ("description", "configuration", "model_class"),
+    "model_class": ("description", "configuration", "model_class", "records"),
     "evaluation": ("batch", "journal", "in_workers", "futures", "dispatch", "workers"),
     "sampling": (
         "target", "mixture", "moves", "maxima", "discovery", "tempering", "regions",
@@ -44,7 +44,7 @@ ORDER = {
     ),
     "tables": FREE,
     "plots": (
-        "style", "results", "places", "responses", "shapes", "modes", "mode_shapes",
+        "style", "results", "places", "responses", "shapes", "changes", "modes", "mode_shapes",
         "summaries", "predictions",
     ),
     "report": FREE,

@@ -11,6 +11,7 @@ from conftest import TINY_STUDY
 from searches import INFILL_01, PENDULUM_1
 
 import bayes_ssi as bs
+from bayes_ssi.model_class.records import class_record
 from bayes_ssi.predictions.class_draws import class_draws
 from bayes_ssi.predictions.stored import load_predictions
 from bayes_ssi.ranking.found import search_record
@@ -112,7 +113,7 @@ def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
         built = predicted.model_classes[name]
         assert built.structure.appendages == tuple(f"appendage {place.name}" for place in places)
         (sampled,) = (c for c in found.ranking.study.model_classes if c.name == name)
-        assert built.summary() == sampled.summary()
+        assert class_record(built) == class_record(sampled)
     average = predicted.average()
     probabilities = {row.name: row.probability for row in found.ranking.comparison.classes}
     assert average.n_draws == 40

@@ -12,32 +12,21 @@ import numpy as np
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.inferred_pairing import InferredPairing
 from bayes_ssi.model_class.configuration import label_in
-from bayes_ssi.plots.responses import plot_frequency_change
 from bayes_ssi.plots.style import (
     BLUE,
     GREY,
-    VERMILION,
     axes_of,
     draw_as_they_are,
     figure_of,
     hover,
-    legend_below,
 )
-from bayes_ssi.predictions.bands import Band
 from bayes_ssi.priors import FloatArray
-from bayes_ssi.updating.updated_modes import LEVEL, UpdatedModes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "data_size",
-    "plot_identified_modes",
-    "plot_mac_change",
-    "plot_modes_before_and_after",
-    "plot_pairing",
-]
+__all__ = ["data_size", "plot_identified_modes", "plot_pairing"]
 
 PANELS_ACROSS = 4
 
@@ -109,50 +98,6 @@ def _levels(frequencies_hz: FloatArray, width: float) -> list[float]:
         close = i and frequency - frequencies_hz[i - 1] < 0.05 * width
         levels.append({0.9: 0.6, 0.6: 0.3, 0.3: 0.9}[levels[-1]] if close else 0.9)
     return levels
-
-
-def plot_modes_before_and_after(
-    modes: UpdatedModes, data: ModalData, ax: Axes | None = None
-) -> Axes:
-    """Frequencies of the paired modes before and after updating, as errors in per cent."""
-    labels = [mode.label for mode in modes.modes]
-    after = np.array([mode.after_hz for mode in modes.modes]).T
-    identified = np.array([data.mode(label).frequency_hz for label in labels])
-    before = np.array([mode.before_hz for mode in modes.modes])
-    return plot_frequency_change(labels, identified, before, Band(*after), ax, level=LEVEL)
-
-
-def plot_mac_change(modes: UpdatedModes, ax: Axes | None = None) -> Axes:
-    """MACs of the paired modes with the identified shapes, before and after updating.
-
-    Raises:
-        ValueError: no mode has a shape that is scored.
-    """
-    scored = [mode for mode in modes.modes if mode.mac_after is not None]
-    if not scored:
-        raise ValueError("plot_mac_change: no paired mode has an identified shape")
-    ax = axes_of(ax, (6.4, 1.4 + 0.35 * len(scored)))
-    before_label, after_label = "before: prior medians", f"after: posterior, {100 * LEVEL:g} %"
-    for y, mode in enumerate(scored):
-        assert mode.mac_after is not None
-        low, median, high = mode.mac_after
-        before = float("nan") if mode.mac_before is None else mode.mac_before
-        ax.hlines(y, before, median, color=GREY, linewidth=0.8)
-        (first,) = ax.plot(before, y, "o", color=VERMILION, markerfacecolor="white", markersize=6,
-                           label=None if y else before_label)  # fmt: skip
-        after = ax.errorbar(median, y, xerr=[[median - low], [high - median]], fmt="s", color=BLUE,
-                            markersize=5, capsize=3,
-                            label=None if y else after_label)  # fmt: skip
-        hover(first, f"mode {mode.label} before: MAC {before:.4f}")
-        hover(after, f"mode {mode.label} after: MAC {median:.4f} ({low:.4f} to {high:.4f})")
-    ax.set_yticks(range(len(scored)), [mode.label for mode in scored])
-    draw_as_they_are(ax.get_yticklabels())
-    ax.set_ylim(len(scored) - 0.5, -0.5)
-    ax.set_ylabel("identified mode")
-    ax.set_xlabel("MAC with the identified shape (1: the same shape)")
-    ax.grid(axis="x", alpha=0.3)
-    legend_below(ax, columns=2)
-    return ax
 
 
 def plot_pairing(inferred: InferredPairing, n_modes: int, ax: Axes | None = None) -> Axes:

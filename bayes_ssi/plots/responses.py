@@ -15,7 +15,6 @@ from bayes_ssi.plots.style import (
     VERMILION,
     axes_of,
     draw_as_they_are,
-    hover,
     legend_below,
 )
 from bayes_ssi.predictions.bands import Band
@@ -24,7 +23,7 @@ from bayes_ssi.priors import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["plot_frequency_change", "plot_mac", "plot_time_history", "plot_transfer_functions"]
+__all__ = ["plot_mac", "plot_time_history", "plot_transfer_functions"]
 
 WIDE = (6.4, 3.2)  # inches
 # A band is told from the next one by colour, by lightness and by the line of its median.
@@ -134,52 +133,4 @@ def plot_mac(
     ax.spines[:].set_visible(False)
     ax.tick_params(length=0)
     ax.figure.colorbar(image, ax=ax, label="MAC")
-    return ax
-
-
-def plot_frequency_change(
-    labels: Sequence[str],
-    identified_hz: FloatArray,
-    before_hz: FloatArray,
-    after: Band,
-    ax: Axes | None = None,
-    *,
-    level: float = 0.95,
-) -> Axes:
-    """Model frequencies before and after updating, relative to the identified ones.
-
-    Args:
-        labels: of the identified modes.
-        identified_hz: (n,).
-        before_hz: (n,), of the model at the prior medians; NaN where it has no such mode.
-        after: bands (n,) of the posterior.
-        ax: axes; new ones if None.
-        level: that the bands hold, for the legend.
-    """
-    ax = axes_of(ax, (6.4, 1.4 + 0.4 * len(labels)))
-    y = np.arange(len(labels))
-    before, low, median, high = (
-        100.0 * (np.asarray(part) / identified_hz - 1.0) for part in (before_hz, *after)
-    )
-    ax.axvline(0.0, color="black", linewidth=0.8)
-    ax.hlines(y, before, median, color=GREY, linewidth=0.8)
-    before_label, after_label = "before: prior medians", f"after: posterior, {100 * level:g} %"
-    for i, label in enumerate(labels):
-        (point,) = ax.plot(before[i], i, "o", color=VERMILION, markerfacecolor="white",
-                           markersize=6,
-                           label=None if i else before_label)  # fmt: skip
-        bar = ax.errorbar(median[i], i, xerr=[[median[i] - low[i]], [high[i] - median[i]]],
-                          fmt="s", color=BLUE, markersize=5, capsize=3,
-                          label=None if i else after_label)  # fmt: skip
-        hover(point, f"mode {label} before: {before_hz[i]:.4g} Hz, {before[i]:+.2f} %")
-        hover(bar, f"mode {label} after: {after.median[i]:.4g} Hz, {median[i]:+.2f} % "
-              f"({low[i]:+.2f} to {high[i]:+.2f} %)")  # fmt: skip
-    names = [f"{label}\n{f:.4g} Hz" for label, f in zip(labels, identified_hz, strict=True)]
-    ax.set_yticks(y, names)
-    draw_as_they_are(ax.get_yticklabels())
-    ax.set_ylim(len(labels) - 0.5, -0.5)
-    ax.set_ylabel("identified mode")
-    ax.set_xlabel("model / identified - 1 (%)")
-    ax.grid(axis="x", alpha=0.3)
-    legend_below(ax, columns=2)
     return ax

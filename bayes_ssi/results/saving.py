@@ -15,6 +15,7 @@ import numpy as np
 from bayes_ssi import new_directory
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.model_class.records import class_record
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.ranking.study import Ranking, Study
 from bayes_ssi.results.arviz_store import Further, StoredDraws, save_draws
@@ -129,7 +130,7 @@ def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict
         "prior_weights": None if study.prior_weights is None else dict(study.prior_weights),
         "data_digest": ranking.comparison.data_digest,
         "versions": versions(),
-        "model_classes": [candidate.summary() for candidate in study.model_classes],
+        "model_classes": [class_record(candidate) for candidate in study.model_classes],
         "posteriors": [
             _entry(posterior, files[posterior.name]) for posterior in ranking.posteriors
         ],
