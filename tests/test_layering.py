@@ -44,8 +44,8 @@ ORDER = {
     ),
     "tables": FREE,
     "plots": (
-        "style", "results", "places", "responses", "shapes", "changes", "modes", "mode_shapes",
-        "summaries", "predictions",
+        "style", "corner", "results", "places", "responses", "shapes", "changes", "modes",
+        "mode_shapes", "summaries", "predictions",
     ),
     "report": FREE,
     "commands": FREE,

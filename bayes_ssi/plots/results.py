@@ -28,16 +28,10 @@ from bayes_ssi.updating.posterior import Posterior
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-__all__ = [
-    "corner_size",
-    "plot_corner",
-    "plot_evidence",
-    "plot_frequencies",
-    "save_figures",
-    "style",
-]
+from bayes_ssi.plots.corner import corner_size, plot_corner
+
+__all__ = ["plot_evidence", "plot_frequencies", "save_figures", "style"]
 
 MOST_DRAWN = 12
 FREQUENCIES_SIZE = (6.4, 3.4)  # inches
@@ -133,56 +127,6 @@ def plot_frequencies(
     return ax
 
 
-def plot_corner(
-    posterior: Posterior, figure: Figure | None = None, parameters: Sequence[str] | None = None
-) -> Figure:
-    """Marginal and joint posterior densities of the parameters, or of those that are named.
-
-    Raises:
-        ValueError: there is no parameter of such a name.
-    """
-    import corner
-    import matplotlib.pyplot as plt
-
-    names = posterior.parameter_names if parameters is None else tuple(parameters)
-    unknown = [name for name in names if name not in posterior.parameter_names]
-    if unknown:
-        raise ValueError(
-            f"plot_corner: no parameter {unknown[0]!r}; choose from "
-            f"{', '.join(map(repr, posterior.parameter_names))}"
-        )
-    columns = [posterior.parameter_names.index(name) for name in names]
-    n = len(names)
-    with style():
-        if figure is None:
-            # corner places its axes itself.
-            figure = plt.figure(figsize=corner_size(n), layout="none")
-        corner.corner(
-            posterior.values[:, columns],
-            labels=[name.replace("$", r"\$") for name in names],
-            fig=figure,
-            color=BLUE,
-            bins=30,
-            smooth=1.0,
-            quantiles=[0.05, 0.5, 0.95],
-            show_titles=n > 1,
-            title_fmt=".3g",
-            title_quantiles=[0.05, 0.5, 0.95],
-            title_kwargs={"fontsize": 8, "loc": "center"},
-            label_kwargs={"fontsize": 9},
-            labelpad=0.07,
-            levels=(0.393, 0.865),
-            max_n_ticks=4,
-            plot_datapoints=False,
-        )
-        height = figure.get_figheight()
-        figure.subplots_adjust(top=1.0 - 0.8 / height)
-        text = f"{posterior.name}\nmedian, 90 % interval" + ("; 1 and 2 sigma" if n > 1 else "")
-        title = figure.suptitle(text, y=1.0 - 0.1 / height, va="top", fontsize=10)
-        draw_as_they_are([title])
-    return figure
-
-
 def save_figures(
     directory: Path,
     data: ModalData | Mapping[str, ModalData],
@@ -233,9 +177,3 @@ def _frequencies_size(data: ModalData) -> tuple[float, float]:
 
 def _evidence_size(comparison: Comparison) -> tuple[float, float]:
     return 6.4, 1.3 + 0.42 * len(comparison.classes)
-
-
-def corner_size(n_parameters: int) -> tuple[float, float]:
-    """Width and height, in inches, of a corner plot."""
-    side = 1.4 + 1.5 * n_parameters
-    return side, side + 0.6

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["Picture", "png_figure", "svg_figure"]
 
 DOTS_PER_INCH = 110
-CSS_PIXELS = 96  # an inch
+CSS_PIXELS, POINTS_PER_INCH = 96, 72
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,17 @@ def svg_figure(
     name: str, alt: str, plot: Callable[[Figure], object], size: tuple[float, float]
 ) -> Picture:
     """A figure of that size, in inches, as an SVG drawing; points that tell what they are do so."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size)
+    figure = Figure(figsize=size, dpi=POINTS_PER_INCH)
+    FigureCanvasSVG(figure)
     plot(figure)
+    # Laid out once: a figure that is saved with its layout engine is drawn twice.
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+        figure.set_layout_engine("none")
     file = io.StringIO()
     figure.savefig(file, format="svg", metadata={"Date": None}, transparent=True)
     drawing = re.sub(rf'<g id="{HOVER}([^"]*)"', r'<g class="point" tabindex="0" data-tip="\1"',

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.plots.changes import plot_mac_change, plot_modes_before_and_after
+from bayes_ssi.plots.corner import corner_size, plot_corner
 from bayes_ssi.plots.mode_shapes import plot_mode_shapes, shapes_size
 from bayes_ssi.plots.modes import data_size, plot_identified_modes, plot_pairing
 from bayes_ssi.plots.places import plot_places
-from bayes_ssi.plots.results import corner_size, plot_corner, plot_evidence, plot_frequencies
+from bayes_ssi.plots.results import plot_evidence, plot_frequencies
 from bayes_ssi.plots.style import style
 from bayes_ssi.plots.summaries import plot_parameters, plot_sensitivity
 from bayes_ssi.ranking.comparison import Comparison
