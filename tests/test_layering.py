@@ -38,7 +38,10 @@ ORDER = {
         "checkpoint", "comparison", "averages", "progress_files", "class_sampling", "study",
         "sensitivity", "hypotheses", "found", "search",
     ),
-    "results": ("arviz_store", "json_files", "result_directory", "saving", "stored_classes"),
+    "results": (
+        "arviz_store", "consistency", "json_files", "result_directory", "saving",
+        "stored_classes",
+    ),
     "predictions": (
         "class_draws", "bands", "predictions", "stored", "answers", "modes", "defaults", "files",
     ),

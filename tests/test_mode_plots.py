@@ -133,6 +133,13 @@ def test_sensitivity():
         sensitivity_of_record([])
 
 
+def test_classes_far_behind_do_not_hide_a_close_one():
+    row = SensitivityRow("as it is", {}, {"a": 0.7, "b": 0.3, "c": 1e-200})
+    assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "symlog"
+    row = SensitivityRow("as it is", {}, {"a": 0.7, "b": 0.3})
+    assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "linear"
+
+
 def test_places_of_a_record():
     ax = plot_places({Place("pendulum", (2,)): 0.9, Place("infill", (0, 1)): 0.1})
     assert {"0.9000", "0.1000"} <= {text.get_text() for text in ax.texts}

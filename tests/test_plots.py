@@ -121,6 +121,16 @@ def test_corner(make_posterior):
     figure.canvas.draw()
 
 
+def test_names_fit_the_panels_of_a_corner_plot(make_posterior):
+    figure = plot_corner(make_posterior("3", names=("k", "the mass ratio, infill 1-2")))
+    figure.canvas.draw()
+    first, last = figure.axes[0], figure.axes[3]
+    for ax in (first, last):
+        title, panel = ax.title.get_window_extent(), ax.get_window_extent()
+        assert title.width <= 1.1 * panel.width
+    assert last.title.get_window_extent().x0 > first.get_window_extent().x1
+
+
 def test_corner_of_one_parameter(make_posterior):
     figure = plot_corner(make_posterior("x", names=("k",)))
     assert [ax.get_xlabel() for ax in figure.axes] == ["k"]

@@ -10,21 +10,28 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from conftest import assert_one_line_error
+from matplotlib.figure import Figure
 
 import bayes_ssi as bs
+from bayes_ssi.plots.style import style
 from bayes_ssi.ranking.found import search_record
 from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow, sensitivity_record
 from bayes_ssi.report import write_report
+from bayes_ssi.report.content import _structure
 from bayes_ssi.report.formats import (
     error_percent,
     fixed,
+    heading,
     interval,
     markdown,
     names,
     number,
+    of_numbers,
     percent,
     prior,
+    settings,
 )
+from bayes_ssi.report.picture import saved_figure
 from bayes_ssi.results.saving import save_result
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -195,12 +202,54 @@ def cut(path):
     path.write_bytes(path.read_bytes()[:-200])
 
 
+def set_to(value, *keys):
+    def change(path):
+        record = json.loads(path.read_text())
+        inner = record
+        for key in keys[:-1]:
+            inner = inner[key]
+        inner[keys[-1]] = value
+        path.write_text(json.dumps(record))
+
+    return change
+
+
+def with_text(old, new):
+    def change(path):
+        text = path.read_text("utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new), "utf-8")
+
+    return change
+
+
+def without_the_last_line(path):
+    path.write_text("".join(path.read_text("utf-8").splitlines(keepends=True)[:-1]), "utf-8")
+
+
+def with_half_the_steps(path):
+    import h5py
+
+    with h5py.File(path, "r+") as file:
+        name = next(name for name in file["posterior"] if name.startswith("k"))
+        half = file["posterior"][name][:, ::2]
+        del file["posterior"][name]
+        file["posterior"][name] = half
+
+
 DAMAGES = {
     "older": ("result.json", renamed, "a result of format 2, this version reads"),
     "cut": ("result.json", cut, "damaged"),
     "no result": ("result.json", lambda path: path.unlink(), "no result.json"),
     "no model classes": ("result.json", without("model_classes"), "damaged"),
     "no description": ("result.json", without("model_classes", 0, "description"), "description"),
+    "no seed": ("result.json", without("seed"), "no 'seed'"),
+    "no settings": ("result.json", set_to(None, "settings"), "'settings' cannot be None"),
+    "a class less": ("result.json", set_to([], "posteriors"), "not of the same model classes"),
+    "a mode less": ("data.csv", without_the_last_line, "not those that were ranked"),
+    "another label": ("data.csv", with_text("\n2,", "\n2b,"), "pairs '2', which is not among"),
+    "steps lost": ("posteriors/each_k.nc", with_half_the_steps, "posterior"),
+    "other classes": ("comparison.json", set_to("x", "classes", 0, "name"), "comparison.json"),
     "no data": ("data.csv", lambda path: path.unlink(), "data.csv"),
     "no comparison": ("comparison.json", lambda path: path.unlink(), "comparison.json"),
     "draws cut": ("posteriors/one_k.nc", cut, "one_k.nc: not a stored posterior"),
@@ -303,6 +352,43 @@ def test_a_search_tells_what_it_found(found_in_case_c, tmp_path):
     (appendage,) = found_in_case_c.appendages(best.name)
     assert interval(appendage.frequency_hz, 3) in told
     assert interval(appendage.mass_ratio, 2) in told
+
+
+def test_a_structure_in_a_later_configuration_is_told_by_what_differs():
+    plain = [["frame", "a frame"], ["masses", "1, 1"], ["sensor", "NE x"], ["sensor", "SW x"]]
+    bare = {"name": "bare", "structure_lines": plain}
+    loaded = {
+        "name": "loaded",
+        "structure_lines": [plain[0], ["masses", "1, 2"], ["block", "on 1"], *plain[2:]],
+    }
+    other = {"name": "other", "structure_lines": [["beam", "a beam"], ["mass", "3"]]}
+    whole = [("frame", ["a frame"]), ("masses", ["1, 1"]), ("sensor", ["NE x", "SW x"])]
+    assert _structure(bare, bare) == {"as_in": None, "lines": whole, "without": []}
+    assert _structure(loaded, bare) == {
+        "as_in": "bare",
+        "lines": [("masses", ["1, 2"]), ("block", ["on 1"])],
+        "without": [("masses", ["1, 1"])],
+    }
+    assert _structure(other, bare)["as_in"] is None
+
+
+def test_a_saved_figure_is_shown_at_its_size(tmp_path):
+    with style():
+        figure = Figure(figsize=(2.5, 1.0))
+        figure.savefig(tmp_path / "drawn.png")
+    assert saved_figure("drawn", "a figure", tmp_path / "drawn.png").width == 240
+    (tmp_path / "drawn.png").write_bytes(b"\x89PNG")
+    with pytest.raises(ValueError, match=r"drawn\.png: damaged: not a PNG file"):
+        saved_figure("drawn", "a figure", tmp_path / "drawn.png")
+
+
+def test_columns_and_settings_as_they_are_written():
+    assert [heading(name) for name in ("identified_hz", "time_s", "model_class")] == [
+        "identified (Hz)", "time (s)", "model class",
+    ]  # fmt: skip
+    assert [of_numbers(name) for name in ("low", "before_hz", "mode")] == [True, True, False]
+    told = settings({"log_evidence_error": 0.01, "particles": None, "economical": False})
+    assert told == "log evidence error 0.01, economical no"
 
 
 def test_numbers_as_they_are_written():

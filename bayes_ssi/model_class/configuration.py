@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeVar
@@ -15,7 +17,7 @@ from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.paired_modes import check_pairing
 from bayes_ssi.structures.base import Structure
 
-__all__ = ["Configuration", "label_in", "only_one"]
+__all__ = ["Configuration", "joint_digest", "label_in", "only_one"]
 
 _Item = TypeVar("_Item")
 
@@ -100,6 +102,14 @@ class Configuration:
                 f"{kind} returns frequencies and shapes of shapes {found[0]} and {found[1]} for "
                 f"one set of values, expected {(1, n_modes)} and {(1, n_dof, n_modes)}"
             )
+
+
+def joint_digest(tests: Mapping[str, ModalData]) -> str:
+    """Identifies what an evidence is a density of: the data of all configurations, by name."""
+    if list(tests) == [""]:
+        return tests[""].digest
+    told = sorted((name, data.digest) for name, data in tests.items())
+    return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
 
 
 def label_in(configuration: str, label: str) -> str:

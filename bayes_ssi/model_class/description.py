@@ -57,11 +57,15 @@ def _items(item: Any) -> str:
     values = {field.name: getattr(item, field.name) for field in fields(item)}
     told = [str(values.pop("label"))] if values.get("label") else []
     told += [
-        f"{name.replace('_', ' ')} {in_words(value)}"
+        f"{name.replace('_', ' ')}{' = ' if _is_quantity(value) else ' '}{in_words(value)}"
         for name, value in values.items()
         if not (isinstance(value, (int, float)) and value == 1.0 and name.endswith("factor"))
     ]
-    return _cut(", ".join(told))
+    return _cut("; ".join(told))
+
+
+def _is_quantity(value: Any) -> bool:
+    return isinstance(value, (float, Parameter, Product))
 
 
 def in_words(value: Any) -> str:

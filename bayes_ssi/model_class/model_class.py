@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.likelihood import ModalLikelihood
-from bayes_ssi.model_class.configuration import Configuration, only_one
+from bayes_ssi.model_class.configuration import Configuration, joint_digest, only_one
 from bayes_ssi.parameters import Parameter, collect_parameters
 from bayes_ssi.priors import FloatArray, Prior
 from bayes_ssi.structures.base import Structure
@@ -171,10 +169,7 @@ class ModelClass:
     @property
     def data_digest(self) -> str:
         """Identifies what the evidence is a density of: the data of all configurations."""
-        if self.configuration_names == ("",):
-            return self.data.digest
-        tests = sorted((c.name, c.data.digest) for c in self.configurations)
-        return hashlib.sha256(json.dumps(tests).encode()).hexdigest()[:16]
+        return joint_digest({c.name: c.data for c in self.configurations})
 
     def values(self, z: FloatArray) -> FloatArray:
         """Parameter values (B, n_parameters) at standard-normal coordinates ``z``."""

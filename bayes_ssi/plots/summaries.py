@@ -32,6 +32,8 @@ __all__ = ["plot_parameters", "plot_sensitivity"]
 
 CLASSES_DRAWN = 5
 MARKERS = "osD^v"
+# Nats from which on an axis is logarithmic beyond 1.
+FAR = 30.0
 
 
 def plot_parameters(
@@ -99,6 +101,11 @@ def plot_sensitivity(found: Sensitivity, ax: Axes | None = None) -> Axes:
             (point,) = ax.plot(np.log(share / best), y, marker, color=colour, markersize=5,
                                linestyle="none", label=name if y == 0 else None)  # fmt: skip
             hover(point, f"{name}, {row.name}: probability {probability_text(share)}")
+    if max(map(abs, ax.get_xlim())) > FAR:
+        # Classes far behind would press together those that matter.
+        ax.set_xscale("symlog", linthresh=1.0)
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.margins(x=0.06)
     ax.set_yticks(range(len(found.rows)), [row.name for row in found.rows])
     ax.set_ylim(len(found.rows) - 0.5, -0.5)
     ax.set_xlabel("log of the probability over that of the first class (nats)")

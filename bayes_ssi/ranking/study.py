@@ -187,7 +187,8 @@ def load_study(path: str | Path) -> Study:
     """
     path = Path(path)
     if not path.is_file():
-        raise ValueError(f"{path}: no such file")
+        what = "a directory, not a study file" if path.is_dir() else "no such file"
+        raise ValueError(f"{path}: {what}")
     # No cached bytecode: a study file is read as it stands, and nothing is written beside it.
     spec = importlib.util.spec_from_file_location(f"{STUDY_MODULE}{path.stem}", path)
     if path.suffix != ".py" or spec is None or spec.loader is None:

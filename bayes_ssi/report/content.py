@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -128,11 +130,14 @@ def _class(
         "expected_spurious_modes": record["expected_spurious_modes"],
         "parameters": _parameters(posterior, record),
         "configurations": [
-            _configuration(modes, records[modes.name], stored.tests[modes.name], posterior)
+            {
+                **_configuration(modes, stored.tests[modes.name], posterior),
+                "structure": _structure(records[modes.name], tests[0]),
+            }
             for modes in posterior.configurations
         ],
-        "pairings": pairing_notes(posterior),
-        "regions": region_notes(posterior),
+        "pairings": _nested(pairing_notes(posterior)),
+        "regions": _nested(region_notes(posterior)),
         "pictures": pictures.of_class(place.row.name),
         "failed_checks": place.row.failed_checks,
     }
@@ -152,8 +157,56 @@ def _parameters(posterior: Posterior, record: Mapping[str, Any]) -> list[dict[st
     ]
 
 
+def _nested(notes: Sequence[str]) -> list[tuple[str, list[str]]]:
+    """Notes by their headings, which are not indented."""
+    found: list[tuple[str, list[str]]] = []
+    for note in notes:
+        if note.startswith(" "):
+            found[-1][1].append(note.strip())
+        else:
+            found.append((note, []))
+    return found
+
+
+def _structure(record: Mapping[str, Any], first: Mapping[str, Any]) -> dict[str, Any]:
+    """A structure line by line; where it is much like the first configuration's, what differs."""
+    lines, known = _lines(record), _lines(first)
+    alike = list((Counter(lines) & Counter(known)).elements())
+    if record is first or 2 * len(alike) < len(lines):
+        return {"as_in": None, "lines": _grouped(lines), "without": []}
+    return {
+        "as_in": first["name"],
+        "lines": _grouped(_less(lines, alike)),
+        "without": _grouped(_less(known, alike)),
+    }
+
+
+def _lines(record: Mapping[str, Any]) -> list[tuple[str, str]]:
+    told = record.get("structure_lines") or [[record["structure"], record["definition"]]]
+    return [(name, text) for name, text in told]
+
+
+def _less(
+    lines: Sequence[tuple[str, str]], others: Sequence[tuple[str, str]]
+) -> list[tuple[str, str]]:
+    left, found = Counter(others), []
+    for line in lines:
+        if left[line]:
+            left[line] -= 1
+        else:
+            found.append(line)
+    return found
+
+
+def _grouped(lines: Sequence[tuple[str, str]]) -> list[tuple[str, list[str]]]:
+    """Name and texts of lines that follow one another under one name."""
+    return [
+        (name, [text for _, text in group]) for name, group in groupby(lines, key=lambda x: x[0])
+    ]
+
+
 def _configuration(
-    modes: ConfigurationModes, record: Mapping[str, Any], data: ModalData, posterior: Posterior
+    modes: ConfigurationModes, data: ModalData, posterior: Posterior
 ) -> dict[str, Any]:
     _, frequencies_hz = posterior.configuration(modes.name)
     label_of = {number: label for label, number in modes.pairing.items()}
@@ -162,9 +215,6 @@ def _configuration(
     updated = {mode.label: mode for mode in modes.updated.modes} if modes.updated else {}
     return {
         "name": modes.name,
-        "structure": record["structure"],
-        "structure_lines": record.get("structure_lines")
-        or [[record["structure"], record["definition"]]],
         "inferred": modes.inferred_pairing is not None,
         "shares": modes.inferred_pairing.of_modes if modes.inferred_pairing else None,
         "explained": [label for label in data.labels if label in modes.pairing],

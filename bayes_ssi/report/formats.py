@@ -9,9 +9,12 @@ from typing import Any
 
 from bayes_ssi.ranking.comparison import probability_text
 
-__all__ = ["FILTERS"]
+__all__ = ["FILTERS", "TESTS"]
 
 MISSING = "-"
+# Endings of a column's name in a CSV file, and other columns that hold numbers.
+UNITS = {"_hz": "Hz", "_s": "s"}
+NUMBERS = ("low", "median", "high", "share")
 
 
 def number(value: Any, digits: int = 4) -> str:
@@ -82,6 +85,29 @@ def markdown(value: Any) -> str:
     return re.sub(r"([\\`*_\[\]<>|#~$])", r"\\\1", flat)
 
 
+def settings(record: Mapping[str, Any]) -> str:
+    """Settings in a line; those that leave a choice to the sampling are left out."""
+    words = {True: "yes", False: "no"}
+    return ", ".join(
+        f"{key.replace('_', ' ')} {words[value] if isinstance(value, bool) else value}"
+        for key, value in record.items()
+        if value is not None
+    )
+
+
+def heading(name: str) -> str:
+    """A column of a CSV file as a table heads it."""
+    for ending, unit in UNITS.items():
+        if name.endswith(ending):
+            return f"{name.removesuffix(ending).replace('_', ' ')} ({unit})"
+    return name.replace("_", " ")
+
+
+def of_numbers(name: str) -> bool:
+    """Whether a column of predictions' files holds numbers."""
+    return name in NUMBERS or any(name.endswith(ending) for ending in UNITS)
+
+
 FILTERS = {
     "number": number,
     "fixed": fixed,
@@ -94,4 +120,7 @@ FILTERS = {
     "quoted": quoted,
     "replaced": replaced,
     "md": markdown,
+    "settings": settings,
+    "heading": heading,
 }
+TESTS = {"of_numbers": of_numbers}

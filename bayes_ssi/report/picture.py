@@ -11,15 +11,16 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bayes_ssi.plots.style import HOVER
+from bayes_ssi.plots.style import HOVER, RC
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Picture", "png_figure", "svg_figure"]
+__all__ = ["Picture", "png_figure", "saved_figure", "svg_figure"]
 
 DOTS_PER_INCH = 110
 CSS_PIXELS, POINTS_PER_INCH = 96, 72
+PNG_HEADER = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass(frozen=True)
@@ -98,3 +99,16 @@ def png_figure(
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
     return Picture(name, alt, file.getvalue(), round(CSS_PIXELS * size[0]))
+
+
+def saved_figure(name: str, alt: str, path: Path) -> Picture:
+    """A PNG file that was saved in the package's style, at the size that it was drawn for.
+
+    Raises:
+        ValueError: it is no PNG file.
+    """
+    content = path.read_bytes()
+    if not content.startswith(PNG_HEADER) or len(content) < 24:
+        raise ValueError(f"{path}: damaged: not a PNG file")
+    pixels = int.from_bytes(content[16:20], "big")  # the width, first of the first chunk
+    return Picture(name, alt, content, round(CSS_PIXELS * pixels / RC["savefig.dpi"]))

@@ -26,7 +26,7 @@ from bayes_ssi.updating.updated_modes import UpdatedModes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-from bayes_ssi.report.picture import Picture, png_figure, svg_figure
+from bayes_ssi.report.picture import Picture, png_figure, saved_figure, svg_figure
 
 __all__ = ["Pictures", "draw"]
 
@@ -131,7 +131,7 @@ def _of_class(
     stored: StoredResult, posterior: Posterior, i: int, with_corner: bool
 ) -> list[Picture]:
     found: list[Picture] = []
-    told = f"of class {posterior.name}"
+    told = f"of class {posterior.name!r}"
     for k, modes in enumerate(posterior.configurations):
         number = f"{i + 1}_{k + 1}"
         found += _of_modes(modes, stored.tests[modes.name], number, told)
@@ -237,5 +237,5 @@ def _predictions(beside: Beside) -> list[Picture]:
     for path in found.figures:
         told = "MAC with the identified shapes" if path.stem == "mac" else path.stem
         alt = f"Predictions: {told.replace('_', ' ')}"
-        pictures.append(Picture(f"prediction_{path.stem}", alt, path.read_bytes(), 640))
+        pictures.append(saved_figure(f"prediction_{path.stem}", alt, path))
     return pictures

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bayes_ssi.new_directory import new_directory, require_new
 from bayes_ssi.report.content import content
-from bayes_ssi.report.formats import FILTERS
+from bayes_ssi.report.formats import FILTERS, TESTS
 from bayes_ssi.report.pictures import draw
 from bayes_ssi.report.stored import load_beside
 from bayes_ssi.versions import versions
@@ -74,6 +74,7 @@ def write_report(
         lstrip_blocks=True,
     )
     environment.filters.update(FILTERS)
+    environment.tests.update(TESTS)
     try:
         tell("figures", 0.1)
         pictures = draw(stored, beside, lambda share: tell("figures", 0.1 + 0.8 * share))

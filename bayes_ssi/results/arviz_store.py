@@ -143,6 +143,8 @@ def load_draws(path: Path, parameter_names: tuple[str, ...]) -> StoredDraws:
                 predictive[FREQUENCY][...],
                 tuple(each.decode() if isinstance(each, bytes) else each for each in labels),
             )
+    except PermissionError:
+        raise ValueError(f"{path}: cannot be read: permission denied") from None
     except (OSError, KeyError, ValueError, AttributeError, TypeError) as error:
         raise ValueError(
             f"{path}: not a stored posterior of this package: {' '.join(str(error).split())}"

@@ -33,10 +33,17 @@ def plain_record(value: Any) -> Any:
 
 
 def read_json(path: Path) -> dict[str, Any]:
+    """Read a record.
+
+    Raises:
+        ValueError: there is no such file, or it holds no record; the message names it.
+    """
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
-    except OSError:
+    except (FileNotFoundError, NotADirectoryError):
         raise ValueError(f"{path.parent}: not a result directory: no {path.name}") from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:
         raise ValueError(f"{path}: damaged: {error}") from None
     if not isinstance(record, dict):

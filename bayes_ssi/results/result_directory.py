@@ -20,6 +20,7 @@ from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingSh
 from bayes_ssi.model_class.configuration import only_one
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.results.arviz_store import load_draws
+from bayes_ssi.results.consistency import require_record, require_whole
 from bayes_ssi.results.json_files import read_json
 from bayes_ssi.sampling.evidence import Estimate
 from bayes_ssi.updating.configuration_modes import ConfigurationModes
@@ -90,6 +91,10 @@ def load_result(directory: str | Path) -> StoredResult:
             f"this version reads format {FORMAT}; run the study again"
         )
     try:
+        require_record(record)
+    except ValueError as error:
+        raise ValueError(f"{directory / MARKER}: damaged: {error}") from error
+    try:
         posteriors = tuple(_posterior(directory, entry) for entry in record["posteriors"])
         comparison = _comparison(read_json(directory / "comparison.json"))
         tests = {
@@ -101,6 +106,10 @@ def load_result(directory: str | Path) -> StoredResult:
         raise ValueError(f"{directory}: incomplete or damaged result: {told}") from error
     except (LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"{directory}: incomplete or damaged result: {error!r}") from error
+    try:
+        require_whole(record, tests, posteriors, comparison)
+    except (ValueError, LookupError, TypeError) as error:
+        raise ValueError(f"{directory}: incomplete or damaged result: {error}") from error
     return StoredResult(directory, record, tests, posteriors, comparison)
 
 
