@@ -8,11 +8,11 @@ import pytest
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.any_pairing import AnyPairing
-from bayes_ssi.inferred_pairing import LEAST_PROBABILITY, MAX_DRAWS, infer_pairing
-from bayes_ssi.likelihood import ModalLikelihood
+from bayes_ssi.identification.any_pairing import AnyPairing
+from bayes_ssi.identification.inferred_pairing import LEAST_PROBABILITY, MAX_DRAWS, infer_pairing
+from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes
-from bayes_ssi.results import load_result, save_result
+from bayes_ssi.results.result_directory import load_result, save_result
 from bayes_ssi.structures import Structure
 from bayes_ssi.tables import pairing_notes
 

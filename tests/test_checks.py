@@ -9,10 +9,10 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 import bayes_ssi as bs
-from bayes_ssi.checks import failed_checks, failed_edge_checks
-from bayes_ssi.regions import Regions
-from bayes_ssi.sampling import sample_target
-from bayes_ssi.target import Target
+from bayes_ssi.sampling.engine import sample_target
+from bayes_ssi.sampling.regions import Regions
+from bayes_ssi.sampling.target import Target
+from bayes_ssi.updating.checks import failed_checks, failed_edge_checks
 
 STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz
 PHI = (1.0 + math.sqrt(5.0)) / 2.0

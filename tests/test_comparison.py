@@ -5,7 +5,7 @@ import math
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.comparison import bayes_factor_scale
+from bayes_ssi.ranking.comparison import bayes_factor_scale
 
 
 @pytest.mark.parametrize(

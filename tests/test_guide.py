@@ -6,7 +6,10 @@ from pathlib import Path
 import pytest
 
 import bayes_ssi
-from bayes_ssi import mode_plots, plots, response_plots, summary_plots
+from bayes_ssi.plots import modes as mode_plots
+from bayes_ssi.plots import responses as response_plots
+from bayes_ssi.plots import results as plots
+from bayes_ssi.plots import summaries as summary_plots
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((Path(bayes_ssi.__file__).parent / "guide").glob("*.md"))

@@ -5,19 +5,19 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from bayes_ssi.configuration_modes import configuration_modes
-from bayes_ssi.inferred_pairing import InferredPairing, PairingShare
-from bayes_ssi.mode_plots import (
+from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.plots.modes import (
     plot_identified_modes,
     plot_mac_change,
     plot_mode_shapes,
     plot_modes_before_and_after,
     plot_pairing,
 )
-from bayes_ssi.plots import plot_corner, plot_places
-from bayes_ssi.search import Place
-from bayes_ssi.sensitivity import Sensitivity, SensitivityRow, sensitivity_of_record
-from bayes_ssi.summary_plots import plot_parameters, plot_sensitivity
+from bayes_ssi.plots.results import plot_corner, plot_places
+from bayes_ssi.plots.summaries import plot_parameters, plot_sensitivity
+from bayes_ssi.ranking.search import Place
+from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow, sensitivity_of_record
+from bayes_ssi.updating.configuration_modes import configuration_modes
 
 
 @pytest.fixture(autouse=True)

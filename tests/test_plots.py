@@ -9,7 +9,13 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 import bayes_ssi as bs
-from bayes_ssi.plots import plot_corner, plot_evidence, plot_frequencies, save_figures, style
+from bayes_ssi.plots.results import (
+    plot_corner,
+    plot_evidence,
+    plot_frequencies,
+    save_figures,
+    style,
+)
 
 PNG = b"\x89PNG\r\n"
 

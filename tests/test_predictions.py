@@ -7,12 +7,17 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi import class_draws as class_draws_module
-from bayes_ssi import predictions
-from bayes_ssi.class_draws import class_draws
-from bayes_ssi.ground_motion import GroundMotion
-from bayes_ssi.predictions import Prediction, predict_average, predict_class
-from bayes_ssi.response import Output, peak_responses, time_histories, transfer_functions
+from bayes_ssi.predictions import class_draws as class_draws_module
+from bayes_ssi.predictions import predictions
+from bayes_ssi.predictions.class_draws import class_draws
+from bayes_ssi.predictions.predictions import Prediction, predict_average, predict_class
+from bayes_ssi.response.ground_motion import GroundMotion
+from bayes_ssi.response.modal_response import (
+    Output,
+    peak_responses,
+    time_histories,
+    transfer_functions,
+)
 
 PHI = (1.0 + math.sqrt(5.0)) / 2.0
 FLOORS = ("floor 1", "floor 2")

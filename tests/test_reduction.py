@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi import posterior
 from bayes_ssi.modal import Modes
-from bayes_ssi.results import load_result, save_result
+from bayes_ssi.results.result_directory import load_result, save_result
 from bayes_ssi.structures import Structure
 from bayes_ssi.structures.base import Accuracy
+from bayes_ssi.updating import posterior
 
 SETTINGS = bs.SamplingSettings(log_evidence_error=0.02)
 

@@ -8,8 +8,7 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 
-from bayes_ssi.predictions import Band
-from bayes_ssi.response_plots import (
+from bayes_ssi.plots.responses import (
     plot_components,
     plot_frequency_change,
     plot_mac,
@@ -17,6 +16,7 @@ from bayes_ssi.response_plots import (
     plot_time_history,
     plot_transfer_functions,
 )
+from bayes_ssi.predictions.predictions import Band
 
 X = np.linspace(0.5, 2.5, 5)
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi import results
-from bayes_ssi.results import load_result, require_new, save_result
+from bayes_ssi.results import result_directory as results
+from bayes_ssi.results.result_directory import load_result, require_new, save_result
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from pools import Crew, Death, Late, points, spawning, sums
 
-from bayes_ssi import dispatch
-from bayes_ssi.workers import Workers, as_workers, local_workers
+from bayes_ssi.evaluation import dispatch
+from bayes_ssi.evaluation.workers import Workers, as_workers, local_workers
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
@@ -260,7 +260,7 @@ import os
 
 import numpy as np
 
-from bayes_ssi.workers import local_workers
+from bayes_ssi.evaluation.workers import local_workers
 
 
 def main():

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.terminal import console, json_option, progress_bars, say, tell_record
+from bayes_ssi.commands.terminal import console, json_option, progress_bars, say, tell_record
 
 if TYPE_CHECKING:
-    from bayes_ssi.prediction_answers import Answer, Question
-    from bayes_ssi.predictions import Predictions
-    from bayes_ssi.response import Damping, Output, Quantity
-    from bayes_ssi.stored_predictions import StoredPredictions
+    from bayes_ssi.predictions.answers import Answer, Question
+    from bayes_ssi.predictions.predictions import Predictions
+    from bayes_ssi.predictions.stored import StoredPredictions
+    from bayes_ssi.response.modal_response import Damping, Output, Quantity
 
 __all__ = ["predict"]
 
@@ -120,12 +120,12 @@ def predict(
     all with credible bands.
     """
     from bayes_ssi.new_directory import new_directory, require_new
-    from bayes_ssi.prediction_answers import answer
-    from bayes_ssi.prediction_figures import save_prediction_figures
-    from bayes_ssi.prediction_files import save_predictions
-    from bayes_ssi.predictions import AVERAGE
-    from bayes_ssi.results import write_json
-    from bayes_ssi.stored_predictions import load_predictions
+    from bayes_ssi.plots.predictions import save_prediction_figures
+    from bayes_ssi.predictions.answers import answer
+    from bayes_ssi.predictions.files import save_predictions
+    from bayes_ssi.predictions.predictions import AVERAGE
+    from bayes_ssi.predictions.stored import load_predictions
+    from bayes_ssi.results.result_directory import write_json
 
     predicted = load_predictions(result, study, draws, configuration)
     of_one = len(predicted.model_classes) == 1
@@ -166,7 +166,7 @@ def predict(
 
 def _modes(predicted: StoredPredictions, answers: Sequence[Answer]) -> dict[str, Any]:
     """Predicted frequencies, for a JSON record: low, median and high of each mode."""
-    from bayes_ssi.prediction_modes import predicted_modes
+    from bayes_ssi.predictions.modes import predicted_modes
 
     return {
         each.name: {
@@ -192,15 +192,15 @@ def _question(
     level: float,
 ) -> tuple[Question, list[str]]:
     """The question that the options ask, and what must be said of it."""
-    from bayes_ssi.ground_motion import UNITS, GroundMotion
-    from bayes_ssi.prediction_answers import Question
-    from bayes_ssi.prediction_defaults import (
+    from bayes_ssi.predictions.answers import Question
+    from bayes_ssi.predictions.defaults import (
         MOST_FREQUENCIES,
         default_damping,
         default_frequencies,
         default_output,
     )
-    from bayes_ssi.response import GROUND, damping_ratios
+    from bayes_ssi.response.ground_motion import UNITS, GroundMotion
+    from bayes_ssi.response.modal_response import GROUND, damping_ratios
 
     for name, value in (("--unit", unit), ("--dt", dt)):
         if value is not None and not records:
@@ -257,7 +257,7 @@ def _ratios(text: str) -> Damping:
 
 
 def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
-    from bayes_ssi.response import Output
+    from bayes_ssi.response.modal_response import Output
 
     if quantity != "drift":
         return Output(quantity, places)
@@ -270,7 +270,7 @@ def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
 
 def _composition(predictions: Predictions) -> str:
     """What the draws of a prediction are of."""
-    from bayes_ssi.predictions import AVERAGE
+    from bayes_ssi.predictions.predictions import AVERAGE
 
     if predictions.name != AVERAGE:
         return f"{predictions.name}: one model class."

@@ -11,12 +11,9 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bayes_ssi.comparison import Comparison
-from bayes_ssi.configuration import label_in
-from bayes_ssi.configuration_modes import ConfigurationModes
-from bayes_ssi.data import ModalData
-from bayes_ssi.figure_style import HOVER, style
-from bayes_ssi.mode_plots import (
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.plots.modes import (
     data_size,
     plot_identified_modes,
     plot_mac_change,
@@ -25,12 +22,21 @@ from bayes_ssi.mode_plots import (
     plot_pairing,
     shapes_size,
 )
-from bayes_ssi.plots import corner_size, plot_corner, plot_evidence, plot_frequencies, plot_places
-from bayes_ssi.posterior import Posterior
+from bayes_ssi.plots.results import (
+    corner_size,
+    plot_corner,
+    plot_evidence,
+    plot_frequencies,
+    plot_places,
+)
+from bayes_ssi.plots.style import HOVER, style
+from bayes_ssi.plots.summaries import plot_parameters, plot_sensitivity
+from bayes_ssi.ranking.comparison import Comparison
 from bayes_ssi.report.stored import Beside
-from bayes_ssi.results import StoredResult
-from bayes_ssi.summary_plots import plot_parameters, plot_sensitivity
-from bayes_ssi.updated_modes import UpdatedModes
+from bayes_ssi.results.result_directory import StoredResult
+from bayes_ssi.updating.configuration_modes import ConfigurationModes
+from bayes_ssi.updating.posterior import Posterior
+from bayes_ssi.updating.updated_modes import UpdatedModes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,0 +1,1 @@
+"""What a structure does under a force or a ground motion."""
