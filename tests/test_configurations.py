@@ -250,7 +250,9 @@ def test_an_inferred_pairing_is_told_for_each_configuration():
     notes = pairing_notes(posterior)
     assert "Modes of 'both' in configuration 'bare':" in notes
     assert "Modes of 'both' in configuration 'loaded':" in notes
-    with pytest.raises(bs.calibration.NothingToCalibrateError, match="its pairing is 'any'"):
+    with pytest.raises(
+        bs.updating.calibration.NothingToCalibrateError, match="its pairing is 'any'"
+    ):
         bs.calibrate(bs.ModelClass("x", configurations=joint().configurations, pairing="any"))
 
 
