@@ -6,7 +6,8 @@ vibrate on their own and hide in the modal data.
 
 from typing import TYPE_CHECKING, Any
 
-from bayes_ssi.data.modal_data import IdentifiedMode, ModalData
+from bayes_ssi.data.identified_mode import IdentifiedMode
+from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
@@ -15,7 +16,7 @@ from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, Truncate
 from bayes_ssi.ranking.comparison import compare
 from bayes_ssi.ranking.study import Study, rank
 from bayes_ssi.response.ground_motion import GroundMotion
-from bayes_ssi.response.modal_response import Output
+from bayes_ssi.response.output import Output
 from bayes_ssi.sampling.sampled import SamplingSettings
 from bayes_ssi.sensors import Sensor
 from bayes_ssi.structures import (
@@ -33,7 +34,8 @@ from bayes_ssi.structures import (
     floor_sensor,
     read_matrix,
 )
-from bayes_ssi.updating.calibration import calibrate, rms_distance
+from bayes_ssi.updating.calibration import calibrate
+from bayes_ssi.updating.calibration_problem import rms_distance
 from bayes_ssi.updating.posterior import Posterior
 from bayes_ssi.updating.reduction import sample
 

@@ -17,7 +17,7 @@ from conftest import COARSE, assert_one_line_error
 from pools import points, sums
 
 import bayes_ssi as bs
-from bayes_ssi.evaluation import dispatch, workers
+from bayes_ssi.evaluation import dispatch, futures, workers
 from bayes_ssi.evaluation.batch import evaluate
 from bayes_ssi.evaluation.workers import dask_workers
 
@@ -136,7 +136,7 @@ def takes_long(z):
 
 
 def test_a_run_whose_workers_have_all_gone_ends(empty_cluster, monkeypatch):
-    monkeypatch.setattr(dispatch, "CHECK_SECONDS", 0.2)
+    monkeypatch.setattr(futures, "CHECK_SECONDS", 0.2)
     empty_cluster.scale(1)
     with dask_workers(empty_cluster.scheduler_address) as pool:
         threading.Timer(0.5, empty_cluster.scale, [0]).start()

@@ -13,35 +13,40 @@ PACKAGE = Path(bayes_ssi.__file__).parent
 # Each may import those above it. Of a package without a list, modules may import one another.
 FREE = None
 ORDER = {
-    "priors": (), "parameters": (), "modal": (), "sensors": (), "versions": (),
+    "priors": FREE, "parameters": (), "modal": (), "sensors": (), "versions": (),
     "new_directory": (),
     "structures": FREE,
-    "response": ("ground_motion", "ground_motion_files", "time_stepping", "modal_response"),
-    "data": ("modal_data", "modal_csv", "modal_uff", "modal_pyoma2"),
-    "identification": (
-        "error_model", "shape_density", "likelihood", "pairings", "any_pairing",
-        "inferred_pairing",
+    "response": (
+        "ground_motion", "ground_motion_files", "time_stepping", "output", "modal_response",
     ),
-    "model_class": ("description", "configuration", "model_class"),
-    "evaluation": ("batch", "journal", "in_workers", "dispatch", "workers"),
+    "data": ("identified_mode", "modal_data", "modal_csv", "modal_uff", "modal_pyoma2"),
+    "identification": (
+        "error_model", "shape_density", "paired_modes", "likelihood", "pairings",
+        "any_pairing", "inferred_pairing",
+    ),
+    "model_class": ("description", "configuration", "model_class", "records"),
+    "evaluation": ("batch", "journal", "in_workers", "futures", "dispatch", "workers"),
     "sampling": (
         "target", "mixture", "moves", "maxima", "discovery", "tempering", "regions",
         "production", "evidence", "sampled", "economical", "engine",
     ),
     "updating": (
-        "updated_modes", "datum_terms", "configuration_modes", "calibration", "checks",
-        "posterior", "reduction",
+        "updated_modes", "datum_terms", "configuration_modes", "calibration_problem", "calibration",
+        "checks", "posterior", "to_posterior", "reduction",
     ),
     "ranking": (
         "checkpoint", "comparison", "averages", "progress_files", "class_sampling", "study",
-        "sensitivity", "search",
+        "sensitivity", "hypotheses", "found", "search",
     ),
-    "results": ("arviz_store", "result_directory", "stored_classes"),
+    "results": ("arviz_store", "json_files", "result_directory", "saving", "stored_classes"),
     "predictions": (
-        "class_draws", "predictions", "stored", "answers", "modes", "defaults", "files",
+        "class_draws", "bands", "predictions", "stored", "answers", "modes", "defaults", "files",
     ),
     "tables": FREE,
-    "plots": ("style", "results", "responses", "modes", "summaries", "predictions"),
+    "plots": (
+        "style", "corner", "results", "places", "responses", "shapes", "changes", "modes",
+        "mode_shapes", "summaries", "predictions",
+    ),
     "report": FREE,
     "commands": FREE,
     "cli": (),
@@ -99,6 +104,12 @@ def test_imports_go_down(path):
             continue
         assert other in LIST, f"{own} imports {other}"
         assert LIST.index(other) < LIST.index(own), f"{own} imports {other}"
+
+
+@pytest.mark.parametrize("package", [name for name, modules in ORDER.items() if modules])
+def test_a_package_shows_its_own_modules(package):
+    shown = set(imported_layers(PACKAGE / package / "__init__.py"))
+    assert {name.split(".")[0] for name in shown} <= {package}
 
 
 def test_the_reader_of_imports_sees_lazy_ones():

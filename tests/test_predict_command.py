@@ -11,8 +11,8 @@ from conftest import TINY_STUDY, assert_one_line_error
 
 from bayes_ssi.predictions.stored import load_predictions
 from bayes_ssi.response.ground_motion import GroundMotion
-from bayes_ssi.response.modal_response import Output
-from bayes_ssi.results.result_directory import save_result
+from bayes_ssi.response.output import Output
+from bayes_ssi.results.saving import save_result
 
 mpl.use("Agg")
 
@@ -51,7 +51,7 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
     def refuse(*_):
         raise AssertionError("sampled")
 
-    monkeypatch.setattr("bayes_ssi.updating.posterior.sample_target", refuse)
+    monkeypatch.setattr("bayes_ssi.updating.to_posterior.sample_target", refuse)
     (tmp_path / "tiny.py").write_text(TINY_STUDY, "utf-8")
     out = tmp_path / "result"
     save_result(tiny_ranking, out, study_file=str(tmp_path / "tiny.py"))

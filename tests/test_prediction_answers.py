@@ -14,8 +14,8 @@ from bayes_ssi.predictions.defaults import default_damping, default_frequencies,
 from bayes_ssi.predictions.files import save_predictions
 from bayes_ssi.predictions.stored import load_predictions
 from bayes_ssi.response.ground_motion import GroundMotion
-from bayes_ssi.response.modal_response import Output
-from bayes_ssi.results.result_directory import save_result
+from bayes_ssi.response.output import Output
+from bayes_ssi.results.saving import save_result
 from bayes_ssi.tables import frequency_table, peak_table, shape_tables
 
 mpl.use("Agg")

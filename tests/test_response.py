@@ -15,14 +15,12 @@ import bayes_ssi as bs
 from bayes_ssi.modal import ModalModel, Modes, modal_model
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.modal_response import (
-    GROUND,
-    Output,
-    damping_ratios,
     largest_over_places,
     peak_responses,
     time_histories,
     transfer_functions,
 )
+from bayes_ssi.response.output import GROUND, Output, damping_ratios
 from bayes_ssi.structures import Structure
 
 NO_VALUES = np.empty((1, 0))

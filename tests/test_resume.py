@@ -14,7 +14,8 @@ import pytest
 from conftest import TINY_STUDY
 
 from bayes_ssi.cli import main
-from bayes_ssi.results.result_directory import load_result, save_result
+from bayes_ssi.results.result_directory import load_result
+from bayes_ssi.results.saving import save_result
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals of Unix")
 
@@ -86,12 +87,10 @@ ALL_IS_SAMPLED = {
     "all is sampled": instead_of("bayes_ssi.ranking.checkpoint.Checkpoint.begin_saving")
 }
 SAVING = {
-    "some files are written": instead_of("bayes_ssi.results.result_directory.save_draws"),
-    "most files are written": instead_of(
-        "bayes_ssi.results.result_directory._write_comparison_csv"
-    ),
+    "some files are written": instead_of("bayes_ssi.results.saving.save_draws"),
+    "most files are written": instead_of("bayes_ssi.results.saving._write_comparison_csv"),
     "all files are written": instead_of("pathlib.Path.rename"),
-    "the result is in its place": instead_of("bayes_ssi.results.result_directory.load_result"),
+    "the result is in its place": instead_of("bayes_ssi.results.saving.load_result"),
     "a figure is drawn": instead_of("matplotlib.figure.Figure.savefig"),
     "everything is done": instead_of("bayes_ssi.ranking.checkpoint.Checkpoint.remove"),
     "the journal is removed": after_the_first_unlink,

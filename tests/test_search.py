@@ -10,7 +10,9 @@ from searches import COARSE, INFILL_01, INFILL_12, ONE, PENDULUM_1, PENDULUM_3, 
 
 import bayes_ssi as bs
 from bayes_ssi.modal import Modes
-from bayes_ssi.ranking.search import SearchSettings, hypothesis, places_of, search, search_record
+from bayes_ssi.ranking.found import search_record
+from bayes_ssi.ranking.hypotheses import SearchSettings, hypothesis, places_of
+from bayes_ssi.ranking.search import search
 from bayes_ssi.structures import Structure
 
 

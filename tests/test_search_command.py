@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("coarse_command")
 @pytest.fixture
 def no_figures(no_figures, monkeypatch):
     del no_figures  # those of a ranking
-    monkeypatch.setattr("bayes_ssi.plots.results.save_places", lambda *_: None)
+    monkeypatch.setattr("bayes_ssi.plots.places.save_places", lambda *_: None)
 
 
 @pytest.fixture

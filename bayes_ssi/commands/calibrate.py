@@ -29,8 +29,8 @@ def calibrate(
 ) -> None:
     """List every distinct minimum of the paper's objective for the model classes of STUDY."""
     from bayes_ssi.tables import calibration_modes_table, calibration_table
-    from bayes_ssi.updating.calibration import NothingToCalibrateError
     from bayes_ssi.updating.calibration import calibrate as calibrate_class
+    from bayes_ssi.updating.calibration_problem import NothingToCalibrateError
 
     where, records = console(), []
     candidates = load(study, only).model_classes

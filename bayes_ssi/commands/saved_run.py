@@ -96,7 +96,7 @@ class SavedRun:
         from bayes_ssi.plots.results import save_figures
         from bayes_ssi.ranking.checkpoint import Checkpoint, name_of_run
         from bayes_ssi.ranking.sensitivity import sensitivity_record
-        from bayes_ssi.results.result_directory import require_new, save_result
+        from bayes_ssi.results.saving import require_new, save_result
         from bayes_ssi.sampling.sampled import SamplingSettings
 
         if self.workers is not None and self.dask is not None:

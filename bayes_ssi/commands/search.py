@@ -59,7 +59,8 @@ def search(
     modes. Workers sample whole hypotheses side by side.
     """
     from bayes_ssi.priors import LogNormal, LogUniform
-    from bayes_ssi.ranking.search import AppendageSearch, SearchSettings, search_record
+    from bayes_ssi.ranking.found import AppendageSearch, search_record
+    from bayes_ssi.ranking.hypotheses import SearchSettings
     from bayes_ssi.ranking.search import search as search_appendages
 
     loaded = load(study)
@@ -72,7 +73,7 @@ def search(
     )
 
     def draw(found: AppendageSearch, directory: Path) -> None:
-        from bayes_ssi.plots.results import save_places
+        from bayes_ssi.plots.places import save_places
 
         save_places(found, directory / "places.png")
 

@@ -28,7 +28,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_ssi.data.modal_data import RESERVED_NAMES, IdentifiedMode, ModalData, checked_band
+from bayes_ssi.data.identified_mode import RESERVED_NAMES, IdentifiedMode, checked_band
+from bayes_ssi.data.modal_data import ModalData
 
 __all__ = ["ModalCsv", "read_modal_csv", "write_modal_csv"]
 

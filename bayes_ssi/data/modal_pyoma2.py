@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.data.modal_data import IdentifiedMode, ModalData
+from bayes_ssi.data.identified_mode import IdentifiedMode
+from bayes_ssi.data.modal_data import ModalData
 
 __all__ = ["modes_of_pyoma2"]
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.data.modal_data import IdentifiedMode, ModalData
+from bayes_ssi.data.identified_mode import IdentifiedMode
+from bayes_ssi.data.modal_data import ModalData
 
 __all__ = ["read_modal_uff"]
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import BrokenExecutor, Executor, Future
 from functools import partial
-from time import monotonic
 from types import TracebackType
 from typing import Any, NoReturn, TypeVar
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.evaluation.batch import Evaluated, Function, evaluate
+from bayes_ssi.evaluation.futures import R, cut, first_ready, is_death, submitted, told_error
 from bayes_ssi.evaluation.in_workers import call_there, call_with_pickled, pickled
 from bayes_ssi.priors import FloatArray
 
@@ -28,14 +28,10 @@ PARTS_OF_UNKNOWN = 32
 GROUPS = 4
 # Deaths that no point explains, and points at which workers die, before a run gives up.
 MAX_DEATHS = 20
-CHECK_SECONDS = 5.0
-# How often whoever waits is told so.
-IDLE_SECONDS = 0.25
 # Checks in a row without a worker before a run gives up: a cluster may be replacing them.
 CHECKS_WITHOUT_WORKERS = 6
 
 T = TypeVar("T")
-R = TypeVar("R")
 
 
 class Workers:
@@ -99,7 +95,7 @@ class Workers:
         failures: dict[int, str] = {}
         suspect = np.zeros(len(z), dtype=bool)
         deaths_before = self._deaths
-        groups = _cut(np.arange(len(z)), 1)
+        groups = cut(np.arange(len(z)), 1)
         while groups:
             rows = groups.pop()
             lost = self._evaluate_group(function, z, rows, values, failures)
@@ -108,7 +104,7 @@ class Workers:
                 self._blame_point(deaths_before)
             else:
                 suspect[lost] = True
-                groups += _cut(lost, GROUPS)
+                groups += cut(lost, GROUPS)
         return Evaluated(values, failures)
 
     def _evaluate_group(
@@ -120,7 +116,7 @@ class Workers:
         failures: dict[int, str],
     ) -> NDArray[np.intp]:
         """Fill in the answers at some rows of ``z``; returns the rows whose worker died."""
-        parts = _cut(rows, self._n_parts())
+        parts = cut(rows, self._n_parts())
 
         def take(i: int, part: Evaluated) -> None:
             values[parts[i]] = part.values
@@ -205,7 +201,7 @@ class Workers:
         def submit(index: int, data: bytes | None) -> None:
             # What is called is named, not sent: a worker imports its module.
             arguments_there = (key, data, arguments[index], os.getpid())
-            waiting[_submitted(executor, call_there, *arguments_there)] = index
+            waiting[submitted(executor, call_there, *arguments_there)] = index
 
         try:
             for i in range(len(arguments)):
@@ -214,10 +210,10 @@ class Workers:
                 for future in self._wait(waiting, idle):
                     index = waiting.pop(future)
                     error = future.exception()
-                    if error is not None and _is_death(error):
+                    if error is not None and is_death(error):
                         died = error
                     elif error is not None:
-                        raise _told(error)
+                        raise told_error(error)
                     elif not (answer := future.result()):  # this worker has not seen the function
                         submit(index, payload)
                     else:
@@ -238,7 +234,7 @@ class Workers:
         """Futures that are ready; raises rather than wait for workers that are gone."""
         checks = 0
         while True:
-            ready = _first_ready(waiting, idle)
+            ready = first_ready(waiting, idle)
             if any(future.cancelled() for future in ready):  # by Dask, without its scheduler
                 raise ValueError("workers: an evaluation was cancelled; is the scheduler gone?")
             if ready:
@@ -312,47 +308,3 @@ class Workers:
             self._stop()
         for future in waiting:
             future.cancel()
-
-
-def _cut(rows: NDArray[np.intp], n: int) -> list[NDArray[np.intp]]:
-    """At most ``n`` parts of nearly one size, none of them empty."""
-    return [part for part in np.array_split(rows, n) if len(part)]
-
-
-def _first_ready(
-    waiting: Mapping[Future[Any], int], idle: Callable[[], None] | None
-) -> set[Future[Any]]:
-    """Futures that are ready, none after some time; ``idle`` is called on the way."""
-    seconds = CHECK_SECONDS if idle is None else IDLE_SECONDS
-    ready: set[Future[Any]] = set()
-    give_up = monotonic() + CHECK_SECONDS
-    while not ready:
-        ready, _ = wait(waiting, timeout=seconds, return_when=FIRST_COMPLETED)
-        if idle is not None:
-            idle()
-        if monotonic() >= give_up:
-            break
-    return ready
-
-
-def _is_death(error: BaseException) -> bool:
-    """Whether an error says that a worker died, and not that the evaluation went wrong."""
-    return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
-
-
-def _submitted(executor: Executor, function: Callable[..., R], *arguments: Any) -> Future[R]:
-    try:
-        return executor.submit(function, *arguments)
-    except BrokenExecutor:
-        raise
-    except RuntimeError as error:  # it is shut down
-        raise ValueError(f"workers: the executor takes no work: {error}") from error
-
-
-def _told(error: BaseException) -> BaseException:
-    """What to raise for an error from a worker; a model's own errors are answers, not errors."""
-    if isinstance(error, ValueError) or not isinstance(error, Exception):
-        return error
-    told = ValueError(f"workers: one cannot work: {type(error).__name__}: {error}")
-    told.__cause__ = error
-    return told

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
-from bayes_ssi.identification.likelihood import ModalLikelihood, check_pairing
-from bayes_ssi.model_class.description import described
+from bayes_ssi.identification.likelihood import ModalLikelihood
+from bayes_ssi.identification.paired_modes import check_pairing
 from bayes_ssi.structures.base import Structure
 
 __all__ = ["Configuration", "label_in", "only_one"]
@@ -100,25 +100,6 @@ class Configuration:
                 f"{kind} returns frequencies and shapes of shapes {found[0]} and {found[1]} for "
                 f"one set of values, expected {(1, n_modes)} and {(1, n_dof, n_modes)}"
             )
-
-    def summary(self) -> dict[str, Any]:
-        """What the configuration is, for a JSON record."""
-        given = None if self.pairing == "any" else self.pairing
-        return {
-            "structure": type(self.structure).__name__,
-            "definition": repr(self.structure),
-            "structure_lines": [list(line) for line in described(self.structure)],
-            "degrees_of_freedom": list(self.structure.degrees_of_freedom),
-            "pairing": "any" if given is None else dict(given),
-            "spurious": None
-            if given is None
-            else [label for label in self.data.labels if label not in given],
-            "identification_errors": {
-                mode.label: {"frequency_cov": mode.frequency_cov, "shape_sd": mode.shape_sd}
-                for mode in self.data.modes
-            },
-            "data_digest": self.data.digest,
-        }
 
 
 def label_in(configuration: str, label: str) -> str:

@@ -17,7 +17,6 @@ from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.model_class.configuration import Configuration, only_one
-from bayes_ssi.model_class.description import in_words
 from bayes_ssi.parameters import Parameter, collect_parameters
 from bayes_ssi.priors import FloatArray, Prior
 from bayes_ssi.structures.base import Structure
@@ -283,36 +282,6 @@ class ModelClass:
                 configuration.check_structure()
             except ValueError as error:
                 raise ValueError(f"model class {self.name!r}: {error}") from error
-
-    def summary(self) -> dict[str, Any]:
-        """What the class is, for a JSON record."""
-        own: dict[str, Any] = {
-            "configurations": [{"name": c.name, **c.summary()} for c in self.configurations]
-        }
-        if self.configuration_names == ("",):
-            own = self.configurations[0].summary()
-        return {
-            "name": self.name,
-            "description": self.description,
-            **own,
-            "error": repr(self.error),
-            "error_sizes": {
-                "frequency_cov": in_words(self.error.frequency_cov),
-                "shape_sd": in_words(self.error.shape_sd),
-            },
-            "parameters": [
-                {
-                    "name": p.name,
-                    "unit": p.unit,
-                    "prior": p.prior.as_dict(),
-                    "prior_quantiles": [p.prior.quantile(share) for share in (0.05, 0.5, 0.95)],
-                }
-                for p in self.parameters
-            ],
-            "detection_probability": self.identification.detection_probability,
-            "expected_spurious_modes": self.identification.expected_spurious_modes,
-            "data_digest": self.data_digest,
-        }
 
 
 def _of_kind(kind: type, name: str, value: Any) -> Any:

@@ -10,18 +10,14 @@ import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.modal import mac
-from bayes_ssi.plots.responses import (
-    plot_components,
-    plot_frequency_change,
-    plot_mac,
-    plot_shape,
-    plot_time_history,
-    plot_transfer_functions,
-)
+from bayes_ssi.plots.changes import plot_frequency_change
+from bayes_ssi.plots.responses import plot_mac, plot_time_history, plot_transfer_functions
+from bayes_ssi.plots.shapes import plot_components, plot_shape
 from bayes_ssi.plots.style import draw_as_they_are, legend_of_figure, style
 from bayes_ssi.predictions.answers import Answer
+from bayes_ssi.predictions.bands import Band
 from bayes_ssi.predictions.modes import predicted_modes, shown_places
-from bayes_ssi.predictions.predictions import Band, Predictions
+from bayes_ssi.predictions.predictions import Predictions
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.modal_response import ground_influence

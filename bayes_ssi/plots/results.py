@@ -23,24 +23,15 @@ from bayes_ssi.plots.style import (
     legend_below,
     style,
 )
-from bayes_ssi.ranking.comparison import Comparison, probability_text
-from bayes_ssi.ranking.search import AppendageSearch, Place
+from bayes_ssi.ranking.comparison import Comparison
 from bayes_ssi.updating.posterior import Posterior
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-__all__ = [
-    "corner_size",
-    "plot_corner",
-    "plot_evidence",
-    "plot_frequencies",
-    "plot_places",
-    "save_figures",
-    "save_places",
-    "style",
-]
+from bayes_ssi.plots.corner import corner_size, plot_corner
+
+__all__ = ["plot_evidence", "plot_frequencies", "save_figures", "style"]
 
 MOST_DRAWN = 12
 FREQUENCIES_SIZE = (6.4, 3.4)  # inches
@@ -136,113 +127,6 @@ def plot_frequencies(
     return ax
 
 
-def plot_corner(
-    posterior: Posterior, figure: Figure | None = None, parameters: Sequence[str] | None = None
-) -> Figure:
-    """Marginal and joint posterior densities of the parameters, or of those that are named.
-
-    Raises:
-        ValueError: there is no parameter of such a name.
-    """
-    import corner
-    import matplotlib.pyplot as plt
-
-    names = posterior.parameter_names if parameters is None else tuple(parameters)
-    unknown = [name for name in names if name not in posterior.parameter_names]
-    if unknown:
-        raise ValueError(
-            f"plot_corner: no parameter {unknown[0]!r}; choose from "
-            f"{', '.join(map(repr, posterior.parameter_names))}"
-        )
-    columns = [posterior.parameter_names.index(name) for name in names]
-    n = len(names)
-    with style():
-        if figure is None:
-            # corner places its axes itself.
-            figure = plt.figure(figsize=corner_size(n), layout="none")
-        corner.corner(
-            posterior.values[:, columns],
-            labels=[name.replace("$", r"\$") for name in names],
-            fig=figure,
-            color=BLUE,
-            bins=30,
-            smooth=1.0,
-            quantiles=[0.05, 0.5, 0.95],
-            show_titles=n > 1,
-            title_fmt=".3g",
-            title_quantiles=[0.05, 0.5, 0.95],
-            title_kwargs={"fontsize": 8, "loc": "center"},
-            label_kwargs={"fontsize": 9},
-            labelpad=0.07,
-            levels=(0.393, 0.865),
-            max_n_ticks=4,
-            plot_datapoints=False,
-        )
-        height = figure.get_figheight()
-        figure.subplots_adjust(top=1.0 - 0.8 / height)
-        text = f"{posterior.name}\nmedian, 90 % interval" + ("; 1 and 2 sigma" if n > 1 else "")
-        title = figure.suptitle(text, y=1.0 - 0.1 / height, va="top", fontsize=10)
-        draw_as_they_are([title])
-    return figure
-
-
-def plot_places(found: AppendageSearch | Mapping[Place, float], ax: Axes | None = None) -> Axes:
-    """The building, and the probability that an appendage hangs at each place.
-
-    A pendulum's circle stands beside its floor, an infill's in its storey; the circle's area and
-    darkness grow with the probability, which is written beside it.
-
-    Args:
-        found: a search, or the probability of every place that it considered.
-        ax: axes; new ones if None.
-    """
-    probabilities = found if isinstance(found, Mapping) else found.place_probabilities
-    n_floors = max(max(place.floors) for place in probabilities)
-    ax = axes_of(ax, _places_size(n_floors))
-    ax.plot([-1.6, 1.6], [0, 0], color="black", linewidth=2.0)
-    for side in (-1.0, 1.0):
-        ax.plot([side, side], [0, n_floors], color=GREY, linewidth=1.5)
-    for floor in range(1, n_floors + 1):
-        ax.plot([-1.0, 1.0], [floor, floor], color="black", linewidth=2.5)
-        ax.text(-1.15, floor, f"floor {floor}", ha="right", va="center")
-    for place, probability in probabilities.items():
-        infill = len(place.floors) == 2
-        x, y = 0.0 if infill else 1.6, sum(place.floors) / len(place.floors)
-        if not infill:
-            ax.plot([1.0, x], [y, y], color=GREY, linewidth=0.8, linestyle=":")
-        point = ax.scatter(
-            x, y, s=40.0 + 260.0 * probability, marker="s" if infill else "o", zorder=3,
-            facecolor=VERMILION, edgecolor="black", alpha=0.12 + 0.88 * probability, linewidth=0.8,
-        )  # fmt: skip
-        hover(point, f"{place.name}: probability {probability_text(probability)}")
-        ax.text(x + 0.2, y, probability_text(probability), va="center", fontsize=8)
-    ax.set_xlim(-2.2, 2.8)
-    ax.set_ylim(-0.3, n_floors + 0.5)
-    ax.set_aspect("auto")
-    ax.axis("off")
-    ax.set_title(
-        "Appendages: probability by place\n"
-        "(square: infill in a storey; circle: pendulum on a floor)"
-    )
-    return ax
-
-
-def save_places(found: AppendageSearch, path: Path) -> Path:
-    """Write :func:`plot_places` as a PNG file."""
-    from matplotlib.figure import Figure
-
-    with style():
-        n_floors = max(max(place.floors) for place in found.candidates)
-        figure = Figure(figsize=_places_size(n_floors))
-        plot_places(found, figure.subplots())
-        figure.savefig(path)
-    return path
-
-
-def _places_size(n_floors: int) -> tuple[float, float]:
-    return 4.6, 1.2 + 0.7 * n_floors
-
-
 def save_figures(
     directory: Path,
     data: ModalData | Mapping[str, ModalData],
@@ -293,9 +177,3 @@ def _frequencies_size(data: ModalData) -> tuple[float, float]:
 
 def _evidence_size(comparison: Comparison) -> tuple[float, float]:
     return 6.4, 1.3 + 0.42 * len(comparison.classes)
-
-
-def corner_size(n_parameters: int) -> tuple[float, float]:
-    """Width and height, in inches, of a corner plot."""
-    side = 1.4 + 1.5 * n_parameters
-    return side, side + 0.6

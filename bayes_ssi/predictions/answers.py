@@ -12,11 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_ssi.predictions.predictions import Band, Prediction, Predictions
+from bayes_ssi.predictions.bands import Band, Prediction
+from bayes_ssi.predictions.predictions import Predictions
 from bayes_ssi.predictions.stored import StoredPredictions
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.response.ground_motion import GroundMotion
-from bayes_ssi.response.modal_response import Damping, Output, checked_frequencies, damping_ratios
+from bayes_ssi.response.modal_response import checked_frequencies
+from bayes_ssi.response.output import Damping, Output, damping_ratios
 
 __all__ = ["Answer", "Question", "answer"]
 

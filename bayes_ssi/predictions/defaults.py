@@ -10,7 +10,8 @@ from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.predictions.modes import main_places
 from bayes_ssi.predictions.predictions import Predictions
 from bayes_ssi.priors import FloatArray
-from bayes_ssi.response.modal_response import GROUND, Output, Quantity, ground_influence
+from bayes_ssi.response.modal_response import ground_influence
+from bayes_ssi.response.output import GROUND, Output, Quantity
 
 __all__ = ["MOST_FREQUENCIES", "default_damping", "default_frequencies", "default_output"]
 

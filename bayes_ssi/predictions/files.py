@@ -10,8 +10,8 @@ import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.predictions.answers import Answer
+from bayes_ssi.predictions.bands import Band
 from bayes_ssi.predictions.modes import predicted_modes, predicted_shapes, shown_places
-from bayes_ssi.predictions.predictions import Band
 from bayes_ssi.priors import FloatArray
 
 __all__ = ["save_predictions"]

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.predictions.predictions import Band, Predictions
+from bayes_ssi.predictions.bands import Band
+from bayes_ssi.predictions.predictions import Predictions
 
 __all__ = ["PredictedMode", "main_places", "predicted_modes", "predicted_shapes", "shown_places"]
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from bayes_ssi.evaluation.journal import Journal, JournalInUseError, run_of_journal
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.model_class.records import class_record
 from bayes_ssi.sampling.sampled import SamplingSettings
 from bayes_ssi.versions import versions
 
@@ -160,7 +161,7 @@ def name_of_run(
 def _definition(model_class: ModelClass) -> str:
     """A digest of everything that a model class is, as far as its description tells."""
     with np.printoptions(threshold=sys.maxsize):  # arrays in full
-        text = json.dumps(model_class.summary(), sort_keys=True, default=str)
+        text = json.dumps(class_record(model_class), sort_keys=True, default=str)
     # The default description of an object holds its address, which is another in every process.
     text = re.sub(r" at 0x[0-9a-fA-F]+", "", text)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

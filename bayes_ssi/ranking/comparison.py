@@ -149,7 +149,7 @@ def _row(posterior: Posterior, best: Posterior, probability: float) -> RankedCla
     # That an improbable class bends its priors is what makes it improbable.
     failed = posterior.failed_checks
     if probability >= PROBABLE:
-        failed = (*failed, *posterior.edge_checks)
+        failed = (*failed, *posterior.failed_edge_checks)
     difference = evidence.log_evidence - top.log_evidence
     error = 0.0 if posterior is best else math.hypot(evidence.error, top.error)
     distinguishable = (

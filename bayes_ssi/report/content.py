@@ -11,7 +11,8 @@ import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
-from bayes_ssi.report.pictures import Picture, Pictures
+from bayes_ssi.report.picture import Picture
+from bayes_ssi.report.pictures import Pictures
 from bayes_ssi.report.stored import Beside
 from bayes_ssi.results.result_directory import StoredResult
 from bayes_ssi.tables import pairing_notes, region_notes

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bayes_ssi.ranking.search import Place
+from bayes_ssi.ranking.hypotheses import Place
 from bayes_ssi.ranking.sensitivity import Sensitivity, sensitivity_of_record
 from bayes_ssi.results.result_directory import StoredResult, load_result
 

@@ -8,45 +8,29 @@ file for each in ``data/``), ``comparison.json`` and ``comparison.csv``, and ``p
 
 from __future__ import annotations
 
-import csv
-import json
-import math
-import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from datetime import UTC, datetime
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_ssi import new_directory
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
-from bayes_ssi.model_class.configuration import label_in, only_one
-from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.model_class.configuration import only_one
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
-from bayes_ssi.ranking.study import Ranking, Study
-from bayes_ssi.results.arviz_store import Further, StoredDraws, load_draws, save_draws
+from bayes_ssi.results.arviz_store import load_draws
+from bayes_ssi.results.json_files import read_json
 from bayes_ssi.sampling.evidence import Estimate
 from bayes_ssi.updating.configuration_modes import ConfigurationModes
 from bayes_ssi.updating.posterior import Evidence, Posterior, Region
 from bayes_ssi.updating.updated_modes import UpdatedModes
-from bayes_ssi.versions import versions
 
-__all__ = [
-    "StoredResult",
-    "load_result",
-    "plain_record",
-    "require_new",
-    "save_result",
-    "write_json",
-]
+__all__ = ["StoredResult", "load_result"]
 
 FORMAT = 5
 # The file that every result directory holds.
 MARKER = "result.json"
-PRIOR_DRAWS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,61 +76,6 @@ class StoredResult:
         )
 
 
-def require_new(directory: str | Path, *, overwrite: bool = False) -> None:
-    """As :func:`bayes_ssi.new_directory.require_new`, for a result directory."""
-    new_directory.require_new(directory, marker=MARKER, overwrite=overwrite)
-
-
-def save_result(
-    ranking: Ranking,
-    directory: str | Path,
-    *,
-    study_file: str = "",
-    overwrite: bool = False,
-    accept_failed_checks: bool = False,
-    command: str = "",
-    extra: Mapping[str, Any] | None = None,
-) -> StoredResult:
-    """Write a ranking to a new directory; nothing is left there if writing fails.
-
-    Args:
-        ranking: the result.
-        directory: where to.
-        study_file: the file that defines the study, for the record.
-        overwrite: replace a result that exists.
-        accept_failed_checks: put on record that failed checks were accepted.
-        command: that gives the result again, for the record.
-        extra: name of a further JSON file → its record.
-
-    Raises:
-        FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
-            than a result.
-    """
-    with new_directory.new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
-        (partial / "posteriors").mkdir()
-        tests = _save_tests(ranking.study, partial)
-        files = _file_names([p.name for p in ranking.posteriors])
-        classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
-        for posterior in ranking.posteriors:
-            stored = StoredDraws(
-                posterior.parameter_names,
-                posterior.draws,
-                posterior.log_likelihoods,
-                posterior.frequencies_hz,
-                _mode_labels(posterior),
-                _further(posterior, classes[posterior.name]),
-            )
-            save_draws(partial / "posteriors" / files[posterior.name], stored)
-        record = {**_record(ranking, files, study_file), "data": tests}
-        record |= {"failed_checks_accepted": accept_failed_checks, "command": command}
-        write_json(partial / MARKER, record)
-        write_json(partial / "comparison.json", asdict(ranking.comparison))
-        for name, further in (extra or {}).items():
-            write_json(partial / name, further)
-        _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
-    return load_result(directory)
-
-
 def load_result(directory: str | Path) -> StoredResult:
     """Read a result directory.
 
@@ -154,7 +83,7 @@ def load_result(directory: str | Path) -> StoredResult:
         ValueError: it does not exist, is incomplete or damaged, or another version's.
     """
     directory = Path(directory)
-    record = _read_json(directory / MARKER)
+    record = read_json(directory / MARKER)
     if record.get("format") != FORMAT:
         raise ValueError(
             f"{directory}: a result of format {record.get('format')!r}, "
@@ -162,7 +91,7 @@ def load_result(directory: str | Path) -> StoredResult:
         )
     try:
         posteriors = tuple(_posterior(directory, entry) for entry in record["posteriors"])
-        comparison = _comparison(_read_json(directory / "comparison.json"))
+        comparison = _comparison(read_json(directory / "comparison.json"))
         tests = {
             test["configuration"]: ModalData.load(directory / test["file"])
             for test in record["data"]
@@ -173,80 +102,6 @@ def load_result(directory: str | Path) -> StoredResult:
     except (LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"{directory}: incomplete or damaged result: {error!r}") from error
     return StoredResult(directory, record, tests, posteriors, comparison)
-
-
-def _save_tests(study: Study, directory: Path) -> list[dict[str, str]]:
-    """Write the identified modes of every configuration, and say where they are."""
-    configurations = study.model_classes[0].configurations
-    files = {"": "data.csv"}
-    if [configuration.name for configuration in configurations] != [""]:
-        (directory / "data").mkdir()
-        names = _file_names([configuration.name for configuration in configurations], "csv")
-        files = {name: f"data/{file}" for name, file in names.items()}
-    for configuration in configurations:
-        configuration.data.save(directory / files[configuration.name])
-    return [
-        {"configuration": c.name, "file": files[c.name], "source": c.data.source}
-        for c in configurations
-    ]
-
-
-def _mode_labels(posterior: Posterior) -> tuple[int | str, ...]:
-    return tuple(
-        label_in(modes.name, str(number)) if modes.name else number
-        for modes in posterior.configurations
-        for number in range(1, modes.n_modes + 1)
-    )
-
-
-def _further(posterior: Posterior, model_class: ModelClass) -> Further | None:
-    """What other packages make use of beside a posterior's draws."""
-    if posterior.parameter_names != model_class.parameter_names:
-        return None
-    z = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, len(posterior.parameter_names)))
-    identified = [c.data.frequencies_hz for c in model_class.configurations]
-    return Further(model_class.values(z), posterior.datum_terms, np.concatenate(identified))
-
-
-def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict[str, Any]:
-    study = ranking.study
-    return {
-        "format": FORMAT,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "study": study.name,
-        "description": study.description,
-        "study_file": study_file,
-        "seed": ranking.seed,
-        "settings": asdict(ranking.settings),
-        "prior_weights": None if study.prior_weights is None else dict(study.prior_weights),
-        "data_digest": ranking.comparison.data_digest,
-        "versions": versions(),
-        "model_classes": [candidate.summary() for candidate in study.model_classes],
-        "posteriors": [
-            _entry(posterior, files[posterior.name]) for posterior in ranking.posteriors
-        ],
-    }
-
-
-IN_THE_FILE_OF_DRAWS = ("draws", "log_likelihoods", "frequencies_hz", "datum_terms")
-
-
-def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
-    """Everything of a posterior but its draws."""
-    entry: dict[str, Any] = {"file": file}
-    for item in fields(posterior):
-        value = getattr(posterior, item.name)
-        if item.name in IN_THE_FILE_OF_DRAWS:
-            continue
-        if isinstance(value, np.ndarray):
-            value = value.tolist()
-        elif isinstance(value, Evidence):
-            value = asdict(value)
-        elif item.name in ("regions", "configurations"):
-            value = [asdict(part) for part in value]
-        entry[item.name] = value
-    entry["summary"] = [asdict(row) for row in posterior.summary]
-    return entry
 
 
 def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
@@ -278,7 +133,7 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
         maxima=np.array(entry["maxima"], dtype=float),
         relative_spreads=np.array(entry["relative_spreads"], dtype=float),
         failed_checks=tuple(entry["failed_checks"]),
-        edge_checks=tuple(entry["edge_checks"]),
+        failed_edge_checks=tuple(entry["edge_checks"]),
         remarks=tuple(entry.get("remarks", ())),
         name=entry["name"],
         n_evaluations=entry["n_evaluations"],
@@ -319,58 +174,3 @@ def _comparison(record: Mapping[str, Any]) -> Comparison:
         for row in record["classes"]
     )
     return Comparison(rows, record["data_digest"], record["scale"])
-
-
-def write_json(path: Path, record: Mapping[str, Any]) -> None:
-    """Write a record; infinities and NaN as text."""
-    text = json.dumps(plain_record(record), indent=2, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
-
-
-def plain_record(value: Any) -> Any:
-    """The value as JSON has it: numpy's numbers as numbers, and infinities and NaN as text."""
-    if isinstance(value, Mapping):
-        return {str(key): plain_record(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain_record(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return value
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except OSError:
-        raise ValueError(f"{path.parent}: not a result directory: no {path.name}") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: damaged: {error}") from None
-    if not isinstance(record, dict):
-        raise ValueError(f"{path}: damaged: not a record")
-    return record
-
-
-def _write_comparison_csv(path: Path, comparison: Comparison) -> None:
-    names = [item.name for item in fields(RankedClass)]
-    with path.open("x", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        for row in comparison.classes:
-            cells = asdict(row)
-            cells["failed_checks"] = "; ".join(row.failed_checks)
-            writer.writerow([cells[name] for name in names])
-
-
-def _file_names(names: list[str], suffix: str = "nc") -> dict[str, str]:
-    """A file name for each: its own name as far as file systems allow, made unique."""
-    found: dict[str, str] = {}
-    for name in names:
-        stem = re.sub(r"[^A-Za-z0-9._+-]+", "_", name).strip(".") or "unnamed"
-        taken = {file.lower() for file in found.values()}
-        candidate, count = f"{stem}.{suffix}", 2
-        while candidate.lower() in taken:
-            candidate, count = f"{stem}_{count}.{suffix}", count + 1
-        found[name] = candidate
-    return found

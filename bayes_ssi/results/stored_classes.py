@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.ranking.search import Place, SearchSettings, hypothesis
+from bayes_ssi.ranking.hypotheses import Place, SearchSettings, hypothesis
 from bayes_ssi.ranking.study import Study
 from bayes_ssi.results.result_directory import StoredResult
 

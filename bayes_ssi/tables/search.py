@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from bayes_ssi.ranking.comparison import probability_text
-from bayes_ssi.ranking.search import AppendageSearch
+from bayes_ssi.ranking.found import AppendageSearch
 from bayes_ssi.tables.layout import add_row, new_table
 
 __all__ = [

@@ -31,7 +31,7 @@ from bayes_ssi.sampling.maxima import find_maxima
 from bayes_ssi.sampling.sampled import Progress, SamplingSettings
 from bayes_ssi.sampling.target import Target
 from bayes_ssi.updating.posterior import Posterior
-from bayes_ssi.updating.posterior import sample as sample_as_it_is
+from bayes_ssi.updating.to_posterior import sample_as_it_is
 
 __all__ = ["sample"]
 

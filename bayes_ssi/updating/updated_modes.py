@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.identification.likelihood import ModalLikelihood, PairedModes
+from bayes_ssi.identification.likelihood import ModalLikelihood
+from bayes_ssi.identification.paired_modes import PairedModes
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.structures.base import Structure

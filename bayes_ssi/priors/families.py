@@ -8,115 +8,22 @@ coordinates every prior is N(0, I) and no sample can leave the prior's support.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import erf, erfcinv, erfinv, log_ndtr, ndtr, ndtri, ndtri_exp
 
-__all__ = [
-    "HalfNormal",
-    "LogNormal",
-    "LogUniform",
-    "Normal",
-    "Prior",
-    "TruncatedNormal",
-    "Uniform",
-    "prior_from_dict",
-]
+from bayes_ssi.priors.base import (
+    FloatArray,
+    Prior,
+    require_finite,
+    require_ordered,
+    require_positive,
+)
 
-FloatArray = NDArray[np.float64]
-
-
-class Prior(ABC):
-    """A proper distribution of one parameter.
-
-    Subclasses give the map from a standard-normal coordinate to a value and back; the rest
-    follows from it.
-    """
-
-    @abstractmethod
-    def from_normal(self, z: ArrayLike) -> FloatArray:
-        """Values at standard-normal coordinates ``z`` (any shape)."""
-
-    @abstractmethod
-    def to_normal(self, value: ArrayLike) -> FloatArray:
-        """Standard-normal coordinates of ``value`` (any shape); the inverse of ``from_normal``."""
-
-    @abstractmethod
-    def log_pdf(self, value: ArrayLike) -> FloatArray:
-        """Natural logarithm of the normalised density; ``-inf`` outside the support."""
-
-    @abstractmethod
-    def widened(self, factor: float) -> Self:
-        """The same distribution with ``factor`` times the width about its middle.
-
-        That is the standard deviation (of a lognormal, of the logarithm), or the distance between
-        the bounds (of a log-uniform, of their logarithms). A lower bound of a uniform that is not
-        negative stays so: at most half of it is given up.
-        """
-
-    def quantile(self, probability: float) -> float:
-        """The value below which the parameter lies with ``probability``."""
-        return float(self.from_normal(ndtri(probability)))
-
-    def probability_below(self, value: float) -> float:
-        """P(parameter <= ``value``)."""
-        low, high = self.from_normal(np.array([-40.0, 40.0]))
-        if value <= low:
-            return 0.0
-        if value >= high:
-            return 1.0
-        return float(ndtr(self.to_normal(value)))
-
-    def as_dict(self) -> dict[str, Any]:
-        """The distribution's name and numbers, for a JSON record."""
-        numbers = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        return {"distribution": type(self).__name__, **numbers}
-
-
-def prior_from_dict(record: Mapping[str, Any]) -> Prior:
-    """The prior of a record that :meth:`Prior.as_dict` made.
-
-    Raises:
-        ValueError: no distribution is called so.
-        TypeError: the numbers are not those of the distribution.
-    """
-    # Infinite bounds are text in a record.
-    numbers = {key: float(value) for key, value in record.items() if key != "distribution"}
-    known = {kind.__name__: kind for kind in Prior.__subclasses__()}
-    name = record.get("distribution")
-    if name not in known:
-        raise ValueError(
-            f"prior: no distribution {name!r}; choose from {', '.join(map(repr, known))}"
-        )
-    return known[name](**numbers)
-
-
-def _require_finite(prior: Prior, **numbers: float) -> None:
-    for name, number in numbers.items():
-        if not isinstance(number, (int, float, np.number)) or not math.isfinite(number):
-            raise ValueError(
-                f"{type(prior).__name__}: {name} must be a finite number, got {number!r}"
-            )
-
-
-def _require_positive(prior: Prior, **numbers: float) -> None:
-    _require_finite(prior, **numbers)
-    for name, number in numbers.items():
-        if number <= 0:
-            raise ValueError(f"{type(prior).__name__}: {name} must be positive, got {number!r}")
-
-
-def _require_ordered(prior: Prior, lower: float, upper: float) -> None:
-    if not lower < upper:
-        raise ValueError(
-            f"{type(prior).__name__}: lower must be less than upper, "
-            f"got lower={lower!r}, upper={upper!r}"
-        )
+__all__ = ["HalfNormal", "LogNormal", "LogUniform", "Normal", "TruncatedNormal", "Uniform"]
 
 
 def _gaussian_log_pdf(x: FloatArray) -> FloatArray:
@@ -131,8 +38,8 @@ class Normal(Prior):
     sd: float
 
     def __post_init__(self) -> None:
-        _require_finite(self, mean=self.mean)
-        _require_positive(self, sd=self.sd)
+        require_finite(self, mean=self.mean)
+        require_positive(self, sd=self.sd)
 
     def from_normal(self, z: ArrayLike) -> FloatArray:
         return self.mean + self.sd * np.asarray(z, dtype=float)
@@ -158,7 +65,7 @@ class LogNormal(Prior):
     cov: float
 
     def __post_init__(self) -> None:
-        _require_positive(self, median=self.median, cov=self.cov)
+        require_positive(self, median=self.median, cov=self.cov)
 
     @classmethod
     def from_logarithm(cls, mean: float, sd: float) -> Self:
@@ -196,8 +103,8 @@ class Uniform(Prior):
     upper: float
 
     def __post_init__(self) -> None:
-        _require_finite(self, lower=self.lower, upper=self.upper)
-        _require_ordered(self, self.lower, self.upper)
+        require_finite(self, lower=self.lower, upper=self.upper)
+        require_ordered(self, self.lower, self.upper)
 
     def from_normal(self, z: ArrayLike) -> FloatArray:
         # Φ(z) rounds to 1 beyond z = 8, so the far half is measured from the upper bound.
@@ -233,8 +140,8 @@ class LogUniform(Prior):
     upper: float
 
     def __post_init__(self) -> None:
-        _require_positive(self, lower=self.lower, upper=self.upper)
-        _require_ordered(self, self.lower, self.upper)
+        require_positive(self, lower=self.lower, upper=self.upper)
+        require_ordered(self, self.lower, self.upper)
 
     @property
     def _exponent(self) -> Uniform:
@@ -273,11 +180,11 @@ class TruncatedNormal(Prior):
     upper: float = math.inf
 
     def __post_init__(self) -> None:
-        _require_finite(self, mean=self.mean)
-        _require_positive(self, sd=self.sd)
+        require_finite(self, mean=self.mean)
+        require_positive(self, sd=self.sd)
         if math.isnan(self.lower) or math.isnan(self.upper):
             raise ValueError(f"TruncatedNormal: bounds must be numbers, got {self!r}")
-        _require_ordered(self, self.lower, self.upper)
+        require_ordered(self, self.lower, self.upper)
         if self._log_mass < -690:  # exp(-690) is the smallest probability a float holds
             raise ValueError(
                 f"TruncatedNormal: [{self.lower!r}, {self.upper!r}] holds no probability of a "
@@ -334,7 +241,7 @@ class HalfNormal(Prior):
     scale: float
 
     def __post_init__(self) -> None:
-        _require_positive(self, scale=self.scale)
+        require_positive(self, scale=self.scale)
 
     def from_normal(self, z: ArrayLike) -> FloatArray:
         z = np.asarray(z, dtype=float)
