@@ -20,7 +20,8 @@ from bayes_ssi.structures.reduced_basis import (
     ReducedBasis,
     Reference,
 )
-from bayes_ssi.structures.sparse_modes import NoModesError, dense_modes, frequencies_hz
+from bayes_ssi.structures.sparse_factors import NoModesError
+from bayes_ssi.structures.sparse_modes import dense_modes, frequencies_hz
 
 __all__ = ["ReducedStructure"]
 
@@ -111,6 +112,11 @@ class ReducedStructure(Structure):
         return self._basis
 
     def modes(self, values: FloatArray) -> Modes:
+        """As :meth:`Structure.modes`; rows without modes are NaN.
+
+        Raises:
+            NoModesError: there are none at the only row of ``values``; the message says why.
+        """
         shapes = np.full((len(values), len(self.degrees_of_freedom), self.n_modes), np.nan)
         frequencies = np.full((len(values), self.n_modes), np.nan)
         for row, eigenvalues, y in self._solved(values):
@@ -225,6 +231,8 @@ class ReducedStructure(Structure):
                 try:
                     yield start + i, *dense_modes(k[i], m[i], self.n_modes)
                 except NoModesError:
+                    if len(values) == 1:
+                        raise
                     continue
 
     @cached_property

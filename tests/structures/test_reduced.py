@@ -146,6 +146,16 @@ def test_bad_options(options, message):
         full().reduced(**options)
 
 
+def test_rows_without_modes_are_nan_and_say_why_when_asked_alone():
+    q = bs.Parameter("q", bs.Normal(1.0, 0.2))
+    structure = bs.MatrixStructure((q, beam(N, 1)[0]), sp.eye_array(N), n_modes=3).reduced()
+    found = structure.modes(np.array([[1.0], [-1.0]])).frequencies_hz
+    assert np.isfinite(found[0]).all()
+    assert np.isnan(found[1]).all()
+    with pytest.raises(ValueError, match="the stiffness matrix is not positive definite"):
+        structure.modes(np.array([[-1.0]]))
+
+
 def test_no_solution_at_the_medians_is_said():
     (k,) = factors(1)
     frame = bs.MatrixStructure((k, -beam(N, 1)[0]), sp.eye_array(N), n_modes=2)
