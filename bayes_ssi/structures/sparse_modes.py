@@ -30,7 +30,9 @@ from bayes_ssi.structures.sparse_factors import (
 
 __all__ = [
     "DENSE_BELOW",
+    "SMALL",
     "SparseModes",
+    "batch_of_modes",
     "dense_modes",
     "frequencies_hz",
     "lowest_modes",
@@ -40,6 +42,8 @@ __all__ = [
 # Smaller problems, and those of which a large part of the modes is asked for, are solved densely.
 DENSE_BELOW = 150
 DENSE_SHARE = 0.25
+# Matrices no larger than this are solved faster a batch at a time.
+SMALL = 32
 # Eigenvalues closer than this share of their size leave no room for a shift between them.
 ROOM = 1e-6
 ATTEMPTS = 4
@@ -234,6 +238,32 @@ def dense_modes(
         raise _too_few(found, n_modes)
     inverses, vectors = inverses[:found], vectors[:, :found]
     return SparseModes(1.0 / inverses, vectors / np.sqrt(inverses))
+
+
+def batch_of_modes(
+    stiffness: FloatArray, mass: FloatArray, n_modes: int
+) -> tuple[FloatArray, FloatArray]:
+    """The lowest ``n_modes`` modes of many small matrices (B, n, n).
+
+    Returns:
+        (2πf)² (B, n_modes), ascending, and vectors (B, n, n_modes) at unit modal mass; NaN in rows
+        that have none. A row of the answer does not depend on the others, to the last digit.
+    """
+    b, n, _ = stiffness.shape
+    try:
+        inverse = np.linalg.inv(np.linalg.cholesky(stiffness))
+        transposed = inverse.transpose(0, 2, 1)
+        inverses, vectors = np.linalg.eigh(inverse @ mass @ transposed)
+    except np.linalg.LinAlgError:
+        if b > 1:  # some of them have modes
+            rows = [batch_of_modes(stiffness[[i]], mass[[i]], n_modes) for i in range(b)]
+            return np.concatenate([each for each, _ in rows]), np.concatenate([y for _, y in rows])
+        return np.full((1, n_modes), np.nan), np.full((1, n, n_modes), np.nan)
+    lowest = slice(n - 1, n - 1 - n_modes if n_modes < n else None, -1)
+    inverses, vectors = inverses[:, lowest], vectors[:, :, lowest]
+    few = ~(inverses[:, -1] > SINGULAR * inverses[:, 0])
+    inverses[few] = np.nan
+    return 1.0 / inverses, transposed @ vectors / np.sqrt(inverses)[:, None]
 
 
 def frequencies_hz(eigenvalues: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from bayes_ssi.structures.sparse_factors import (
     fill_reducing_order,
     is_semidefinite,
 )
-from bayes_ssi.structures.sparse_modes import lowest_modes
+from bayes_ssi.structures.sparse_modes import batch_of_modes, dense_modes, lowest_modes
 
 K3 = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
 
@@ -137,6 +137,28 @@ class TestModes:
         assert (found.participation**2).sum() == pytest.approx(6.0)
         with pytest.raises(TypeError, match="give influence="):
             bs.MatrixStructure(K3, np.eye(3), n_modes=3).modal_model(np.zeros((1, 0)))
+
+
+def test_a_batch_is_solved_as_its_rows_are():
+    rng = np.random.default_rng(2)
+    stiffness, mass = (a @ a.transpose(0, 2, 1) for a in rng.standard_normal((2, 6, 7, 7)))
+    stiffness[2] -= 5.0 * np.eye(7)
+    mass[4] = np.diag([1.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0])
+    eigenvalues, vectors = batch_of_modes(stiffness, mass, 3)
+    for i in (0, 1, 3, 5):
+        one = dense_modes(stiffness[i], mass[i], 3)
+        np.testing.assert_allclose(eigenvalues[i], one.eigenvalues, rtol=1e-9)
+        np.testing.assert_allclose(vectors[i].T @ mass[i] @ vectors[i], np.eye(3), atol=1e-9)
+        np.testing.assert_allclose(
+            stiffness[i] @ vectors[i], mass[i] @ vectors[i] * eigenvalues[i], atol=1e-6
+        )
+        alone = batch_of_modes(stiffness[[i]], mass[[i]], 3)
+        np.testing.assert_array_equal(alone[0][0], eigenvalues[i])
+        np.testing.assert_array_equal(alone[1][0], vectors[i])
+    for i in (2, 4):
+        assert np.isnan(eigenvalues[i]).any()
+        with pytest.raises(NoModesError):
+            dense_modes(stiffness[i], mass[i], 3)
 
 
 class TestCounting:

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 
 import bayes_ssi as bs
 from bayes_ssi.modal import mac
+from bayes_ssi.structures.sparse_modes import SMALL
 
 N, PARTS = 240, 3
 
@@ -91,8 +92,12 @@ def test_a_coarse_basis_knows_that_it_is_coarse():
     assert np.all(coarse.bounds(values).frequency >= off - 1e-12)
 
 
-def test_rows_and_copies_say_the_same(reduced):
+@pytest.mark.parametrize("small", [False, True])
+def test_rows_and_copies_say_the_same(reduced, small):
     values = draws(130)
+    if small:
+        reduced = full().reduced(frequency_error=0.1, shape_error=1.0)
+    assert (reduced.basis.size <= SMALL) == small
     together = reduced.modes(values)
     copied = pickle.loads(pickle.dumps(reduced))
     for rows in (slice(0, 1), slice(70, 130)):
