@@ -233,6 +233,8 @@ def dense_modes(
         raise NoModesError("the stiffness matrix is not positive definite") from None
     inverses, vectors = inverses[::-1], vectors[:, ::-1]
     found = int((inverses > SINGULAR * inverses[0]).sum())
+    if inverses[0] < 0.0:
+        raise NoModesError("the mass matrix is not positive semi-definite")
     if found < n_modes:
         require_held(stiffness, vectors[:, 0])
         raise _too_few(found, n_modes)
