@@ -163,6 +163,11 @@ def test_a_study_may_define_dataclasses(tiny_study_file):
         ("s.py", b"x = 1\n\n1 / 0\n", "line 3: ZeroDivisionError: division by zero"),
         ("s.py", b"raise SystemExit('a\\nb')", "line 1: SystemExit: a b"),
         ("s.py", b"import no_such_module", "line 1: ModuleNotFoundError: No module named"),
+        (
+            "s.py",
+            b"raise ImportError('none', name='skfem.helpers')",
+            r'ImportError: none; pip install "bayes_ssi\[fem\]"',
+        ),
     ],
 )
 def test_files_that_are_no_study_are_refused_in_one_line(tmp_path, name, content, message):

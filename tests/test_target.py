@@ -123,8 +123,8 @@ def test_a_repeated_run_counts_what_its_journal_recalls(tmp_path):
     assert (second.n_evaluations, second.n_failed) == (8, 2)
     assert reasons(second) == reasons(first)
     # Not counted: the first points, to see that the model is still the same, in halves down to
-    # the one that raises. Then what the journal does not have.
-    assert again.asked == [POINTS_TO_CHECK, 1, 2, 1, 1, len(batches[2])]
+    # the one that raises; the one that is NaN, for a reason. Then what the journal does not have.
+    assert again.asked == [POINTS_TO_CHECK, 1, 2, 1, 1, 1, len(batches[2])]
 
 
 def test_an_empty_batch_does_not_reach_the_function():

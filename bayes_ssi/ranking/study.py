@@ -23,6 +23,9 @@ from bayes_ssi.updating.posterior import Posterior
 
 __all__ = ["Ranking", "Study", "load_study", "rank"]
 
+# Packages that studies import, and the extras of this one that install them.
+EXTRAS = {"openseespy": "opensees", "skfem": "fem"}
+
 
 @dataclass(frozen=True, eq=False)
 class Study:
@@ -206,7 +209,9 @@ def load_study(path: str | Path) -> Study:
             f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)
         ]
         where = f"line {lines[-1]}: " if lines else ""
-        raise ValueError(f"{path}: {where}{type(error).__name__}: {_one_line(error)}") from error
+        raise ValueError(
+            f"{path}: {where}{type(error).__name__}: {_one_line(error)}{_remedy(error)}"
+        ) from error
     finally:
         sys.dont_write_bytecode = writes
     studies = {id(s): name for name, s in vars(module).items() if isinstance(s, Study)}
@@ -219,6 +224,12 @@ def load_study(path: str | Path) -> Study:
         raise ValueError(f"{path}: defines several studies: {', '.join(studies.values())}")
     study: Study = vars(module)[next(iter(studies.values()))]
     return study
+
+
+def _remedy(error: BaseException) -> str:
+    """How to install a finite-element program that a study imports."""
+    package = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
+    return f'; pip install "bayes_ssi[{EXTRAS[package]}]"' if package in EXTRAS else ""
 
 
 def _one_line(error: BaseException) -> str:

@@ -53,6 +53,9 @@ WALKERS = 32
 ENDS_TO_CLIMB_FROM = 32
 # Ensembles with a longer autocorrelation time begin again with a better mixture.
 SLOW, MAX_REFITS = 12.0, 4
+# They do so no more when importance draws are good enough and a new fit raises the share that
+# they are worth by less than this factor.
+WORTH_REFITTING = 1.2
 # Importance draws from a mixture must be worth this share of as many posterior draws; else the
 # mixture is fitted anew, to the draws of the ensembles.
 EFFICIENT = 0.25
@@ -171,18 +174,16 @@ def _run_ensembles(
     mixture that is fitted to their draws.
     """
     mixture = _fitted(starts[0].positions, starts[1].positions, maxima, rng)
+    trial = first_draws(target, mixture, rng)
     of_attempts = [seed.spawn(MAX_REFITS + 1) for seed in seeds]
+    settled = False
     for attempt in range(MAX_REFITS + 1):
-        # Draws that lost a region leave its component too little weight; a few importance draws
-        # give every component its share.
-        trial = first_draws(target, mixture, rng)
-        reweighted = mixture.reweighted(trial.z, trial.weights).defended(MAXIMA_SHARE)
-        # The better the mixture, the less is left for other moves to do.
-        proposal = Proposal(reweighted, min(LEAST_MOVES + trial.effective_share, MOST_MOVES))
+        settled = settled or attempt == MAX_REFITS
+        proposal = _proposal(mixture, trial)
         ensembles: list[Ensemble] = []
         for i, own in enumerate(walkers):
             report = _reporter(progress, "ensembles", i, N_ENSEMBLES)
-            slowest = math.inf if attempt == MAX_REFITS else SLOW
+            slowest = math.inf if settled else SLOW
             # Importance draws that are worth many make long chains needless.
             worth = trial.effective_share >= SUFFICIENT_SHARE
             most = min(settings.max_steps, FEW_STEPS) if worth else settings.max_steps
@@ -190,14 +191,45 @@ def _run_ensembles(
                 target, own, proposal, most, of_attempts[i][attempt], report, slowest
             )
             ensembles.append(one)
-        if all(one.autocorrelation_times.max() <= slowest for one in ensembles):
+        if settled or all(one.autocorrelation_times.max() <= slowest for one in ensembles):
             break
         walkers = [one.walkers for one in ensembles]
-        mixture = _fitted(ensembles[0].draws, ensembles[1].draws, maxima, rng)
+        before = trial.effective_share
+        mixture, trial = _refitted(target, ensembles, maxima, mixture, trial, rng)
+        # A posterior that mixtures hardly fit, well enough for importance draws all the same.
+        settled = worth and trial.effective_share < WORTH_REFITTING * before
     if trial.effective_share < EFFICIENT:
-        mixture = _fitted(ensembles[0].draws, ensembles[1].draws, maxima, rng)
-        trial = first_draws(target, mixture, rng)
+        mixture, trial = _refitted(target, ensembles, maxima, mixture, trial, rng)
     return ensembles, trial
+
+
+def _proposal(mixture: StudentMixture, trial: ImportanceSample) -> Proposal:
+    """The mixture as the ensembles' proposal, after first importance draws from it."""
+    # Draws that lost a region leave its component too little weight; a few importance draws
+    # give every component its share.
+    reweighted = mixture.reweighted(trial.z, trial.weights).defended(MAXIMA_SHARE)
+    # The better the mixture, the less is left for other moves to do.
+    return Proposal(reweighted, min(LEAST_MOVES + trial.effective_share, MOST_MOVES))
+
+
+def _refitted(
+    target: Target,
+    ensembles: Sequence[Ensemble],
+    maxima: Maxima,
+    mixture: StudentMixture,
+    trial: ImportanceSample,
+    rng: np.random.Generator,
+) -> tuple[StudentMixture, ImportanceSample]:
+    """A mixture fitted to the ensembles' draws, or the one before if they are likelier in it.
+
+    Not the one whose importance draws are worth more: draws do not show a region that their
+    mixture lacks, those of the ensembles do.
+    """
+    fitted = _fitted(ensembles[0].draws, ensembles[1].draws, maxima, rng)
+    held_out = _thinned(ensembles[1].draws, rng)
+    if mixture.log_pdf(held_out).mean() >= fitted.log_pdf(held_out).mean():
+        return mixture, trial
+    return fitted, first_draws(target, fitted, rng)
 
 
 def _suffices(sample: ImportanceSample) -> bool:

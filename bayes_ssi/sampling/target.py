@@ -70,7 +70,7 @@ class Target:
         if failed.any():
             self.n_failed += int(failed.sum())
             for row in np.flatnonzero(failed)[: FAILURES_SHOWN - len(self.failures)]:
-                reason = reasons.get(int(row), "the answer is NaN")
+                reason = reasons.get(int(row)) or self._why(z[row])
                 self.failures.append(Failure(z[row].copy(), reason))
             values = np.where(failed, -np.inf, values)
         if np.isposinf(values).any():
@@ -101,6 +101,10 @@ class Target:
                     "was made; remove it to begin again"
                 )
         return recalled
+
+    def _why(self, z: FloatArray) -> str:
+        """What is said of a point (d,) that is NaN in a batch, where it is asked for alone."""
+        return self._evaluate(z[None]).failures.get(0, "the answer is NaN")
 
     def _evaluate(self, z: FloatArray) -> Evaluated:
         if self.workers is None:

@@ -18,13 +18,18 @@ from bayes_ssi.priors import FloatArray
 from bayes_ssi.structures.matrix_files import checked_array, checked_matrix
 from bayes_ssi.structures.places import Sensors, named_rows
 from bayes_ssi.structures.rows import OneByOne, Solved
+from bayes_ssi.structures.sparse_factors import (
+    NoModesError,
+    fill_reducing_order,
+    is_semidefinite,
+)
 from bayes_ssi.structures.sparse_modes import (
     DENSE_BELOW,
     SparseModes,
     dense_modes,
-    fill_reducing_order,
     frequencies_hz,
     lowest_modes,
+    require_held,
 )
 
 __all__ = ["FunctionStructure"]
@@ -124,7 +129,10 @@ class FunctionStructure(OneByOne):
 
     def _called(self, values: FloatArray) -> tuple[Any, Any]:
         numbers = self._table.evaluate(values[None])[0].tolist()
-        answer = self.function(**dict(zip(self._arguments, numbers, strict=True)))
+        try:
+            answer = self.function(**dict(zip(self._arguments, numbers, strict=True)))
+        except SystemExit as left:  # scripts of other programs may end so; this one goes on
+            raise RuntimeError(f"{_name(self.function)} called exit({left.code!r})") from None
         if isinstance(answer, (tuple, list)) and len(answer) == 2:
             return answer[0], answer[1]
         raise ValueError(
@@ -135,7 +143,10 @@ class FunctionStructure(OneByOne):
     def _of_matrices(self, stiffness: Any, mass: Any) -> SparseModes:
         """The modes at the sensors."""
         name, n_modes = _name(self.function), self.n_modes
-        n = stiffness.shape[0] if hasattr(stiffness, "shape") else len(stiffness)
+        n = np.shape(stiffness)[0]
+        dense = n <= DENSE_BELOW
+        checked: Any = checked_array if dense else checked_matrix
+        k, m = checked(stiffness, f"{name}: K"), checked(mass, f"{name}: M", n)
         if n < n_modes:
             raise ValueError(f"{name}: K has {n} rows, fewer than {n_modes} modes")
         if isinstance(self._sensors, dict):
@@ -147,11 +158,12 @@ class FunctionStructure(OneByOne):
                 f"{name}: K has {n} rows; sensors must be a mapping of names to numbers of degrees "
                 "of freedom"
             )
-        if n <= DENSE_BELOW:
-            dense = (checked_array(stiffness, f"{name}: K"), checked_array(mass, f"{name}: M", n))
-            found = dense_modes(*dense, n_modes)
+        if dense:
+            found = dense_modes(k, m, n_modes)
+            require_held(k, found.vectors[:, 0])
             return SparseModes(found.eigenvalues, found.vectors[rows])
-        k, m = checked_matrix(stiffness, f"{name}: K"), checked_matrix(mass, f"{name}: M", n)
+        if not is_semidefinite(m):
+            raise NoModesError(f"{name}: M is not positive semi-definite")
         # The pattern may be another at every call, and so is the order.
         order = fill_reducing_order(k)
         found = lowest_modes(

@@ -23,16 +23,19 @@ from bayes_ssi.priors import FloatArray
 from bayes_ssi.structures.matrix_files import Matrix
 from bayes_ssi.structures.places import Sensors, named_rows
 from bayes_ssi.structures.rows import OneByOne, Solved
+from bayes_ssi.structures.sparse_factors import (
+    NoModesError,
+    count_below,
+    fill_reducing_order,
+    is_semidefinite,
+)
 from bayes_ssi.structures.sparse_modes import (
     DENSE_BELOW,
-    NoModesError,
     SparseModes,
-    count_below,
     dense_modes,
-    fill_reducing_order,
     frequencies_hz,
-    is_semidefinite,
     lowest_modes,
+    require_held,
 )
 from bayes_ssi.structures.sparse_sum import SparseSum
 
@@ -46,6 +49,8 @@ __all__ = ["MatrixStructure", "System"]
 MARGIN = 0.2
 # Structures with fewer degrees of freedom are solved a batch at a time.
 AT_ONCE_BELOW = 40
+# Of the largest eigenvalue: smaller ones may be no more than rounding.
+ROUNDING = 1e-12
 
 
 class System(NamedTuple):
@@ -171,7 +176,7 @@ class MatrixStructure(OneByOne):
             eigenvalues, vectors = np.linalg.eigh(inverse @ stiffness @ transposed)
         except (NoModesError, np.linalg.LinAlgError):
             return None
-        if not np.all(eigenvalues[:, 0] > 0.0):
+        if not np.all(eigenvalues[:, 0] > ROUNDING * eigenvalues[:, -1]):
             return None
         n = self.n_modes
         shapes = (transposed @ vectors)[:, self.system.rows, :n]
@@ -185,6 +190,7 @@ class MatrixStructure(OneByOne):
             of_stiffness, of_mass = self._coefficients(values)
             stiffness = np.tensordot(of_stiffness, self.system.stiffness.dense, 1)
             modes = dense_modes(stiffness, np.tensordot(of_mass, self.system.mass.dense, 1), n)
+            require_held(stiffness, modes.vectors[:, 0])
         return frequencies_hz(modes.eigenvalues[:n]), modes.vectors[self.system.rows, :n]
 
     def full_modes(self, values: FloatArray, extra: int = 0) -> SparseModes:
@@ -195,11 +201,7 @@ class MatrixStructure(OneByOne):
         Raises:
             NoModesError: K is not positive definite, or modes cannot be found or be counted.
         """
-        stiffness, mass = self.matrices(values)
-        with_mass = int(np.count_nonzero(np.diff(mass.indptr)))
-        return lowest_modes(
-            stiffness, mass, max(self.n_modes, min(self.n_modes + extra, with_mass))
-        )
+        return lowest_modes(*self.matrices(values), self.n_modes, extra)
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         """As :meth:`Structure.modal_model`.

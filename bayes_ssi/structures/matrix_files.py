@@ -89,6 +89,8 @@ def checked_array(matrix: Any, name: str, size: int | None = None) -> FloatArray
 
 
 def _checked_kind(matrix: Any, name: str, size: int | None) -> Any:
+    if isinstance(matrix, (str, Path)):
+        raise TypeError(f"{name} must be an array, got {matrix!r}; read a file with read_matrix")
     if not sp.issparse(matrix):
         matrix = np.asarray(matrix)
     if matrix.dtype.kind not in "biufc":

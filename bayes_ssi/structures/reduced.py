@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from copy import copy
 from functools import cached_property
 from typing import Any
@@ -20,7 +21,8 @@ from bayes_ssi.structures.reduced_basis import (
     ReducedBasis,
     Reference,
 )
-from bayes_ssi.structures.sparse_modes import NoModesError, dense_modes, frequencies_hz
+from bayes_ssi.structures.sparse_factors import NoModesError
+from bayes_ssi.structures.sparse_modes import SMALL, batch_of_modes, dense_modes, frequencies_hz
 
 __all__ = ["ReducedStructure"]
 
@@ -111,23 +113,26 @@ class ReducedStructure(Structure):
         return self._basis
 
     def modes(self, values: FloatArray) -> Modes:
-        shapes = np.full((len(values), len(self.degrees_of_freedom), self.n_modes), np.nan)
-        frequencies = np.full((len(values), self.n_modes), np.nan)
-        for row, eigenvalues, y in self._solved(values):
-            frequencies[row] = frequencies_hz(eigenvalues)
-            shapes[row] = self.basis.at_sensors @ y
-        return Modes(frequencies, shapes)
+        """As :meth:`Structure.modes`; rows without modes are NaN.
+
+        Raises:
+            NoModesError: there are none at the only row of ``values``; the message says why.
+        """
+        eigenvalues, y = self._solved(values)
+        return Modes(frequencies_hz(eigenvalues), self.basis.at_sensors @ y)
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         influence = self.full.require_influence()
-        frequencies_hz, shapes = self.modes(values)
+        eigenvalues, y = self._solved(values)
         mass = self.full.system.mass
         pushed = [self.basis.vectors.T @ (each @ influence) for each in mass.matrices]
-        participation = np.full((len(values), self.n_modes), np.nan)
         of_mass = mass.coefficients(values, self.parameters)
-        for row, _, y in self._solved(values):
-            participation[row] = (of_mass[row] @ np.array(pushed)) @ y
-        return ModalModel(frequencies_hz, shapes, participation, influence[self.full.system.rows])
+        return ModalModel(
+            frequencies_hz(eigenvalues),
+            self.basis.at_sensors @ y,
+            np.einsum("bt,tk,bkm->bm", of_mass, np.array(pushed), y),
+            influence[self.full.system.rows],
+        )
 
     def bounds(self, values: FloatArray) -> Bounds:
         """The certified errors at ``values`` (B, n_parameters): arrays (B, n_modes)."""
@@ -164,7 +169,7 @@ class ReducedStructure(Structure):
             f"{self.full.size} degrees of freedom reduced to {self.basis.size} by "
             f"{self.n_full_solutions} full solutions; by the residuals at {len(values)} draws, "
             f"frequencies are within {frequency:.1g} of the full model's (as a fraction) and "
-            f"shapes within about {shape:.1g} (at unit length)",
+            f"shapes that the sensors see within about {shape:.1g} (at unit length)",
         )
 
     def _train(self, points: FloatArray, frequency_error: float, shape_error: float) -> None:
@@ -209,23 +214,24 @@ class ReducedStructure(Structure):
                 self.n_full_solutions += 1
         self._basis = basis
 
-    def _solved(self, values: FloatArray) -> Any:
-        """Row, (2πf)² and y of every row that has modes."""
+    def _solved(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(2πf)² (B, n_modes) and y (B, N, n_modes); NaN in rows that have no modes."""
         basis = self.basis
         of_stiffness, of_mass = self._coefficients(values)
-        size = basis.size
+        size, n = basis.size, self.n_modes
         stiffness = basis.stiffness.reshape(len(basis.stiffness), -1)
         mass = basis.mass.reshape(len(basis.mass), -1)
+        eigenvalues, y = np.empty((len(values), n)), np.empty((len(values), size, n))
+        solve = batch_of_modes if size <= SMALL else _one_by_one
         for start in range(0, len(values), CHUNK):
             rows = slice(start, start + CHUNK)
             # Not matrix products: BLAS rounds a row differently in a batch of another size.
             k = np.einsum("bt,tk->bk", of_stiffness[rows], stiffness).reshape(-1, size, size)
             m = np.einsum("bt,tk->bk", of_mass[rows], mass).reshape(-1, size, size)
-            for i in range(len(k)):
-                try:
-                    yield start + i, *dense_modes(k[i], m[i], self.n_modes)
-                except NoModesError:
-                    continue
+            eigenvalues[rows], y[rows] = solve(k, m, n)
+        if len(values) == 1 and np.isnan(eigenvalues).any():
+            dense_modes(k[0], m[0], n)  # says why
+        return eigenvalues, y
 
     @cached_property
     def _reference(self) -> Reference:
@@ -267,6 +273,18 @@ class ReducedStructure(Structure):
             f"ReducedStructure({self.full!r}, frequency_error={self.frequency_error}, "
             f"shape_error={self.shape_error}, most_full_solutions={self.most_full_solutions})"
         )
+
+
+def _one_by_one(
+    stiffness: FloatArray, mass: FloatArray, n_modes: int
+) -> tuple[FloatArray, FloatArray]:
+    """As :func:`batch_of_modes`, which for larger matrices computes what is not asked for."""
+    eigenvalues = np.full((len(stiffness), n_modes), np.nan)
+    vectors = np.full((*stiffness.shape[:2], n_modes), np.nan)
+    for i, (k, m) in enumerate(zip(stiffness, mass, strict=True)):
+        with suppress(NoModesError):
+            eigenvalues[i], vectors[i] = dense_modes(k, m, n_modes)
+    return eigenvalues, vectors
 
 
 def _excess(bounds: Bounds, frequency_error: float, shape_error: float) -> FloatArray:

@@ -29,13 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.priors import FloatArray
-from bayes_ssi.structures.sparse_modes import (
-    Factor,
-    NoModesError,
-    SparseModes,
-    dense_modes,
-    is_semidefinite,
-)
+from bayes_ssi.structures.sparse_factors import NoModesError, is_semidefinite, stiffness_factor
+from bayes_ssi.structures.sparse_modes import SparseModes, dense_modes
 from bayes_ssi.structures.sparse_sum import SparseSum
 
 __all__ = ["Bounds", "Coefficients", "ReducedBasis", "Reference"]
@@ -98,9 +93,7 @@ class Reference:
         """
         self.stiffness, self.mass, self.coefficients = stiffness, mass, coefficients
         self.matrix = stiffness.at(coefficients.stiffness)
-        factor = Factor(self.matrix)
-        if factor.n_negative:
-            raise NoModesError("the stiffness matrix is not positive definite")
+        factor = stiffness_factor(self.matrix)
         n = self.matrix.shape[0]
         normal = np.random.default_rng(0).standard_normal((n, SKETCH)) / np.sqrt(SKETCH)
         self.sensors = sensors

@@ -1,14 +1,12 @@
 """The lowest modes of large sparse matrices: shift-invert Lanczos, and a count of what it found.
 
-K is factorised as L D Lᵀ, with pivots from the diagonal, in an order that keeps the factors
-sparse. The order is found once for a sparsity pattern and used for every factorisation, the part
-of the symbolic work that SuperLU lets one keep. Lanczos iterations with K⁻¹ M (ARPACK) give the
-lowest modes. They may overlook one, of a pair of equal frequencies above all, so they are counted:
-by Sylvester's law of inertia K - σM has as many negative pivots as there are modes with
-(2πf)² < σ.
+Lanczos iterations with K⁻¹ M (ARPACK) give the lowest modes. They may overlook one, of a pair of
+equal frequencies above all, so they are counted by the pivots of K - σM (see
+:mod:`bayes_ssi.structures.sparse_factors`).
 
 M may be singular (rotations without inertia, for instance): such directions have no mode of their
-own. K must be positive definite.
+own, and where only a few have inertia all modes follow from the flexibility of these. K must be
+positive definite.
 """
 
 from __future__ import annotations
@@ -19,40 +17,40 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from bayes_ssi.priors import FloatArray
 from bayes_ssi.structures.matrix_files import Matrix
+from bayes_ssi.structures.sparse_factors import (
+    NOT_HELD,
+    Factor,
+    NoModesError,
+    count_below,
+    stiffness_factor,
+)
 
 __all__ = [
     "DENSE_BELOW",
-    "Factor",
-    "NoModesError",
+    "SMALL",
     "SparseModes",
-    "count_below",
+    "batch_of_modes",
     "dense_modes",
-    "fill_reducing_order",
     "frequencies_hz",
-    "is_semidefinite",
     "lowest_modes",
+    "require_held",
 ]
 
 # Smaller problems, and those of which a large part of the modes is asked for, are solved densely.
 DENSE_BELOW = 150
 DENSE_SHARE = 0.25
+# Matrices no larger than this are solved faster a batch at a time.
+SMALL = 32
 # Eigenvalues closer than this share of their size leave no room for a shift between them.
 ROOM = 1e-6
 ATTEMPTS = 4
-# Of a solution with a factor without pivoting; a larger one says that its pivots mean nothing.
-FACTOR_ERROR = 1e-6
 # A mode whose 1/(2πf)² is this share of the first one's is none: M is singular.
-SINGULAR = 1e-14
-# Added to the diagonal, as a share of its largest entry, where a zero eigenvalue is allowed.
-NUDGE = 1e-9
-
-
-class NoModesError(ValueError):
-    """The matrices have no modes, or not as many as are asked for."""
+SINGULAR = 1e-13
+# Of the energy of the first mode over what it would be if nothing cancelled: less is rounding.
+HELD = 1e-13
 
 
 class SparseModes(NamedTuple):
@@ -67,99 +65,18 @@ class SparseModes(NamedTuple):
     vectors: FloatArray
 
 
-class Factor:
-    """K = L D Lᵀ for a matrix whose rows are in a good order already.
-
-    Attributes:
-        pivots: (n,), D.
-    """
-
-    def __init__(self, matrix: Matrix) -> None:
-        """Factorise.
-
-        Raises:
-            NoModesError: the matrix is singular, or has no factor with pivots from the diagonal.
-        """
-        from scipy.sparse.linalg import splu
-
-        try:
-            self._lu = splu(
-                sp.csc_matrix(matrix),
-                permc_spec="NATURAL",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-        except RuntimeError:  # exactly singular
-            raise NoModesError("the matrix is singular") from None
-        if not np.array_equal(self._lu.perm_r, np.arange(matrix.shape[0])):
-            raise NoModesError("the matrix has a pivot of zero")
-        self.pivots: FloatArray = self._lu.U.diagonal()
-
-    @property
-    def n_negative(self) -> int:
-        """How many eigenvalues are negative."""
-        return int((self.pivots < 0.0).sum())
-
-    def solve(self, right: FloatArray) -> FloatArray:
-        """K⁻¹ times vectors (n,) or (n, k)."""
-        found: FloatArray = self._lu.solve(np.ascontiguousarray(right))
-        return found
-
-    def root_times(self, right: FloatArray) -> FloatArray:
-        """C times vectors (n, k), where K = C Cᵀ; of a positive definite matrix."""
-        found: FloatArray = self._lu.L @ (np.sqrt(self.pivots)[:, None] * right)
-        return found
-
-
-def fill_reducing_order(matrix: Matrix) -> NDArray[np.intp]:
-    """An order of the rows (n,) in which the factors of a positive definite matrix stay sparse.
+def require_held(stiffness: Matrix | FloatArray, shape: FloatArray) -> None:
+    """Refuse a first mode (n,) whose energy is rounding: a rigid body's.
 
     Raises:
-        NoModesError: the matrix is singular.
+        NoModesError: it is.
     """
-    from scipy.sparse.linalg import splu
-
-    try:
-        factor = splu(
-            sp.csc_matrix(matrix),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-    except RuntimeError:
-        raise NoModesError("the matrix is singular") from None
-    return np.argsort(factor.perm_c)
+    size = np.abs(shape)
+    if not shape @ (stiffness @ shape) > HELD * (size @ (abs(stiffness) @ size)):
+        raise NoModesError(NOT_HELD)
 
 
-def count_below(stiffness: Matrix, mass: Matrix, shift: float) -> int:
-    """How many modes have (2πf)² < ``shift``, by the signs of the pivots of K - shift·M.
-
-    Raises:
-        NoModesError: K - shift·M cannot be factorised; the shift lies on a mode.
-    """
-    shifted = sp.csc_array(stiffness - shift * mass)
-    factor = Factor(shifted)
-    probe = np.cos(np.arange(1.0, stiffness.shape[0] + 1.0))
-    answer = factor.solve(probe)
-    scale = abs(shifted).sum(axis=1).max() * np.linalg.norm(answer) + np.linalg.norm(probe)
-    if not np.linalg.norm(shifted @ answer - probe) <= FACTOR_ERROR * scale:
-        raise NoModesError("K - shift·M is too close to singular")
-    return factor.n_negative
-
-
-def is_semidefinite(matrix: Matrix) -> bool:
-    """Whether no eigenvalue is below zero, but for rounding."""
-    largest = float(np.abs(matrix.diagonal()).max(initial=0.0))
-    if largest == 0.0:
-        return matrix.nnz == 0
-    nudge = sp.diags_array(np.full(matrix.shape[0], NUDGE * largest))
-    try:
-        return Factor(sp.csc_array(matrix + nudge)).n_negative == 0
-    except NoModesError:
-        return False
-
-
-def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int) -> SparseModes:
+def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) -> SparseModes:
     """The ``n_modes`` lowest modes, and perhaps a few more, counted.
 
     Args:
@@ -167,6 +84,7 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int) -> SparseModes:
             :func:`fill_reducing_order`).
         mass: (n, n), positive semi-definite.
         n_modes: how many.
+        extra: how many more, where there are so many.
 
     Raises:
         NoModesError: K is not positive definite, M gives fewer modes, or the count and the modes
@@ -174,18 +92,34 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int) -> SparseModes:
     """
     n = stiffness.shape[0]
     if n <= DENSE_BELOW or n_modes >= DENSE_SHARE * n:
-        return dense_modes(stiffness.toarray(), mass.toarray(), n_modes)
-    factor = Factor(stiffness)
-    if factor.n_negative:
-        raise NoModesError("the stiffness matrix is not positive definite")
-    n_finite = int(np.count_nonzero(np.diff(mass.indptr)))
+        found = dense_modes(stiffness.toarray(), mass.toarray(), n_modes, n_modes + extra)
+    else:
+        factor = stiffness_factor(stiffness)
+        with_mass = np.flatnonzero(np.diff(mass.indptr))
+        if len(with_mass) <= DENSE_BELOW:
+            loads = np.zeros((n, len(with_mass)))
+            loads[with_mass, np.arange(len(with_mass))] = 1.0
+            found = _modes_under(loads, mass, factor, n_modes, n_modes + extra)
+        else:
+            found = _counted(stiffness, mass, factor, n_modes, n_modes + extra)
+    require_held(stiffness, found.vectors[:, 0])
+    return found
+
+
+def _counted(
+    stiffness: Matrix, mass: Matrix, factor: Factor, n_modes: int, at_most: int
+) -> SparseModes:
+    """Modes by Lanczos iterations, counted."""
+    n = stiffness.shape[0]
     told = "nothing was found"
     for attempt in range(ATTEMPTS):
-        wanted = min(n_modes + 2 + 6 * attempt, n_finite, n - 2)
-        found = _lanczos(stiffness, mass, factor, wanted, attempt)
-        if wanted == n_finite:
-            return found  # all there are
-        last = _place_for_shift(found.eigenvalues, n_modes)
+        wanted = min(at_most + 2 + 6 * attempt, n - 2)
+        try:
+            found = _lanczos(stiffness, mass, factor, wanted, attempt)
+        except NoModesError as error:
+            told = str(error)
+            break
+        last = _place_for_shift(found.eigenvalues, at_most)
         if last is None:
             continue
         shift = float(found.eigenvalues[last - 1 : last + 1].mean())
@@ -196,7 +130,47 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int) -> SparseModes:
         if count == last:
             return SparseModes(found.eigenvalues[:last], found.vectors[:, :last])
         told = f"Lanczos iterations found {last} modes where Sylvester's law counts {count}"
+    # Iterations end early where M has hardly more modes than are asked for.
+    normal = np.random.default_rng(ATTEMPTS).standard_normal((n, 2 * (at_most + 10)))
+    loads = mass @ normal
+    if _rank(loads.T @ factor.solve(loads)) < loads.shape[1]:
+        return _modes_under(loads, mass, factor, n_modes, at_most)
     raise NoModesError(f"the modes could not be made sure of: {told}")
+
+
+def _modes_under(
+    loads: FloatArray, mass: Matrix, factor: Factor, n_modes: int, at_most: int
+) -> SparseModes:
+    """The lowest modes, where the inertia of any motion is a sum of ``loads`` (n, k).
+
+    Modes are what such loads deflect the structure to, so Rayleigh and Ritz find all there are.
+
+    Raises:
+        NoModesError: these are fewer.
+    """
+    moved = factor.solve(loads)
+    energies, directions = np.linalg.eigh(loads.T @ moved)
+    kept = energies > SINGULAR * energies.max(initial=0.0)
+    unit = moved @ (directions[:, kept] / np.sqrt(energies[kept]))
+    inverses, mixed = np.linalg.eigh(unit.T @ (mass @ unit))
+    inverses, mixed = inverses[::-1], mixed[:, ::-1]
+    if len(inverses) and inverses[-1] < -SINGULAR * max(inverses[0], -inverses[-1]):
+        raise NoModesError("the mass matrix is not positive semi-definite")
+    found = int((inverses > SINGULAR * inverses.max(initial=0.0)).sum())
+    if found < n_modes:
+        raise _too_few(found, n_modes)
+    found = min(found, at_most)
+    inverses = inverses[:found]
+    return SparseModes(1.0 / inverses, unit @ (mixed[:, :found] / np.sqrt(inverses)))
+
+
+def _rank(gram: FloatArray) -> int:
+    energies = np.linalg.eigvalsh(gram)
+    return int((energies > SINGULAR * energies.max()).sum())
+
+
+def _too_few(found: int, n_modes: int) -> NoModesError:
+    return NoModesError(f"the mass matrix gives {found} modes, fewer than the {n_modes} asked for")
 
 
 def _place_for_shift(eigenvalues: FloatArray, n_modes: int) -> int | None:
@@ -232,6 +206,8 @@ def _lanczos(
     # mode has.
     vectors = factor.solve(mass @ vectors[:, order])
     inertia = np.einsum("nm,nm->m", vectors, mass @ vectors)
+    if not inertia.min() > 0.0:
+        raise NoModesError("the mass matrix is not positive semi-definite, or has too low a rank")
     energy = np.einsum("nm,nm->m", vectors, stiffness @ vectors)
     values = energy / inertia
     again = np.argsort(values)
@@ -257,12 +233,39 @@ def dense_modes(
         raise NoModesError("the stiffness matrix is not positive definite") from None
     inverses, vectors = inverses[::-1], vectors[:, ::-1]
     found = int((inverses > SINGULAR * inverses[0]).sum())
+    if inverses[0] < 0.0:
+        raise NoModesError("the mass matrix is not positive semi-definite")
     if found < n_modes:
-        raise NoModesError(
-            f"the mass matrix gives {found} modes, fewer than the {n_modes} asked for"
-        )
+        require_held(stiffness, vectors[:, 0])
+        raise _too_few(found, n_modes)
     inverses, vectors = inverses[:found], vectors[:, :found]
     return SparseModes(1.0 / inverses, vectors / np.sqrt(inverses))
+
+
+def batch_of_modes(
+    stiffness: FloatArray, mass: FloatArray, n_modes: int
+) -> tuple[FloatArray, FloatArray]:
+    """The lowest ``n_modes`` modes of many small matrices (B, n, n).
+
+    Returns:
+        (2πf)² (B, n_modes), ascending, and vectors (B, n, n_modes) at unit modal mass; NaN in rows
+        that have none. A row of the answer does not depend on the others, to the last digit.
+    """
+    b, n, _ = stiffness.shape
+    try:
+        inverse = np.linalg.inv(np.linalg.cholesky(stiffness))
+        transposed = inverse.transpose(0, 2, 1)
+        inverses, vectors = np.linalg.eigh(inverse @ mass @ transposed)
+    except np.linalg.LinAlgError:
+        if b > 1:  # some of them have modes
+            rows = [batch_of_modes(stiffness[[i]], mass[[i]], n_modes) for i in range(b)]
+            return np.concatenate([each for each, _ in rows]), np.concatenate([y for _, y in rows])
+        return np.full((1, n_modes), np.nan), np.full((1, n, n_modes), np.nan)
+    lowest = slice(n - 1, n - 1 - n_modes if n_modes < n else None, -1)
+    inverses, vectors = inverses[:, lowest], vectors[:, :, lowest]
+    few = ~(inverses[:, -1] > SINGULAR * inverses[:, 0])
+    inverses[few] = np.nan
+    return 1.0 / inverses, transposed @ vectors / np.sqrt(inverses)[:, None]
 
 
 def frequencies_hz(eigenvalues: FloatArray) -> FloatArray:

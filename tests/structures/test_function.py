@@ -81,6 +81,9 @@ def test_frequencies_alone():
         ((np.eye(2),), "must return two things"),
         ((np.eye(2), np.eye(3)), "M has 3 rows"),
         ((np.triu(np.ones((2, 2))), np.eye(2)), "K must be symmetric"),
+        ((np.ones((1, 2)), np.eye(2)), "K must be square"),
+        ((sp.eye_array(400), 0.0 * sp.eye_array(400)), "gives 0 modes, fewer than the 2"),
+        ((sp.eye_array(400), -sp.eye_array(400)), "M is not positive semi-definite"),
         ((-np.eye(2), np.eye(2)), "not positive definite"),
         (([1.0], np.eye(2)), r"at least 2 frequencies, got shape \(1,\)"),
         (([1.0, math.nan], np.eye(2)), "numbers that are not finite"),
@@ -108,6 +111,15 @@ def test_wrong_answers_are_told_with_their_values(answer, message):
 def test_arguments_are_those_of_the_function(arguments, message):
     with pytest.raises(ValueError, match=message):
         structure(**arguments)
+
+
+def test_a_function_that_leaves_does_not_take_the_program_with_it():
+    def leaves(a):  # noqa: ARG001
+        raise SystemExit(3)
+
+    found = bs.FunctionStructure(leaves, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
+    with pytest.raises(ValueError, match=r"at k = 1\.25: RuntimeError: .*leaves called exit\(3\)"):
+        found.modes(np.array([[1.25]]))
 
 
 def test_each_set_of_values_is_computed_once():

@@ -10,13 +10,13 @@ import scipy.sparse as sp
 
 import bayes_ssi as bs
 from bayes_ssi.modal import mac
-from bayes_ssi.structures.sparse_modes import (
+from bayes_ssi.structures.sparse_factors import (
     NoModesError,
     count_below,
     fill_reducing_order,
     is_semidefinite,
-    lowest_modes,
 )
+from bayes_ssi.structures.sparse_modes import batch_of_modes, dense_modes, lowest_modes
 
 K3 = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
 
@@ -91,6 +91,27 @@ class TestModes:
         expected = chain_hz(n // 2, 5) * math.sqrt(0.5)
         np.testing.assert_allclose(structure.modes(np.zeros((1, 0)))[0][0], expected, rtol=1e-9)
 
+    @pytest.mark.parametrize("rank", [4, 6, 20])
+    @pytest.mark.parametrize("spread", [3, 60])
+    def test_masses_of_low_rank(self, rank, spread):
+        """Rigid bodies, each carried by ``spread`` degrees of freedom; 4 modes are wanted."""
+        n = 500
+        carried = np.zeros((n, rank))
+        for i in range(rank):
+            places = (np.arange(spread) + spread * i) % n
+            carried[places, i] += 1.0 + i + np.linspace(0.0, 1.0, spread)
+        stiffness = sp.csc_array(1e4 * chain(n))
+        structure = bs.MatrixStructure(stiffness, carried @ carried.T, n_modes=4)
+        # Of B Bᵀ φ = μ K φ the nonzero μ are those of Bᵀ K⁻¹ B, (rank, rank).
+        flexibility = carried.T @ np.linalg.solve(stiffness.toarray(), carried)
+        expected = np.sqrt(1.0 / np.linalg.eigvalsh(flexibility)[::-1][:4]) / (2.0 * math.pi)
+        found, shapes = structure.modes(np.zeros((1, 0)))
+        np.testing.assert_allclose(found[0], expected, rtol=1e-7)
+        moved = carried.T @ shapes[0]
+        np.testing.assert_allclose(moved.T @ moved, np.eye(4), atol=1e-7)
+        reduced = structure.reduced().modes(np.zeros((1, 0))).frequencies_hz[0]
+        np.testing.assert_allclose(reduced, expected, rtol=1e-6)
+
     def test_as_many_modes_as_lie_in_the_band(self):
         expected = chain_hz(400, 12)
         top = float(expected[6]) / 1.2 * 1.001  # a fifth above it lies the seventh
@@ -116,6 +137,28 @@ class TestModes:
         assert (found.participation**2).sum() == pytest.approx(6.0)
         with pytest.raises(TypeError, match="give influence="):
             bs.MatrixStructure(K3, np.eye(3), n_modes=3).modal_model(np.zeros((1, 0)))
+
+
+def test_a_batch_is_solved_as_its_rows_are():
+    rng = np.random.default_rng(2)
+    stiffness, mass = (a @ a.transpose(0, 2, 1) for a in rng.standard_normal((2, 6, 7, 7)))
+    stiffness[2] -= 5.0 * np.eye(7)
+    mass[4] = np.diag([1.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0])
+    eigenvalues, vectors = batch_of_modes(stiffness, mass, 3)
+    for i in (0, 1, 3, 5):
+        one = dense_modes(stiffness[i], mass[i], 3)
+        np.testing.assert_allclose(eigenvalues[i], one.eigenvalues, rtol=1e-9)
+        np.testing.assert_allclose(vectors[i].T @ mass[i] @ vectors[i], np.eye(3), atol=1e-9)
+        np.testing.assert_allclose(
+            stiffness[i] @ vectors[i], mass[i] @ vectors[i] * eigenvalues[i], atol=1e-6
+        )
+        alone = batch_of_modes(stiffness[[i]], mass[[i]], 3)
+        np.testing.assert_array_equal(alone[0][0], eigenvalues[i])
+        np.testing.assert_array_equal(alone[1][0], vectors[i])
+    for i in (2, 4):
+        assert np.isnan(eigenvalues[i]).any()
+        with pytest.raises(NoModesError):
+            dense_modes(stiffness[i], mass[i], 3)
 
 
 class TestCounting:
@@ -167,12 +210,13 @@ BAD = [
     ({"n_modes": None}, "give either n_modes or up_to_hz"),
     ({"n_modes": None, "up_to_hz": -1.0}, "up_to_hz must be a positive frequency"),
     ({"influence": [1.0, 1.0]}, "influence must be 3 finite numbers"),
+    ({"mass": "m.npz"}, "mass: the matrix must be an array, got 'm.npz'; read a file with read_m"),
 ]
 
 
 @pytest.mark.parametrize(("wrong", "message"), BAD)
 def test_bad_input_is_said_in_one_line(wrong, message):
-    with pytest.raises(ValueError, match=message) as caught:
+    with pytest.raises((ValueError, TypeError), match=message) as caught:
         bs.MatrixStructure(**{"stiffness": K3, "mass": np.eye(3), "n_modes": 2, **wrong})
     assert "\n" not in str(caught.value)
 
@@ -197,6 +241,34 @@ def test_matrices_without_modes(stiffness, mass, message):
     structure = bs.MatrixStructure((factor("k"), stiffness), mass, n_modes=2)
     with pytest.raises(ValueError, match=f"at k = 1: .*{message}"):
         structure.modes(np.ones((1, 1)))
+
+
+@pytest.mark.parametrize("rank", [0, 2])
+@pytest.mark.parametrize("reduced", [False, True])
+def test_masses_of_too_low_rank(rank, reduced):
+    carried = np.zeros((400, 2))
+    carried[5:10, 0] = carried[12:17, 1] = 1.0
+    mass = sp.csc_array(carried[:, :rank] @ carried[:, :rank].T)
+    structure = bs.MatrixStructure((factor("k"), chain(400)), mass, n_modes=3)
+    structure = structure.reduced() if reduced else structure
+    with pytest.raises(ValueError, match=f"{rank} (modes|degrees of freedom).* fewer.* than the 3"):
+        structure.modes(np.ones((1, 1)))
+
+
+@pytest.mark.parametrize("n", [3, 30, 100, 300])
+def test_a_structure_that_is_not_supported(n):
+    """The sums of a row's springs are zero but for rounding."""
+    springs = np.random.default_rng(n).uniform(0.1, 10.0, n - 1)
+    diagonals = [np.r_[springs, 0.0] + np.r_[0.0, springs], -springs]
+    loose = sp.diags_array([*diagonals, diagonals[1]], offsets=[0, 1, -1])
+    structure = bs.MatrixStructure((factor("k"), loose), sp.eye_array(n), n_modes=2)
+    for values in np.random.default_rng(n).uniform(0.5, 2.0, (5, 1, 1)):
+        with pytest.raises(ValueError, match=r"supported|not positive definite"):
+            structure.modes(values)
+    held = sp.csc_array(loose + sp.diags_array(np.r_[1e-6, np.zeros(n - 1)]))
+    structure = bs.MatrixStructure((factor("k"), held), sp.eye_array(n), n_modes=2)
+    first = structure.modes(np.ones((1, 1))).frequencies_hz[0, 0]
+    assert first == pytest.approx(math.sqrt(1e-6 / n) / (2.0 * math.pi), rel=1e-3)
 
 
 @pytest.mark.parametrize("n", [3, 60, 200])

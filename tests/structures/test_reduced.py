@@ -9,6 +9,7 @@ import scipy.sparse as sp
 
 import bayes_ssi as bs
 from bayes_ssi.modal import mac
+from bayes_ssi.structures.sparse_modes import SMALL
 
 N, PARTS = 240, 3
 
@@ -91,8 +92,14 @@ def test_a_coarse_basis_knows_that_it_is_coarse():
     assert np.all(coarse.bounds(values).frequency >= off - 1e-12)
 
 
-def test_rows_and_copies_say_the_same(reduced):
+@pytest.mark.parametrize("small", [True, False])
+def test_rows_and_copies_say_the_same(reduced, small, monkeypatch):
+    assert reduced.basis.size <= SMALL
     values = draws(130)
+    if not small:  # one by one, as in a larger basis
+        expected = reduced.modes(values).frequencies_hz
+        monkeypatch.setattr("bayes_ssi.structures.reduced.SMALL", 0)
+        np.testing.assert_allclose(reduced.modes(values).frequencies_hz, expected, rtol=1e-10)
     together = reduced.modes(values)
     copied = pickle.loads(pickle.dumps(reduced))
     for rows in (slice(0, 1), slice(70, 130)):
@@ -144,6 +151,16 @@ def test_a_structure_that_fits_in_its_basis_is_exact():
 def test_bad_options(options, message):
     with pytest.raises(ValueError, match=message):
         full().reduced(**options)
+
+
+def test_rows_without_modes_are_nan_and_say_why_when_asked_alone():
+    q = bs.Parameter("q", bs.Normal(1.0, 0.2))
+    structure = bs.MatrixStructure((q, beam(N, 1)[0]), sp.eye_array(N), n_modes=3).reduced()
+    found = structure.modes(np.array([[1.0], [-1.0]])).frequencies_hz
+    assert np.isfinite(found[0]).all()
+    assert np.isnan(found[1]).all()
+    with pytest.raises(ValueError, match="the stiffness matrix is not positive definite"):
+        structure.modes(np.array([[-1.0]]))
 
 
 def test_no_solution_at_the_medians_is_said():
