@@ -66,3 +66,17 @@ def test_the_example_of_a_data_file_is_read(tmp_path):
     assert data.labels == ("1", "2a", "2b")
     assert data.band_hz == (0.0, 6.0)
     assert [mode.n_measured for mode in data.modes] == [3, 2, 0]
+
+
+@pytest.mark.usefixtures("coarse_command", "no_figures")
+def test_an_own_study_takes_three_commands(run):
+    text = (ROOT / "README.md").read_text("utf-8")
+    (block,) = re.findall(r"```sh\n(bayes-ssi new .*?)```", text, re.DOTALL)
+    commands = [shlex.split(line)[1:] for line in block.splitlines()]
+    assert len(commands) == 3
+    for command in commands:
+        extra = ["--accept-failed-checks"] if command[0] == "rank" else []  # it samples coarsely
+        done = run(*command, *extra)
+        assert done.exit_code == 0, done.output
+    assert f"`{commands[-1][-1]}/report/report.html`" in text
+    assert Path(commands[-1][-1], "report", "report.html").is_file()

@@ -89,6 +89,7 @@ class ModalData:
 
     @property
     def labels(self) -> tuple[str, ...]:
+        """Of the modes, in ascending order of frequency."""
         return tuple(mode.label for mode in self.modes)
 
     @property
@@ -197,7 +198,11 @@ class ModalData:
 
     @classmethod
     def load(cls, path: str | Path, *, band_hz: Sequence[float] | None = None) -> ModalData:
-        """Read a CSV file, the band being the file's own unless ``band_hz`` gives one.
+        """Read a CSV file.
+
+        Args:
+            path: the file.
+            band_hz: lowest and highest frequency (Hz) of the search, in place of the file's own.
 
         Raises:
             OSError: the file cannot be read.

@@ -74,7 +74,10 @@ class Configuration:
             raise type(error)(f"configuration {self.name!r}: {error}") from None
 
     def likelihood(self, error: ErrorModel, identification: IdentificationModel) -> ModalLikelihood:
-        """The likelihood of this test's modes."""
+        """The likelihood of this test's modes, with prediction errors as in ``error``.
+
+        ``identification`` says how modes are found and missed.
+        """
         parts = (self.structure, self.data, error, identification)
         if self.pairing == "any":
             return AnyPairing(*parts, pairing={})

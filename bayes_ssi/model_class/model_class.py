@@ -126,6 +126,7 @@ class ModelClass:
 
     @property
     def configuration_names(self) -> tuple[str, ...]:
+        """Names of the tests; one empty name where there is one test."""
         return tuple(configuration.name for configuration in self.configurations)
 
     @cached_property
@@ -164,6 +165,7 @@ class ModelClass:
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
+        """Names of :attr:`parameters`, in their order."""
         return tuple(parameter.name for parameter in self.parameters)
 
     @property

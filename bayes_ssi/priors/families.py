@@ -32,7 +32,15 @@ def _gaussian_log_pdf(x: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Normal(Prior):
-    """Normal distribution with the given mean and standard deviation (parameter's unit)."""
+    """Normal distribution.
+
+    Attributes:
+        mean: in the parameter's unit.
+        sd: standard deviation, in the parameter's unit.
+
+    Raises:
+        ValueError: a number is not finite, or one that must be positive is not.
+    """
 
     mean: float
     sd: float
@@ -56,9 +64,14 @@ class Normal(Prior):
 
 @dataclass(frozen=True)
 class LogNormal(Prior):
-    """Lognormal distribution by its median (parameter's unit) and coefficient of variation.
+    """Lognormal distribution; its logarithm's standard deviation is ``sqrt(ln(1 + cov²))``.
 
-    The logarithm's standard deviation is ``sqrt(ln(1 + cov²))``.
+    Attributes:
+        median: in the parameter's unit.
+        cov: coefficient of variation, a fraction.
+
+    Raises:
+        ValueError: a number is not finite, or one that must be positive is not.
     """
 
     median: float
@@ -69,7 +82,11 @@ class LogNormal(Prior):
 
     @classmethod
     def from_logarithm(cls, mean: float, sd: float) -> Self:
-        """The lognormal whose logarithm has this mean and standard deviation."""
+        """The lognormal whose logarithm has the mean ``mean`` and standard deviation ``sd``.
+
+        Raises:
+            ValueError: ``sd`` is not positive and finite.
+        """
         return cls(median=math.exp(mean), cov=math.sqrt(math.expm1(sd * sd)))
 
     @property
@@ -97,7 +114,15 @@ class LogNormal(Prior):
 
 @dataclass(frozen=True)
 class Uniform(Prior):
-    """Uniform distribution between two finite bounds (parameter's unit)."""
+    """Uniform distribution between two bounds.
+
+    Attributes:
+        lower: the lower bound, in the parameter's unit.
+        upper: the upper bound, in the parameter's unit.
+
+    Raises:
+        ValueError: a bound is not finite, or ``lower`` is not below ``upper``.
+    """
 
     lower: float
     upper: float
@@ -134,7 +159,15 @@ class Uniform(Prior):
 
 @dataclass(frozen=True)
 class LogUniform(Prior):
-    """Uniform in the logarithm between two positive, finite bounds (parameter's unit)."""
+    """Uniform in the logarithm between two bounds.
+
+    Attributes:
+        lower: the lower bound, positive, in the parameter's unit.
+        upper: the upper bound, in the parameter's unit.
+
+    Raises:
+        ValueError: a bound is not positive and finite, or ``lower`` is not below ``upper``.
+    """
 
     lower: float
     upper: float
@@ -168,10 +201,17 @@ class LogUniform(Prior):
 
 @dataclass(frozen=True)
 class TruncatedNormal(Prior):
-    """Normal distribution of the given mean and standard deviation, cut to [lower, upper].
+    """Normal distribution, cut to [lower, upper].
 
-    One of the bounds may be infinite. ``mean`` and ``sd`` are those of the normal before it
-    is cut.
+    Attributes:
+        mean: of the normal before it is cut, in the parameter's unit.
+        sd: standard deviation of the normal before it is cut, in the parameter's unit.
+        lower: the lower bound, in the parameter's unit; may be minus infinity.
+        upper: the upper bound, in the parameter's unit; may be infinity.
+
+    Raises:
+        ValueError: a number is not usable, ``lower`` is not below ``upper``, or the bounds hold
+            no probability that a float can tell from zero.
     """
 
     mean: float
@@ -236,7 +276,14 @@ class TruncatedNormal(Prior):
 
 @dataclass(frozen=True)
 class HalfNormal(Prior):
-    """The absolute value of a normal with mean zero and standard deviation ``scale``."""
+    """The absolute value of a normal with mean zero.
+
+    Attributes:
+        scale: standard deviation of that normal, in the parameter's unit.
+
+    Raises:
+        ValueError: a number is not finite, or one that must be positive is not.
+    """
 
     scale: float
 

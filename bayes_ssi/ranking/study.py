@@ -67,6 +67,7 @@ class Study:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Of the model classes, in the study's order."""
         return tuple(candidate.name for candidate in self.model_classes)
 
     def only(self, names: Sequence[str]) -> Study:

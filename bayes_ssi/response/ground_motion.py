@@ -79,7 +79,13 @@ class GroundMotion:
     def of(
         cls, samples: Sequence[float] | FloatArray, unit: str, dt: float, name: str = ""
     ) -> GroundMotion:
-        """From samples in a unit: ``"g"``, ``"m/s2"`` or ``"cm/s2"``.
+        """From samples in a unit.
+
+        Args:
+            samples: (n_samples,), accelerations.
+            unit: theirs: ``"g"``, ``"m/s2"`` or ``"cm/s2"``.
+            dt: time between samples in s.
+            name: for titles and tables.
 
         Raises:
             ValueError: as for the class, or the unit is not known.
@@ -92,7 +98,19 @@ class GroundMotion:
     def load(
         cls, path: str | Path, *, unit: str | None = None, dt: float | None = None
     ) -> GroundMotion:
-        """Read a record from a file; see :mod:`bayes_ssi.response.ground_motion_files`."""
+        """Read a record from a file: PEER's AT2, or plain columns.
+
+        Args:
+            path: the file, as :mod:`bayes_ssi.response.ground_motion_files` describes it.
+            unit: of the accelerations, where the file does not say: ``"g"``, ``"m/s2"`` or
+                ``"cm/s2"``.
+            dt: time between samples in s, where the file does not say.
+
+        Raises:
+            OSError: the file cannot be read.
+            ValueError: it is not as described, or what is given and what it says differ; the
+                message names the file and the line.
+        """
         from bayes_ssi.response.ground_motion_files import read_ground_motion
 
         return read_ground_motion(path, unit=unit, dt=dt)

@@ -72,7 +72,16 @@ class Output:
         self.at_places(structure, np.zeros(len(structure.degrees_of_freedom)), axis=0)
 
     def at_places(self, structure: Structure, displacements: FloatArray, axis: int) -> FloatArray:
-        """Displacements at the places, from those at all degrees of freedom along ``axis``."""
+        """Displacements at the places, or their differences for drift.
+
+        Args:
+            structure: has the places.
+            displacements: of all its degrees of freedom, along ``axis``.
+            axis: of ``displacements``; along it the answer has the places.
+
+        Raises:
+            ValueError: a place is no degree of freedom or sensor of the structure.
+        """
 
         def at(labels: Sequence[str]) -> FloatArray:
             on_it = [label for label in labels if label != GROUND]

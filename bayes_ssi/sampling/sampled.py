@@ -51,6 +51,11 @@ class SamplingSettings:
                 raise ValueError(f"SamplingSettings: {name} must be positive, got {value!r}")
 
     def n_particles(self, n_dimensions: int) -> int:
+        """How many particles sample so many parameters.
+
+        Raises:
+            ValueError: fewer were asked for than these need.
+        """
         if self.particles is None:
             return max(500, 100 * n_dimensions)
         if self.particles < 4 * n_dimensions:

@@ -110,7 +110,18 @@ def _spring_stiffness(mass: Product, frequency: Product, factor: Product) -> Pro
 
 @dataclass(frozen=True)
 class AddedMass(Element):
-    """Mass without dynamics, shared between places: ``shares`` of it move with each floor."""
+    """Mass without dynamics, shared between places.
+
+    Attributes:
+        mass: all of it, in the structure's unit.
+        shares: (place, share) pairs: a floor (from 1) or the label of a degree of freedom, and the
+            share of the mass that moves with it; they add up to 1.
+        label: names the element in messages and reports.
+
+    Raises:
+        ValueError: the mass can be zero or negative, or the shares do not add up to 1.
+        TypeError: the mass is neither a number nor a Parameter.
+    """
 
     mass: Value
     shares: tuple[tuple[Place, float], ...]
@@ -140,9 +151,15 @@ class InPlaneInfill(Element):
     Half of its mass goes to each of the two floors.
 
     Attributes:
-        between: the two floors.
-        mass: total mass.
-        stiffness: stiffness of the spring.
+        between: the two floors, 0 being the ground.
+        mass: total mass, in the structure's unit.
+        stiffness: stiffness of the spring, in the structure's unit.
+        label: names the element in messages and reports; made from its place if not given.
+
+    Raises:
+        ValueError: ``between`` is not two different floors, or a quantity can be zero or
+            negative.
+        TypeError: a quantity is neither a number nor a Parameter.
     """
 
     between: tuple[int, int]
@@ -173,9 +190,15 @@ class Pendulum(Element):
 
     Attributes:
         on: the floor, or the label of a degree of freedom.
-        mass: mass of the appendage.
+        mass: mass of the appendage, in the structure's unit.
         frequency: natural frequency of the appendage on a fixed floor, in Hz.
         stiffness_factor: multiplies the spring's stiffness ``m (2πf)²``.
+        label: names the element and its own degree of freedom; made from its place if not given.
+
+    Raises:
+        ValueError: ``on`` is the ground or the element itself, or a quantity can be zero or
+            negative.
+        TypeError: a quantity is neither a number nor a Parameter.
     """
 
     on: Place
@@ -220,10 +243,16 @@ class OutOfPlaneInfill(Element):
     with each floor.
 
     Attributes:
-        between: the two floors.
-        mass: total mass of the infill.
+        between: the two floors, 0 being the ground.
+        mass: total mass of the infill, in the structure's unit.
         frequency: its natural frequency between fixed floors, in Hz.
         stiffness_factor: multiplies the spring's stiffness ``(m/2) (2πf)²``.
+        label: names the element and its own degree of freedom; made from its place if not given.
+
+    Raises:
+        ValueError: ``between`` is not two different floors, or a quantity can be zero or
+            negative.
+        TypeError: a quantity is neither a number nor a Parameter.
     """
 
     between: tuple[int, int]

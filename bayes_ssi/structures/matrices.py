@@ -144,7 +144,11 @@ class MatrixStructure(OneByOne):
 
     @cached_property
     def n_modes(self) -> int:
-        """As asked for, or as many as lie in the band and a margin at the prior medians."""
+        """As asked for, or as many as lie in the band and a margin at the prior medians.
+
+        Raises:
+            ValueError: none lies there.
+        """
         if self._n_modes is not None:
             return self._n_modes
         assert self._up_to_hz is not None
@@ -219,7 +223,11 @@ class MatrixStructure(OneByOne):
         )
 
     def require_influence(self) -> FloatArray:
-        """How degrees of freedom follow the ground, rows as in :attr:`system`."""
+        """How degrees of freedom follow the ground, rows as in :attr:`system`.
+
+        Raises:
+            TypeError: it was not given.
+        """
         if self.system.influence is None:
             raise TypeError(
                 "MatrixStructure: how its degrees of freedom follow the ground is not known, so "

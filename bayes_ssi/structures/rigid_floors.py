@@ -83,8 +83,13 @@ class FloorMass(Element):
 
     Attributes:
         on: the floor, from 1.
-        mass: the mass.
+        mass: the mass, in the structure's unit.
         radius: of gyration about the floor's centre, for a small mass its distance.
+        label: names the element in messages and reports; made from its place if not given.
+
+    Raises:
+        ValueError: ``on`` is no floor, or a quantity can be zero or negative.
+        TypeError: a quantity is neither a number nor a Parameter.
     """
 
     on: int
@@ -114,8 +119,13 @@ class FloorBlock(Element):
 
     Attributes:
         on: the floor, from 1.
-        mass: the mass.
+        mass: the mass, in the structure's unit.
         at: (x, y) from the floor's centre, in the structure's unit of length.
+        label: names the element in messages and reports; made from its place if not given.
+
+    Raises:
+        ValueError: ``on`` is no floor, ``at`` is no point, or the mass can be zero or negative.
+        TypeError: the mass is neither a number nor a Parameter.
     """
 
     on: int

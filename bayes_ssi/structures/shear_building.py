@@ -19,6 +19,8 @@ class ShearBuilding(LumpedStructure):
     Attributes:
         masses: of the floors, from the lowest.
         stiffnesses: of the storeys, from the lowest; storey i stands below floor i.
+        elements: non-structural elements on it; :meth:`with_element` adds one.
+        sensors: beside the degrees of freedom; :meth:`with_sensors` adds some.
 
     Masses and stiffnesses are in consistent units (kg and N/m, say), each a number, a Parameter
     or a number times a Parameter.

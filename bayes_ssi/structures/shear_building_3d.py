@@ -30,10 +30,12 @@ class ShearBuilding3D(RigidFloors):
         eccentricities: (x, y) of each storey's centre of stiffness from the centre of mass,
             numbers in the unit of length of the radii; zero where not given, and then x, y and
             torsion are uncoupled.
+        elements: non-structural elements on it; :meth:`with_element` adds one.
+        sensors: beside the degrees of freedom; :meth:`with_sensors` adds some.
+        ground_motion: the direction in which an earthquake moves the ground, "x" or "y".
 
     Masses, lengths and stiffnesses are in consistent units, each a number, a Parameter or a
-    number times a Parameter. ``ground_motion`` and the ways to add to the structure are those of
-    :class:`~bayes_ssi.structures.rigid_floors.RigidFloors`.
+    number times a Parameter.
 
     Raises:
         ValueError: lengths differ, or a mass, radius or stiffness can be zero or negative.

@@ -50,6 +50,9 @@ class SpaceFrame(RigidFloors):
         beam_inertias_y: the same along y.
         masses: of the floors, with what columns and beams add to them.
         rotational_inertias: of the floors about the vertical through their centres.
+        elements: non-structural elements on it; :meth:`with_element` adds one.
+        sensors: beside the degrees of freedom; :meth:`with_sensors` adds some.
+        ground_motion: the direction in which an earthquake moves the ground, "x" or "y".
 
     All in consistent units (m, N/m², m⁴, kg, kg m²). Lines and heights are numbers; the others are
     each a number, a Parameter or a number times a Parameter.
@@ -105,6 +108,7 @@ class SpaceFrame(RigidFloors):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the frame, then those of the elements, in the order of first appearance."""
         values = (
             self.elastic_modulus,
             *(value for name in PER_STOREY for value in getattr(self, name)),

@@ -151,6 +151,7 @@ class Posterior:
 
     @property
     def configuration_names(self) -> tuple[str, ...]:
+        """Names of the tests; one empty name where there was one test."""
         return tuple(configuration.name for configuration in self.configurations)
 
     @property
