@@ -87,6 +87,10 @@ def test_shapes_on_floors(updated, case_c):
     median = np.array(updated.modes[0].shape_after[1])[:3]
     np.testing.assert_allclose(crosses.get_xdata(), median, atol=0.02)
     np.testing.assert_array_equal(crosses.get_ydata(), [1, 2, 3])
+    left, right = (line for line in figure.axes[0].lines if line.get_linestyle() == "--")
+    before = np.array(updated.modes[0].shape_before)[:3]
+    middle = 0.5 * (np.array(left.get_xdata()) + np.array(right.get_xdata()))
+    np.testing.assert_allclose(middle, [0.0, *before], atol=1e-12)
 
 
 def test_shapes_in_several_directions(updated, case_c):

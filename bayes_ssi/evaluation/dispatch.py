@@ -187,8 +187,7 @@ class Workers:
         """``call(function, argument)`` for every argument, in whatever order.
 
         ``take`` is given the number and the answer of each, and ``idle`` is called meanwhile;
-        returns the numbers of those whose
-        worker died.
+        returns the numbers of those whose worker died.
         """
         key, payload = self._packed(call, function)
         executor = self._running()

@@ -42,9 +42,10 @@ def plot_mode_shapes(
 ) -> Figure:
     """The paired modes' shapes on the structure, with 95 % bands and the identified components.
 
-    A structure of floors that move sideways is drawn deformed; of one with floors that move in
-    several directions, each direction is a line; of any other, components are shown one below the
-    other. Shapes have their largest component on the main structure at 1.
+    A structure of floors that move sideways is drawn deformed, with the shape before updating
+    dashed; of one with floors that move in several directions, each direction is a line; of any
+    other, components are shown one below the other. Shapes have their largest component on the
+    main structure at 1.
     """
     n = max(1, len(modes.modes))
     across = min(n, PANELS_ACROSS)
@@ -89,6 +90,7 @@ def _deformed(
         shape,
         ax,
         reference=None if reference is None else ("identified", *reference),
+        before=mode.shape_before,
         name="model, 95 % band",
         title=title,
     )

@@ -43,6 +43,7 @@ def plot_shape(
     ax: Axes | None = None,
     *,
     reference: tuple[str, Sequence[str], FloatArray] | None = None,
+    before: Sequence[float] | None = None,
     name: str = "model",
     title: str = "",
 ) -> Axes:
@@ -58,6 +59,7 @@ def plot_shape(
             about 1.
         ax: axes; new ones if None.
         reference: name, places and components of another shape, drawn as crosses.
+        before: components (n_places,) before updating, drawn as dashed columns.
         name: of the shape, for a legend.
         title: above the building.
     """
@@ -70,6 +72,10 @@ def plot_shape(
     ax.axvline(0.0, color=GREY, linewidth=0.6, linestyle=":")
     ax.plot([-0.9 * REACH, 0.9 * REACH], [0, 0], color="black", linewidth=2.0)
     for k, side in enumerate((-HALF_WIDTH, HALF_WIDTH)):
+        if before is not None:
+            earlier = np.array([0.0, *(before[i] for i in floors)])
+            ax.plot(earlier + side, y, color=GREY, linewidth=0.9, linestyle="--",
+                    label="before updating" if k == 0 else None)  # fmt: skip
         ax.fill_betweenx(y, low + side, high + side, color=BLUE, alpha=0.35, linewidth=0)
         label = name if k == 0 else None
         ax.plot(median + side, y, color=BLUE, linewidth=1.2, label=label)
