@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,51 +84,47 @@ def _at(band: Band, i: int) -> Band:
     return Band(*(part[i] for part in band))
 
 
-def _panels(n: int) -> tuple[Figure, list[Axes]]:
+def _by_place(answers: Sequence[Answer], plot: Callable[[int, Axes], object], told: str) -> Figure:
+    """A panel for each place of the question, below one another, with one legend."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.4, 1.0 + 2.2 * n))
-    return figure, list(figure.subplots(n, 1, squeeze=False, sharex=True)[:, 0])
+    places = answers[0].question.output.labels
+    figure = Figure(figsize=(6.4, 1.0 + 2.2 * len(places)))
+    axes = figure.subplots(len(places), 1, squeeze=False, sharex=True)[:, 0]
+    for i, (place, ax) in enumerate(zip(places, axes, strict=True)):
+        plot(i, ax)
+        draw_as_they_are([ax.set_title(f"{place}: {told}", fontsize=9)])
+        ax.label_outer()
+    legend_of_figure(figure, axes[0])
+    return figure
 
 
 def _transfer_functions(answers: Sequence[Answer], frequencies_hz: FloatArray) -> Figure:
     question = answers[0].question
-    figure, axes = _panels(len(question.output.labels))
-    for i, (place, ax) in enumerate(zip(question.output.labels, axes, strict=True)):
-        plot_transfer_functions(
-            frequencies_hz,
-            {
-                each.name: _at(each.transfer_functions, i)
-                for each in answers
-                if each.transfer_functions is not None
-            },
-            ax,
-            quantity=f"amplitude ({question.transfer_unit})",
-            legend=False,
-        )
-        level = f"median and {100 * question.level:g} % band"
-        draw_as_they_are([ax.set_title(f"{place}: {question.transfer_name}, {level}", fontsize=9)])
-        ax.label_outer()
-    legend_of_figure(figure, axes[0])
-    return figure
+
+    def plot(i: int, ax: Axes) -> None:
+        bands = {
+            each.name: _at(each.transfer_functions, i)
+            for each in answers
+            if each.transfer_functions is not None
+        }
+        quantity = f"amplitude ({question.transfer_unit})"
+        plot_transfer_functions(frequencies_hz, bands, ax, quantity=quantity, legend=False)
+
+    told = f"{question.transfer_name}, median and {100 * question.level:g} % band"
+    return _by_place(answers, plot, told)
 
 
 def _time_histories(answers: Sequence[Answer], motion: GroundMotion) -> Figure:
     question = answers[0].question
-    figure, axes = _panels(len(question.output.labels))
-    for i, (place, ax) in enumerate(zip(question.output.labels, axes, strict=True)):
-        plot_time_history(
-            motion.times,
-            {each.name: _at(each.time_histories[motion.name], i) for each in answers},
-            ax,
-            quantity=f"{question.output.quantity} ({question.unit})",
-            legend=False,
-        )
-        level = f"median and {100 * question.level:g} % envelope"
-        draw_as_they_are([ax.set_title(f"{place}: {motion.name}, {level}", fontsize=9)])
-        ax.label_outer()
-    legend_of_figure(figure, axes[0])
-    return figure
+
+    def plot(i: int, ax: Axes) -> None:
+        bands = {each.name: _at(each.time_histories[motion.name], i) for each in answers}
+        quantity = f"{question.output.quantity} ({question.unit})"
+        plot_time_history(motion.times, bands, ax, quantity=quantity, legend=False)
+
+    told = f"{motion.name}, median and {100 * question.level:g} % envelope"
+    return _by_place(answers, plot, told)
 
 
 def _mode_shapes(own: Predictions, data: ModalData, paired: Sequence[str], level: float) -> Figure:
