@@ -35,7 +35,8 @@ MOST_CLASSES, MOST_IN_CORNER = 12, 6
 # Model classes whose modes are drawn, and whose parameters are drawn against one another.
 MOST_DRAWN, MOST_CORNERS = 2, 2
 FITS_DRAWN = 5
-# A class is drawn if it is at least so probable, the first two in any case.
+# A class is drawn if it is at least so probable; the first one in any case, and of one test, where
+# there are few figures, the second one, too.
 WORTH_DRAWING = 0.01
 
 
@@ -74,7 +75,9 @@ def draw(
     drawn = [
         row.name
         for i, row in enumerate(top)
-        if i < 2 or row.probability >= WORTH_DRAWING or not row.distinguishable
+        if i < (2 if len(stored.tests) == 1 else 1)
+        or row.probability >= WORTH_DRAWING
+        or not row.distinguishable
     ][:MOST_DRAWN]
     cornered = [row.name for row in top if row is top[0] or not row.distinguishable]
     # Drawings are the same, to the letter, whenever they are made.
