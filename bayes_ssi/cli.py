@@ -15,7 +15,7 @@ from bayes_ssi.commands.predict import predict
 from bayes_ssi.commands.rank import rank
 from bayes_ssi.commands.report import report
 from bayes_ssi.commands.search import search
-from bayes_ssi.terminal import OneLineErrors, quiet_option
+from bayes_ssi.commands.terminal import OneLineErrors, quiet_option
 
 __all__ = ["main"]
 

@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from bayes_ssi.figure_style import BLUE, GREY, style
-from bayes_ssi.response import Output, largest_over_places, transfer_functions
+from bayes_ssi.plots.style import BLUE, GREY, style
+from bayes_ssi.response.modal_response import largest_over_places, transfer_functions
+from bayes_ssi.response.output import Output
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "model_classes" / "non_structural_elements.py"

@@ -24,9 +24,10 @@ from rich.console import Console
 from rich.table import Table
 from scipy.constants import g
 
-from bayes_ssi.figure_style import BLUE, GREY, style
-from bayes_ssi.ground_motion import GroundMotion, along_azimuth
-from bayes_ssi.response import Output, time_histories
+from bayes_ssi.plots.style import BLUE, GREY, style
+from bayes_ssi.response.ground_motion import GroundMotion, along_azimuth
+from bayes_ssi.response.modal_response import time_histories
+from bayes_ssi.response.output import Output
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "model_classes" / "non_structural_elements.py"

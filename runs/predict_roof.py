@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_ssi.figure_style import style
-from bayes_ssi.predictions import Band
-from bayes_ssi.response import Output, transfer_functions
-from bayes_ssi.response_plots import plot_transfer_functions
-from bayes_ssi.stored_predictions import load_predictions
+from bayes_ssi.plots.responses import plot_transfer_functions
+from bayes_ssi.plots.style import style
+from bayes_ssi.predictions.bands import Band
+from bayes_ssi.predictions.stored import load_predictions
+from bayes_ssi.response.modal_response import transfer_functions
+from bayes_ssi.response.output import Output
 
 HERE = Path(__file__).parent
 CLASSES = HERE.parent / "model_classes"

@@ -20,8 +20,8 @@ from rich.console import Console
 from rich.table import Table
 
 import bayes_ssi as bs
-from bayes_ssi.results import load_result
-from bayes_ssi.study import load_study
+from bayes_ssi.ranking.study import load_study
+from bayes_ssi.results.result_directory import load_result
 from bayes_ssi.tables import parameter_table, ranking_table
 
 HERE = Path(__file__).parent

@@ -17,12 +17,12 @@ from threadpoolctl import threadpool_limits
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.configuration_modes import ConfigurationModes
-from bayes_ssi.evidence import Estimate
-from bayes_ssi.posterior import Evidence, Posterior, Region
-from bayes_ssi.search import search
-from bayes_ssi.study import load_study
-from bayes_ssi.workers import local_workers
+from bayes_ssi.evaluation.workers import local_workers
+from bayes_ssi.ranking.search import search
+from bayes_ssi.ranking.study import load_study
+from bayes_ssi.sampling.evidence import Estimate
+from bayes_ssi.updating.configuration_modes import ConfigurationModes
+from bayes_ssi.updating.posterior import Evidence, Posterior, Region
 
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
 SECOND_FREQUENCY = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
@@ -179,7 +179,7 @@ def make_posterior():
             "n_searches": 4,
             "seconds": 0.4,
             "failed_checks": (),
-            "edge_checks": (),
+            "failed_edge_checks": (),
             "data_digest": "0123456789abcdef",
             "configurations": (
                 ConfigurationModes("", 2, pairing or {"1": 1, "2": 2}, inferred),
@@ -227,7 +227,7 @@ def fake_sampling(monkeypatch, make_posterior):
                 )
             return found
 
-        monkeypatch.setattr("bayes_ssi.search.sample_all", sample_all)
+        monkeypatch.setattr("bayes_ssi.ranking.search.sample_all", sample_all)
         return levels
 
     return install
@@ -290,13 +290,15 @@ def run(tmp_path, monkeypatch):
 def coarse_command(monkeypatch):
     """Commands sample coarsely."""
     coarse = partial(bs.SamplingSettings, particles=60, searches=1, max_steps=400)
-    monkeypatch.setattr("bayes_ssi.sampled.SamplingSettings", coarse)
+    monkeypatch.setattr("bayes_ssi.sampling.sampled.SamplingSettings", coarse)
 
 
 @pytest.fixture
 def no_figures(monkeypatch):
     """Saves results without their figures, which take longest."""
-    monkeypatch.setattr("bayes_ssi.plots.save_figures", lambda directory, *_: directory.mkdir())
+    monkeypatch.setattr(
+        "bayes_ssi.plots.results.save_figures", lambda directory, *_: directory.mkdir()
+    )
 
 
 def assert_one_line_error(result, *words):

@@ -8,11 +8,13 @@ import pytest
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.any_pairing import AnyPairing
-from bayes_ssi.inferred_pairing import LEAST_PROBABILITY, MAX_DRAWS, infer_pairing
-from bayes_ssi.likelihood import ModalLikelihood
+from bayes_ssi.identification.any_pairing import AnyPairing
+from bayes_ssi.identification.inferred_pairing import LEAST_PROBABILITY, MAX_DRAWS, infer_pairing
+from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes
-from bayes_ssi.results import load_result, save_result
+from bayes_ssi.model_class.records import class_record
+from bayes_ssi.results.result_directory import load_result
+from bayes_ssi.results.saving import save_result
 from bayes_ssi.structures import Structure
 from bayes_ssi.tables import pairing_notes
 
@@ -195,7 +197,7 @@ def test_parameters_are_those_of_everything_that_could_be_paired(rigid, case_c, 
 
 
 def test_summary_says_that_the_pairing_is_inferred(rigid, case_c, fixed_error):
-    summary = bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any").summary()
+    summary = class_record(bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any"))
     assert summary["pairing"] == "any"
     assert summary["spurious"] is None
 

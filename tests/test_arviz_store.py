@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from bayes_ssi.arviz_store import StoredDraws, load_draws, save_draws
+from bayes_ssi.results.arviz_store import StoredDraws, load_draws, save_draws
 
 
 def stored(names=("k1", "k2")):
@@ -109,7 +109,7 @@ def test_a_file_that_is_replaced_is_read_afresh(tmp_path):
 
 
 def test_arviz_finds_prior_data_and_likelihoods(tiny_ranking, tmp_path):
-    from bayes_ssi.results import save_result
+    from bayes_ssi.results.saving import save_result
 
     save_result(tiny_ranking, tmp_path / "r")
     tree = open_with_arviz(tmp_path / "r" / "posteriors" / "each_k.nc")
@@ -129,7 +129,7 @@ def test_arviz_finds_prior_data_and_likelihoods(tiny_ranking, tmp_path):
 
 
 def test_arviz_judges_by_leaving_data_out(tiny_ranking, tmp_path):
-    from bayes_ssi.results import save_result
+    from bayes_ssi.results.saving import save_result
 
     save_result(tiny_ranking, tmp_path / "r")
     tree = open_with_arviz(tmp_path / "r" / "posteriors" / "one_k.nc")

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 import bayes_ssi as bs
-from bayes_ssi.averages import averaged_parameters
+from bayes_ssi.ranking.averages import averaged_parameters
 from bayes_ssi.tables import averages_table
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.checkpoint import Checkpoint
-from bayes_ssi.datum_terms import DatumTerms
-from bayes_ssi.evaluation import Evaluated
+from bayes_ssi.evaluation.batch import Evaluated
 from bayes_ssi.modal import Modes
+from bayes_ssi.ranking.checkpoint import Checkpoint
 from bayes_ssi.structures import Structure
+from bayes_ssi.updating.datum_terms import DatumTerms
 from bayes_ssi.versions import versions
 
 SETTINGS = bs.SamplingSettings()
@@ -224,7 +224,7 @@ def test_another_run_is_refused_in_a_line_that_names_the_difference(
 def test_other_versions_are_refused(checkpoint, one_k, monkeypatch):
     checkpoint.journal(one_k, 7, SETTINGS).close()
     here = {**versions(), "numpy": "3.0"}
-    monkeypatch.setattr("bayes_ssi.checkpoint.versions", lambda: here)
+    monkeypatch.setattr("bayes_ssi.ranking.checkpoint.versions", lambda: here)
     message = rf'numpy "{np.__version__}" there and "3\.0" here; finish that one, or begin'
     with pytest.raises(ValueError, match=message):
         checkpoint.journal(one_k, 7, SETTINGS)

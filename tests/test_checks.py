@@ -9,16 +9,16 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 import bayes_ssi as bs
-from bayes_ssi.checks import failed_checks, failed_edge_checks
-from bayes_ssi.regions import Regions
-from bayes_ssi.sampling import sample_target
-from bayes_ssi.target import Target
+from bayes_ssi.sampling.engine import sample_target
+from bayes_ssi.sampling.regions import Regions
+from bayes_ssi.sampling.target import Target
+from bayes_ssi.updating.checks import failed_checks, failed_edge_checks
 
 STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz
 PHI = (1.0 + math.sqrt(5.0)) / 2.0
 
 
-def edge_checks(model_class, z):
+def edge_checks_of(model_class, z):
     return failed_edge_checks(model_class, z, model_class.frequencies_hz(model_class.values(z)))
 
 
@@ -230,7 +230,7 @@ LEANING = [
 def test_a_posterior_at_the_edge_of_a_prior_is_reported(low, high, error, side):
     z, share = on_grid(lambda z: fit(low + (high - low) * ndtr(z), error))
     beyond = {"lower": share[z < -3.09].sum(), "upper": share[z > 3.09].sum()}
-    checks = edge_checks(one_mass(bs.Uniform(low, high), error), draws_of(z, share))
+    checks = edge_checks_of(one_mass(bs.Uniform(low, high), error), draws_of(z, share))
     assert checks == [
         f"parameter 'k': {100 * beyond[name]:.0f} % of the posterior lies at the {name} edge of "
         f"its prior, Uniform(lower={low}, upper={high}), where only one in a thousand prior draws "
@@ -244,25 +244,25 @@ def test_a_posterior_at_the_edge_of_a_prior_is_reported(low, high, error, side):
 def test_the_edge_of_a_prior_is_one_draw_in_a_thousand():
     just_inside, just_outside = (np.full((10, 1), ndtri(share)) for share in (1.1e-3, 0.9e-3))
     model_class = one_mass(bs.LogNormal(1.0, 0.3), 0.01)
-    assert edge_checks(model_class, just_inside) == []
-    assert edge_checks(model_class, -just_inside) == []
-    assert "lower edge" in edge_checks(model_class, just_outside)[0]
-    assert "upper edge" in edge_checks(model_class, -just_outside)[0]
+    assert edge_checks_of(model_class, just_inside) == []
+    assert edge_checks_of(model_class, -just_inside) == []
+    assert "lower edge" in edge_checks_of(model_class, just_outside)[0]
+    assert "upper edge" in edge_checks_of(model_class, -just_outside)[0]
 
 
 def test_only_half_of_the_posterior_at_an_edge_is_too_much():
     model_class = one_mass(bs.LogNormal(1.0, 0.3), 0.01)
     z = np.zeros((100, 1))
     z[:50] = -4.0
-    assert edge_checks(model_class, z) == []
+    assert edge_checks_of(model_class, z) == []
     z[50] = -4.0
-    assert len(edge_checks(model_class, z)) == 1
+    assert len(edge_checks_of(model_class, z)) == 1
 
 
 def test_sampling_reports_the_edge_of_a_prior():
     low, high, error, _ = LEANING[0]
     z, share = on_grid(lambda z: fit(low + (high - low) * ndtr(z), error))
-    (check,) = bs.sample(one_mass(bs.Uniform(low, high), error)).edge_checks
+    (check,) = bs.sample(one_mass(bs.Uniform(low, high), error)).failed_edge_checks
     found = re.match(r"parameter 'k': (\d+) % of the posterior lies at the lower edge", check)
     assert float(found[1]) == pytest.approx(100 * share[z < -3.09].sum(), abs=4.0)
 
@@ -299,5 +299,5 @@ def test_a_mode_at_the_edge_of_the_band_is_reported(factor, reported):
         f"in {100 * at_edge:.0f} % of the posterior: whether it counts as missed depends on where "
         "the band ends"
     )
-    found = edge_checks(two_storeys(upper), draws_of(z, share))
+    found = edge_checks_of(two_storeys(upper), draws_of(z, share))
     assert found == ([expected] if reported else [])

@@ -8,11 +8,11 @@ import pytest
 from conftest import COARSE
 
 import bayes_ssi as bs
-from bayes_ssi import class_sampling
-from bayes_ssi.checkpoint import Checkpoint
-from bayes_ssi.class_sampling import SLOW, _seconds_per_evaluation, sample_all
-from bayes_ssi.progress_files import ProgressFile, ProgressReader
-from bayes_ssi.workers import Workers, local_workers
+from bayes_ssi.evaluation.workers import Workers, local_workers
+from bayes_ssi.ranking import class_sampling
+from bayes_ssi.ranking.checkpoint import Checkpoint
+from bayes_ssi.ranking.class_sampling import SLOW, _seconds_per_evaluation, sample_all
+from bayes_ssi.ranking.progress_files import ProgressFile, ProgressReader
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 

@@ -6,7 +6,7 @@ import sys
 import pytest
 from conftest import assert_one_line_error
 
-from bayes_ssi.results import load_result
+from bayes_ssi.results.result_directory import load_result
 
 CSV = """\
 # source, test of May
@@ -90,8 +90,8 @@ def test_existing_results_are_kept_unless_told_otherwise(run, tiny_study_file, t
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_ends_with_3_and_is_said(run, tiny_study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.checks.R_HAT_LIMIT", 0.5)
-    monkeypatch.setattr("bayes_ssi.checks.R_HAT_SCATTER", -1e9)
+    monkeypatch.setattr("bayes_ssi.updating.checks.R_HAT_LIMIT", 0.5)
+    monkeypatch.setattr("bayes_ssi.updating.checks.R_HAT_SCATTER", -1e9)
     result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "one k (!)" in result.stdout

@@ -5,7 +5,7 @@ import math
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.comparison import bayes_factor_scale
+from bayes_ssi.ranking.comparison import bayes_factor_scale
 
 
 @pytest.mark.parametrize(
@@ -161,6 +161,6 @@ def test_nothing_to_compare():
 def test_the_edge_that_a_class_leans_on_is_told_where_it_is_probable(
     make_posterior, log_evidence, told
 ):
-    leaning = make_posterior("leaning", log_evidence, edge_checks=("leans on an edge",))
+    leaning = make_posterior("leaning", log_evidence, failed_edge_checks=("leans on an edge",))
     found = bs.compare([make_posterior("upright", 0.0), leaning])
     assert found.failed_checks == (("leaning: leans on an edge",) if told else ())

@@ -11,11 +11,13 @@ import pytest
 from click.testing import CliRunner
 
 import bayes_ssi as bs
-from bayes_ssi.checks import failed_edge_checks
 from bayes_ssi.cli import main
-from bayes_ssi.results import load_result, save_result
-from bayes_ssi.search import search
+from bayes_ssi.ranking.search import search
+from bayes_ssi.results.result_directory import load_result
+from bayes_ssi.results.saving import save_result
 from bayes_ssi.tables import calibration_modes_table, pairing_notes
+from bayes_ssi.updating.calibration_problem import NothingToCalibrateError
+from bayes_ssi.updating.checks import failed_edge_checks
 
 STIFFNESS = (2.0 * math.pi) ** 2  # of a mass of 1, for 1 Hz
 k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
@@ -199,7 +201,7 @@ def test_save_and_load(ranking, tmp_path):
 
 
 def test_arviz_sees_the_names_of_modes(ranking, tmp_path):
-    from bayes_ssi.arviz_store import load_draws
+    from bayes_ssi.results.arviz_store import load_draws
 
     save_result(ranking, tmp_path / "r")
     stored = load_draws(tmp_path / "r" / "posteriors" / "both.nc", ("k", "dm"))
@@ -250,7 +252,7 @@ def test_an_inferred_pairing_is_told_for_each_configuration():
     notes = pairing_notes(posterior)
     assert "Modes of 'both' in configuration 'bare':" in notes
     assert "Modes of 'both' in configuration 'loaded':" in notes
-    with pytest.raises(bs.calibration.NothingToCalibrateError, match="its pairing is 'any'"):
+    with pytest.raises(NothingToCalibrateError, match="its pairing is 'any'"):
         bs.calibrate(bs.ModelClass("x", configurations=joint().configurations, pairing="any"))
 
 

@@ -17,9 +17,9 @@ from conftest import COARSE, assert_one_line_error
 from pools import points, sums
 
 import bayes_ssi as bs
-from bayes_ssi import dispatch, workers
-from bayes_ssi.evaluation import evaluate
-from bayes_ssi.workers import dask_workers
+from bayes_ssi.evaluation import dispatch, futures, workers
+from bayes_ssi.evaluation.batch import evaluate
+from bayes_ssi.evaluation.workers import dask_workers
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -136,7 +136,7 @@ def takes_long(z):
 
 
 def test_a_run_whose_workers_have_all_gone_ends(empty_cluster, monkeypatch):
-    monkeypatch.setattr(dispatch, "CHECK_SECONDS", 0.2)
+    monkeypatch.setattr(futures, "CHECK_SECONDS", 0.2)
     empty_cluster.scale(1)
     with dask_workers(empty_cluster.scheduler_address) as pool:
         threading.Timer(0.5, empty_cluster.scale, [0]).start()
@@ -192,7 +192,7 @@ def test_an_address_that_is_none_is_refused(address):
 def test_the_command_gives_the_same_with_dask(
     run, address, tmp_path, tiny_study_file, tiny_study, monkeypatch
 ):
-    monkeypatch.setattr("bayes_ssi.sampled.SamplingSettings", lambda **_: COARSE)
+    monkeypatch.setattr("bayes_ssi.sampling.sampled.SamplingSettings", lambda **_: COARSE)
     # A batch in fewer parts is there sooner: these take Dask longer than the model.
     monkeypatch.setattr(dispatch, "PARTS_PER_WORKER", 1)
     result = run(

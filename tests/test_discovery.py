@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 from scipy.special import ndtr, ndtri
 
-from bayes_ssi import discovery
-from bayes_ssi.discovery import DRAWS, DRAWS_IN_MANY_DIMENSIONS, PATIENCE, Discovery, discover
-from bayes_ssi.maxima import Maxima
-from bayes_ssi.target import Target, log_standard_normal
+from bayes_ssi.sampling import discovery
+from bayes_ssi.sampling.discovery import (
+    DRAWS,
+    DRAWS_IN_MANY_DIMENSIONS,
+    PATIENCE,
+    Discovery,
+    discover,
+)
+from bayes_ssi.sampling.maxima import Maxima
+from bayes_ssi.sampling.target import Target, log_standard_normal
 
 # One search of a well-behaved posterior climbs from a few draws: this many evaluations suffice.
 ASCENTS = 4000

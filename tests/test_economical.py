@@ -10,14 +10,14 @@ from scipy import stats
 from scipy.special import ndtr
 
 import bayes_ssi as bs
-from bayes_ssi.checks import failed_checks
 from bayes_ssi.cli import main
-from bayes_ssi.evidence import ImportanceSample, resampled
-from bayes_ssi.results import load_result
-from bayes_ssi.sampled import SamplingSettings
-from bayes_ssi.sampling import sample_target
+from bayes_ssi.results.result_directory import load_result
+from bayes_ssi.sampling.engine import sample_target
+from bayes_ssi.sampling.evidence import ImportanceSample, resampled
+from bayes_ssi.sampling.sampled import SamplingSettings
+from bayes_ssi.sampling.target import Target, log_standard_normal
 from bayes_ssi.structures import Structure
-from bayes_ssi.target import Target, log_standard_normal
+from bayes_ssi.updating.checks import failed_checks
 
 ECONOMICAL = SamplingSettings(log_evidence_error=0.05, economical=True)
 STOREYS = 6

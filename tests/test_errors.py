@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from bayes_ssi.errors import ErrorModel, IdentificationModel
+from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.priors import HalfNormal, LogNormal, Normal
 

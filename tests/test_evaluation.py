@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_ssi.evaluation import Evaluated, evaluate, joined
+from bayes_ssi.evaluation.batch import Evaluated, evaluate, joined
 
 
 class Fragile:

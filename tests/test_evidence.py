@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_ssi.evidence import (
+from bayes_ssi.sampling.evidence import (
     FIRST_BATCH,
     PARETO_K_LIMIT,
     PRIOR_SHARE,
@@ -19,10 +19,10 @@ from bayes_ssi.evidence import (
     refined,
     tempered_estimate,
 )
-from bayes_ssi.mixture import StudentMixture
-from bayes_ssi.production import Ensemble
-from bayes_ssi.target import Target, log_standard_normal
-from bayes_ssi.tempering import TemperedStart
+from bayes_ssi.sampling.mixture import StudentMixture
+from bayes_ssi.sampling.production import Ensemble
+from bayes_ssi.sampling.target import Target, log_standard_normal
+from bayes_ssi.sampling.tempering import TemperedStart
 
 LOG_EVIDENCE = -3.25
 MEAN, SD = np.array([0.4, -0.2]), np.array([0.3, 0.5])

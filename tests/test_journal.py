@@ -11,8 +11,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from bayes_ssi.evaluation import Evaluated
-from bayes_ssi.journal import Journal, run_of_journal
+from bayes_ssi.evaluation.batch import Evaluated
+from bayes_ssi.evaluation.journal import Journal, run_of_journal
 
 RUN = {"model class": "each k", "seed": 7}
 HEADER = b'{"format": 1, "run": {"model class": "each k", "seed": 7}}\n'
@@ -269,7 +269,7 @@ def process_with_a_journal(path, *lines):
     """Another process that opens the journal and then runs some lines, until it is ended."""
     code = (
         "import os, time",
-        "from bayes_ssi.journal import Journal",
+        "from bayes_ssi.evaluation.journal import Journal",
         f"journal = Journal({str(path)!r}, {RUN!r})",
         *lines,
         "time.sleep(60)",

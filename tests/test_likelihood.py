@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
-from bayes_ssi.likelihood import ModalLikelihood
+from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes
 from bayes_ssi.structures import Structure
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.modal_csv import read_modal_csv
+from bayes_ssi.data.modal_csv import read_modal_csv
 
 HEAD = "# band_hz, 0, 6\nlabel, frequency_hz, a, b\n"
 COMMAS = """# source, ambient vibration test of 12 May

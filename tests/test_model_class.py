@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.model_class.records import class_record
 from bayes_ssi.structures import Structure
 
 # Log evidence, posterior means and standard deviations of the numerical study, computed
@@ -135,11 +136,11 @@ def test_a_pairing_that_is_changed_afterwards_does_not_change_the_class(rigid, c
     found = bs.ModelClass("x", rigid, case_c, fixed_error, pairing=pairing)
     pairing["2a"] = 99
     assert dict(found.pairing) == {"1": 1, "3": 3}
-    assert found.summary()["spurious"] == ["2a", "2b"]
+    assert class_record(found)["spurious"] == ["2a", "2b"]
 
 
 def test_summary_is_a_json_record(model_classes):
-    summary = json.loads(json.dumps(model_classes["1-a"].summary()))
+    summary = json.loads(json.dumps(class_record(model_classes["1-a"])))
     assert summary["name"] == "1-a"
     assert summary["structure"] == "ShearBuilding"
     assert summary["degrees_of_freedom"] == ["floor 1", "floor 2", "floor 3"]

@@ -10,7 +10,8 @@ import pytest
 from scipy.constants import g
 
 from bayes_ssi.modal import mac
-from bayes_ssi.response import Output, largest_over_places, transfer_functions
+from bayes_ssi.response.modal_response import largest_over_places, transfer_functions
+from bayes_ssi.response.output import Output
 
 ROOT = Path(__file__).parent.parent
 NO_VALUES = np.empty((1, 0))

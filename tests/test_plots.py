@@ -9,7 +9,8 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 import bayes_ssi as bs
-from bayes_ssi.plots import plot_corner, plot_evidence, plot_frequencies, save_figures, style
+from bayes_ssi.plots.corner import plot_corner
+from bayes_ssi.plots.results import plot_evidence, plot_frequencies, save_figures, style
 
 PNG = b"\x89PNG\r\n"
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from conftest import TINY_STUDY, assert_one_line_error
 
-from bayes_ssi.ground_motion import GroundMotion
-from bayes_ssi.response import Output
-from bayes_ssi.results import save_result
-from bayes_ssi.stored_predictions import load_predictions
+from bayes_ssi.predictions.stored import load_predictions
+from bayes_ssi.response.ground_motion import GroundMotion
+from bayes_ssi.response.output import Output
+from bayes_ssi.results.saving import save_result
 
 mpl.use("Agg")
 
@@ -29,7 +29,7 @@ def saved(tmp_path_factory, tiny_ranking):
 
 @pytest.fixture
 def no_figures(monkeypatch):
-    monkeypatch.setattr("bayes_ssi.prediction_figures.save_prediction_figures", lambda *_: None)
+    monkeypatch.setattr("bayes_ssi.plots.predictions.save_prediction_figures", lambda *_: None)
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
     def refuse(*_):
         raise AssertionError("sampled")
 
-    monkeypatch.setattr("bayes_ssi.posterior.sample_target", refuse)
+    monkeypatch.setattr("bayes_ssi.updating.to_posterior.sample_target", refuse)
     (tmp_path / "tiny.py").write_text(TINY_STUDY, "utf-8")
     out = tmp_path / "result"
     save_result(tiny_ranking, out, study_file=str(tmp_path / "tiny.py"))
@@ -146,7 +146,7 @@ def test_a_failure_leaves_nothing_behind(predict, tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device", "figure.png")
 
-    monkeypatch.setattr("bayes_ssi.prediction_figures.save_prediction_figures", fail)
+    monkeypatch.setattr("bayes_ssi.plots.predictions.save_prediction_figures", fail)
     assert_one_line_error(predict(), "figure.png: No space left on device")
     assert not (tmp_path / "out").exists()
     assert list(tmp_path.glob(".out*")) == []

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bayes_ssi.ground_motion import GroundMotion
-from bayes_ssi.prediction_answers import Question, answer
-from bayes_ssi.prediction_defaults import default_damping, default_frequencies, default_output
-from bayes_ssi.prediction_figures import save_prediction_figures
-from bayes_ssi.prediction_files import save_predictions
-from bayes_ssi.response import Output
-from bayes_ssi.results import save_result
-from bayes_ssi.stored_predictions import load_predictions
+from bayes_ssi.plots.predictions import save_prediction_figures
+from bayes_ssi.predictions.answers import Question, answer
+from bayes_ssi.predictions.defaults import default_damping, default_frequencies, default_output
+from bayes_ssi.predictions.files import save_predictions
+from bayes_ssi.predictions.stored import load_predictions
+from bayes_ssi.response.ground_motion import GroundMotion
+from bayes_ssi.response.output import Output
+from bayes_ssi.results.saving import save_result
 from bayes_ssi.tables import frequency_table, peak_table, shape_tables
 
 mpl.use("Agg")
@@ -175,10 +175,10 @@ def test_figures(predicted, answers, tmp_path):
 def test_a_structure_in_several_directions_is_drawn_by_components(predicted, tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(
-        "bayes_ssi.prediction_figures.ground_influence", lambda _: np.array([1.0, 0.0])
+        "bayes_ssi.plots.predictions.ground_influence", lambda _: np.array([1.0, 0.0])
     )
     monkeypatch.setattr(
-        "bayes_ssi.prediction_figures.plot_components",
+        "bayes_ssi.plots.predictions.plot_components",
         lambda _, places, *__, title: drawn.append((places, title)),
     )
     found = answer(predicted, "one k", Question(OUTPUT, 0.02))

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi import class_draws as class_draws_module
-from bayes_ssi import predictions
-from bayes_ssi.class_draws import class_draws
-from bayes_ssi.ground_motion import GroundMotion
-from bayes_ssi.predictions import Prediction, predict_average, predict_class
-from bayes_ssi.response import Output, peak_responses, time_histories, transfer_functions
+from bayes_ssi.predictions import bands
+from bayes_ssi.predictions import class_draws as class_draws_module
+from bayes_ssi.predictions.bands import Prediction
+from bayes_ssi.predictions.class_draws import class_draws
+from bayes_ssi.predictions.predictions import predict_average, predict_class
+from bayes_ssi.response.ground_motion import GroundMotion
+from bayes_ssi.response.modal_response import peak_responses, time_histories, transfer_functions
+from bayes_ssi.response.output import Output
 
 PHI = (1.0 + math.sqrt(5.0)) / 2.0
 FLOORS = ("floor 1", "floor 2")
@@ -71,7 +73,7 @@ def test_the_band_of_known_draws():
 
 def test_a_band_of_many_numbers_is_found_in_parts(monkeypatch):
     draws = np.random.default_rng(0).standard_normal((50, 3, 7))
-    monkeypatch.setattr(predictions, "QUANTILE_NUMBERS", 200)
+    monkeypatch.setattr(bands, "QUANTILE_NUMBERS", 200)
     found = Prediction(draws).band(0.8)
     np.testing.assert_allclose(found, np.quantile(draws, [0.1, 0.5, 0.9], axis=0), rtol=1e-12)
     np.testing.assert_allclose(

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bayes_ssi.maxima import find_maxima
-from bayes_ssi.mixture import StudentMixture
-from bayes_ssi.production import (
+from bayes_ssi.sampling.maxima import find_maxima
+from bayes_ssi.sampling.mixture import StudentMixture
+from bayes_ssi.sampling.production import (
     Ensemble,
     Proposal,
     autocorrelation_times,
@@ -17,8 +17,8 @@ from bayes_ssi.production import (
     r_hat,
     run_ensemble,
 )
-from bayes_ssi.target import Target
-from bayes_ssi.tempering import tempered_start
+from bayes_ssi.sampling.target import Target
+from bayes_ssi.sampling.tempering import tempered_start
 
 
 def ensemble(positions, times=None):

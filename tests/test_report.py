@@ -12,6 +12,8 @@ import pytest
 from conftest import assert_one_line_error
 
 import bayes_ssi as bs
+from bayes_ssi.ranking.found import search_record
+from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow, sensitivity_record
 from bayes_ssi.report import write_report
 from bayes_ssi.report.formats import (
     error_percent,
@@ -23,9 +25,7 @@ from bayes_ssi.report.formats import (
     percent,
     prior,
 )
-from bayes_ssi.results import save_result
-from bayes_ssi.search import search_record
-from bayes_ssi.sensitivity import Sensitivity, SensitivityRow, sensitivity_record
+from bayes_ssi.results.saving import save_result
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 VOID = {"meta", "img", "br", "input", "link", "hr"}
@@ -223,7 +223,7 @@ def test_a_damaged_result_is_one_line(run, reported, tmp_path, case):
 
 
 def _picture(name):
-    from bayes_ssi.report.pictures import Picture
+    from bayes_ssi.report.picture import Picture
 
     return Picture(name, name, '<svg xmlns="http://www.w3.org/2000/svg"></svg>', 10)
 
@@ -231,7 +231,7 @@ def _picture(name):
 @pytest.fixture
 def no_drawings(monkeypatch):
     """Reports without their figures, which take longest."""
-    for kind in ("_svg", "_png"):
+    for kind in ("svg_figure", "png_figure"):
         monkeypatch.setattr(f"bayes_ssi.report.pictures.{kind}", lambda name, *_: _picture(name))
 
 
@@ -252,7 +252,7 @@ def two_classes(make_posterior, **changes):
         for i, each in enumerate(classes)
     ]  # fmt: skip
     study = bs.Study("A & B", classes, description="<i>which</i>?")
-    from bayes_ssi.study import Ranking
+    from bayes_ssi.ranking.study import Ranking
 
     comparison = bs.compare(posteriors)
     return Ranking(study, tuple(posteriors), comparison, 0, bs.SamplingSettings())

@@ -12,17 +12,15 @@ from scipy.sparse import diags_array, eye_array
 from scipy.sparse.linalg import eigsh, spsolve
 
 import bayes_ssi as bs
-from bayes_ssi.ground_motion import GroundMotion
 from bayes_ssi.modal import ModalModel, Modes, modal_model
-from bayes_ssi.response import (
-    GROUND,
-    Output,
-    damping_ratios,
+from bayes_ssi.response.ground_motion import GroundMotion
+from bayes_ssi.response.modal_response import (
     largest_over_places,
     peak_responses,
     time_histories,
     transfer_functions,
 )
+from bayes_ssi.response.output import GROUND, Output, damping_ratios
 from bayes_ssi.structures import Structure
 
 NO_VALUES = np.empty((1, 0))
@@ -119,7 +117,8 @@ def test_many_draws_are_stepped_in_parts(augmented, values, monkeypatch):
     motion = GroundMotion(np.random.default_rng(5).standard_normal(150), 0.02)
     output = Output("drift", (("floor 1", "floor 3"), ("ground", "infill 1-2")))
     whole = time_histories(augmented, values, motion, output, RATIOS)
-    monkeypatch.setattr("bayes_ssi.time_stepping.STATES", 2 * 5 * 4)  # two draws of five blocks
+    two_draws_of_five_blocks = 2 * 5 * 4
+    monkeypatch.setattr("bayes_ssi.response.time_stepping.STATES", two_draws_of_five_blocks)
     in_parts = time_histories(augmented, values, motion, output, RATIOS)
     np.testing.assert_allclose(in_parts, whole, rtol=1e-12, atol=1e-14)
     peaks = peak_responses(augmented, values, motion, output, RATIOS)

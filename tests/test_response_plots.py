@@ -8,15 +8,10 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 
-from bayes_ssi.predictions import Band
-from bayes_ssi.response_plots import (
-    plot_components,
-    plot_frequency_change,
-    plot_mac,
-    plot_shape,
-    plot_time_history,
-    plot_transfer_functions,
-)
+from bayes_ssi.plots.changes import plot_frequency_change
+from bayes_ssi.plots.responses import plot_mac, plot_time_history, plot_transfer_functions
+from bayes_ssi.plots.shapes import plot_components, plot_shape
+from bayes_ssi.predictions.bands import Band
 
 X = np.linspace(0.5, 2.5, 5)
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi import results
-from bayes_ssi.results import load_result, require_new, save_result
+from bayes_ssi.results import saving
+from bayes_ssi.results.result_directory import load_result
+from bayes_ssi.results.saving import require_new, save_result
 
 
 @pytest.fixture
@@ -135,7 +136,7 @@ def test_nothing_is_left_behind_when_writing_fails(tiny_ranking, tmp_path, monke
     def disk_full(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(results, "_write_comparison_csv", disk_full)
+    monkeypatch.setattr(saving, "_write_comparison_csv", disk_full)
     with pytest.raises(OSError, match="no space left"):
         save_result(tiny_ranking, directory, overwrite=overwrite)
     assert {p: p.read_bytes() for p in tmp_path.rglob("*.*") if p.is_file()} == before
@@ -144,7 +145,7 @@ def test_nothing_is_left_behind_when_writing_fails(tiny_ranking, tmp_path, monke
 
 def test_class_names_need_not_be_file_names():
     names = ["a/b", "a:b", "A?B", "..", "θ", "a_b"]
-    files = results._file_names(names)
+    files = saving._file_names(names)
     assert len({file.lower() for file in files.values()}) == len(names)
     for file in files.values():
         assert file.endswith(".nc")

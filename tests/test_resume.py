@@ -14,7 +14,8 @@ import pytest
 from conftest import TINY_STUDY
 
 from bayes_ssi.cli import main
-from bayes_ssi.results import load_result, save_result
+from bayes_ssi.results.result_directory import load_result
+from bayes_ssi.results.saving import save_result
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals of Unix")
 
@@ -42,7 +43,7 @@ def in_record(number, happens=die):
                 happens()
             written.append(journal._file.write(data))
 
-        patch.setattr("bayes_ssi.journal.Journal._write", write_some)
+        patch.setattr("bayes_ssi.evaluation.journal.Journal._write", write_some)
 
     return arrange
 
@@ -82,14 +83,16 @@ WRITING_A_JOURNAL = {
     "half of the first record": in_record(1),
     "half of the 60th record": in_record(60),
 }
-ALL_IS_SAMPLED = {"all is sampled": instead_of("bayes_ssi.checkpoint.Checkpoint.begin_saving")}
+ALL_IS_SAMPLED = {
+    "all is sampled": instead_of("bayes_ssi.ranking.checkpoint.Checkpoint.begin_saving")
+}
 SAVING = {
-    "some files are written": instead_of("bayes_ssi.results.save_draws"),
-    "most files are written": instead_of("bayes_ssi.results._write_comparison_csv"),
+    "some files are written": instead_of("bayes_ssi.results.saving.save_draws"),
+    "most files are written": instead_of("bayes_ssi.results.saving._write_comparison_csv"),
     "all files are written": instead_of("pathlib.Path.rename"),
-    "the result is in its place": instead_of("bayes_ssi.results.load_result"),
+    "the result is in its place": instead_of("bayes_ssi.results.saving.load_result"),
     "a figure is drawn": instead_of("matplotlib.figure.Figure.savefig"),
-    "everything is done": instead_of("bayes_ssi.checkpoint.Checkpoint.remove"),
+    "everything is done": instead_of("bayes_ssi.ranking.checkpoint.Checkpoint.remove"),
     "the journal is removed": after_the_first_unlink,
 }
 REPLACING = {
@@ -109,8 +112,9 @@ MOMENTS = {
 forks = multiprocessing.get_context("forkserver")
 forks.set_forkserver_preload(
     ["pytest", "arviz", "corner", "dask.array", "distributed", "emcee", "h5netcdf.legacyapi",
-     "matplotlib.backends.backend_agg", "matplotlib.pyplot", "rich.progress", "bayes_ssi.moves",
-     "bayes_ssi.plots", "bayes_ssi.results", "bayes_ssi.tables"]
+     "matplotlib.backends.backend_agg", "matplotlib.pyplot", "rich.progress",
+     "bayes_ssi.sampling.moves", "bayes_ssi.plots.results",
+     "bayes_ssi.results.result_directory", "bayes_ssi.tables"]
 )  # fmt: skip
 
 

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi import sampling
-from bayes_ssi.checks import failed_checks
-from bayes_ssi.evidence import FIRST_BATCH
-from bayes_ssi.sampled import SamplingSettings
-from bayes_ssi.sampling import sample_target
-from bayes_ssi.target import Target
+from bayes_ssi.sampling import engine as sampling
+from bayes_ssi.sampling.engine import sample_target
+from bayes_ssi.sampling.evidence import FIRST_BATCH
+from bayes_ssi.sampling.sampled import SamplingSettings
+from bayes_ssi.sampling.target import Target
+from bayes_ssi.updating.checks import failed_checks
 
 
 def one_observation(z):

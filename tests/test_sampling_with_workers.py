@@ -8,9 +8,9 @@ from conftest import COARSE, assert_one_line_error
 from pools import spawning
 
 import bayes_ssi as bs
-from bayes_ssi.checkpoint import Checkpoint
-from bayes_ssi.class_sampling import sample_all
-from bayes_ssi.workers import Workers
+from bayes_ssi.evaluation.workers import Workers
+from bayes_ssi.ranking.checkpoint import Checkpoint
+from bayes_ssi.ranking.class_sampling import sample_all
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
@@ -104,7 +104,7 @@ def test_failures_in_workers_are_told(two_workers, tiny_study):
 @pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
 @pytest.mark.usefixtures("no_figures")
 def test_the_command_gives_the_same_with_workers(run, tiny_study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.sampled.SamplingSettings", lambda **_: COARSE)
+    monkeypatch.setattr("bayes_ssi.sampling.sampled.SamplingSettings", lambda **_: COARSE)
     arguments = ("rank", tiny_study_file, "--only", "one k", "--accept-failed-checks", "--out")
     assert run(*arguments, tmp_path / "here").exit_code == 0
     assert run(*arguments, tmp_path / "there", "--workers", 2).exit_code == 0

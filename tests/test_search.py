@@ -10,7 +10,9 @@ from searches import COARSE, INFILL_01, INFILL_12, ONE, PENDULUM_1, PENDULUM_3, 
 
 import bayes_ssi as bs
 from bayes_ssi.modal import Modes
-from bayes_ssi.search import SearchSettings, hypothesis, places_of, search, search_record
+from bayes_ssi.ranking.found import search_record
+from bayes_ssi.ranking.hypotheses import SearchSettings, hypothesis, places_of
+from bayes_ssi.ranking.search import search
 from bayes_ssi.structures import Structure
 
 
@@ -268,7 +270,7 @@ def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior)
         progress(candidates[0].name, "evidence", 1.0)
         return [make_posterior(c.name, names=c.parameter_names) for c in candidates]
 
-    monkeypatch.setattr("bayes_ssi.search.sample_all", sample_all)
+    monkeypatch.setattr("bayes_ssi.ranking.search.sample_all", sample_all)
     said = []
     found = search(bare, ONE, 5, COARSE, lambda *what: said.append(what), checkpoint="there")
     assert calls == [(5, COARSE, None, "there")]

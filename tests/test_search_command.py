@@ -7,8 +7,8 @@ from conftest import assert_one_line_error
 from searches import INFILL_01, INFILL_12, PENDULUM_1, by_count
 
 import bayes_ssi as bs
-from bayes_ssi.checkpoint import Checkpoint
-from bayes_ssi.results import load_result
+from bayes_ssi.ranking.checkpoint import Checkpoint
+from bayes_ssi.results.result_directory import load_result
 
 pytestmark = pytest.mark.usefixtures("coarse_command")
 
@@ -16,17 +16,17 @@ pytestmark = pytest.mark.usefixtures("coarse_command")
 @pytest.fixture
 def no_figures(no_figures, monkeypatch):
     del no_figures  # those of a ranking
-    monkeypatch.setattr("bayes_ssi.plots.save_places", lambda *_: None)
+    monkeypatch.setattr("bayes_ssi.plots.places.save_places", lambda *_: None)
 
 
 @pytest.fixture
 def one_place(monkeypatch):
     """Few hypotheses are soon saved."""
-    monkeypatch.setattr("bayes_ssi.search.places_of", lambda _: (PENDULUM_1,))
+    monkeypatch.setattr("bayes_ssi.ranking.search.places_of", lambda _: (PENDULUM_1,))
 
 
 def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.search.places_of", lambda _: (PENDULUM_1, INFILL_01))
+    monkeypatch.setattr("bayes_ssi.ranking.search.places_of", lambda _: (PENDULUM_1, INFILL_01))
     levels = fake_sampling(by_count(0.0, 1.0, 2.0))
     out = tmp_path / "r"
     result = run("search", tiny_study_file, "--out", out, "--seed", 3)
@@ -73,7 +73,7 @@ def test_the_largest_number_of_appendages(
     run, tiny_study_file, tmp_path, fake_sampling, most, n_levels, monkeypatch
 ):
     places = (PENDULUM_1, INFILL_01, INFILL_12)
-    monkeypatch.setattr("bayes_ssi.search.places_of", lambda _: places)
+    monkeypatch.setattr("bayes_ssi.ranking.search.places_of", lambda _: places)
     levels = fake_sampling(by_count(0.0, 1.0, 2.0, 3.0, 4.0))
     assert run("search", tiny_study_file, "--most", most, "--out", tmp_path / "r").exit_code == 0
     assert len(levels) == n_levels
@@ -111,12 +111,12 @@ def stop(*_):
 def test_a_stopped_search_goes_on_and_leaves_no_checkpoint(
     run, tiny_study_file, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("bayes_ssi.search.places_of", lambda _: (INFILL_01,))
+    monkeypatch.setattr("bayes_ssi.ranking.search.places_of", lambda _: (INFILL_01,))
     out = tmp_path / "r"
     arguments = ("search", tiny_study_file, "--error", 0.5, "--accept-failed-checks", "--out", out)
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayes_ssi.search.compare", stop)
+        patch.setattr("bayes_ssi.ranking.search.compare", stop)
         stopped = run(*arguments)
     assert stopped.exit_code == 130
     assert "Stopped; this goes on from here: bayes-ssi search " in stopped.stderr
@@ -138,16 +138,16 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
         return make_posterior(candidate.name, names=candidate.parameter_names)
 
     out, checkpoint = tmp_path / "r", tmp_path / ".r.checkpoint"
-    monkeypatch.setattr("bayes_ssi.class_sampling.sample", sample)
-    monkeypatch.setattr("bayes_ssi.search.places_of", lambda _: (PENDULUM_1, INFILL_01))
+    monkeypatch.setattr("bayes_ssi.ranking.class_sampling.sample", sample)
+    monkeypatch.setattr("bayes_ssi.ranking.search.places_of", lambda _: (PENDULUM_1, INFILL_01))
     arguments = ("search", tiny_study_file, "--out", out)
 
     def one_with_both(found, *_):
         return [] if (PENDULUM_1, INFILL_01) in found else [(PENDULUM_1, INFILL_01)]
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayes_ssi.search._next_level", one_with_both)
-        patch.setattr("bayes_ssi.search.compare", stop)
+        patch.setattr("bayes_ssi.ranking.search._next_level", one_with_both)
+        patch.setattr("bayes_ssi.ranking.search.compare", stop)
         assert run(*arguments).exit_code == 130
     one_k = tiny_study.model_classes[0]
     Checkpoint(checkpoint).journal(one_k, 0, bs.SamplingSettings(particles=60)).close()
@@ -163,9 +163,9 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_of_a_search_ends_with_3(run, tiny_study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.search.places_of", lambda _: (INFILL_01,))
-    monkeypatch.setattr("bayes_ssi.checks.R_HAT_LIMIT", 0.5)
-    monkeypatch.setattr("bayes_ssi.checks.R_HAT_SCATTER", -1e9)
+    monkeypatch.setattr("bayes_ssi.ranking.search.places_of", lambda _: (INFILL_01,))
+    monkeypatch.setattr("bayes_ssi.updating.checks.R_HAT_LIMIT", 0.5)
+    monkeypatch.setattr("bayes_ssi.updating.checks.R_HAT_SCATTER", -1e9)
     result = run("search", tiny_study_file, "--error", 0.5, "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "Checks that failed" in result.stdout

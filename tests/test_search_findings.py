@@ -7,7 +7,7 @@ import pytest
 from searches import COARSE, INFILL_01, INFILL_12, ONE
 
 import bayes_ssi as bs
-from bayes_ssi.search import search
+from bayes_ssi.ranking.search import search
 
 
 def test_the_hidden_infill_is_found_where_it_is(found_in_case_c):
@@ -45,7 +45,7 @@ def test_a_bare_frame_hides_nothing(frame, fixed_error, two_workers):
 
 
 def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, two_workers):
-    monkeypatch.setattr("bayes_ssi.search.places_of", lambda _: (INFILL_01, INFILL_12))
+    monkeypatch.setattr("bayes_ssi.ranking.search.places_of", lambda _: (INFILL_01, INFILL_12))
     here, there = (
         search(tiny_study.model_classes[0], ONE, 3, COARSE, workers=workers)
         for workers in (None, two_workers)

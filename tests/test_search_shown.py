@@ -11,8 +11,9 @@ mpl.use("Agg")
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
-from bayes_ssi.plots import plot_places, save_figures, save_places
-from bayes_ssi.search import search
+from bayes_ssi.plots.places import plot_places, save_places
+from bayes_ssi.plots.results import save_figures
+from bayes_ssi.ranking.search import search
 from bayes_ssi.tables import averaged_table, search_notes, search_table
 
 

@@ -9,10 +9,9 @@ import pytest
 from click.testing import CliRunner
 
 import bayes_ssi as bs
-from bayes_ssi import sensitivity as module
 from bayes_ssi.cli import main
-from bayes_ssi.evidence import Estimate
-from bayes_ssi.sensitivity import (
+from bayes_ssi.ranking import sensitivity as module
+from bayes_ssi.ranking.sensitivity import (
     Sensitivity,
     SensitivityRow,
     Variation,
@@ -20,6 +19,7 @@ from bayes_ssi.sensitivity import (
     sensitivity,
     sensitivity_record,
 )
+from bayes_ssi.sampling.evidence import Estimate
 from bayes_ssi.tables import sensitivity_notes, sensitivity_table
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.response import transfer_functions
+from bayes_ssi.response.modal_response import transfer_functions
 from bayes_ssi.sensors import Sensor, SensorMatrix
 from bayes_ssi.structures import Structure
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import ive, modstruve
 
-from bayes_ssi.shape_density import (
+from bayes_ssi.identification.shape_density import (
     _by_quadrature,
     _series,
     log_shape_normaliser,

@@ -11,12 +11,15 @@ from conftest import TINY_STUDY
 from searches import INFILL_01, PENDULUM_1
 
 import bayes_ssi as bs
-from bayes_ssi.class_draws import class_draws
-from bayes_ssi.response import Output
-from bayes_ssi.results import save_result
-from bayes_ssi.search import SearchSettings, search, search_record
-from bayes_ssi.stored_predictions import load_predictions
-from bayes_ssi.study import load_study
+from bayes_ssi.model_class.records import class_record
+from bayes_ssi.predictions.class_draws import class_draws
+from bayes_ssi.predictions.stored import load_predictions
+from bayes_ssi.ranking.found import search_record
+from bayes_ssi.ranking.hypotheses import SearchSettings
+from bayes_ssi.ranking.search import search
+from bayes_ssi.ranking.study import load_study
+from bayes_ssi.response.output import Output
+from bayes_ssi.results.saving import save_result
 
 ROOF = Output("acceleration", ("floor 2",))
 FREQUENCIES = np.linspace(0.2, 2.0, 20)
@@ -31,7 +34,7 @@ def test_a_stored_result_predicts_without_sampling(saved, tiny_study_file, monke
     def refuse(*_):
         raise AssertionError("sampled")
 
-    monkeypatch.setattr("bayes_ssi.posterior.sample_target", refuse)
+    monkeypatch.setattr("bayes_ssi.updating.to_posterior.sample_target", refuse)
     by_record = load_predictions(saved, n_draws=50)
     named = load_predictions(saved, tiny_study_file, n_draws=50)
     for name in ("one k", "each k"):
@@ -96,7 +99,7 @@ def searched(tmp_path_factory):
     (baseline,) = load_study(directory / "tiny.py").only(["each k"]).model_classes
     settings = SearchSettings(mass_ratio=bs.LogNormal(0.04, 0.5), number_weights=(1.0, 0.5))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bayes_ssi.search.places_of", lambda _: (PENDULUM_1, INFILL_01))
+        patch.setattr("bayes_ssi.ranking.search.places_of", lambda _: (PENDULUM_1, INFILL_01))
         found = search(baseline, settings, settings=searches.COARSE)
     save_search(found, directory / "result", directory / "tiny.py")
     return found, directory / "result"
@@ -110,7 +113,7 @@ def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
         built = predicted.model_classes[name]
         assert built.structure.appendages == tuple(f"appendage {place.name}" for place in places)
         (sampled,) = (c for c in found.ranking.study.model_classes if c.name == name)
-        assert built.summary() == sampled.summary()
+        assert class_record(built) == class_record(sampled)
     average = predicted.average()
     probabilities = {row.name: row.probability for row in found.ranking.comparison.classes}
     assert average.n_draws == 40

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.study import load_study
+from bayes_ssi.ranking.study import load_study
 
 
 def test_classes_keep_their_order(model_classes):

@@ -9,7 +9,6 @@ import pytest
 from rich.console import Console
 
 import bayes_ssi as bs
-from bayes_ssi.posterior import Region
 from bayes_ssi.tables import (
     calibration_modes_table,
     calibration_table,
@@ -20,6 +19,7 @@ from bayes_ssi.tables import (
     ranking_table,
     region_notes,
 )
+from bayes_ssi.updating.posterior import Region
 
 
 def lines(table, width=80):

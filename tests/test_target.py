@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_ssi.journal import Journal
-from bayes_ssi.target import FAILURES_SHOWN, POINTS_TO_CHECK, Target, log_standard_normal
+from bayes_ssi.evaluation.journal import Journal
+from bayes_ssi.sampling.target import FAILURES_SHOWN, POINTS_TO_CHECK, Target, log_standard_normal
 
 
 class Fragile:

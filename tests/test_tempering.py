@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.maxima import find_maxima
-from bayes_ssi.target import Target
-from bayes_ssi.tempering import tempered_start
+from bayes_ssi.sampling.maxima import find_maxima
+from bayes_ssi.sampling.target import Target
+from bayes_ssi.sampling.tempering import tempered_start
 
 OBSERVED, SD = np.array([1.0, -0.5, 2.0]), np.array([0.1, 0.3, 1.0])
 # Prior N(0, I), one observation of each coordinate.

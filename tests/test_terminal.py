@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from bayes_ssi.results import load_result
+from bayes_ssi.results.result_directory import load_result
 
 pytestmark = pytest.mark.usefixtures("no_figures")
 COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()"]
@@ -24,8 +24,8 @@ def test_quiet_tells_nothing(run, tiny_study_file, tmp_path):
 
 def test_quiet_still_tells_errors_and_failed_checks(run, tiny_study_file, tmp_path, monkeypatch):
     assert "no such file" in run("rank", tmp_path / "none.py", "--quiet").stderr
-    monkeypatch.setattr("bayes_ssi.checks.R_HAT_LIMIT", 0.5)
-    monkeypatch.setattr("bayes_ssi.checks.R_HAT_SCATTER", -1e9)
+    monkeypatch.setattr("bayes_ssi.updating.checks.R_HAT_LIMIT", 0.5)
+    monkeypatch.setattr("bayes_ssi.updating.checks.R_HAT_SCATTER", -1e9)
     result = run("rank", tiny_study_file, "--only", "one k", "--quiet", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert result.stdout == ""

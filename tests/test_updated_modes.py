@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.configuration_modes import configuration_modes
-from bayes_ssi.datum_terms import at_draws, datum_terms
-from bayes_ssi.description import described
 from bayes_ssi.modal import mac
-from bayes_ssi.results import plain_record
-from bayes_ssi.updated_modes import MOST_PLACES, UpdatedModes
+from bayes_ssi.model_class.description import described
+from bayes_ssi.results.json_files import plain_record
+from bayes_ssi.updating.configuration_modes import configuration_modes
+from bayes_ssi.updating.datum_terms import at_draws, datum_terms
+from bayes_ssi.updating.updated_modes import MOST_PLACES, UpdatedModes
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from pools import Crew, Death, Late, points, spawning, sums
 
-from bayes_ssi import dispatch
-from bayes_ssi.workers import Workers, as_workers, local_workers
+from bayes_ssi.evaluation import dispatch, futures
+from bayes_ssi.evaluation.workers import Workers, as_workers, local_workers
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
@@ -242,14 +242,14 @@ def test_an_interrupted_run_does_not_wait_for_what_is_under_way():
 
 
 def test_a_cluster_that_replaces_its_workers_is_waited_for(monkeypatch):
-    monkeypatch.setattr(dispatch, "CHECK_SECONDS", 0.2)
+    monkeypatch.setattr(futures, "CHECK_SECONDS", 0.2)
     answers = iter([False, False])
     pool = Workers(Late(1.0), alive=lambda: next(answers, True))
     assert pool.evaluate(sums, np.ones((1, 2))).values == [2.0]
 
 
 def test_a_cluster_that_has_lost_all_workers_is_not_waited_for(monkeypatch):
-    monkeypatch.setattr(dispatch, "CHECK_SECONDS", 0.05)
+    monkeypatch.setattr(futures, "CHECK_SECONDS", 0.05)
     pool = Workers(Late(50.0), alive=lambda: False)
     with pytest.raises(ValueError, match="workers: none is left"):
         pool.evaluate(sums, np.ones((1, 2)))
@@ -260,7 +260,7 @@ import os
 
 import numpy as np
 
-from bayes_ssi.workers import local_workers
+from bayes_ssi.evaluation.workers import local_workers
 
 
 def main():

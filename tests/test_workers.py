@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from pools import Minimal, own_executor, points, spawning, sums
 
-from bayes_ssi import in_workers
-from bayes_ssi.evaluation import evaluate
-from bayes_ssi.study import load_study
-from bayes_ssi.workers import Workers, as_workers, local_workers
+from bayes_ssi.evaluation import in_workers
+from bayes_ssi.evaluation.batch import evaluate
+from bayes_ssi.evaluation.workers import Workers, as_workers, local_workers
+from bayes_ssi.ranking.study import load_study
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.study_argument import load, study_argument
-from bayes_ssi.terminal import console, json_option, progress_bars, say, tell_record
+from bayes_ssi.commands.study_argument import load, study_argument
+from bayes_ssi.commands.terminal import console, json_option, progress_bars, say, tell_record
 
 __all__ = ["calibrate"]
 
@@ -28,9 +28,9 @@ def calibrate(
     study: Path, only: str | None, shape_weight: float | None, starts: int, seed: int
 ) -> None:
     """List every distinct minimum of the paper's objective for the model classes of STUDY."""
-    from bayes_ssi.calibration import NothingToCalibrateError
-    from bayes_ssi.calibration import calibrate as calibrate_class
     from bayes_ssi.tables import calibration_modes_table, calibration_table
+    from bayes_ssi.updating.calibration import calibrate as calibrate_class
+    from bayes_ssi.updating.calibration_problem import NothingToCalibrateError
 
     where, records = console(), []
     candidates = load(study, only).model_classes

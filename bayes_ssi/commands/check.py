@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.terminal import console, json_option, say, tell_record
+from bayes_ssi.commands.terminal import console, json_option, say, tell_record
 
 if TYPE_CHECKING:
-    from bayes_ssi.modal_csv import ModalCsv
+    from bayes_ssi.data.modal_csv import ModalCsv
 
 __all__ = ["check"]
 
@@ -20,7 +20,7 @@ __all__ = ["check"]
 @json_option
 def check(data: Path) -> None:
     """Say what was read from the identified modes in DATA (CSV) and what is odd."""
-    from bayes_ssi.modal_csv import read_modal_csv
+    from bayes_ssi.data.modal_csv import read_modal_csv
     from bayes_ssi.tables import modes_table
 
     read = read_modal_csv(data)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.terminal import console, say
+from bayes_ssi.commands.terminal import console, say
 
 __all__ = ["new"]
 
@@ -23,7 +23,7 @@ def new(name: Path, kind: str) -> None:
 
     Both run as they stand: bayes-ssi rank NAME.py. Nothing is overwritten.
     """
-    from bayes_ssi.scaffold import write_study
+    from bayes_ssi.commands.scaffold import write_study
 
     study, data = write_study(name, kind)
     say(

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.terminal import console, json_option, progress_bars, say, tell_record
+from bayes_ssi.commands.terminal import console, json_option, progress_bars, say, tell_record
 
 if TYPE_CHECKING:
-    from bayes_ssi.prediction_answers import Answer, Question
-    from bayes_ssi.predictions import Predictions
-    from bayes_ssi.response import Damping, Output, Quantity
-    from bayes_ssi.stored_predictions import StoredPredictions
+    from bayes_ssi.predictions.answers import Answer, Question
+    from bayes_ssi.predictions.predictions import Predictions
+    from bayes_ssi.predictions.stored import StoredPredictions
+
+from bayes_ssi.commands.question import question_of
 
 __all__ = ["predict"]
 
 # The file that every directory of predictions holds.
 MARKER = "predictions.json"
-NO_TRANSFER = "none"
 
 
 @click.command()
@@ -120,17 +120,17 @@ def predict(
     all with credible bands.
     """
     from bayes_ssi.new_directory import new_directory, require_new
-    from bayes_ssi.prediction_answers import answer
-    from bayes_ssi.prediction_figures import save_prediction_figures
-    from bayes_ssi.prediction_files import save_predictions
-    from bayes_ssi.predictions import AVERAGE
-    from bayes_ssi.results import write_json
-    from bayes_ssi.stored_predictions import load_predictions
+    from bayes_ssi.plots.predictions import save_prediction_figures
+    from bayes_ssi.predictions.answers import answer
+    from bayes_ssi.predictions.files import save_predictions
+    from bayes_ssi.predictions.predictions import AVERAGE
+    from bayes_ssi.predictions.stored import load_predictions
+    from bayes_ssi.results.json_files import write_json
 
     predicted = load_predictions(result, study, draws, configuration)
     of_one = len(predicted.model_classes) == 1
     names = dict.fromkeys(classes or (list(predicted.model_classes) if of_one else [AVERAGE]))
-    question, remarks = _question(predicted, predicted.of(next(iter(names))), **asked)
+    question, remarks = question_of(predicted, predicted.of(next(iter(names))), **asked)
     directory = out or result / "predictions"
     require_new(directory, marker=MARKER, overwrite=overwrite)
     record = _record(predicted, list(names), question)
@@ -166,7 +166,7 @@ def predict(
 
 def _modes(predicted: StoredPredictions, answers: Sequence[Answer]) -> dict[str, Any]:
     """Predicted frequencies, for a JSON record: low, median and high of each mode."""
-    from bayes_ssi.prediction_modes import predicted_modes
+    from bayes_ssi.predictions.modes import predicted_modes
 
     return {
         each.name: {
@@ -177,100 +177,9 @@ def _modes(predicted: StoredPredictions, answers: Sequence[Answer]) -> dict[str,
     }
 
 
-def _question(
-    predicted: StoredPredictions,
-    first: Predictions,
-    *,
-    quantity: Quantity,
-    places: tuple[str, ...],
-    damping: str | None,
-    transfer: str,
-    band: tuple[float, float] | None,
-    records: tuple[Path, ...],
-    unit: str | None,
-    dt: float | None,
-    level: float,
-) -> tuple[Question, list[str]]:
-    """The question that the options ask, and what must be said of it."""
-    from bayes_ssi.ground_motion import UNITS, GroundMotion
-    from bayes_ssi.prediction_answers import Question
-    from bayes_ssi.prediction_defaults import (
-        MOST_FREQUENCIES,
-        default_damping,
-        default_frequencies,
-        default_output,
-    )
-    from bayes_ssi.response import GROUND, damping_ratios
-
-    for name, value in (("--unit", unit), ("--dt", dt)):
-        if value is not None and not records:
-            raise ValueError(f"{name}: says something of records, but there is no --record")
-    ratios: Damping
-    if damping is None:
-        ratios, source = default_damping(predicted.data)
-        said = f"Damping: {100 * ratios:.3g} % in all modes, {source} (--damping changes it)."
-    else:
-        ratios = _ratios(damping)
-        of = "in all modes" if isinstance(ratios, float) else "mode by mode"
-        each = ", ".join(f"{100 * ratio:.3g}" for ratio in _listed(ratios))
-        said = f"Damping: {each} % {of}, as given."
-    lowest = min(damping_ratios(ratios, len(_listed(ratios))))
-    output = _output(quantity, places) if places else default_output(first, quantity)
-    remarks = [said]
-    frequencies = None
-    if transfer != NO_TRANSFER:
-        frequencies = default_frequencies(predicted.data, lowest, band)
-        source = "the ground's acceleration" if transfer == GROUND else f"a force at {transfer!r}"
-        remarks.append(
-            f"Transfer functions: from {source}, {len(frequencies)} frequencies from "
-            f"{frequencies[0]:g} to {frequencies[-1]:g} Hz."
-        )
-        if len(frequencies) == MOST_FREQUENCIES:
-            remarks.append(
-                "(!) So many frequencies may pass by the top of a narrow peak; a narrower --band "
-                "helps."
-            )
-    elif band is not None:
-        raise ValueError("--band: says something of transfer functions, but --transfer is none")
-    motions = tuple(GroundMotion.load(file, unit=unit, dt=dt) for file in records)
-    remarks += [
-        f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
-        f"{motion.peak_acceleration / UNITS['g']:.3g} g."
-        for motion in motions
-    ]
-    force_at = None if transfer in (GROUND, NO_TRANSFER) else transfer
-    return Question(output, ratios, frequencies, force_at, motions, level), remarks
-
-
-def _listed(ratios: Damping) -> Sequence[float]:
-    return [ratios] if isinstance(ratios, float) else ratios
-
-
-def _ratios(text: str) -> Damping:
-    try:
-        ratios = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(
-            f"--damping: must be a fraction, or one for each mode between commas, got {text!r}"
-        ) from None
-    return ratios if len(ratios) > 1 else ratios[0]
-
-
-def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
-    from bayes_ssi.response import Output
-
-    if quantity != "drift":
-        return Output(quantity, places)
-    for place in places:
-        if place.count(":") != 1:
-            raise ValueError(f"--at: a drift is from LOWER:UPPER, got {place!r}")
-    lower, upper = zip(*(place.split(":") for place in places), strict=True)
-    return Output(quantity, tuple(zip(lower, upper, strict=True)))
-
-
 def _composition(predictions: Predictions) -> str:
     """What the draws of a prediction are of."""
-    from bayes_ssi.predictions import AVERAGE
+    from bayes_ssi.predictions.predictions import AVERAGE
 
     if predictions.name != AVERAGE:
         return f"{predictions.name}: one model class."

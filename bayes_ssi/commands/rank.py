@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from bayes_ssi.saved_run import SavedRun, notes_of, run_options
-from bayes_ssi.study_argument import load, study_argument
-from bayes_ssi.terminal import console, say
+from bayes_ssi.commands.saved_run import SavedRun, notes_of, run_options
+from bayes_ssi.commands.study_argument import load, study_argument
+from bayes_ssi.commands.terminal import console, say
 
 __all__ = ["rank"]
 
@@ -30,9 +30,9 @@ def rank(study: Path, only: str | None, any_pairing: bool, run: SavedRun) -> Non
     classes where models are fast, and share the evaluations of one class where one evaluation
     takes milliseconds or more, or where there is but one class.
     """
-    from bayes_ssi.averages import averaged_parameters
-    from bayes_ssi.study import Ranking
-    from bayes_ssi.study import rank as rank_study
+    from bayes_ssi.ranking.averages import averaged_parameters
+    from bayes_ssi.ranking.study import Ranking
+    from bayes_ssi.ranking.study import rank as rank_study
 
     def averages(found: Ranking) -> dict[str, Any]:
         rows = averaged_parameters(found.posteriors, found.comparison)

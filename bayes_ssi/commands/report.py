@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.terminal import console, json_option, progress_bars, say, tell_record
+from bayes_ssi.commands.terminal import console, json_option, progress_bars, say, tell_record
 
 __all__ = ["report"]
 

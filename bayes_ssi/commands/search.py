@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.saved_run import SavedRun, notes_of, run_options
-from bayes_ssi.study_argument import load, study_argument
-from bayes_ssi.terminal import console, say
+from bayes_ssi.commands.saved_run import SavedRun, notes_of, run_options
+from bayes_ssi.commands.study_argument import load, study_argument
+from bayes_ssi.commands.terminal import console, say
 
 __all__ = ["search"]
 
@@ -59,8 +59,9 @@ def search(
     modes. Workers sample whole hypotheses side by side.
     """
     from bayes_ssi.priors import LogNormal, LogUniform
-    from bayes_ssi.search import AppendageSearch, SearchSettings, search_record
-    from bayes_ssi.search import search as search_appendages
+    from bayes_ssi.ranking.found import AppendageSearch, search_record
+    from bayes_ssi.ranking.hypotheses import SearchSettings
+    from bayes_ssi.ranking.search import search as search_appendages
 
     loaded = load(study)
     if baseline is not None:
@@ -72,7 +73,7 @@ def search(
     )
 
     def draw(found: AppendageSearch, directory: Path) -> None:
-        from bayes_ssi.plots import save_places
+        from bayes_ssi.plots.places import save_places
 
         save_places(found, directory / "places.png")
 

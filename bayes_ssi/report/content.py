@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.comparison import Comparison, RankedClass
-from bayes_ssi.configuration_modes import ConfigurationModes
-from bayes_ssi.data import ModalData
-from bayes_ssi.posterior import Posterior
-from bayes_ssi.report.pictures import Picture, Pictures
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.ranking.comparison import Comparison, RankedClass
+from bayes_ssi.report.picture import Picture
+from bayes_ssi.report.pictures import Pictures
 from bayes_ssi.report.stored import Beside
-from bayes_ssi.results import StoredResult
+from bayes_ssi.results.result_directory import StoredResult
 from bayes_ssi.tables import pairing_notes, region_notes
+from bayes_ssi.updating.configuration_modes import ConfigurationModes
+from bayes_ssi.updating.posterior import Posterior
 
 __all__ = ["content"]
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bayes_ssi.comparison import probability_text
+from bayes_ssi.ranking.comparison import probability_text
 
 __all__ = ["FILTERS"]
 

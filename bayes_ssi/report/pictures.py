@@ -2,40 +2,33 @@
 
 from __future__ import annotations
 
-import base64
-import io
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bayes_ssi.comparison import Comparison
-from bayes_ssi.configuration import label_in
-from bayes_ssi.configuration_modes import ConfigurationModes
-from bayes_ssi.data import ModalData
-from bayes_ssi.figure_style import HOVER, style
-from bayes_ssi.mode_plots import (
-    data_size,
-    plot_identified_modes,
-    plot_mac_change,
-    plot_mode_shapes,
-    plot_modes_before_and_after,
-    plot_pairing,
-    shapes_size,
-)
-from bayes_ssi.plots import corner_size, plot_corner, plot_evidence, plot_frequencies, plot_places
-from bayes_ssi.posterior import Posterior
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.plots.changes import plot_mac_change, plot_modes_before_and_after
+from bayes_ssi.plots.corner import corner_size, plot_corner
+from bayes_ssi.plots.mode_shapes import plot_mode_shapes, shapes_size
+from bayes_ssi.plots.modes import data_size, plot_identified_modes, plot_pairing
+from bayes_ssi.plots.places import plot_places
+from bayes_ssi.plots.results import plot_evidence, plot_frequencies
+from bayes_ssi.plots.style import style
+from bayes_ssi.plots.summaries import plot_parameters, plot_sensitivity
+from bayes_ssi.ranking.comparison import Comparison
 from bayes_ssi.report.stored import Beside
-from bayes_ssi.results import StoredResult
-from bayes_ssi.summary_plots import plot_parameters, plot_sensitivity
-from bayes_ssi.updated_modes import UpdatedModes
+from bayes_ssi.results.result_directory import StoredResult
+from bayes_ssi.updating.configuration_modes import ConfigurationModes
+from bayes_ssi.updating.posterior import Posterior
+from bayes_ssi.updating.updated_modes import UpdatedModes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Picture", "Pictures", "draw"]
+from bayes_ssi.report.picture import Picture, png_figure, svg_figure
+
+__all__ = ["Pictures", "draw"]
 
 # A figure with more classes, or a corner plot with more parameters, has no room on a page.
 MOST_CLASSES, MOST_IN_CORNER = 12, 6
@@ -44,46 +37,6 @@ MOST_DRAWN, MOST_CORNERS = 2, 2
 FITS_DRAWN = 5
 # A class is drawn if it is at least so probable, the first two in any case.
 WORTH_DRAWING = 0.01
-DOTS_PER_INCH = 110
-CSS_PIXELS = 96  # an inch
-
-
-@dataclass(frozen=True)
-class Picture:
-    """One figure.
-
-    Attributes:
-        name: of its file.
-        alt: what it shows, for those who do not see it.
-        content: of the file: SVG text, or a PNG.
-        width: in pixels of a page.
-    """
-
-    name: str
-    alt: str
-    content: str | bytes
-    width: int
-
-    @property
-    def file_name(self) -> str:
-        return f"{self.name}.{'svg' if isinstance(self.content, str) else 'png'}"
-
-    @property
-    def inline(self) -> str:
-        """The figure as a part of a page; names and texts in it are escaped."""
-        alt = escape(self.alt, quote=True)
-        if isinstance(self.content, bytes):
-            data = base64.b64encode(self.content).decode("ascii")
-            return f'<img alt="{alt}" width="{self.width}" src="data:image/png;base64,{data}">'
-        svg = self.content[self.content.index("<svg") :]
-        return svg.replace("<svg", f'<svg role="img" aria-label="{alt}"', 1)
-
-    def save(self, directory: Path) -> None:
-        path = directory / self.file_name
-        if isinstance(self.content, str):
-            path.write_text(self.content, encoding="utf-8")
-        else:
-            path.write_bytes(self.content)
 
 
 @dataclass(frozen=True)
@@ -152,7 +105,7 @@ def _evidence(comparison: Comparison) -> Picture:
         plot_evidence(best, figure.subplots())
 
     size = (6.4, 1.3 + 0.42 * len(best.classes))
-    return _svg("evidence", "Log evidence of every model class", plot, size)
+    return svg_figure("evidence", "Log evidence of every model class", plot, size)
 
 
 def _of_test(stored: StoredResult, i: int, ranked: tuple[Posterior, ...]) -> list[Picture]:
@@ -167,8 +120,10 @@ def _of_test(stored: StoredResult, i: int, ranked: tuple[Posterior, ...]) -> lis
 
     alt = f"Model frequencies{told} beside the identified ones"
     return [
-        _svg(f"data_{i + 1}", f"The identified modes{told}", plot_data, data_size(data)),
-        _svg(f"frequencies_{i + 1}", alt, plot_fits, (max(6.4, 0.7 + 0.72 * len(data.modes)), 3.4)),
+        svg_figure(f"data_{i + 1}", f"The identified modes{told}", plot_data, data_size(data)),
+        svg_figure(
+            f"frequencies_{i + 1}", alt, plot_fits, (max(6.4, 0.7 + 0.72 * len(data.modes)), 3.4)
+        ),
     ]
 
 
@@ -189,7 +144,7 @@ def _of_class(
             plot_parameters(posterior, priors, figure.subplots())
 
         alt = f"Parameters {told} before and after"
-        found.append(_svg(f"parameters_{i + 1}", alt, plot, (6.4, 1.3 + 0.3 * len(priors))))
+        found.append(svg_figure(f"parameters_{i + 1}", alt, plot, (6.4, 1.3 + 0.3 * len(priors))))
     if with_corner:
         found.append(_corner(posterior, i, told))
     return found
@@ -207,7 +162,7 @@ def _of_modes(
             plot_mode_shapes(updated, data, figure)
 
         alt = f"{where}Mode shapes {told} on the structure"
-        yield _svg(f"shapes_{number}", alt, plot_shapes, shapes_size(updated))
+        yield svg_figure(f"shapes_{number}", alt, plot_shapes, shapes_size(updated))
         yield _before_and_after(f"modes_{number}", f"{where}Modes {told}", updated, data)
     if inferred is not None:
 
@@ -215,7 +170,7 @@ def _of_modes(
             plot_pairing(inferred, modes.n_modes, figure.subplots())
 
         size = min(7.0, 1.6 + 0.62 * (1 + modes.n_modes)), 1.1 + 0.34 * len(inferred.of_modes)
-        yield _svg(
+        yield svg_figure(
             f"pairing_{number}", f"{where}Probabilities of pairings {told}", plot_pairs, size
         )
 
@@ -230,7 +185,7 @@ def _before_and_after(name: str, alt: str, updated: UpdatedModes, data: ModalDat
         if scored:
             plot_mac_change(updated, panels[1].subplots())
 
-    return _svg(name, f"{alt} before and after updating", plot, (6.4, sum(heights)))
+    return svg_figure(name, f"{alt} before and after updating", plot, (6.4, sum(heights)))
 
 
 def _corner(posterior: Posterior, i: int, told: str) -> Picture:
@@ -247,7 +202,7 @@ def _corner(posterior: Posterior, i: int, told: str) -> Picture:
     def plot(figure: Figure) -> None:
         plot_corner(posterior, figure, names)
 
-    return _png(f"corner_{i + 1}", alt, plot, corner_size(len(names)))
+    return png_figure(f"corner_{i + 1}", alt, plot, corner_size(len(names)))
 
 
 def _sensitivity(beside: Beside) -> Picture | None:
@@ -259,7 +214,7 @@ def _sensitivity(beside: Beside) -> Picture | None:
         plot_sensitivity(found, figure.subplots())
 
     size = (6.4, 1.4 + 0.3 * len(found.rows))
-    return _svg("sensitivity", "How the ranking moves with settings", plot, size)
+    return svg_figure("sensitivity", "How the ranking moves with settings", plot, size)
 
 
 def _places(beside: Beside) -> Picture | None:
@@ -271,7 +226,7 @@ def _places(beside: Beside) -> Picture | None:
         plot_places(found.places, figure.subplots())
 
     size = (4.6, 1.2 + 0.7 * max(max(place.floors) for place in found.places))
-    return _svg("places", "Probability of an appendage, place by place", plot, size)
+    return svg_figure("places", "Probability of an appendage, place by place", plot, size)
 
 
 def _predictions(beside: Beside) -> list[Picture]:
@@ -284,36 +239,3 @@ def _predictions(beside: Beside) -> list[Picture]:
         alt = f"Predictions: {told.replace('_', ' ')}"
         pictures.append(Picture(f"prediction_{path.stem}", alt, path.read_bytes(), 640))
     return pictures
-
-
-def _svg(
-    name: str, alt: str, plot: Callable[[Figure], object], size: tuple[float, float]
-) -> Picture:
-    """A figure of that size, in inches, as an SVG drawing; points that tell what they are do so."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size)
-    plot(figure)
-    file = io.StringIO()
-    figure.savefig(file, format="svg", metadata={"Date": None}, transparent=True)
-    drawing = re.sub(rf'<g id="{HOVER}([^"]*)"', r'<g class="point" tabindex="0" data-tip="\1"',
-                     file.getvalue())  # fmt: skip
-    # Identities are a drawing's own: several of them stand on one page.
-    drawing = re.sub(r'\bid="([^"]*)"', rf'id="{name}.\1"', drawing)
-    drawing = re.sub(r'href="#([^"]*)"', rf'href="#{name}.\1"', drawing)
-    drawing = re.sub(r"url\(#([^)]*)\)", rf"url(#{name}.\1)", drawing)
-    return Picture(name, alt, drawing, round(CSS_PIXELS * size[0]))
-
-
-def _png(
-    name: str, alt: str, plot: Callable[[Figure], object], size: tuple[float, float]
-) -> Picture:
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    with rc_context({"figure.constrained_layout.use": False}):
-        figure = Figure(figsize=size)  # corner plots place their axes themselves
-    plot(figure)
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
-    return Picture(name, alt, file.getvalue(), round(CSS_PIXELS * size[0]))

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bayes_ssi.results import StoredResult, load_result
-from bayes_ssi.search import Place
-from bayes_ssi.sensitivity import Sensitivity, sensitivity_of_record
+from bayes_ssi.ranking.hypotheses import Place
+from bayes_ssi.ranking.sensitivity import Sensitivity, sensitivity_of_record
+from bayes_ssi.results.result_directory import StoredResult, load_result
 
 __all__ = ["Beside", "StoredPredictionFiles", "StoredSearch", "load_beside"]
 

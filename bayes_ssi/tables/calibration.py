@@ -5,9 +5,9 @@ from __future__ import annotations
 from rich.table import Table
 from rich.text import Text
 
-from bayes_ssi.calibration import Calibration
-from bayes_ssi.configuration import label_in
+from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.tables.layout import add_row, new_table, number
+from bayes_ssi.updating.calibration import Calibration
 
 __all__ = [
     "calibration_modes_table",

@@ -6,7 +6,7 @@ import math
 
 from rich.table import Table
 
-from bayes_ssi.data import ModalData
+from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.tables.layout import add_row, new_table, number
 
 __all__ = [

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
-from bayes_ssi.data import ModalData
-from bayes_ssi.prediction_answers import Answer
-from bayes_ssi.prediction_modes import predicted_modes, predicted_shapes, shown_places
-from bayes_ssi.predictions import Band
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.predictions.answers import Answer
+from bayes_ssi.predictions.bands import Band
+from bayes_ssi.predictions.modes import predicted_modes, predicted_shapes, shown_places
 from bayes_ssi.tables.layout import add_row, new_table
 
 __all__ = ["frequency_table", "peak_table", "shape_tables"]

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from bayes_ssi.averages import AveragedParameter
-from bayes_ssi.comparison import Comparison, probability_text
-from bayes_ssi.inferred_pairing import InferredPairing, PairingShare
-from bayes_ssi.posterior import Posterior
+from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.ranking.averages import AveragedParameter
+from bayes_ssi.ranking.comparison import Comparison, probability_text
 from bayes_ssi.tables.layout import add_row, new_table
+from bayes_ssi.updating.posterior import Posterior
 
 __all__ = [
     "averages_table",

@@ -6,8 +6,8 @@ import math
 
 from rich.table import Table
 
-from bayes_ssi.comparison import probability_text
-from bayes_ssi.sensitivity import Sensitivity
+from bayes_ssi.ranking.comparison import probability_text
+from bayes_ssi.ranking.sensitivity import Sensitivity
 from bayes_ssi.tables.layout import add_row, new_table
 
 __all__ = ["sensitivity_notes", "sensitivity_table"]

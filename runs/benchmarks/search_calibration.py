@@ -22,8 +22,9 @@ from scipy.stats import beta
 from simulated import print_bands, simulate
 
 import bayes_ssi as bs
-from bayes_ssi.search import Place, SearchSettings, hypothesis, places_of, search
-from bayes_ssi.study import load_study
+from bayes_ssi.ranking.hypotheses import Place, SearchSettings, hypothesis, places_of
+from bayes_ssi.ranking.search import search
+from bayes_ssi.ranking.study import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "bare_building.py"
 # Stated in full: the default prior of the frequency follows from the data.

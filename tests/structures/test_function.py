@@ -142,8 +142,8 @@ def test_each_set_of_values_is_computed_once():
 
 @pytest.mark.parametrize("workers", [None, 2])
 def test_errors_and_nan_of_a_function_are_reported_from_workers(workers):
-    from bayes_ssi.target import Target
-    from bayes_ssi.workers import as_workers
+    from bayes_ssi.evaluation.workers import as_workers
+    from bayes_ssi.sampling.target import Target
 
     data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, 1.0))
     candidate = bs.ModelClass(

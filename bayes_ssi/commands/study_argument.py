@@ -1,0 +1,31 @@
+"""The study that a command of the command line is given."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from bayes_ssi.ranking.study import Study
+
+__all__ = ["load", "study_argument"]
+
+study_argument = click.argument("study", type=click.Path(path_type=Path))
+
+
+def load(path: Path, only: str | None = None) -> Study:
+    """The study of a file, with all its model classes or those whose names are listed.
+
+    Raises:
+        ValueError: the file is no study, or has no class of such a name.
+    """
+    from bayes_ssi.ranking.study import load_study
+
+    study = load_study(path)
+    if only is None:
+        return study
+    if only in study.names:  # a name may itself hold commas
+        return study.only([only])
+    return study.only([name.strip() for name in only.split(",") if name.strip()])

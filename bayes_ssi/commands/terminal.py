@@ -1,0 +1,210 @@
+"""What the command line has of a terminal: errors in one line, tables, lines, and progress.
+
+With ``--quiet`` nothing but errors is told; with ``--json`` one JSON record takes the place of
+tables and lines, and progress is still told on standard error.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = [
+    "BAD_INPUT",
+    "INTERRUPTED",
+    "OneLineErrors",
+    "command_line",
+    "console",
+    "is_quiet",
+    "json_option",
+    "progress_bars",
+    "quiet_option",
+    "say",
+    "tell_record",
+]
+
+BAD_INPUT = 2
+INTERRUPTED = 130  # as shells have it: 128 + SIGINT
+WIDTH = 80
+META = "bayes_ssi"
+COMMAND_LINE, QUIET, JSON = f"{META}.command_line", f"{META}.quiet", f"{META}.json"
+# Share of a class's time at which each step of the sampling begins and ends.
+STEPS = {
+    "searches": (0.0, 0.1),
+    "tempered start": (0.1, 0.45),
+    "ensembles": (0.45, 0.9),
+    "evidence": (0.9, 1.0),
+}
+
+
+class OneLineErrors(click.Group):
+    """A group whose errors, of its commands and of their usage, are one line and an exit code."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta[COMMAND_LINE] = shlex.join(["bayes-ssi", *args])
+        return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with _one_line_errors():
+            return super().invoke(ctx)
+
+    def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
+        if not standalone_mode:
+            return super().main(*args, standalone_mode=False, **extra)  # type: ignore[call-overload]
+        try:
+            code = super().main(*args, standalone_mode=False, **extra)  # type: ignore[call-overload]
+        except click.exceptions.NoArgsIsHelpError as error:
+            click.echo(error.format_message(), err=True)
+            sys.exit(BAD_INPUT)
+        except click.ClickException as error:
+            _fail(error.format_message())
+        except click.Abort:
+            click.echo("Interrupted.", err=True)
+            sys.exit(INTERRUPTED)
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+@contextmanager
+def _one_line_errors() -> Iterator[None]:
+    """Bad input ends with one line on standard error and its own exit code."""
+    try:
+        yield
+    except (ValueError, TypeError, OSError) as error:
+        if type(error).__name__ == "LinAlgError":  # a ValueError, but no fault of the input's
+            raise
+        text = str(error)
+        if isinstance(error, OSError) and error.filename is not None:
+            text = f"{error.filename}: {error.strerror}"
+        _fail(text)
+
+
+def _fail(text: str) -> NoReturn:
+    click.echo(f"Error: {' '.join(text.split())}", err=True)
+    sys.exit(BAD_INPUT)
+
+
+def command_line() -> str:
+    """The command as it was given, as a shell takes it."""
+    return str(_meta().get(COMMAND_LINE, "bayes-ssi"))
+
+
+def is_quiet() -> bool:
+    """Whether nothing but errors is to be told."""
+    return bool(_meta().get(QUIET, False))
+
+
+def _meta() -> dict[str, Any]:
+    context = click.get_current_context(silent=True)
+    return {} if context is None else context.meta
+
+
+def _keep(context: click.Context, option: click.Parameter, value: bool) -> None:
+    context.meta[f"{META}.{option.name}"] = value
+
+
+def quiet_option() -> click.Option:
+    """``--quiet``, for any command."""
+    return click.Option(
+        ["--quiet"],
+        is_flag=True,
+        expose_value=False,
+        callback=_keep,
+        help="Tell nothing but errors; the exit code says the rest.",
+    )
+
+
+def json_option(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command that calls :func:`tell_record` the option ``--json``."""
+    return click.option(
+        "--json",
+        "json",
+        is_flag=True,
+        expose_value=False,
+        callback=_keep,
+        help="Print one JSON record in place of tables.",
+    )(command)
+
+
+def tell_record(record: Callable[[], Mapping[str, Any]]) -> None:
+    """Print a JSON record, made only if it was asked for; infinities and NaN are text."""
+    if _meta().get(JSON, False) and not is_quiet():
+        from bayes_ssi.results.json_files import plain_record
+
+        click.echo(json.dumps(plain_record(record()), indent=2, allow_nan=False))
+
+
+def console() -> Console:
+    """Where tables are printed."""
+    from rich.console import Console
+
+    if is_quiet() or _meta().get(JSON, False):
+        return Console(quiet=True)
+    made = Console()
+    # Piped output has no width of its own; tables are made for 80 columns.
+    return made if made.is_terminal else Console(width=WIDTH)
+
+
+def say(where: Console, *lines: str) -> None:
+    """Lines as they are, unbroken."""
+    for line in lines:
+        where.print(line, soft_wrap=True, markup=False, highlight=False)
+
+
+@contextmanager
+def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
+    """Progress bars on standard error, one a model class; a line each where it is no terminal."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskID,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    if is_quiet():
+
+        def silent(name: str, step: str, done: float) -> None:
+            """Tell nothing."""
+
+        yield silent
+        return
+    stderr = Console(stderr=True)
+    if not stderr.is_terminal:
+
+        def tell(name: str, step: str, done: float) -> None:
+            if step == "evidence" and done >= 1.0:
+                click.echo(f"sampled {name}", err=True)
+
+        yield tell
+        return
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[step]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        # Steps differ in pace: the time left follows from all that was done, not the last seconds.
+        TimeRemainingColumn(),
+        console=stderr,
+        speed_estimate_period=3600.0,
+    ) as progress:
+        tasks: dict[str, TaskID] = {}
+
+        def show(name: str, step: str, done: float) -> None:
+            if name not in tasks:
+                tasks[name] = progress.add_task(name, total=1.0, step="")
+            begin, end = STEPS.get(step, (0.0, 1.0))  # other steps are told as a whole
+            progress.update(tasks[name], completed=begin + done * (end - begin), step=step)
+
+        yield show

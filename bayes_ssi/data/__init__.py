@@ -1,0 +1,1 @@
+"""Identified modes, and the files that hold them."""

@@ -1,0 +1,290 @@
+"""The CSV file of identified modes: one row a mode, as a spreadsheet saves it.
+
+::
+
+    # source, ambient vibration test of 12 May
+    # band_hz, 0, 6
+    label, frequency_hz, frequency_cov, damping, floor 1, floor 2, floor 3
+    1,     0.983,        0.001,         0.012,   0.331,   0.593,   0.734
+    2a,    2.604,        ,              ,        0.674,   0.240,
+
+Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
+the search, required) and ``source`` (text); anything else there is a remark. Then a row of column
+names: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd`` and ``damping``
+(fractions) are optional, and **every other column is a sensor**, named as the structure's degree
+of freedom. An empty cell is a value not measured. Complex components are written ``0.3+0.1j``
+(or ``i``). Columns are separated by commas, semicolons or tabs; with semicolons or tabs a decimal
+comma is understood.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayes_ssi.data.identified_mode import RESERVED_NAMES, IdentifiedMode, checked_band
+from bayes_ssi.data.modal_data import ModalData
+
+__all__ = ["ModalCsv", "read_modal_csv", "write_modal_csv"]
+
+REQUIRED_COLUMNS = ("label", "frequency_hz")
+NUMBER_COLUMNS = RESERVED_NAMES[1:]
+
+
+@dataclass(frozen=True)
+class ModalCsv:
+    """A file's data and what was noticed while reading it."""
+
+    data: ModalData
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Line:
+    """The cells of one line of the file, and where it is."""
+
+    path: Path
+    number: int
+    cells: list[str]
+
+    @property
+    def is_remark(self) -> bool:
+        return self.cells[0].startswith("#")
+
+    def error(self, message: str) -> ValueError:
+        return ValueError(f"{self.path}, line {self.number}: {message}")
+
+
+def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) -> ModalCsv:
+    """Read identified modes from a CSV file (see the module's text for its form).
+
+    Args:
+        path: the file.
+        band_hz: the band, where the file names none or another is wanted.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the content is not understood; the message names file, line and column.
+    """
+    path = Path(path)
+    delimiter, lines = _split(path)
+    n_head = next((i for i, line in enumerate(lines) if not line.is_remark), len(lines))
+    head, body = lines[:n_head], lines[n_head:]
+    if not body:
+        raise ValueError(f"{path}: the file holds no table of modes")
+    for line in body:
+        if line.is_remark:
+            raise line.error(
+                "a row that begins with '#' stands below the column names; remarks and keys "
+                "belong above them, and no mode's label may begin with '#'"
+            )
+    columns = _column_names(body[0])
+    decimal_comma = delimiter != ","
+    modes = [_mode(line, columns, decimal_comma) for line in body[1:]]
+    if not modes:
+        raise ValueError(f"{path}: no mode below the column names")
+
+    source, file_band = _read_head(head, decimal_comma)
+    band = band_hz if band_hz is not None else file_band
+    if band is None:
+        raise ValueError(
+            f"{path}: no band; add a line such as '# band_hz, 0, 6' above the column names: the "
+            "lowest and highest frequency (Hz) in which modes were sought"
+        )
+    try:
+        low, high = checked_band(band)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    _check_labels(body[1:], modes)
+    for line, mode in zip(body[1:], modes, strict=True):
+        if not low <= mode.frequency_hz <= high:
+            raise line.error(
+                f"mode {mode.label!r}: frequency_hz {mode.frequency_hz!r} lies outside the band "
+                f"{low!r} to {high!r} Hz"
+            )
+    sensors = tuple(c for c in columns if c not in REQUIRED_COLUMNS and c not in NUMBER_COLUMNS)
+    try:
+        data = ModalData(modes=tuple(modes), band_hz=(low, high), sensors=sensors, source=source)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    remarks = []
+    if [mode.label for mode in modes] != list(data.labels):
+        remarks.append("the modes were not in ascending order of frequency; they are now")
+    return ModalCsv(data, tuple(remarks))
+
+
+def write_modal_csv(data: ModalData, path: str | Path) -> None:
+    """Write ``data`` to a new CSV file that :func:`read_modal_csv` reads back.
+
+    Raises:
+        FileExistsError: the file exists.
+    """
+    optional = [
+        name
+        for name in NUMBER_COLUMNS[1:]
+        if any(getattr(mode, name) is not None for mode in data.modes)
+    ]
+    with Path(path).open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if data.source:
+            writer.writerow(["# source", data.source])
+        writer.writerow(["# band_hz", *(repr(float(bound)) for bound in data.band_hz)])
+        writer.writerow(["label", "frequency_hz", *optional, *data.sensors])
+        for mode in data.modes:
+            numbers = [getattr(mode, name) for name in ("frequency_hz", *optional)]
+            components = [np.nan] * len(data.sensors) if mode.shape is None else mode.shape
+            writer.writerow(
+                [mode.label]
+                + ["" if number is None else repr(float(number)) for number in numbers]
+                + [_component_text(component) for component in components]
+            )
+
+
+def _component_text(component: complex) -> str:
+    if not np.isfinite(component):
+        return ""
+    if isinstance(component, complex):
+        return f"{float(component.real)!r}{float(component.imag):+}j"
+    return repr(float(component))
+
+
+def _split(path: Path) -> tuple[str, list[_Line]]:
+    """The file's delimiter and its lines that are not blank."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: not a text file in UTF-8; save it as CSV (UTF-8)") from None
+    if not text.strip():
+        raise ValueError(f"{path}: the file is empty")
+    candidates = {delimiter: _lines(path, text, delimiter) for delimiter in (",", ";", "\t")}
+    for delimiter, lines in candidates.items():
+        if any(set(REQUIRED_COLUMNS) <= set(line.cells) for line in lines):
+            return delimiter, lines
+    return ",", candidates[","]
+
+
+def _lines(path: Path, text: str, delimiter: str) -> list[_Line]:
+    """The lines that are not blank, cut at ``delimiter``."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True)
+    lines, number = [], 1
+    try:
+        for row in reader:
+            if any(cell.strip() for cell in row):
+                lines.append(_Line(path, number, [cell.strip() for cell in row]))
+            number = reader.line_num + 1  # a quoted cell may run over several lines
+    except csv.Error as error:
+        raise ValueError(f"{path}, line {number}: not CSV: {error}") from None
+    return lines
+
+
+def _column_names(line: _Line) -> list[str]:
+    names = list(line.cells)
+    while names and not names[-1]:
+        names.pop()
+    for required in REQUIRED_COLUMNS:
+        if required not in names:
+            raise line.error(
+                f"no column {required!r} among {', '.join(map(repr, names))}; the columns are "
+                "label, frequency_hz, optionally frequency_cov, shape_sd and damping, and one a "
+                "sensor"
+            )
+    for name in names:
+        if not name:
+            raise line.error("a column has no name")
+        if names.count(name) > 1:
+            raise line.error(f"two columns are named {name!r}")
+    return names
+
+
+def _read_head(head: list[_Line], decimal_comma: bool) -> tuple[str, tuple[float, float] | None]:
+    source, band = "", None
+    for line in head:
+        cells = [line.cells[0].lstrip("# ").strip(), *line.cells[1:]]
+        # '# band_hz: 0, 6' and '# band_hz, 0, 6' are both what people write.
+        key, colon, rest = cells[0].partition(":")
+        if colon:
+            cells = [key.strip(), rest.strip(), *cells[1:]]
+        values = [cell for cell in cells[1:] if cell]
+        if cells[0].lower() == "source":
+            source = ", ".join(values)
+        elif cells[0].lower() == "band_hz":
+            values = (
+                [part for value in values for part in re.split(r"[,\s]+", value) if part]
+                if not decimal_comma
+                else values
+            )
+            if len(values) != 2:
+                raise line.error(f"band_hz needs two frequencies in Hz, got {values!r}")
+            low, high = (_number(value, "band_hz", line, decimal_comma) for value in values)
+            band = (low, high)
+    return source, band
+
+
+def _number(text: str, column: str, line: _Line, decimal_comma: bool) -> float:
+    try:
+        return float(_plain(text, decimal_comma))
+    except ValueError:
+        raise line.error(f"{column}: {text!r} is not a number") from None
+
+
+def _plain(text: str, decimal_comma: bool) -> str:
+    """A number as Python reads it; Python would also read underscores, a typing error here."""
+    if "_" in text:
+        raise ValueError(text)
+    return text.replace(",", ".") if decimal_comma else text
+
+
+def _component(text: str, column: str, line: _Line, decimal_comma: bool) -> complex:
+    if not text:
+        return complex("nan")
+    # Space around the sign, as in "0.3 + 0.1i", is how people write complex numbers.
+    written = re.sub(r"(?<=[\dji])\s*([+-])\s*(?=[\d.])", r"\1", text).replace("i", "j")
+    try:
+        value = complex(_plain(written, decimal_comma))
+    except ValueError:
+        raise line.error(f"sensor {column!r}: {text!r} is not a number") from None
+    if not np.isfinite(value):
+        raise line.error(f"sensor {column!r}: {text!r} is not finite; leave a missing value empty")
+    return value
+
+
+def _mode(line: _Line, columns: list[str], decimal_comma: bool) -> IdentifiedMode:
+    if any(line.cells[len(columns) :]):
+        raise line.error(f"{len(line.cells)} cells for {len(columns)} columns")
+    cells = dict(zip(columns, line.cells + [""] * len(columns), strict=False))
+    numbers = {
+        name: _number(cells[name], name, line, decimal_comma)
+        for name in NUMBER_COLUMNS
+        if cells.get(name)
+    }
+    if "frequency_hz" not in numbers:
+        raise line.error("frequency_hz: the cell is empty")
+    components = [
+        _component(text, name, line, decimal_comma)
+        for name, text in cells.items()
+        if name not in REQUIRED_COLUMNS and name not in NUMBER_COLUMNS
+    ]
+    shape = np.array(components)
+    measured = shape[np.isfinite(shape)]
+    if not np.any(measured.imag):
+        shape = shape.real
+    try:
+        return IdentifiedMode(
+            label=cells["label"], shape=shape if len(measured) else None, **numbers
+        )
+    except ValueError as error:
+        raise line.error(str(error)) from None
+
+
+def _check_labels(lines: list[_Line], modes: list[IdentifiedMode]) -> None:
+    first: dict[str, _Line] = {}
+    for line, mode in zip(lines, modes, strict=True):
+        known = first.setdefault(mode.label, line)
+        if known is not line:
+            raise line.error(f"label {mode.label!r} is that of line {known.number} already")

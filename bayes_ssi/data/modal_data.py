@@ -1,0 +1,252 @@
+"""Identified modes: frequencies and partial mode shapes of one test, in one frequency band."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.data.identified_mode import (
+    RESERVED_NAMES,
+    IdentifiedMode,
+    checked_band,
+    require_name,
+)
+from bayes_ssi.modal import mac
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["ModalData"]
+
+# A shape of a lightly damped structure is nearly real; beyond this spread of the phases about
+# one line (in degrees, weighted by amplitude) the real shape is a doubtful summary of it.
+PHASE_SCATTER_WARNING_DEG = 10.0
+# Coefficients of variation above this are more likely percentages.
+LARGE_COV = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class ModalData:
+    """The modes identified in one test of one structure, and the band they were sought in.
+
+    Every mode found in the band belongs here, also one that a model does not explain.
+
+    Attributes:
+        modes: in ascending order of frequency (unsorted ones are sorted).
+        band_hz: lowest and highest frequency of the search, in Hz.
+        sensors: names of the sensors, the components of every shape.
+        source: where the data come from.
+
+    Raises:
+        ValueError: labels repeat, a mode lies outside the band, a shape does not have one
+            component a sensor, or the band is empty.
+    """
+
+    modes: tuple[IdentifiedMode, ...]
+    band_hz: tuple[float, float]
+    sensors: tuple[str, ...] = ()
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        low, high = checked_band(self.band_hz)
+        object.__setattr__(self, "band_hz", (low, high))
+        if isinstance(self.sensors, str):
+            raise TypeError(f"modal data: sensors must be several names, got {self.sensors!r}")
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        for sensor in self.sensors:
+            require_name(sensor, "sensor name")
+        reserved = [sensor for sensor in self.sensors if sensor in RESERVED_NAMES]
+        if reserved:
+            raise ValueError(
+                f"modal data: a sensor may not be named {reserved[0]!r}, a column of every file "
+                "of modes"
+            )
+        ordered = tuple(sorted(self.modes, key=lambda mode: mode.frequency_hz))
+        object.__setattr__(self, "modes", ordered)
+        if not ordered:
+            raise ValueError("modal data: no identified mode")
+        if len(set(self.sensors)) != len(self.sensors):
+            raise ValueError(f"modal data: sensor names repeat: {', '.join(self.sensors)}")
+        if len(set(self.labels)) != len(self.labels):
+            repeated = next(label for label in self.labels if self.labels.count(label) > 1)
+            raise ValueError(f"modal data: two modes have the label {repeated!r}")
+        for mode in ordered:
+            if not low <= mode.frequency_hz <= high:
+                raise ValueError(
+                    f"mode {mode.label!r}: frequency_hz {mode.frequency_hz!r} lies outside the "
+                    f"band {low!r} to {high!r} Hz"
+                )
+            if mode.shape is not None and len(mode.shape) != len(self.sensors):
+                raise ValueError(
+                    f"mode {mode.label!r}: shape has {len(mode.shape)} components for "
+                    f"{len(self.sensors)} sensors"
+                )
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return tuple(mode.label for mode in self.modes)
+
+    @property
+    def frequencies_hz(self) -> FloatArray:
+        """(n_modes,)"""
+        return np.array([mode.frequency_hz for mode in self.modes])
+
+    @property
+    def unit_shapes(self) -> FloatArray:
+        """(n_sensors, n_modes), each at unit length; NaN where not measured."""
+        missing = np.full(len(self.sensors), np.nan)
+        shapes = [missing if m.unit_shape is None else m.unit_shape for m in self.modes]
+        return np.array(shapes).reshape(len(self.modes), len(self.sensors)).T
+
+    def mode(self, label: str) -> IdentifiedMode:
+        """The mode of that label.
+
+        Raises:
+            ValueError: there is none.
+        """
+        for mode in self.modes:
+            if mode.label == label:
+                return mode
+        raise ValueError(
+            f"no identified mode {label!r}; choose from {', '.join(map(repr, self.labels))}"
+        )
+
+    def without_shapes(self) -> ModalData:
+        """The same modes by their frequencies alone."""
+        return replace(
+            self, modes=tuple(replace(m, shape=None, shape_sd=None) for m in self.modes), sensors=()
+        )
+
+    @cached_property
+    def digest(self) -> str:
+        """Identifies what an evidence is a density of: frequencies, scored shapes and the band.
+
+        Evidences are comparable only where their digests agree.
+        """
+        scored = [
+            (f"{mode.frequency_hz:.12g}", self._scored_components(mode)) for mode in self.modes
+        ]
+        text = json.dumps([scored, [f"{bound:.12g}" for bound in self.band_hz]])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def _scored_components(self, mode: IdentifiedMode) -> list[tuple[str, int]]:
+        """Sensors and components of a scored shape, the same for a shape and its negative."""
+        if mode.scored_shape is None:
+            return []
+        # Whole numbers of 1e-9, so that rounding and negative zeros make no difference.
+        components = [
+            (sensor, round(1e9 * component))
+            for sensor, component in sorted(zip(self.sensors, mode.scored_shape, strict=True))
+            if np.isfinite(component)
+        ]
+        negative = next(component for _, component in components if component) < 0
+        return [(sensor, -component if negative else component) for sensor, component in components]
+
+    def oddities(self) -> list[str]:
+        """What an analyst should know about these data before using them, a sentence each."""
+        found = []
+        for mode in self.modes:
+            name = f"mode {mode.label!r}"
+            if mode.shape is None:
+                found.append(f"{name}: no shape; only its frequency is used")
+            elif mode.n_measured == 1:
+                found.append(
+                    f"{name}: a shape at one sensor says nothing; only its frequency is used"
+                )
+            elif mode.n_measured < len(self.sensors):
+                missing = [
+                    sensor
+                    for sensor, component in zip(self.sensors, mode.shape, strict=True)
+                    if not np.isfinite(component)
+                ]
+                found.append(f"{name}: shape not measured at {', '.join(missing)}")
+            if mode.phase_scatter_deg > PHASE_SCATTER_WARNING_DEG:
+                found.append(
+                    f"{name}: phases scatter by {mode.phase_scatter_deg:.0f} degrees about one "
+                    "line; the shape rotated to a real one loses much"
+                )
+            if mode.frequency_cov is not None and mode.frequency_cov > LARGE_COV:
+                found.append(
+                    f"{name}: frequency_cov is {mode.frequency_cov:g}, a fraction; "
+                    "is it a percentage, or in Hz?"
+                )
+        found.extend(self._pairs_too_close())
+        return found
+
+    def _pairs_too_close(self) -> list[str]:
+        found = []
+        for low, high in zip(self.modes, self.modes[1:], strict=False):
+            gap = high.frequency_hz / low.frequency_hz - 1.0
+            if gap == 0:
+                found.append(f"modes {low.label!r} and {high.label!r}: the same frequency")
+            elif gap < 0.2 and low.scored_shape is not None and high.scored_shape is not None:
+                common = np.isfinite(low.scored_shape) & np.isfinite(high.scored_shape)
+                alike = mac(low.scored_shape[:, None], high.scored_shape[:, None])[0, 0]
+                if common.sum() >= 2 and alike > 0.8:
+                    found.append(
+                        f"modes {low.label!r} and {high.label!r}: {100 * gap:.0f} % apart with "
+                        f"nearly one shape (MAC {alike:.2f}): an appendage in resonance splits "
+                        "a mode like this"
+                    )
+        return found
+
+    @classmethod
+    def load(cls, path: str | Path, *, band_hz: Sequence[float] | None = None) -> ModalData:
+        """Read a CSV file, the band being the file's own unless ``band_hz`` gives one.
+
+        Raises:
+            OSError: the file cannot be read.
+            ValueError: it is not as :mod:`bayes_ssi.data.modal_csv` describes; the message names
+                the file, the line and the column.
+        """
+        from bayes_ssi.data.modal_csv import read_modal_csv
+
+        return read_modal_csv(path, band_hz=band_hz).data
+
+    @classmethod
+    def from_uff(
+        cls,
+        path: str | Path,
+        *,
+        band_hz: Sequence[float],
+        sensors: Mapping[str, tuple[int, str]] | None = None,
+    ) -> ModalData:
+        """Read the modes (data sets 55) of a universal file, with pyuff.
+
+        Arguments and errors as those of :func:`bayes_ssi.data.modal_uff.read_modal_uff`.
+        """
+        from bayes_ssi.data.modal_uff import read_modal_uff
+
+        return read_modal_uff(path, band_hz=band_hz, sensors=sensors)
+
+    @classmethod
+    def from_pyoma2(
+        cls,
+        result: Any,
+        *,
+        band_hz: Sequence[float],
+        sensors: Sequence[str] | None = None,
+        source: str = "",
+    ) -> ModalData:
+        """The modes of a result of pyOMA2, in which modes were selected.
+
+        Arguments and errors as those of :func:`bayes_ssi.data.modal_pyoma2.modes_of_pyoma2`.
+        """
+        from bayes_ssi.data.modal_pyoma2 import modes_of_pyoma2
+
+        return modes_of_pyoma2(result, band_hz=band_hz, sensors=sensors, source=source)
+
+    def save(self, path: str | Path) -> None:
+        """Write a CSV file that :meth:`load` reads back to the same data.
+
+        Raises:
+            FileExistsError: the file exists.
+        """
+        from bayes_ssi.data.modal_csv import write_modal_csv
+
+        write_modal_csv(self, path)

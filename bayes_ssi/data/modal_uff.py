@@ -1,0 +1,120 @@
+"""Identified modes from universal files: data sets 55, data at nodes of normal or complex modes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.data.identified_mode import IdentifiedMode
+from bayes_ssi.data.modal_data import ModalData
+
+__all__ = ["read_modal_uff"]
+
+DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
+MODES = 55
+NORMAL, COMPLEX, COMPLEX_SECOND_ORDER = 2, 3, 7
+
+
+def read_modal_uff(
+    path: str | Path,
+    *,
+    band_hz: Sequence[float],
+    sensors: Mapping[str, tuple[int, str]] | None = None,
+) -> ModalData:
+    """Read the modes of a universal file.
+
+    Args:
+        path: the file.
+        band_hz: lowest and highest frequency in which modes were sought.
+        sensors: name → (node, direction), the direction being x, y or z, or -x, -y or -z where
+            the sensor points the other way; all nodes and directions that move, named ``12 x``,
+            if None.
+
+    Returns:
+        Modes labelled 1, 2, … in ascending order of frequency. A complex mode's frequency is
+        |λ|/2π and its damping -Re λ/|λ|, λ being its eigenvalue in rad/s.
+
+    Raises:
+        OSError: there is no such file.
+        ValueError: pyuff is not installed; the file is damaged or holds no modes; or a sensor is
+            at no node of it.
+    """
+    path = Path(path)
+    with path.open("rb"):  # pyuff says less of a file that is not there
+        pass
+    try:
+        import pyuff
+    except ImportError:
+        raise ValueError(
+            'pyuff is not installed; install it with pip install "bayes_ssi[uff]"'
+        ) from None
+    try:
+        file = pyuff.UFF(str(path))
+        kinds = np.atleast_1d(file.get_set_types()).astype(int)
+        sets = [file.read_sets(int(i)) for i in np.flatnonzero(kinds == MODES)]
+    except Exception as error:  # a damaged file may raise anything there
+        told = " ".join(str(error).split())
+        raise ValueError(
+            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {told}"
+        ) from error
+    sets = [s for s in sets if s["analysis_type"] in (NORMAL, COMPLEX, COMPLEX_SECOND_ORDER)]
+    if not sets:
+        raise ValueError(f"{path}: no data set 55 with a normal or complex mode")
+    modes = sorted((_frequency_and_damping(s), i) for i, s in enumerate(sets))
+    named = dict(sensors) if sensors is not None else _moving(sets)
+    low, high = (float(bound) for bound in band_hz)
+    try:
+        return ModalData(
+            tuple(
+                IdentifiedMode(
+                    str(number),
+                    frequency,
+                    np.array([_component(sets[i], name, *at) for name, at in named.items()]),
+                    damping=damping if 0.0 < damping < 1.0 else None,
+                )
+                for number, ((frequency, damping), i) in enumerate(modes, start=1)
+            ),
+            (low, high),
+            sensors=tuple(named),
+            source=path.name,
+        )
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _frequency_and_damping(one: Mapping[str, Any]) -> tuple[float, float]:
+    if one["analysis_type"] == NORMAL:
+        return float(one["freq"]), float(one.get("modal_damp_vis", 0.0))
+    size = abs(one["eig"])
+    return float(size / (2.0 * math.pi)), float(-np.real(one["eig"]) / size) if size else 0.0
+
+
+def _moving(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
+    """All nodes and directions in which some mode moves."""
+    found: dict[str, tuple[int, str]] = {}
+    for one in sets:
+        for i, node in enumerate(one["node_nums"]):
+            for direction, key in DIRECTIONS.items():
+                if one[key][i] != 0:
+                    found[f"{int(node)} {direction}"] = (int(node), direction)
+    return dict(sorted(found.items(), key=lambda item: item[1]))
+
+
+def _component(one: Mapping[str, Any], name: str, node: int, direction: str) -> complex:
+    """What a sensor measures of one mode; NaN where the mode was not measured at its node."""
+    axis = str(direction).removeprefix("-")
+    if axis not in DIRECTIONS:
+        raise ValueError(
+            f"sensor {name!r}: direction must be x, y or z, perhaps with a minus sign, got "
+            f"{direction!r}"
+        )
+    at = np.flatnonzero(np.asarray(one["node_nums"]) == node)
+    if not len(at):
+        nodes = ", ".join(str(int(n)) for n in list(one["node_nums"])[:10])
+        raise ValueError(f"sensor {name!r}: no node {node}; nodes are {nodes}, ...")
+    value = one[DIRECTIONS[axis]][at[0]]
+    return -value if str(direction).startswith("-") else value

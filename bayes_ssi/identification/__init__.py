@@ -1,0 +1,1 @@
+"""How identified modes come from the modes of a model: errors, pairing, likelihood."""

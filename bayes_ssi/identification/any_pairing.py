@@ -1,0 +1,84 @@
+"""The likelihood when nobody says which identified mode is which model mode.
+
+It is summed over all pairings: the analyst's choice is inferred with everything else, and model
+modes may change places as parameters change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.identification.likelihood import ModalLikelihood, row_sums
+from bayes_ssi.identification.paired_modes import PairedModes
+from bayes_ssi.identification.pairings import PairingWeights, log_sum, pair_probabilities
+from bayes_ssi.modal import Modes
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["ALL_MODES", "AnyPairing"]
+
+# The one datum of a test whose pairing is inferred.
+ALL_MODES = "all modes"
+
+
+@dataclass(frozen=True, eq=False)
+class AnyPairing(ModalLikelihood):
+    """The log-likelihood of identified modes, summed over all pairings with model modes.
+
+    Its ``pairing`` is empty: what :class:`ModalLikelihood` gives when every identified mode is
+    spurious and every model mode missed is what all pairings are weighed against.
+    """
+
+    @cached_property
+    def pairs(self) -> PairedModes:
+        """Every identified mode with every model mode, those of one identified mode together."""
+        numbers = range(1, self.structure.n_modes + 1)
+        return PairedModes.of(
+            self.data, [(label, i) for label in self.data.labels for i in numbers]
+        )
+
+    def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
+        paired = pair_probabilities(self.pairing_weights(values)).sum(axis=1)
+        every = range(self.structure.n_modes)
+        return self._near_a_limit(values, frequencies, every) & (paired < 0.5)
+
+    @property
+    def datum_names(self) -> tuple[str, ...]:
+        return (ALL_MODES,)
+
+    def log_likelihoods(self, values: FloatArray, modes: Modes) -> FloatArray:
+        """As of one datum: a sum over pairings does not fall into parts, mode by mode."""
+        return self.log_density(values, modes)[:, None]
+
+    def log_density(self, values: FloatArray, modes: Modes | None = None) -> FloatArray:
+        nothing_paired = -self.identification.expected_spurious_modes + self._spurious.sum()
+        weights, missed = self._weights(values, modes)
+        return nothing_paired + row_sums(missed) + log_sum(weights)
+
+    def pairing_weights(self, values: FloatArray) -> PairingWeights:
+        """The weights of all pairs at ``values`` (B, n_parameters)."""
+        return self._weights(values)[0]
+
+    def _weights(
+        self, values: FloatArray, modes: Modes | None = None
+    ) -> tuple[PairingWeights, FloatArray]:
+        """Weights of pairs, and log probabilities (B, I) that a model mode is missed."""
+        modes = self.modes(values) if modes is None else modes
+        error_var = self._error_variances(values)
+        n_data, n_model = len(self.data.modes), self.structure.n_modes
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            every = list(range(n_model))
+            missed = self._missed_terms(modes, error_var[:, :1], every)
+            paired = self._frequency_terms(modes, error_var[:, :1])
+            paired[:, self.pairs.with_shape] += self._shape_terms(modes, error_var[:, 1:])
+        paired = paired.reshape(len(values), n_data, n_model)
+        log_ratios = paired - self._spurious[:, None] - missed[:, None, :]
+        frequencies_hz = np.array([mode.frequency_hz for mode in self.data.modes])
+        return PairingWeights(log_ratios, frequencies_hz, modes.frequencies_hz), missed
+
+    @cached_property
+    def _spurious(self) -> FloatArray:
+        return np.array([self._spurious_term(mode) for mode in self.data.modes])

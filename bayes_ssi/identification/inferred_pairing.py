@@ -1,0 +1,106 @@
+"""Which identified mode is which model mode, with probabilities, after sampling."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_ssi.identification.any_pairing import AnyPairing
+from bayes_ssi.identification.pairings import (
+    PairingWeights,
+    log_sum,
+    pair_probabilities,
+    sample_pairings,
+)
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["InferredPairing", "PairingShare", "infer_pairing"]
+
+MAX_DRAWS = 1000
+# Pairings with a smaller probability are not listed.
+LEAST_PROBABILITY = 1e-4
+MAX_LISTED = 10
+
+
+@dataclass(frozen=True)
+class PairingShare:
+    """One pairing and its posterior probability.
+
+    Attributes:
+        pairing: label of an identified mode → number of the model mode, from 1; modes that are
+            left out are spurious.
+        probability: given the model class and the data.
+    """
+
+    pairing: Mapping[str, int]
+    probability: float
+
+
+@dataclass(frozen=True)
+class InferredPairing:
+    """Posterior probabilities of pairings of identified with model modes.
+
+    Attributes:
+        pairings: the most probable ones, the best first.
+        of_modes: label of an identified mode → number of a model mode, from 1, or 0 for spurious
+            → probability; what is below 0.0001 is left out.
+    """
+
+    pairings: tuple[PairingShare, ...]
+    of_modes: Mapping[str, Mapping[int, float]]
+
+    @property
+    def best(self) -> Mapping[str, int]:
+        """The most probable pairing."""
+        return self.pairings[0].pairing
+
+    def probability(self, pairing: Mapping[str, int]) -> float:
+        """The probability of one pairing; 0 where it is not among those listed."""
+        shares = (share for share in self.pairings if dict(share.pairing) == dict(pairing))
+        return next((share.probability for share in shares), 0.0)
+
+
+def infer_pairing(likelihood: AnyPairing, values: FloatArray) -> InferredPairing:
+    """Pairings by their probability, averaged over posterior draws.
+
+    Args:
+        likelihood: of the model class.
+        values: equally weighted posterior draws (n, n_parameters); at most ``MAX_DRAWS`` serve.
+    """
+    labels = likelihood.data.labels
+    if len(values) > MAX_DRAWS:
+        values = values[np.linspace(0, len(values) - 1, MAX_DRAWS).astype(np.intp)]
+    weights = likelihood.pairing_weights(values)
+    # Drawing tells which pairings there are; each one's probability is then exact at every draw.
+    drawn = np.unique(sample_pairings(weights, np.random.default_rng(0)), axis=0)
+    total = log_sum(weights)
+    shares = [
+        PairingShare(
+            {label: int(i) + 1 for label, i in zip(labels, pairing, strict=True) if i >= 0},
+            _probability(weights, pairing, total),
+        )
+        for pairing in drawn
+    ]
+    shares.sort(key=lambda share: -share.probability)
+    kept = [share for share in shares if share.probability >= LEAST_PROBABILITY][:MAX_LISTED]
+    of_pairs = pair_probabilities(weights).mean(axis=0)
+    with_spurious = np.column_stack([1.0 - of_pairs.sum(axis=1), of_pairs])
+    return InferredPairing(
+        tuple(kept or shares[:1]),
+        {
+            label: {
+                number: float(probability)
+                for number, probability in enumerate(row)
+                if probability >= LEAST_PROBABILITY
+            }
+            for label, row in zip(labels, with_spurious, strict=True)
+        },
+    )
+
+
+def _probability(weights: PairingWeights, pairing: np.ndarray, log_total: FloatArray) -> float:
+    paired = np.flatnonzero(pairing >= 0)
+    log_weight = weights.log_ratios[:, paired, pairing[paired]].sum(axis=1)
+    return float(np.exp(log_weight - log_total).mean())

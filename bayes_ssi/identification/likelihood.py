@@ -1,0 +1,303 @@
+"""The likelihood: a proper density of the identified modes in the band, given a structure.
+
+Every identified mode in the band gets a density, also one that the model does not explain: that
+is what makes the evidences of different model classes comparable. For one pairing of identified
+with model modes,
+
+    p(D | θ) = e^(-ν) · Π over unpaired data of ν / ((f_hi - f_lo) |S^(d-1)|)
+                      · Π over pairs of p_D N(f_e; f, (σ_f f_e)²) p(φ_e | φ)
+                      · Π over unpaired model modes of (1 - p_D P_in)
+
+with p_D the probability that a model mode in the band is identified, ν the expected number of
+spurious modes, uniform over the band and over the sphere of shapes, and P_in the probability
+that a model mode would have been identified inside the band.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from bayes_ssi.data.identified_mode import IdentifiedMode
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
+from bayes_ssi.identification.paired_modes import PairedModes, check_pairing
+from bayes_ssi.identification.shape_density import log_shape_normaliser, log_sphere_area
+from bayes_ssi.modal import Modes
+from bayes_ssi.parameters import Parameter, Product, ProductTable, as_product, collect_parameters
+from bayes_ssi.priors import FloatArray
+from bayes_ssi.sensors import SensorMatrix
+from bayes_ssi.structures.base import Structure
+
+__all__ = ["MISSED", "ModalLikelihood", "ModalTerms", "row_sums"]
+
+# The datum that other modes were not identified.
+MISSED = "no other mode"
+
+
+class ModalTerms(NamedTuple):
+    """The parts of the log-likelihood of a batch of B parameter values; they add up to it.
+
+    Attributes:
+        frequency: (B, n_pairs), of the paired frequencies, p_D included.
+        shape: (B, n_shape_pairs), of those paired modes whose shape is scored.
+        undetected: (B,), of the model modes that are paired with nothing.
+        spurious: of the identified modes that are paired with nothing, and e^(-ν).
+    """
+
+    frequency: FloatArray
+    shape: FloatArray
+    undetected: FloatArray
+    spurious: float
+
+    def total(self) -> FloatArray:
+        """The log-likelihood (B,)."""
+        return row_sums(self.frequency) + row_sums(self.shape) + self.undetected + self.spurious
+
+
+def row_sums(terms: FloatArray) -> FloatArray:
+    """The sum over the second axis of (B, m) or (B, m, …), the same for a row in any batch.
+
+    numpy adds in an order that depends on the memory layout, which a batch of one may change.
+    """
+    return np.ascontiguousarray(terms).sum(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class ModalLikelihood:
+    """The log-likelihood of identified modes for one explicit pairing with model modes.
+
+    Attributes:
+        structure: answers modes for a batch of parameter values.
+        data: the identified modes.
+        error: prediction errors.
+        identification: how modes are found and missed.
+        pairing: label of an identified mode → number of the model mode, from 1.
+
+    Raises:
+        ValueError: the structure has no such sensor, or the pairing is not valid.
+    """
+
+    structure: Structure
+    data: ModalData
+    error: ErrorModel
+    identification: IdentificationModel
+    pairing: Mapping[str, int]
+
+    def __post_init__(self) -> None:
+        self.structure.sensor_matrix(self.data.sensors)
+        check_pairing(self.pairing, self.data, self.structure.n_modes)
+
+    @cached_property
+    def pairs(self) -> PairedModes:
+        return PairedModes.of(self.data, self.pairing.items())
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The structure's parameters, then those of the errors that the paired data call for."""
+        of_errors = (p for product in self._error_products for p in product.parameters)
+        return collect_parameters((*self.structure.parameters, *of_errors))
+
+    def log_likelihood(self, values: FloatArray) -> FloatArray:
+        """The log-likelihood (B,) at ``values`` (B, n_parameters); -inf where there are no modes.
+
+        Columns are as in :attr:`parameters`.
+        """
+        total = self.log_density(values)
+        return np.where(np.isnan(total), -np.inf, total)
+
+    def log_density(self, values: FloatArray) -> FloatArray:
+        """As :meth:`log_likelihood`, but NaN where there are no modes."""
+        return self.terms(values).total()
+
+    def terms(self, values: FloatArray, modes: Modes | None = None) -> ModalTerms:
+        """The log-likelihood in parts; NaN where the structure has no modes.
+
+        ``modes`` are those at ``values``, where they are known already.
+        """
+        modes = self.modes(values) if modes is None else modes
+        error_var = self._error_variances(values)
+        # Far out in the tail of its prior an error size can be so small that its square is zero.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            missed = self._missed_terms(modes, error_var[:, :1], self._unpaired_model_modes)
+            return ModalTerms(
+                frequency=self._frequency_terms(modes, error_var[:, :1]),
+                shape=self._shape_terms(modes, error_var[:, 1:]),
+                undetected=row_sums(missed),
+                spurious=-self.identification.expected_spurious_modes
+                + sum(
+                    self._spurious_term(mode)
+                    for mode in self.data.modes
+                    if mode.label not in self.pairing
+                ),
+            )
+
+    @property
+    def datum_names(self) -> tuple[str, ...]:
+        """The columns of :meth:`log_likelihoods`."""
+        return (*self.data.labels, MISSED)
+
+    def log_likelihoods(self, values: FloatArray, modes: Modes) -> FloatArray:
+        """What each datum adds to the log-likelihood, (B, n_data); a row adds up to it.
+
+        A column an identified mode, paired or spurious; the last one is of what was not
+        identified: model modes that are paired with nothing, and no more spurious modes.
+
+        Args:
+            values: (B, n_parameters).
+            modes: at these values.
+        """
+        terms = self.terms(values, modes)
+        found = np.empty((len(values), len(self.data.modes) + 1))
+        pair = {label: i for i, label in enumerate(self.pairing)}
+        scored = {pair_with_shape: k for k, pair_with_shape in enumerate(self.pairs.with_shape)}
+        for column, mode in enumerate(self.data.modes):
+            if mode.label not in pair:
+                found[:, column] = self._spurious_term(mode)
+                continue
+            i = pair[mode.label]
+            found[:, column] = terms.frequency[:, i]
+            if i in scored:
+                found[:, column] += terms.shape[:, scored[i]]
+        found[:, -1] = terms.undetected - self.identification.expected_spurious_modes
+        return found
+
+    def frequency_sds_hz(self, values: FloatArray) -> FloatArray:
+        """Standard deviation of each identified frequency about the model's, (B, n_modes) in Hz."""
+        own = np.array([mode.frequency_cov or 0.0 for mode in self.data.modes])
+        variance = self._error_variances(values)[:, :1] + own**2
+        return np.sqrt(variance) * self.data.frequencies_hz
+
+    def _error_variances(self, values: FloatArray) -> FloatArray:
+        """Squared prediction errors (B, 1 or 2) of frequencies and, where scored, shapes."""
+        return self._error_sizes.evaluate(values) ** 2
+
+    def modes(self, values: FloatArray) -> Modes:
+        """The structure's modes at ``values``, columns as in :attr:`parameters`."""
+        return Modes(*self.structure.modes(values[:, : len(self.structure.parameters)]))
+
+    def shapes_at_sensors(self, modes: Modes) -> FloatArray:
+        """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised."""
+        return self._sensor_matrix.apply(modes.shapes)
+
+    def least_errors(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Standard errors (B,) of the frequency and of the shape of the surest paired mode.
+
+        Identification and prediction errors together; infinite where no mode is paired, or no
+        shape scored.
+        """
+        prediction_var = self._error_variances(values)
+        found = [
+            np.sqrt(prediction_var[:, column] + own.min())
+            if len(own)
+            else np.full(len(values), np.inf)
+            for column, own in ((0, self.pairs.frequency_var), (-1, self.pairs.shape_var))
+        ]
+        return found[0], found[1]
+
+    def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
+        """Whether each model mode lies on the edge of the band, (B, n_modes).
+
+        That is, paired with nothing and within two standard errors of a limit other than zero.
+        ``frequencies`` (B, n_modes), in Hz, are those of the model at ``values``.
+        """
+        return self._near_a_limit(values, frequencies, self._unpaired_model_modes)
+
+    def _near_a_limit(
+        self, values: FloatArray, frequencies: FloatArray, which: Iterable[int]
+    ) -> NDArray[np.bool_]:
+        prediction_var = self._error_variances(values)[:, :1]
+        reach = 2.0 * np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
+        limits = [limit for limit in self.data.band_hz if limit > 0]
+        near = np.zeros(frequencies.shape, dtype=bool)
+        for mode in which:
+            for limit in limits:
+                near[:, mode] |= np.abs(frequencies[:, mode] - limit) < reach[:, mode]
+        return near
+
+    def _frequency_terms(self, modes: Modes, prediction_var: FloatArray) -> FloatArray:
+        variance = prediction_var + self.pairs.frequency_var
+        residuals = self.pairs.frequency_residuals(modes.frequencies_hz)
+        detected = math.log(self.identification.detection_probability)
+        constant = detected - 0.5 * math.log(2.0 * math.pi) - np.log(self.pairs.frequencies_hz)
+        return constant - 0.5 * (residuals * residuals / variance + np.log(variance))
+
+    def _shape_terms(self, modes: Modes, prediction_var: FloatArray) -> FloatArray:
+        if not len(self.pairs.with_shape):
+            return np.zeros((len(modes.frequencies_hz), 0))
+        variance = prediction_var + self.pairs.shape_var
+        distances = self.pairs.shape_distances(self.shapes_at_sensors(modes))
+        return -distances / variance - self._log_normalisers(variance)
+
+    def _log_normalisers(self, variance: FloatArray) -> FloatArray:
+        """log Z_d(σ) of every paired shape, one evaluation for those that share σ and d."""
+        if self._fixed_normalisers is not None:
+            return self._fixed_normalisers
+        return _log_normalisers(variance, self.pairs)
+
+    @cached_property
+    def _fixed_normalisers(self) -> FloatArray | None:
+        """log Z_d(σ) where no parameter enters the shape error; None where one does."""
+        shape_sd = self._error_products[1]
+        if shape_sd.parameters:
+            return None
+        return _log_normalisers(np.array([[shape_sd.scale**2]]) + self.pairs.shape_var, self.pairs)
+
+    def _missed_terms(
+        self, modes: Modes, prediction_var: FloatArray, which: list[int]
+    ) -> FloatArray:
+        """log(1 - p_D P_in) of some model modes, (B, len(which)): that nothing was identified."""
+        low, high = self.data.band_hz
+        frequencies = modes.frequencies_hz[:, which]
+        sd = np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
+        inside = ndtr((high - frequencies) / sd) - ndtr((low - frequencies) / sd)
+        return np.log1p(-self.identification.detection_probability * inside)
+
+    def _spurious_term(self, mode: IdentifiedMode) -> float:
+        """The log density of an identified mode that belongs to no model mode."""
+        low, high = self.data.band_hz
+        density = math.log(self.identification.expected_spurious_modes / (high - low))
+        return density - (log_sphere_area(mode.n_measured) if mode.scored_shape is not None else 0)
+
+    @cached_property
+    def _error_products(self) -> list[Product]:
+        products = [as_product(self.error.frequency_cov)]
+        if len(self.pairs.with_shape):
+            products.append(as_product(self.error.shape_sd))
+        return products
+
+    @cached_property
+    def _error_sizes(self) -> ProductTable:
+        return ProductTable(tuple(self._error_products), self.parameters)
+
+    @cached_property
+    def _sensor_matrix(self) -> SensorMatrix:
+        return self.structure.sensor_matrix(self.data.sensors)
+
+    @cached_property
+    def _unpaired_model_modes(self) -> list[int]:
+        return sorted(set(range(self.structure.n_modes)) - set(self.pairs.model_modes.tolist()))
+
+    @cached_property
+    def _typical_frequency_var(self) -> float:
+        """Identification error, squared, that a mode that was not identified would have had."""
+        return float(np.mean([(mode.frequency_cov or 0.0) ** 2 for mode in self.data.modes]))
+
+
+def _log_normalisers(variance: FloatArray, pairs: PairedModes) -> FloatArray:
+    """log Z_d(σ), (B, S), for shape variances (B, S) or, where all shapes share σ, (B, 1)."""
+    normalisers = np.empty((len(variance), len(pairs.n_measured)))
+    known: dict[tuple[float, int], FloatArray] = {}
+    for column, (own, d) in enumerate(zip(pairs.shape_var.tolist(), pairs.n_measured, strict=True)):
+        if (own, d) not in known:
+            shared = variance[:, min(column, variance.shape[1] - 1)]
+            known[own, d] = log_shape_normaliser(np.sqrt(shared), d)
+        normalisers[:, column] = known[own, d]
+    return normalisers

@@ -1,0 +1,106 @@
+"""Identified modes with the model modes that they are paired with, and how far the two differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.data.identified_mode import IdentifiedMode
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["PairedModes", "check_pairing"]
+
+
+@dataclass(frozen=True, eq=False)
+class PairedModes:
+    """Identified modes with the model mode that each is paired with, as arrays.
+
+    P pairs, of which S have a shape that is scored; s sensors.
+    """
+
+    modes: tuple[IdentifiedMode, ...]
+    model_modes: NDArray[np.intp]  # (P,), counted from 0
+    frequencies_hz: FloatArray  # (P,)
+    frequency_var: FloatArray  # (P,), identification error squared, as a fraction; 0 if not given
+    with_shape: NDArray[np.intp]  # (S,), which pairs
+    unit_shapes: FloatArray  # (s, S), 0 where not measured
+    measured: FloatArray  # (s, S), 1 where measured and 0 elsewhere
+    n_measured: tuple[int, ...]  # (S,)
+    shape_var: FloatArray  # (S,), identification error squared; 0 if not given
+
+    @classmethod
+    def of(cls, data: ModalData, pairs: Iterable[tuple[str, int]]) -> PairedModes:
+        """Pairs of a label of an identified mode and a number of a model mode, from 1."""
+        pairs = tuple(pairs)
+        modes = tuple(data.mode(label) for label, _ in pairs)
+        with_shape = [i for i, mode in enumerate(modes) if mode.scored_shape is not None]
+        shapes = data.unit_shapes[:, [data.labels.index(modes[i].label) for i in with_shape]]
+        return cls(
+            modes=modes,
+            model_modes=np.array([number - 1 for _, number in pairs], dtype=np.intp),
+            frequencies_hz=np.array([mode.frequency_hz for mode in modes]),
+            frequency_var=np.array([mode.frequency_cov or 0.0 for mode in modes]) ** 2,
+            with_shape=np.array(with_shape, dtype=np.intp),
+            unit_shapes=np.nan_to_num(shapes),
+            measured=np.isfinite(shapes).astype(float),
+            n_measured=tuple(modes[i].n_measured for i in with_shape),
+            shape_var=np.array([modes[i].shape_sd or 0.0 for i in with_shape]) ** 2,
+        )
+
+    def frequency_residuals(self, frequencies_hz: FloatArray) -> FloatArray:
+        """r_f = f/f_e - 1, (B, P), for model frequencies (B, n_modes)."""
+        return frequencies_hz[:, self.model_modes] / self.frequencies_hz - 1.0
+
+    def shape_distances(self, shapes_at_sensors: FloatArray) -> FloatArray:
+        """1 - |φ_e·φ| = ½ r_φ², (B, S), for model shapes (B, s, n_modes)."""
+        shapes = np.ascontiguousarray(shapes_at_sensors[:, :, self.model_modes[self.with_shape]])
+        cosine = np.einsum("bsp,sp->bp", shapes, self.unit_shapes)
+        length_sq = np.einsum("bsp,bsp,sp->bp", shapes, shapes, self.measured)
+        # A model shape that vanishes at every sensor (a node at each) points nowhere.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            aligned = np.where(length_sq == 0.0, 0.0, np.abs(cosine) / np.sqrt(length_sq))
+        return 1.0 - aligned
+
+    def shape_differences(self, shapes_at_sensors: FloatArray) -> FloatArray:
+        """φ - φ_e of unit shapes of matching sign, (B, s, S), whose norm over s is r_φ."""
+        shapes = shapes_at_sensors[:, :, self.model_modes[self.with_shape]] * self.measured
+        length = np.sqrt((shapes * shapes).sum(1, keepdims=True))
+        sign = np.where((shapes * self.unit_shapes).sum(1, keepdims=True) < 0, -1.0, 1.0)
+        return shapes * (sign / np.where(length == 0.0, 1.0, length)) - self.unit_shapes
+
+
+def check_pairing(pairing: Mapping[str, int], data: ModalData, n_modes: int) -> None:
+    """Refuse a pairing that is not one to one between modes that exist.
+
+    Raises:
+        TypeError: it is not a mapping of labels to numbers.
+        ValueError: it names an identified mode or a model mode that does not exist, or a model
+            mode twice.
+    """
+    if not isinstance(pairing, Mapping):
+        raise TypeError(
+            "pairing must map labels of identified modes to numbers of model modes, or be "
+            f"'any', got {pairing!r}"
+        )
+    first: dict[int, str] = {}
+    for label, number in pairing.items():
+        if label not in data.labels:
+            raise ValueError(
+                f"pairing: no identified mode {label!r}; choose from "
+                f"{', '.join(map(repr, data.labels))}"
+            )
+        whole = isinstance(number, (int, np.integer)) and not isinstance(number, bool)
+        if not whole or not 1 <= number <= n_modes:
+            raise ValueError(
+                f"pairing: identified mode {label!r} is paired with model mode {number!r}; "
+                f"the structure has modes 1 to {n_modes}"
+            )
+        if first.setdefault(number, label) != label:
+            raise ValueError(
+                f"pairing: model mode {number} is paired with two identified modes, "
+                f"{first[number]!r} and {label!r}"
+            )

@@ -1,0 +1,1 @@
+"""A model class: structures and priors, together with the data that they are to explain."""

@@ -1,0 +1,120 @@
+"""A configuration: one test of a structure in one known state, and which mode is which in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.identification.any_pairing import AnyPairing
+from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
+from bayes_ssi.identification.likelihood import ModalLikelihood
+from bayes_ssi.identification.paired_modes import check_pairing
+from bayes_ssi.structures.base import Structure
+
+__all__ = ["Configuration", "label_in", "only_one"]
+
+_Item = TypeVar("_Item")
+
+
+@dataclass(frozen=True, eq=False)
+class Configuration:
+    """One test: the structure as it was then, and the modes identified in it.
+
+    A structure is often tested several times with known changes in between: bare, with masses
+    added, with an appendage on its roof. What does not change is said by using the same
+    Parameter in the structures of all configurations.
+
+    Attributes:
+        name: unique in a model class; empty only where there is one configuration.
+        structure: the structural model in this state; its parameters carry their priors.
+        data: the modes identified in this test.
+        pairing: label of an identified mode → number of the model mode that it is, from 1.
+            Identified modes that are left out count as spurious, model modes that are left out
+            as not identified. Or "any": the likelihood is summed over all pairings, and which
+            mode is which is inferred.
+
+    Raises:
+        ValueError: a sensor is not on the structure, the pairing is not valid, or the name is
+            not one that a file could hold. The message begins with the configuration's name.
+        TypeError: a field is of the wrong kind.
+    """
+
+    name: str
+    structure: Structure
+    data: ModalData
+    pairing: Mapping[str, int] | Literal["any"] = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise TypeError(f"Configuration: name must be text, got {self.name!r}")
+        if self.name != self.name.strip() or not self.name.isprintable():
+            raise ValueError(
+                "Configuration: name may not begin or end with a space, or hold a line break or "
+                f"tab, got {self.name!r}"
+            )
+        try:
+            for name, kind in (("structure", Structure), ("data", ModalData)):
+                if not isinstance(getattr(self, name), kind):
+                    raise TypeError(
+                        f"{name} must be a {kind.__name__}, got {getattr(self, name)!r}"
+                    )
+            self.structure.sensor_matrix(self.data.sensors)
+            if self.pairing != "any":
+                check_pairing(self.pairing, self.data, self.structure.n_modes)
+                object.__setattr__(self, "pairing", {k: int(i) for k, i in self.pairing.items()})
+        except (TypeError, ValueError) as error:
+            if not self.name:
+                raise
+            raise type(error)(f"configuration {self.name!r}: {error}") from None
+
+    def likelihood(self, error: ErrorModel, identification: IdentificationModel) -> ModalLikelihood:
+        """The likelihood of this test's modes."""
+        parts = (self.structure, self.data, error, identification)
+        if self.pairing == "any":
+            return AnyPairing(*parts, pairing={})
+        return ModalLikelihood(*parts, self.pairing)
+
+    def check_structure(self) -> None:
+        """Ask the structure once, at the prior medians, whether it answers as it should.
+
+        Raises:
+            ValueError: it raises, or what it returns has not the shapes that it announces.
+        """
+        n_dof, n_modes = len(self.structure.degrees_of_freedom), self.structure.n_modes
+        kind = f"structure {type(self.structure).__name__}"
+        if self.name:
+            kind = f"configuration {self.name!r}: {kind}"
+        try:
+            frequencies_hz, shapes = self.structure.modes(self.structure.medians())
+        except Exception as error:  # whatever a user's structure may raise
+            raise ValueError(
+                f"{kind} fails at the prior medians: {type(error).__name__}: {error}"
+            ) from error
+        found = np.shape(frequencies_hz), np.shape(shapes)
+        if found != ((1, n_modes), (1, n_dof, n_modes)):
+            raise ValueError(
+                f"{kind} returns frequencies and shapes of shapes {found[0]} and {found[1]} for "
+                f"one set of values, expected {(1, n_modes)} and {(1, n_dof, n_modes)}"
+            )
+
+
+def label_in(configuration: str, label: str) -> str:
+    """What a mode is called where several configurations stand side by side."""
+    return f"{configuration}: {label}" if configuration else label
+
+
+def only_one(items: Sequence[_Item], owner: str, names: Sequence[str]) -> _Item:
+    """The one item, for what is asked of something with one configuration.
+
+    Raises:
+        ValueError: there are several.
+    """
+    if len(items) == 1:
+        return items[0]
+    raise ValueError(
+        f"{owner} has {len(items)} configurations, {', '.join(map(repr, names))}; ask one of them"
+    )

@@ -1,0 +1,315 @@
+"""A model class: a structure, priors and a likelihood of the identified modes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
+from bayes_ssi.identification.likelihood import ModalLikelihood
+from bayes_ssi.model_class.configuration import Configuration, only_one
+from bayes_ssi.parameters import Parameter, collect_parameters
+from bayes_ssi.priors import FloatArray, Prior
+from bayes_ssi.structures.base import Structure
+
+__all__ = ["ModelClass"]
+
+Pairing = Mapping[str, int] | Literal["any"]
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class ModelClass:
+    """One hypothesis about a structure: which model, which unknowns, which mode is which.
+
+    The structure was tested once, or in several configurations: the likelihood is then the
+    product of those of the tests, and parameters of the same name are the same.
+
+    Attributes:
+        name: unique in a study.
+        configurations: the tests; one without a name where ``structure`` and ``data`` were given.
+        error: prediction errors, inferred by default, the same in all configurations.
+        identification: how modes are found and missed, the same in all configurations.
+        description: a sentence for reports.
+        priors: name of a parameter → prior in place of its own.
+    """
+
+    name: str
+    configurations: tuple[Configuration, ...]
+    error: ErrorModel
+    identification: IdentificationModel
+    description: str
+    priors: Mapping[str, Prior]
+
+    def __init__(
+        self,
+        name: str,
+        structure: Structure | None = None,
+        data: ModalData | None = None,
+        error: ErrorModel | None = None,
+        *,
+        pairing: Pairing | None = None,
+        configurations: Sequence[Configuration] | None = None,
+        identification: IdentificationModel | None = None,
+        description: str = "",
+        priors: Mapping[str, Prior] | None = None,
+    ) -> None:
+        """Say what the hypothesis is: by one structure, its data and pairing, or by several.
+
+        Args:
+            name: unique in a study.
+            structure: the structural model; its parameters carry their priors.
+            data: the identified modes.
+            error: prediction errors, inferred by default.
+            pairing: which identified mode is which model mode, as in
+                :class:`~bayes_ssi.model_class.configuration.Configuration`.
+            configurations: the tests, where there are several. What is given of structure, data
+                and pairing beside them takes the place of their own.
+            identification: how modes are found and missed.
+            description: a sentence for reports.
+            priors: name of a parameter → prior in place of its own.
+
+        Raises:
+            ValueError: names repeat among different parameters or among configurations, nothing
+                is inferred, a prior is of no parameter, a sensor is not on the structure, or a
+                pairing is not valid. The message begins with the class's name.
+            TypeError: something is missing or of the wrong kind.
+        """
+        if not isinstance(name, str) or not name.strip():
+            raise TypeError(f"ModelClass: name must be text and not empty, got {name!r}")
+        own = {"structure": structure, "data": data, "pairing": pairing}
+        try:
+            made = _configurations(configurations, {k: v for k, v in own.items() if v is not None})
+            for field, value in (
+                ("name", name),
+                ("configurations", made),
+                ("error", _of_kind(ErrorModel, "error", error)),
+                ("identification", _of_kind(IdentificationModel, "identification", identification)),
+                ("description", description),
+                ("priors", dict(priors or {})),
+            ):
+                object.__setattr__(self, field, value)
+            if not self.parameters:
+                raise ValueError("nothing is inferred; put a Parameter in the structure's fields")
+            self._check_priors()
+        except (TypeError, ValueError) as wrong:
+            raise type(wrong)(f"model class {name!r}: {wrong}") from None
+
+    @property
+    def structure(self) -> Structure:
+        """The structure of a class with one configuration; ValueError where there are several."""
+        return self._only(self.configurations).structure
+
+    @property
+    def data(self) -> ModalData:
+        """The identified modes of a class with one configuration; ValueError otherwise."""
+        return self._only(self.configurations).data
+
+    @property
+    def pairing(self) -> Pairing:
+        """The pairing of a class with one configuration; ValueError otherwise."""
+        return self._only(self.configurations).pairing
+
+    @property
+    def likelihood(self) -> ModalLikelihood:
+        """The likelihood of a class with one configuration; ValueError otherwise."""
+        return self._only(self.likelihoods)
+
+    def _only(self, items: Sequence[Any]) -> Any:
+        return only_one(items, f"model class {self.name!r}", self.configuration_names)
+
+    @property
+    def configuration_names(self) -> tuple[str, ...]:
+        return tuple(configuration.name for configuration in self.configurations)
+
+    @cached_property
+    def likelihoods(self) -> tuple[ModalLikelihood, ...]:
+        """That of each configuration's modes."""
+        return tuple(c.likelihood(self.error, self.identification) for c in self.configurations)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The inferred parameters: the columns of ``values`` and of ``z``.
+
+        Those of the structures come first, then those of the errors.
+        """
+        of_all = (p for likelihood in self.likelihoods for p in likelihood.parameters)
+        own = collect_parameters((*self._of_structures, *of_all))
+        return tuple(replace(p, prior=self.priors.get(p.name, p.prior)) for p in own)
+
+    @property
+    def structural_parameters(self) -> tuple[Parameter, ...]:
+        """Those of the structures, the first of :attr:`parameters`; the others are of errors."""
+        return self.parameters[: len(collect_parameters(self._of_structures))]
+
+    @property
+    def _of_structures(self) -> tuple[Parameter, ...]:
+        return tuple(p for c in self.configurations for p in c.structure.parameters)
+
+    def _check_priors(self) -> None:
+        for name, prior in self.priors.items():
+            if name not in self.parameter_names:
+                raise ValueError(
+                    f"priors: no parameter {name!r}; choose from "
+                    f"{', '.join(map(repr, self.parameter_names))}"
+                )
+            if not isinstance(prior, Prior):
+                raise TypeError(f"priors: that of {name!r} must be a prior, got {prior!r}")
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def data_digest(self) -> str:
+        """Identifies what the evidence is a density of: the data of all configurations."""
+        if self.configuration_names == ("",):
+            return self.data.digest
+        tests = sorted((c.name, c.data.digest) for c in self.configurations)
+        return hashlib.sha256(json.dumps(tests).encode()).hexdigest()[:16]
+
+    def values(self, z: FloatArray) -> FloatArray:
+        """Parameter values (B, n_parameters) at standard-normal coordinates ``z``."""
+        values = np.empty(z.shape)
+        for column, parameter in enumerate(self.parameters):
+            values[:, column] = parameter.prior.from_normal(z[:, column])
+        return values
+
+    def coordinates(self, values: FloatArray) -> FloatArray:
+        """Standard-normal coordinates of parameter values; the inverse of :meth:`values`."""
+        z = np.empty(values.shape)
+        for column, parameter in enumerate(self.parameters):
+            z[:, column] = parameter.prior.to_normal(values[:, column])
+        return z
+
+    def parts(
+        self, values: FloatArray
+    ) -> Iterator[tuple[Configuration, ModalLikelihood, FloatArray]]:
+        """Every configuration, its likelihood, and its columns of ``values`` (B, n_parameters)."""
+        for configuration, likelihood, columns in zip(
+            self.configurations, self.likelihoods, self._columns, strict=True
+        ):
+            own = values if len(self.configurations) == 1 else values[:, columns]
+            yield configuration, likelihood, own
+
+    @cached_property
+    def _columns(self) -> list[NDArray[np.intp]]:
+        """Of each configuration's parameters, among those of all."""
+        column = {parameter.name: i for i, parameter in enumerate(self.parameters)}
+        return [
+            np.array([column[p.name] for p in likelihood.parameters], dtype=np.intp)
+            for likelihood in self.likelihoods
+        ]
+
+    def log_likelihood(self, values: FloatArray) -> FloatArray:
+        """log p(data | values), (B,), for ``values`` (B, n_parameters); -inf without modes."""
+        total = self._log_density(np.asarray(values, dtype=float))
+        return np.where(np.isnan(total), -np.inf, total)
+
+    def log_likelihood_at(self, z: FloatArray) -> FloatArray:
+        """The log-likelihood (B,) at standard-normal coordinates ``z`` (B, n_parameters).
+
+        NaN where a structure has no modes, so that whoever samples can count such points.
+        """
+        return self._log_density(self.values(z))
+
+    def _log_density(self, values: FloatArray) -> FloatArray:
+        total = np.zeros(len(values))
+        for _, likelihood, own in self.parts(values):
+            total += likelihood.log_density(own)
+        return total
+
+    def frequencies_hz(self, values: FloatArray) -> FloatArray:
+        """Model frequencies (B, n_modes) at ``values``, those of all configurations in turn."""
+        return np.concatenate(
+            [likelihood.modes(own).frequencies_hz for _, likelihood, own in self.parts(values)],
+            axis=1,
+        )
+
+    def with_any_pairing(self, name: str) -> ModelClass:
+        """The class, under another name, with the pairing of every configuration inferred."""
+        return self._changed(name, [replace(c, pairing="any") for c in self.configurations])
+
+    def with_structure(self, structure: Structure, name: str) -> ModelClass:
+        """The class, under another name, with another structure in its one configuration.
+
+        Raises:
+            ValueError: there are several configurations.
+        """
+        only: Configuration = self._only(self.configurations)
+        return self._changed(name, [replace(only, structure=structure)])
+
+    def with_structures(self, change: Callable[[Structure, int], Structure]) -> ModelClass:
+        """The class with other structures, of which all else holds; itself if none is another.
+
+        Args:
+            change: called with the structure of each configuration and the configuration's place.
+        """
+        made = [change(c.structure, i) for i, c in enumerate(self.configurations)]
+        if all(new is c.structure for new, c in zip(made, self.configurations, strict=True)):
+            return self
+        configurations = [
+            replace(c, structure=new) for new, c in zip(made, self.configurations, strict=True)
+        ]
+        return self._changed(self.name, configurations)
+
+    def _changed(self, name: str, configurations: Sequence[Configuration]) -> ModelClass:
+        return ModelClass(
+            name,
+            configurations=configurations,
+            error=self.error,
+            identification=self.identification,
+            description=self.description,
+            priors=self.priors,
+        )
+
+    def check_structure(self) -> None:
+        """Ask every structure once, at the prior medians, whether it answers as it should.
+
+        Raises:
+            ValueError: it raises, or what it returns has not the shapes that it announces.
+        """
+        for configuration in self.configurations:
+            try:
+                configuration.check_structure()
+            except ValueError as error:
+                raise ValueError(f"model class {self.name!r}: {error}") from error
+
+
+def _of_kind(kind: type, name: str, value: Any) -> Any:
+    """The value, or the kind's default where there is none."""
+    value = kind() if value is None else value
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} must be a {kind.__name__}, got {value!r}")
+    return value
+
+
+def _configurations(
+    given: Sequence[Configuration] | None, own: Mapping[str, Any]
+) -> tuple[Configuration, ...]:
+    """Those given, with what is its own in place of theirs; or one of what is its own."""
+    if given is None:
+        missing = [name for name in ("structure", "data", "pairing") if name not in own]
+        if missing:
+            raise TypeError(f"no {missing[0]}; give structure, data and pairing, or configurations")
+        return (Configuration("", **own),)
+    if not given:
+        raise ValueError("configurations is empty; give one or more")
+    for each in given:
+        if not isinstance(each, Configuration):
+            raise TypeError(f"configurations must be Configurations, got {each!r}")
+    names = Counter(each.name for each in given)
+    repeated = [name for name, count in names.items() if count > 1]
+    if repeated:
+        raise ValueError(f"two configurations are named {repeated[0]!r}")
+    if len(given) > 1 and "" in names:
+        raise ValueError("a configuration has no name; where there are several, each needs one")
+    return tuple(replace(each, **own) if own else each for each in given)

@@ -1,0 +1,75 @@
+"""Predicted modes, as tables and files list them: identified mode by identified mode."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.predictions.bands import Band
+from bayes_ssi.predictions.predictions import Predictions
+
+__all__ = ["PredictedMode", "main_places", "predicted_modes", "predicted_shapes", "shown_places"]
+
+# Shapes are shown at so many degrees of freedom at most.
+MOST_PLACES = 60
+
+
+class PredictedMode(NamedTuple):
+    """The frequency of an identified mode.
+
+    Attributes:
+        label: of the identified mode.
+        identified_hz: as identified.
+        before_hz: of the model at the prior medians; of several classes, the median over draws.
+        after_hz: the posterior's band.
+        share: of the draws that explain the mode.
+    """
+
+    label: str
+    identified_hz: float
+    before_hz: float
+    after_hz: Band
+    share: float
+
+
+def predicted_modes(
+    data: ModalData, predictions: Predictions, level: float
+) -> Iterator[PredictedMode]:
+    """The identified modes that a prediction explains."""
+    for label in _explained(data, predictions):
+        after = predictions.frequencies_hz(label)
+        before = float(predictions.frequencies_before_hz(label).quantile(0.5))
+        identified = data.mode(label).frequency_hz
+        yield PredictedMode(label, identified, before, after.band(level), after.share)
+
+
+def predicted_shapes(
+    data: ModalData, predictions: Predictions, level: float
+) -> Iterator[tuple[str, Band]]:
+    """The same modes with the bands of their shapes at :func:`shown_places`, at unit length."""
+    places = shown_places(predictions, data)
+    for label in _explained(data, predictions):
+        yield label, predictions.shapes(label, places).band(level)
+
+
+def main_places(predictions: Predictions) -> tuple[str, ...]:
+    """Degrees of freedom of the main structure, as far as all classes have them."""
+    first, *others = (
+        [dof for dof in each.structure.degrees_of_freedom if dof not in each.structure.appendages]
+        for each in predictions.classes
+    )
+    return tuple(place for place in first if all(place in other for other in others))
+
+
+def shown_places(predictions: Predictions, data: ModalData) -> tuple[str, ...]:
+    """Those of :func:`main_places` whose motion is shown: all, or, of many, where sensors are."""
+    places = main_places(predictions)
+    if len(places) <= MOST_PLACES:
+        return places
+    return tuple(place for place in places if place in data.sensors) or places[:MOST_PLACES]
+
+
+def _explained(data: ModalData, predictions: Predictions) -> list[str]:
+    explained = {label for each in predictions.classes for label in each.pairing}
+    return [label for label in data.labels if label in explained]

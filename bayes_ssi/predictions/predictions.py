@@ -1,0 +1,271 @@
+"""Predictions that carry the uncertainty: from posterior draws of one model class or of several.
+
+Nothing is sampled here. Draws of a posterior, thinned evenly, go through the structure; those of
+several classes are joined in the proportions of the classes' probabilities, so that every draw of
+a prediction has the same weight and its quantiles are those of the average over classes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.predictions.bands import Prediction
+from bayes_ssi.predictions.class_draws import DRAWS, ClassDraws, class_draws
+from bayes_ssi.priors import FloatArray
+from bayes_ssi.ranking.comparison import Comparison
+from bayes_ssi.response.ground_motion import GroundMotion
+from bayes_ssi.response.modal_response import peak_responses, time_histories, transfer_functions
+from bayes_ssi.response.output import Damping, Output
+from bayes_ssi.structures.base import Structure
+from bayes_ssi.updating.posterior import Posterior
+
+__all__ = ["AVERAGE", "Predictions", "predict_average", "predict_class"]
+
+# Name of predictions that are averaged over model classes.
+AVERAGE = "average"
+
+
+def predict_class(
+    posterior: Posterior,
+    model_class: ModelClass,
+    n_draws: int = DRAWS,
+    configuration: str | None = None,
+) -> Predictions:
+    """Predictions of one model class; arguments and errors as those of :func:`class_draws`."""
+    draws = class_draws(posterior, model_class, n_draws, configuration)
+    return Predictions(posterior.name, (draws,))
+
+
+def predict_average(
+    comparison: Comparison,
+    posteriors: Sequence[Posterior],
+    model_classes: Mapping[str, ModelClass],
+    n_draws: int = DRAWS,
+    configuration: str | None = None,
+) -> Predictions:
+    """Predictions averaged over model classes by their probabilities.
+
+    A class gets its share of the draws, rounded; one whose share rounds to nothing gets none.
+
+    Args:
+        comparison: the probabilities.
+        posteriors: of the classes, in any order.
+        model_classes: name → class.
+        n_draws: of all classes together.
+        configuration: as for :func:`class_draws`.
+
+    Raises:
+        ValueError: as for :func:`class_draws`, or a class is missing.
+    """
+    by_name = {posterior.name: posterior for posterior in posteriors}
+    names = [row.name for row in comparison.classes]
+    for kind, known in (("posterior", by_name), ("definition", model_classes)):
+        missing = [name for name in names if name not in known]
+        if missing:
+            raise ValueError(f"predictions: no {kind} of model class {missing[0]!r}")
+    counts = _shares([row.probability for row in comparison.classes], n_draws)
+    classes = tuple(
+        class_draws(by_name[name], model_classes[name], count, configuration)
+        for name, count in zip(names, counts, strict=True)
+        if count
+    )
+    return Predictions(AVERAGE, classes)
+
+
+def _shares(probabilities: Sequence[float], total: int) -> list[int]:
+    """Whole numbers in the proportions of probabilities, by largest remainder."""
+    if total < 1:
+        raise ValueError(f"predictions: the number of draws must be at least 1, got {total!r}")
+    exact = total * np.array(probabilities) / sum(probabilities)
+    counts = np.floor(exact).astype(int)
+    order = np.argsort(counts - exact, kind="stable")
+    counts[order[: total - counts.sum()]] += 1
+    return [int(count) for count in counts]
+
+
+@dataclass(frozen=True, eq=False)
+class Predictions:
+    """What one model class predicts, or several in the proportions of their probabilities.
+
+    Attributes:
+        name: for titles.
+        classes: the draws of each.
+    """
+
+    name: str
+    classes: tuple[ClassDraws, ...]
+
+    @property
+    def n_draws(self) -> int:
+        return sum(len(each.values) for each in self.classes)
+
+    def frequencies_hz(self, mode: str | int) -> Prediction:
+        """The frequency of a mode in Hz, draws (n,).
+
+        Args:
+            mode: label of an identified mode; or number of a model mode, from 1, where there is
+                one class only.
+
+        Raises:
+            ValueError: there is no such mode.
+        """
+        return self._joined(
+            [each.frequencies_hz[:, number - 1] for each, number in self._classes_with(mode)]
+        )
+
+    def frequencies_before_hz(self, mode: str | int) -> Prediction:
+        """The frequency of a mode at the prior medians of each draw's class, draws (n,).
+
+        Arguments and errors as those of :meth:`frequencies_hz`.
+        """
+        found = []
+        for each, number in self._classes_with(mode):
+            before = each.structure.modes(each.structure.medians()).frequencies_hz[0, number - 1]
+            found.append(np.full(len(each.values), before))
+        return self._joined(found)
+
+    def shapes(
+        self, mode: str | int, places: Sequence[str], unit_over: Sequence[str] | None = None
+    ) -> Prediction:
+        """The shape of a mode at some degrees of freedom, draws (n, n_places).
+
+        All draws point the same way, the largest component being positive.
+
+        Args:
+            mode: as for :meth:`frequencies_hz`.
+            places: labels of degrees of freedom.
+            unit_over: those of the places over which a shape has unit length; all if None.
+
+        Raises:
+            ValueError: there is no such mode, a class has no such place, or one of ``unit_over``
+                is not among the places.
+        """
+        found = []
+        for each, number in self._classes_with(mode):
+            with _named(each):
+                found.append(each.shapes(number, places))
+        over = places if unit_over is None else unit_over
+        for place in over:
+            if place not in places:
+                raise ValueError(f"shapes: unit_over names {place!r}, which is not among places")
+        return _aligned(self._joined(found), [list(places).index(place) for place in over])
+
+    def shapes_at_sensors(self, mode: str | int) -> Prediction:
+        """The shape of a mode as the sensors see it, at unit length, draws (n, n_sensors).
+
+        Arguments and errors as those of :meth:`frequencies_hz`.
+        """
+        found = [each.shapes_at_sensors(number) for each, number in self._classes_with(mode)]
+        return _aligned(self._joined(found), list(range(found[0].shape[1])))
+
+    def transfer_functions(
+        self,
+        frequencies_hz: FloatArray,
+        output: Output,
+        damping: Damping,
+        *,
+        force_at: str | None = None,
+    ) -> Prediction:
+        """Amplitudes of transfer functions, draws (n, n_places, n_frequencies).
+
+        Arguments, units and errors as those of
+        :func:`~bayes_ssi.response.modal_response.transfer_functions`; the message names the class.
+        """
+
+        def compute(structure: Structure, values: FloatArray) -> FloatArray:
+            return np.abs(
+                transfer_functions(
+                    structure, values, frequencies_hz, output, damping, force_at=force_at
+                )
+            )
+
+        return self._responses(compute, 4 * np.size(frequencies_hz))
+
+    def time_histories(self, motion: GroundMotion, output: Output, damping: Damping) -> Prediction:
+        """Time histories, draws (n, n_places, n_samples).
+
+        Arguments, units and errors as those of
+        :func:`~bayes_ssi.response.modal_response.time_histories`.
+        """
+
+        def compute(structure: Structure, values: FloatArray) -> FloatArray:
+            return time_histories(structure, values, motion, output, damping)
+
+        return self._responses(compute)
+
+    def peak_responses(self, motion: GroundMotion, output: Output, damping: Damping) -> Prediction:
+        """Largest amplitudes of time histories, draws (n, n_places).
+
+        Arguments, units and errors as those of
+        :func:`~bayes_ssi.response.modal_response.peak_responses`.
+        """
+
+        def compute(structure: Structure, values: FloatArray) -> FloatArray:
+            return peak_responses(structure, values, motion, output, damping)
+
+        return self._responses(compute)
+
+    def _responses(
+        self,
+        compute: Callable[[Structure, FloatArray], FloatArray],
+        numbers_per_mode: int = 0,
+    ) -> Prediction:
+        found = []
+        for each in self.classes:
+            with _named(each):
+                found += [
+                    compute(each.structure, values)
+                    for values in each.batches(numbers_per_mode * each.structure.n_modes)
+                ]
+        return self._joined(found)
+
+    def _joined(self, parts: list[FloatArray]) -> Prediction:
+        draws = np.concatenate(parts)
+        return Prediction(draws, len(draws) / self.n_draws)
+
+    def _classes_with(self, mode: str | int) -> list[tuple[ClassDraws, int]]:
+        """The classes that have a mode, with its number."""
+        if isinstance(mode, str):
+            found = [(each, each.pairing[mode]) for each in self.classes if mode in each.pairing]
+            known = dict.fromkeys(label for each in self.classes for label in each.pairing)
+            if not found:
+                raise ValueError(
+                    f"{self.name}: no model mode is paired with an identified mode {mode!r}; "
+                    f"choose from {', '.join(map(repr, known))}"
+                )
+            return found
+        if len(self.classes) > 1:
+            raise ValueError(
+                f"{self.name}: mode {mode!r} is another one in each model class; name an "
+                "identified mode by its label"
+            )
+        n_modes = self.classes[0].structure.n_modes
+        if not 1 <= mode <= n_modes:
+            raise ValueError(f"{self.name}: no mode {mode!r}; choose from 1 to {n_modes}")
+        return [(self.classes[0], mode)]
+
+
+def _aligned(shapes: Prediction, over: Sequence[int]) -> Prediction:
+    """Shapes of unit length over some columns, all pointing the same way."""
+    scaled = shapes.draws[:, over]
+    lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
+    main = np.linalg.svd(scaled / lengths, full_matrices=False)[2][0]
+    main *= np.sign(main[np.abs(main).argmax()])
+    signs = np.where(scaled @ main < 0.0, -1.0, 1.0)[:, None]
+    return Prediction(shapes.draws * signs / lengths, shapes.share)
+
+
+@contextmanager
+def _named(each: ClassDraws) -> Iterator[None]:
+    """Errors within name the model class."""
+    try:
+        yield
+    except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
+        raise
+    except (ValueError, TypeError) as error:
+        raise type(error)(f"model class {each.name!r}: {error}") from None

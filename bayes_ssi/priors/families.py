@@ -1,0 +1,271 @@
+"""Prior distributions: proper, and written as transformations of a standard normal.
+
+Sampling takes place in standard-normal coordinates ``z`` with
+``value = F⁻¹(Φ(z))``, where ``F`` is the prior's distribution function. In these
+coordinates every prior is N(0, I) and no sample can leave the prior's support.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import erf, erfcinv, erfinv, log_ndtr, ndtr, ndtri, ndtri_exp
+
+from bayes_ssi.priors.base import (
+    FloatArray,
+    Prior,
+    require_finite,
+    require_ordered,
+    require_positive,
+)
+
+__all__ = ["HalfNormal", "LogNormal", "LogUniform", "Normal", "TruncatedNormal", "Uniform"]
+
+
+def _gaussian_log_pdf(x: FloatArray) -> FloatArray:
+    return -0.5 * x * x - 0.5 * math.log(2.0 * math.pi)
+
+
+@dataclass(frozen=True)
+class Normal(Prior):
+    """Normal distribution with the given mean and standard deviation (parameter's unit)."""
+
+    mean: float
+    sd: float
+
+    def __post_init__(self) -> None:
+        require_finite(self, mean=self.mean)
+        require_positive(self, sd=self.sd)
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        return self.mean + self.sd * np.asarray(z, dtype=float)
+
+    def to_normal(self, value: ArrayLike) -> FloatArray:
+        return (np.asarray(value, dtype=float) - self.mean) / self.sd
+
+    def log_pdf(self, value: ArrayLike) -> FloatArray:
+        return _gaussian_log_pdf(self.to_normal(value)) - math.log(self.sd)
+
+    def widened(self, factor: float) -> Self:
+        return replace(self, sd=factor * self.sd)
+
+
+@dataclass(frozen=True)
+class LogNormal(Prior):
+    """Lognormal distribution by its median (parameter's unit) and coefficient of variation.
+
+    The logarithm's standard deviation is ``sqrt(ln(1 + cov²))``.
+    """
+
+    median: float
+    cov: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, median=self.median, cov=self.cov)
+
+    @classmethod
+    def from_logarithm(cls, mean: float, sd: float) -> Self:
+        """The lognormal whose logarithm has this mean and standard deviation."""
+        return cls(median=math.exp(mean), cov=math.sqrt(math.expm1(sd * sd)))
+
+    @property
+    def log_sd(self) -> float:
+        """Standard deviation of the parameter's natural logarithm."""
+        return math.sqrt(math.log1p(self.cov * self.cov))
+
+    def widened(self, factor: float) -> Self:
+        return type(self).from_logarithm(math.log(self.median), factor * self.log_sd)
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        return self.median * np.exp(self.log_sd * np.asarray(z, dtype=float))
+
+    def to_normal(self, value: ArrayLike) -> FloatArray:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.log(np.asarray(value, dtype=float) / self.median) / self.log_sd
+
+    def log_pdf(self, value: ArrayLike) -> FloatArray:
+        value = np.asarray(value, dtype=float)
+        inside = value > 0
+        safe = np.where(inside, value, 1.0)
+        log_pdf = _gaussian_log_pdf(self.to_normal(safe)) - np.log(safe * self.log_sd)
+        return np.where(inside, log_pdf, -np.inf)
+
+
+@dataclass(frozen=True)
+class Uniform(Prior):
+    """Uniform distribution between two finite bounds (parameter's unit)."""
+
+    lower: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        require_finite(self, lower=self.lower, upper=self.upper)
+        require_ordered(self, self.lower, self.upper)
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        # Φ(z) rounds to 1 beyond z = 8, so the far half is measured from the upper bound.
+        z = np.asarray(z, dtype=float)
+        width = self.upper - self.lower
+        return np.where(z < 0, self.lower + width * ndtr(z), self.upper - width * ndtr(-z))
+
+    def to_normal(self, value: ArrayLike) -> FloatArray:
+        value = np.asarray(value, dtype=float)
+        width = self.upper - self.lower
+        below, above = (value - self.lower) / width, (self.upper - value) / width
+        return np.where(below < above, ndtri(below), -ndtri(above))
+
+    def log_pdf(self, value: ArrayLike) -> FloatArray:
+        value = np.asarray(value, dtype=float)
+        inside = (value >= self.lower) & (value <= self.upper)
+        return np.where(inside, -math.log(self.upper - self.lower), -np.inf)
+
+    def widened(self, factor: float) -> Self:
+        middle, half = 0.5 * (self.lower + self.upper), 0.5 * factor * (self.upper - self.lower)
+        lower = middle - half
+        # What cannot be negative, such as a stiffness, cannot be so in a wider prior.
+        if self.lower >= 0.0:
+            lower = max(lower, 0.5 * self.lower)
+        return replace(self, lower=lower, upper=middle + half)
+
+
+@dataclass(frozen=True)
+class LogUniform(Prior):
+    """Uniform in the logarithm between two positive, finite bounds (parameter's unit)."""
+
+    lower: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, lower=self.lower, upper=self.upper)
+        require_ordered(self, self.lower, self.upper)
+
+    @property
+    def _exponent(self) -> Uniform:
+        return Uniform(math.log(self.lower), math.log(self.upper))
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        # The exponential of a logarithm can round to just outside the bounds.
+        return np.clip(np.exp(self._exponent.from_normal(z)), self.lower, self.upper)
+
+    def to_normal(self, value: ArrayLike) -> FloatArray:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self._exponent.to_normal(np.log(np.asarray(value, dtype=float)))
+
+    def log_pdf(self, value: ArrayLike) -> FloatArray:
+        value = np.asarray(value, dtype=float)
+        inside = (value >= self.lower) & (value <= self.upper)
+        safe = np.where(inside, value, 1.0)
+        return np.where(inside, -np.log(safe * math.log(self.upper / self.lower)), -np.inf)
+
+    def widened(self, factor: float) -> Self:
+        middle, half = math.sqrt(self.lower * self.upper), math.sqrt(self.upper / self.lower)
+        return replace(self, lower=middle / half**factor, upper=middle * half**factor)
+
+
+@dataclass(frozen=True)
+class TruncatedNormal(Prior):
+    """Normal distribution of the given mean and standard deviation, cut to [lower, upper].
+
+    One of the bounds may be infinite. ``mean`` and ``sd`` are those of the normal before it
+    is cut.
+    """
+
+    mean: float
+    sd: float
+    lower: float = 0.0
+    upper: float = math.inf
+
+    def __post_init__(self) -> None:
+        require_finite(self, mean=self.mean)
+        require_positive(self, sd=self.sd)
+        if math.isnan(self.lower) or math.isnan(self.upper):
+            raise ValueError(f"TruncatedNormal: bounds must be numbers, got {self!r}")
+        require_ordered(self, self.lower, self.upper)
+        if self._log_mass < -690:  # exp(-690) is the smallest probability a float holds
+            raise ValueError(
+                f"TruncatedNormal: [{self.lower!r}, {self.upper!r}] holds no probability of a "
+                f"normal with mean {self.mean!r} and sd {self.sd!r}"
+            )
+
+    @property
+    def _bounds(self) -> tuple[float, float]:
+        return (self.lower - self.mean) / self.sd, (self.upper - self.mean) / self.sd
+
+    @property
+    def _log_mass(self) -> float:
+        """log P(lower < normal < upper), from the tail in which it is accurate."""
+        a, b = self._bounds
+        if a > 0:
+            a, b = -b, -a
+        return float(_log_difference(log_ndtr(b), log_ndtr(a)))
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        # Φ(x) = Φ(a) Φ(-z) + Φ(b) Φ(z): a sum of positive terms, so accurate in the lower
+        # tail; its mirror image is accurate in the upper one. Take the smaller of the two.
+        z = np.asarray(z, dtype=float)
+        a, b = self._bounds
+        log_below = np.logaddexp(log_ndtr(a) + log_ndtr(-z), log_ndtr(b) + log_ndtr(z))
+        log_above = np.logaddexp(log_ndtr(-a) + log_ndtr(-z), log_ndtr(-b) + log_ndtr(z))
+        x = np.where(log_below < log_above, ndtri_exp(log_below), -ndtri_exp(log_above))
+        return np.clip(self.mean + self.sd * x, self.lower, self.upper)
+
+    def to_normal(self, value: ArrayLike) -> FloatArray:
+        x = (np.asarray(value, dtype=float) - self.mean) / self.sd
+        a, b = self._bounds
+        if a > 0:  # both bounds in the upper tail: work in its mirror image
+            x, (a, b), sign = -x, (-b, -a), -1.0
+        else:
+            sign = 1.0
+        log_below = _log_difference(log_ndtr(x), log_ndtr(a)) - self._log_mass
+        log_above = _log_difference(log_ndtr(b), log_ndtr(x)) - self._log_mass
+        return sign * np.where(log_below < log_above, ndtri_exp(log_below), -ndtri_exp(log_above))
+
+    def log_pdf(self, value: ArrayLike) -> FloatArray:
+        value = np.asarray(value, dtype=float)
+        inside = (value >= self.lower) & (value <= self.upper)
+        log_pdf = _gaussian_log_pdf((value - self.mean) / self.sd) - math.log(self.sd)
+        return np.where(inside, log_pdf - self._log_mass, -np.inf)
+
+    def widened(self, factor: float) -> Self:
+        return replace(self, sd=factor * self.sd)
+
+
+@dataclass(frozen=True)
+class HalfNormal(Prior):
+    """The absolute value of a normal with mean zero and standard deviation ``scale``."""
+
+    scale: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, scale=self.scale)
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        z = np.asarray(z, dtype=float)
+        # erfinv is accurate near 0, erfcinv near infinity.
+        near, far = erfinv(ndtr(np.minimum(z, 0.0))), erfcinv(ndtr(-np.maximum(z, 0.0)))
+        return self.scale * math.sqrt(2.0) * np.where(z < 0, near, far)
+
+    def to_normal(self, value: ArrayLike) -> FloatArray:
+        x = np.asarray(value, dtype=float) / self.scale
+        with np.errstate(divide="ignore", invalid="ignore"):
+            log_above = log_ndtr(-x) + math.log(2.0)
+            log_below = np.log(erf(x / math.sqrt(2.0)))
+        return np.where(log_below < log_above, ndtri_exp(log_below), -ndtri_exp(log_above))
+
+    def log_pdf(self, value: ArrayLike) -> FloatArray:
+        value = np.asarray(value, dtype=float)
+        log_pdf = _gaussian_log_pdf(value / self.scale) - math.log(self.scale / 2.0)
+        return np.where(value >= 0, log_pdf, -np.inf)
+
+    def widened(self, factor: float) -> Self:
+        return replace(self, scale=factor * self.scale)
+
+
+def _log_difference(log_a: ArrayLike, log_b: ArrayLike) -> FloatArray:
+    """log(exp(log_a) - exp(log_b)) for log_a >= log_b."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(log_a + np.log(-np.expm1(np.subtract(log_b, log_a))))

@@ -1,0 +1,1 @@
+"""Several model classes: sampled, compared, averaged over, searched for."""

@@ -1,0 +1,99 @@
+"""Parameters averaged over model classes by the classes' probabilities."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_ssi.priors import FloatArray
+from bayes_ssi.ranking.comparison import Comparison
+from bayes_ssi.updating.posterior import Posterior
+
+__all__ = ["AveragedParameter", "averaged_parameters"]
+
+# Classes with a smaller share of the probability change no digit that is shown.
+NEGLIGIBLE_SHARE = 1e-12
+
+
+@dataclass(frozen=True)
+class AveragedParameter:
+    """A parameter averaged over the model classes that infer it.
+
+    Classes in which it has a fixed value, or none, say nothing of it here.
+
+    Attributes:
+        name: of the parameter.
+        n_classes: that infer it.
+        probability: of these classes, together, among all that were compared.
+        mean, sd, quantile_05, quantile_95: over the classes, in the proportions of their
+            probabilities.
+    """
+
+    name: str
+    n_classes: int
+    probability: float
+    mean: float
+    sd: float
+    quantile_05: float
+    quantile_95: float
+
+
+def averaged_parameters(
+    posteriors: Sequence[Posterior], comparison: Comparison
+) -> tuple[AveragedParameter, ...]:
+    """Every parameter that several classes infer, in the order in which classes have them.
+
+    Parameters of one name are one parameter. One whose classes are all too improbable for a
+    number is left out.
+
+    Args:
+        posteriors: of all classes compared, in any order.
+        comparison: their probabilities.
+    """
+    probabilities = {row.name: row.probability for row in comparison.classes}
+    holders: dict[str, list[Posterior]] = {}
+    for posterior in posteriors:
+        for name in posterior.parameter_names:
+            holders.setdefault(name, []).append(posterior)
+    return tuple(
+        _averaged(name, own, [probabilities[posterior.name] for posterior in own])
+        for name, own in holders.items()
+        if len(own) > 1 and sum(probabilities[posterior.name] for posterior in own) > 0.0
+    )
+
+
+def _averaged(
+    name: str, posteriors: Sequence[Posterior], probabilities: Sequence[float]
+) -> AveragedParameter:
+    total = sum(probabilities)
+    draws, weights = [], []
+    for posterior, probability in zip(posteriors, probabilities, strict=True):
+        if probability > NEGLIGIBLE_SHARE * total:
+            own = posterior.values[:, posterior.parameter_names.index(name)]
+            draws.append(own)
+            weights.append(np.full(len(own), probability / total / len(own)))
+    x, w = np.concatenate(draws), np.concatenate(weights)
+    mean = float((w * x).sum())
+    low, high = _quantiles(x, w, (0.05, 0.95))
+    return AveragedParameter(
+        name=name,
+        n_classes=len(posteriors),
+        probability=min(total, 1.0),
+        mean=mean,
+        sd=math.sqrt(float((w * (x - mean) ** 2).sum())),
+        quantile_05=low,
+        quantile_95=high,
+    )
+
+
+def _quantiles(
+    values: FloatArray, weights: FloatArray, shares: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Quantiles of weighted values."""
+    order = np.argsort(values)
+    cumulative = np.cumsum(weights[order])
+    at = np.searchsorted(cumulative / cumulative[-1], shares)
+    return tuple(float(values[order][i]) for i in np.minimum(at, len(values) - 1))

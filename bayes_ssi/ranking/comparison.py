@@ -1,0 +1,218 @@
+"""Ranking model classes by their evidence on the same data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from scipy.special import logsumexp
+
+from bayes_ssi.updating.posterior import Posterior
+
+__all__ = ["Comparison", "RankedClass", "bayes_factor_scale", "checked_weights", "compare"]
+
+# Kass and Raftery (1995), Bayes Factors, section 3.2, in 2 ln B.
+SCALE_NAME = "Kass and Raftery (1995)"
+SCALE = (
+    (2.0, "not worth more than a bare mention"),
+    (6.0, "positive"),
+    (10.0, "strong"),
+    (math.inf, "very strong"),
+)
+# A class is told from the best one when their difference exceeds its error by this factor.
+STANDARD_ERRORS = 2.0
+
+
+def bayes_factor_scale(log_bayes_factor: float) -> str:
+    """What a Bayes factor means on the scale of Kass and Raftery (1995); the sign is ignored.
+
+    Raises:
+        ValueError: it is not a number.
+    """
+    if math.isnan(log_bayes_factor):
+        raise ValueError("bayes_factor_scale: the log Bayes factor is not a number")
+    twice = 2.0 * abs(log_bayes_factor)
+    return next((words for limit, words in SCALE if twice < limit), SCALE[-1][1])
+
+
+# From this probability on it matters what a class's posterior leans on.
+PROBABLE = 0.01
+
+
+@dataclass(frozen=True)
+class RankedClass:
+    """One row of a ranking.
+
+    Attributes:
+        name: of the model class.
+        log_evidence: in nats, and ``error``, its standard error.
+        probability: posterior probability of the class among those compared.
+        log_bayes_factor: log evidence less that of the most probable class; positive only where
+            prior weights outweigh it.
+        log_bayes_factor_error: standard error of the difference.
+        against: what the Bayes factor says against this class on the named scale; for a class
+            that cannot be told from the best one it says that.
+        distinguishable: whether the class can be told from the best one: the difference is worth
+            more than a bare mention and is larger than its error.
+        mean_log_likelihood: how well the class fits, in nats.
+        information_gained: what the fit cost, in nats.
+        n_parameters: inferred.
+        failed_checks: of the sampling.
+    """
+
+    name: str
+    log_evidence: float
+    error: float
+    probability: float
+    log_bayes_factor: float
+    log_bayes_factor_error: float
+    against: str
+    distinguishable: bool
+    mean_log_likelihood: float
+    information_gained: float
+    n_parameters: int
+    failed_checks: tuple[str, ...]
+
+    @property
+    def probability_text(self) -> str:
+        return probability_text(self.probability)
+
+
+def probability_text(probability: float) -> str:
+    """A probability to four decimals, never rounded to a certainty that it is not."""
+    if probability < 1e-4:
+        return "< 0.0001"
+    return "> 0.9999" if probability > 0.9999 else f"{probability:.4f}"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Model classes ranked by probability, the best first; on equal prior weights, by evidence.
+
+    Attributes:
+        classes: the rows.
+        data_digest: identifies the data that all of them explain.
+        scale: source of the words for Bayes factors.
+    """
+
+    classes: tuple[RankedClass, ...]
+    data_digest: str
+    scale: str = SCALE_NAME
+
+    @property
+    def best(self) -> RankedClass:
+        return self.classes[0]
+
+    @property
+    def not_distinguishable(self) -> tuple[str, ...]:
+        """Names of the classes that cannot be told from the best one, itself not among them."""
+        return tuple(row.name for row in self.classes[1:] if not row.distinguishable)
+
+    @property
+    def failed_checks(self) -> tuple[str, ...]:
+        """Every failed check of every class, with the class's name."""
+        return tuple(f"{row.name}: {check}" for row in self.classes for check in row.failed_checks)
+
+
+def compare(
+    posteriors: Sequence[Posterior], prior_weights: Mapping[str, float] | None = None
+) -> Comparison:
+    """Rank model classes by evidence.
+
+    Args:
+        posteriors: of the classes, all sampled on the same data.
+        prior_weights: name → prior weight of a class, equal if not given.
+
+    Raises:
+        ValueError: nothing to compare, two classes of one name, evidences of different data, or
+            a prior weight that is missing, unknown or not positive.
+    """
+    if not posteriors:
+        raise ValueError("compare: no posterior to compare")
+    names = [posterior.name for posterior in posteriors]
+    repeated = [name for name in names if names.count(name) > 1]
+    if repeated:
+        raise ValueError(f"compare: two model classes are named {repeated[0]!r}")
+    _require_same_data(posteriors)
+    weights = checked_weights(names, prior_weights)
+    log_masses = [p.evidence.log_evidence + math.log(weights[p.name]) for p in posteriors]
+    log_total = float(logsumexp(log_masses))
+    ranked = sorted(zip(log_masses, posteriors, strict=True), key=lambda pair: -pair[0])
+    best = ranked[0][1]
+    rows = [_row(each, best, math.exp(log_mass - log_total)) for log_mass, each in ranked]
+    return Comparison(tuple(rows), best.data_digest)
+
+
+def _row(posterior: Posterior, best: Posterior, probability: float) -> RankedClass:
+    evidence, top = posterior.evidence, best.evidence
+    # That an improbable class bends its priors is what makes it improbable.
+    failed = posterior.failed_checks
+    if probability >= PROBABLE:
+        failed = (*failed, *posterior.failed_edge_checks)
+    difference = evidence.log_evidence - top.log_evidence
+    error = 0.0 if posterior is best else math.hypot(evidence.error, top.error)
+    distinguishable = (
+        posterior is not best
+        and 2.0 * abs(difference) >= SCALE[0][0]
+        and abs(difference) > STANDARD_ERRORS * error
+    )
+    if posterior is best:
+        against = "best"
+    elif distinguishable and difference > 0:
+        against = "prior weights only"
+    elif distinguishable:
+        against = bayes_factor_scale(difference)
+    else:
+        against = "not distinguishable"
+    return RankedClass(
+        name=posterior.name,
+        log_evidence=evidence.log_evidence,
+        error=evidence.error,
+        probability=probability,
+        log_bayes_factor=difference,
+        log_bayes_factor_error=error,
+        against=against,
+        distinguishable=distinguishable,
+        mean_log_likelihood=evidence.mean_log_likelihood,
+        information_gained=evidence.information_gained,
+        n_parameters=len(posterior.parameter_names),
+        failed_checks=failed,
+    )
+
+
+def _require_same_data(posteriors: Sequence[Posterior]) -> None:
+    first = posteriors[0]
+    for other in posteriors[1:]:
+        if other.data_digest != first.data_digest:
+            raise ValueError(
+                f"compare: {first.name!r} and {other.name!r} explain different data (digests "
+                f"{first.data_digest} and {other.data_digest}), so their evidences cannot be "
+                "compared; give every class the same ModalData and leave out of a pairing what a "
+                "class does not explain"
+            )
+
+
+def checked_weights(
+    names: Sequence[str], prior_weights: Mapping[str, float] | None
+) -> dict[str, float]:
+    """Name → prior weight of every model class, 1 for each where none are given.
+
+    Raises:
+        ValueError: a weight is missing, of an unknown class, or not positive and finite.
+    """
+    if prior_weights is None:
+        return dict.fromkeys(names, 1.0)
+    for name in prior_weights:
+        if name not in names:
+            raise ValueError(
+                f"prior weight for unknown model class {name!r}; "
+                f"choose from {', '.join(map(repr, names))}"
+            )
+    for name in names:
+        if not 0 < prior_weights.get(name, 0.0) < math.inf:
+            raise ValueError(
+                f"prior weight of {name!r} must be positive and finite, "
+                f"got {prior_weights.get(name)!r}"
+            )
+    return dict(prior_weights)

@@ -1,0 +1,235 @@
+"""A study: model classes that answer one question, and ranking them."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import traceback
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from bayes_ssi.evaluation.in_workers import STUDY_MODULE
+from bayes_ssi.evaluation.workers import Workers, as_workers
+from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.ranking.checkpoint import Checkpoint
+from bayes_ssi.ranking.class_sampling import Report, sample_all
+from bayes_ssi.ranking.comparison import Comparison, checked_weights, compare
+from bayes_ssi.sampling.sampled import SamplingSettings
+from bayes_ssi.updating.posterior import Posterior
+
+__all__ = ["Ranking", "Study", "load_study", "rank"]
+
+# Packages that studies import, and the extras of this one that install them.
+EXTRAS = {"openseespy": "opensees", "skfem": "fem"}
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Model classes for one set of identified modes.
+
+    Attributes:
+        name: title for tables and reports.
+        model_classes: the candidates.
+        prior_weights: name of a class → its prior weight; equal where not given.
+        description: what the study asks.
+
+    Raises:
+        ValueError: there is no model class, two have one name, or the prior weights are not one
+            positive number a class.
+        TypeError: one of them is not a ModelClass.
+    """
+
+    name: str
+    model_classes: Sequence[ModelClass]
+    prior_weights: Mapping[str, float] | None = field(default=None, kw_only=True)
+    description: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise TypeError(f"Study: name must be text, got {self.name!r}")
+        object.__setattr__(self, "model_classes", tuple(self.model_classes))
+        if not self.model_classes:
+            raise ValueError(f"study {self.name!r}: no model class")
+        for candidate in self.model_classes:
+            if not isinstance(candidate, ModelClass):
+                raise TypeError(f"study {self.name!r}: {candidate!r} is not a ModelClass")
+        repeated = [name for name in self.names if self.names.count(name) > 1]
+        if repeated:
+            raise ValueError(f"study {self.name!r}: two model classes are named {repeated[0]!r}")
+        try:
+            checked_weights(self.names, self.prior_weights)
+        except ValueError as error:
+            raise ValueError(f"study {self.name!r}: {error}") from None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(candidate.name for candidate in self.model_classes)
+
+    def only(self, names: Sequence[str]) -> Study:
+        """The study with only the named classes, in the study's order.
+
+        Raises:
+            ValueError: a name is not that of a class.
+        """
+        unknown = [name for name in names if name not in self.names]
+        if unknown:
+            raise ValueError(
+                f"study {self.name!r}: no model class {unknown[0]!r}; "
+                f"choose from {', '.join(map(repr, self.names))}"
+            )
+        weights = self.prior_weights
+        return replace(
+            self,
+            model_classes=[c for c in self.model_classes if c.name in names],
+            prior_weights=None if weights is None else {n: weights[n] for n in names},
+        )
+
+    def with_any_pairing(self) -> Study:
+        """The study with every pairing inferred; classes that thereby become one are merged.
+
+        A merged class carries the names of all, and the sum of their prior weights.
+        """
+        alike: dict[tuple[str, ...], list[ModelClass]] = {}
+        for candidate in self.model_classes:
+            structures = [c.structure for c in candidate.configurations]
+            described = (*structures, candidate.error, candidate.identification)
+            with np.printoptions(threshold=sys.maxsize):  # arrays in full
+                key = (*map(repr, described), candidate.data_digest)
+            alike.setdefault(key, []).append(candidate)
+        merged, weights = [], {}
+        for candidates in alike.values():
+            name = " or ".join(candidate.name for candidate in candidates)
+            merged.append(candidates[0].with_any_pairing(name))
+            if self.prior_weights is not None:
+                weights[name] = sum(self.prior_weights[c.name] for c in candidates)
+        return replace(self, model_classes=merged, prior_weights=weights or None)
+
+    def require_same_data(self) -> None:
+        """Refuse to go on where classes explain different data, in any configuration.
+
+        Raises:
+            ValueError: they do.
+        """
+        first = self.model_classes[0]
+        for other in self.model_classes[1:]:
+            if other.data_digest != first.data_digest:
+                raise ValueError(
+                    f"study {self.name!r}: model classes {first.name!r} and {other.name!r} "
+                    f"explain different data{_where_different(first, other)}, so their evidences "
+                    "cannot be compared; give every class the same ModalData and leave out of a "
+                    "pairing what a class does not explain"
+                )
+
+
+def _where_different(first: ModelClass, other: ModelClass) -> str:
+    """Which configurations two classes do not share, or share under different data."""
+    ours = {c.name: c.data.digest for c in first.configurations}
+    theirs = {c.name: c.data.digest for c in other.configurations}
+    if ours.keys() != theirs.keys():
+        each = [", ".join(map(repr, names)) for names in (ours, theirs)]
+        return f" (configurations {each[0]}; and {each[1]})"
+    names = ", ".join(repr(name) for name in ours if name and ours[name] != theirs[name])
+    return f" in configuration {names}" if names else ""
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """A study's result: the posterior of every class, and their comparison."""
+
+    study: Study
+    posteriors: tuple[Posterior, ...]
+    comparison: Comparison
+    seed: int
+    settings: SamplingSettings
+
+
+def rank(
+    study: Study,
+    seed: int = 0,
+    settings: SamplingSettings | None = None,
+    progress: Report | None = None,
+    *,
+    workers: int | Executor | Workers | None = None,
+    checkpoint: str | Path | Checkpoint | None = None,
+) -> Ranking:
+    """Sample every model class of a study and rank them by evidence.
+
+    Args:
+        study: the candidates.
+        seed: a class's result follows from it and the class's name, whatever others there are.
+        settings: how precisely to sample.
+        progress: called with the name of the class, of the step, and the share of it done.
+        workers: so many processes, or an executor, that take whole classes or share the
+            evaluations of one, as :func:`~bayes_ssi.ranking.class_sampling.sample_all` says;
+            here if None. The result is the same.
+        checkpoint: directory to keep the evaluations in; a run that was stopped is continued
+            from it, to the same result. It is left there for the caller to remove.
+
+    Raises:
+        ValueError: the classes explain different data, a class's likelihood is zero everywhere,
+            the model cannot be evaluated by the workers, or the checkpoint is of another run.
+    """
+    study.require_same_data()
+    settings = settings or SamplingSettings()
+    with as_workers(workers) as pool:
+        posteriors = sample_all(study.model_classes, seed, settings, progress, pool, checkpoint)
+    comparison = compare(posteriors, study.prior_weights)
+    return Ranking(study, tuple(posteriors), comparison, seed, settings)
+
+
+def load_study(path: str | Path) -> Study:
+    """The one :class:`Study` that a Python file defines.
+
+    Raises:
+        ValueError: there is no such file, it is not Python, it raises, or it defines no study or
+            several.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"{path}: no such file")
+    # No cached bytecode: a study file is read as it stands, and nothing is written beside it.
+    spec = importlib.util.spec_from_file_location(f"{STUDY_MODULE}{path.stem}", path)
+    if path.suffix != ".py" or spec is None or spec.loader is None:
+        raise ValueError(f"{path}: a study is a Python file, its name ending in .py")
+    module = importlib.util.module_from_spec(spec)
+    # Dataclasses and pickles defined in a study look their module up by name.
+    sys.modules[spec.name] = module
+    writes, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        spec.loader.exec_module(module)
+    except (SyntaxError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not Python: {_one_line(error)}") from error
+    except (Exception, SystemExit) as error:  # whatever a user's file may raise
+        lines = [
+            f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)
+        ]
+        where = f"line {lines[-1]}: " if lines else ""
+        raise ValueError(
+            f"{path}: {where}{type(error).__name__}: {_one_line(error)}{_remedy(error)}"
+        ) from error
+    finally:
+        sys.dont_write_bytecode = writes
+    studies = {id(s): name for name, s in vars(module).items() if isinstance(s, Study)}
+    if not studies:
+        raise ValueError(
+            f"{path}: defines no study; end it with a line such as "
+            'study = bayes_ssi.Study("title", [model_class, ...])'
+        )
+    if len(studies) > 1:
+        raise ValueError(f"{path}: defines several studies: {', '.join(studies.values())}")
+    study: Study = vars(module)[next(iter(studies.values()))]
+    return study
+
+
+def _remedy(error: BaseException) -> str:
+    """How to install a finite-element program that a study imports."""
+    package = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
+    return f'; pip install "bayes_ssi[{EXTRAS[package]}]"' if package in EXTRAS else ""
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())

@@ -1,0 +1,11 @@
+"""What a structure does under a force or a ground motion, by its modes."""
+
+from bayes_ssi.response.ground_motion import GroundMotion
+from bayes_ssi.response.modal_response import (
+    peak_responses,
+    time_histories,
+    transfer_functions,
+)
+from bayes_ssi.response.output import Output
+
+__all__ = ["GroundMotion", "Output", "peak_responses", "time_histories", "transfer_functions"]

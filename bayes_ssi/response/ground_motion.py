@@ -1,0 +1,153 @@
+"""Ground motion: an acceleration at equal time steps, in m/s²."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from scipy import constants
+
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["UNITS", "GroundMotion", "along_azimuth", "checked_unit"]
+
+# Unit of an acceleration → its value in m/s².
+UNITS = {"g": constants.g, "m/s2": 1.0, "cm/s2": 0.01}
+SPELLINGS = {"gal": "cm/s2", "g0": "g"}
+
+# Two horizontal components are taken for perpendicular within this angle.
+AZIMUTH_TOLERANCE_DEG = 1.0
+
+
+def checked_unit(unit: str) -> str:
+    """The unit of acceleration as a key of :data:`UNITS`; ``m/s²``, ``m/s^2``, ``Gal`` are known.
+
+    Raises:
+        ValueError: it is no such unit.
+    """
+    plain = str(unit).strip().lower().replace("²", "2").replace("^", "").replace("**", "")
+    plain = SPELLINGS.get(plain, plain)
+    if plain not in UNITS:
+        raise ValueError(
+            f"unit of acceleration must be one of {', '.join(map(repr, UNITS))}, got {unit!r}"
+        )
+    return plain
+
+
+@dataclass(frozen=True, eq=False)
+class GroundMotion:
+    """The acceleration of the ground, linear between samples.
+
+    Attributes:
+        acceleration: (n_samples,), in m/s².
+        dt: time between samples in s.
+        name: for titles and tables.
+
+    Raises:
+        ValueError: there are fewer than two samples, one is not finite, or dt is not positive.
+    """
+
+    acceleration: FloatArray
+    dt: float
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        where = f"ground motion {self.name!r}" if self.name else "ground motion"
+        try:
+            acceleration = np.array(self.acceleration, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError(f"{where}: the acceleration must be a list of numbers") from None
+        if acceleration.ndim != 1 or len(acceleration) < 2:
+            found = acceleration.shape if acceleration.ndim != 1 else len(acceleration)
+            raise ValueError(f"{where}: needs a row of two samples or more, got {found}")
+        if not np.isfinite(acceleration).all():
+            first = int(np.flatnonzero(~np.isfinite(acceleration))[0])
+            raise ValueError(
+                f"{where}: sample {first + 1} is not finite: {float(acceleration[first])!r}"
+            )
+        if not (isinstance(self.dt, (int, float, np.number)) and 0.0 < self.dt < math.inf):
+            raise ValueError(f"{where}: dt must be positive and finite (s), got {self.dt!r}")
+        acceleration.setflags(write=False)
+        object.__setattr__(self, "acceleration", acceleration)
+        object.__setattr__(self, "dt", float(self.dt))
+
+    @classmethod
+    def of(
+        cls, samples: Sequence[float] | FloatArray, unit: str, dt: float, name: str = ""
+    ) -> GroundMotion:
+        """From samples in a unit: ``"g"``, ``"m/s2"`` or ``"cm/s2"``.
+
+        Raises:
+            ValueError: as for the class, or the unit is not known.
+        """
+        scale = UNITS[checked_unit(unit)]
+        plain = cls(samples, dt, name)  # type: ignore[arg-type]
+        return cls(scale * plain.acceleration, dt, name)
+
+    @classmethod
+    def load(
+        cls, path: str | Path, *, unit: str | None = None, dt: float | None = None
+    ) -> GroundMotion:
+        """Read a record from a file; see :mod:`bayes_ssi.response.ground_motion_files`."""
+        from bayes_ssi.response.ground_motion_files import read_ground_motion
+
+        return read_ground_motion(path, unit=unit, dt=dt)
+
+    def __len__(self) -> int:
+        return len(self.acceleration)
+
+    @cached_property
+    def times(self) -> FloatArray:
+        """(n_samples,), in s, from 0."""
+        times: FloatArray = np.arange(len(self.acceleration), dtype=np.float64)
+        times *= self.dt
+        return times
+
+    @property
+    def peak_acceleration(self) -> float:
+        """PGA in m/s²."""
+        return float(np.abs(self.acceleration).max())
+
+    @property
+    def peak_velocity(self) -> float:
+        """PGV in m/s, of the acceleration integrated as it stands, from rest."""
+        from scipy.integrate import cumulative_trapezoid
+
+        return float(np.abs(cumulative_trapezoid(self.acceleration, dx=self.dt)).max())
+
+
+def along_azimuth(
+    first: GroundMotion,
+    first_azimuth_deg: float,
+    second: GroundMotion,
+    second_azimuth_deg: float,
+    azimuth_deg: float,
+    name: str = "",
+) -> GroundMotion:
+    """The motion along an azimuth, from two perpendicular horizontal components.
+
+    Azimuths are in degrees from north, clockwise.
+
+    Raises:
+        ValueError: the components differ in length or dt, or are not perpendicular.
+    """
+    if len(first) != len(second) or not math.isclose(first.dt, second.dt, rel_tol=1e-9):
+        raise ValueError(
+            f"ground motion: two components of one record must share length and dt, got "
+            f"{len(first)} samples of {first.dt!r} s and {len(second)} of {second.dt!r} s"
+        )
+    between = math.radians(second_azimuth_deg - first_azimuth_deg)
+    if abs(math.cos(between)) > math.sin(math.radians(AZIMUTH_TOLERANCE_DEG)):
+        raise ValueError(
+            "ground motion: components must be perpendicular, got azimuths "
+            f"{first_azimuth_deg!r} and {second_azimuth_deg!r} degrees"
+        )
+    acceleration = sum(
+        math.cos(math.radians(azimuth_deg - own)) * component.acceleration
+        for component, own in ((first, first_azimuth_deg), (second, second_azimuth_deg))
+    )
+    return GroundMotion(np.asarray(acceleration), first.dt, name)

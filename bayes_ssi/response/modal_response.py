@@ -1,0 +1,208 @@
+"""The response of a structure and its elements: transfer functions and time histories, by modes.
+
+With u the displacement relative to the ground, a_g the ground's acceleration and p a force,
+
+    M ü + C u̇ + K u = -M ι a_g + p,    u = Σ_r φ_r q_r,
+    q̈_r + 2 ζ_r ω_r q̇_r + ω_r² q_r = -Γ_r a_g + φ_rᵀ p,
+
+where φ_r has unit modal mass and Γ_r = φ_rᵀ M ι. Modes that a structure does not give are taken to
+move with the ground: their displacement is left out, their inertia is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.modal import ModalModel
+from bayes_ssi.priors import FloatArray
+from bayes_ssi.response.ground_motion import GroundMotion
+from bayes_ssi.response.output import Damping, Output, damping_ratios
+from bayes_ssi.response.time_stepping import responses
+from bayes_ssi.structures.base import Structure
+
+__all__ = [
+    "ground_influence",
+    "largest_over_places",
+    "peak_responses",
+    "time_histories",
+    "transfer_functions",
+]
+
+
+def modal_model_of(structure: Structure, values: FloatArray) -> ModalModel:
+    """The structure's modal model, its arrays checked.
+
+    Raises:
+        TypeError: the structure does not know its masses.
+        ValueError: it returns arrays of other shapes than it announces.
+    """
+    model = ModalModel(*structure.modal_model(values))
+    n, n_dof, n_modes = len(values), len(structure.degrees_of_freedom), structure.n_modes
+    expected = ((n, n_modes), (n, n_dof, n_modes), (n, n_modes), (n_dof,))
+    found = tuple(np.shape(part) for part in model)
+    if found != expected:
+        raise ValueError(
+            f"structure {type(structure).__name__}: its modal model holds frequencies, shapes, "
+            f"participation and influence of shapes {found}, expected {expected}"
+        )
+    return model
+
+
+def ground_influence(structure: Structure) -> FloatArray | None:
+    """How every degree of freedom moves when the ground moves by 1 and nothing deforms, (n_dof,).
+
+    None where the structure does not know.
+    """
+    try:
+        return modal_model_of(structure, structure.medians()).influence
+    except TypeError:
+        return None
+
+
+def transfer_functions(
+    structure: Structure,
+    values: FloatArray,
+    frequencies_hz: FloatArray,
+    output: Output,
+    damping: Damping,
+    *,
+    force_at: str | None = None,
+) -> NDArray[np.complex128]:
+    """Response to a harmonic ground acceleration, or force, of amplitude 1 (e^{iωt}).
+
+    Args:
+        structure: the structure.
+        values: (B, n_parameters) of its parameters.
+        frequencies_hz: (F,).
+        output: what is wanted, and where.
+        damping: ratio of all modes, or of each.
+        force_at: the degree of freedom, or sensor's place and direction, at which a force acts;
+            ground acceleration if None.
+
+    Returns:
+        (B, n_places, F). For ground acceleration the unit is 1 for an acceleration and s² for a
+        displacement; for a force that unit over the structure's unit of mass.
+
+    Raises:
+        ValueError: a place or the damping is not valid, or a frequency is negative or not finite.
+        TypeError: the structure does not know its masses.
+    """
+    omega = 2.0 * np.pi * checked_frequencies(frequencies_hz)
+    output.require_on(structure)
+    ratios = damping_ratios(damping, structure.n_modes)
+    model = modal_model_of(structure, values)
+    own = 2.0 * np.pi * model.frequencies_hz[:, :, None]
+    receptance = 1.0 / (own**2 - omega**2 + 2j * ratios[:, None] * own * omega)
+    if force_at is None:
+        driven = -model.participation
+    else:
+        driven = structure.sensor_matrix([force_at], "place").apply(model.shapes)[:, 0, :]
+    at_places = output.at_places(structure, model.shapes, axis=1)
+    found = ((at_places * driven[:, None, :]) @ receptance).astype(np.complex128, copy=False)
+    if output.quantity == "acceleration":
+        found *= -(omega**2)
+        if force_at is None:
+            found += output.at_places(structure, model.influence, axis=0)[:, None]
+    return found
+
+
+def checked_frequencies(frequencies_hz: FloatArray) -> FloatArray:
+    """Frequencies as an array (F,).
+
+    Raises:
+        ValueError: they are not a row of finite numbers from 0 on.
+    """
+    frequencies = np.asarray(frequencies_hz, dtype=float)
+    if frequencies.ndim != 1 or not len(frequencies):
+        raise ValueError(f"frequencies_hz must be a row of numbers, got shape {frequencies.shape}")
+    wrong = ~(np.isfinite(frequencies) & (frequencies >= 0.0))
+    if wrong.any():
+        raise ValueError(
+            f"frequencies_hz must be finite and not negative, got {float(frequencies[wrong][0])!r}"
+        )
+    return frequencies
+
+
+def time_histories(
+    structure: Structure,
+    values: FloatArray,
+    motion: GroundMotion,
+    output: Output,
+    damping: Damping,
+) -> FloatArray:
+    """Response to a ground motion from rest, exact at the samples where it is linear between them.
+
+    Args:
+        structure: the structure.
+        values: (B, n_parameters) of its parameters.
+        motion: the ground's acceleration.
+        output: what is wanted, and where.
+        damping: ratio of all modes, or of each.
+
+    Returns:
+        (B, n_places, n_samples), in m/s² for an acceleration and m for a displacement.
+
+    Raises:
+        ValueError: a place or the damping is not valid.
+        TypeError: the structure does not know its masses.
+    """
+    found = np.empty((len(values), len(output.places), len(motion)))
+    for _ in _each(structure, values, motion, output, damping, found):
+        pass
+    return found
+
+
+def peak_responses(
+    structure: Structure,
+    values: FloatArray,
+    motion: GroundMotion,
+    output: Output,
+    damping: Damping,
+) -> FloatArray:
+    """The largest amplitude of each time history, (B, n_places), without keeping these.
+
+    Arguments, units and errors as those of :func:`time_histories`.
+    """
+    peaks = np.empty((len(values), len(output.places)))
+    each = _each(structure, values, motion, output, damping)
+    for own, response in zip(peaks, each, strict=True):
+        np.maximum(response.max(-1), -response.min(-1), out=own)
+    return peaks
+
+
+def largest_over_places(response: NDArray[np.inexact]) -> FloatArray:
+    """The largest amplitude at any place, (B, n), of a response (B, n_places, n)."""
+    return np.abs(response).max(axis=1)
+
+
+def _each(
+    structure: Structure,
+    values: FloatArray,
+    motion: GroundMotion,
+    output: Output,
+    damping: Damping,
+    found: FloatArray | None = None,
+) -> Iterator[FloatArray]:
+    """The response (n_places, n_samples) at one row of ``values`` after another.
+
+    Put into ``found`` (B, n_places, n_samples) where that is given; else each is to be used before
+    the next one is asked for.
+    """
+    output.require_on(structure)
+    ratios = damping_ratios(damping, structure.n_modes)
+    model = modal_model_of(structure, values)
+    omega = 2.0 * np.pi * model.frequencies_hz
+    damped = omega * np.sqrt(1.0 - ratios**2)
+    poles = -ratios * omega + 1j * damped
+    at_places = output.at_places(structure, model.shapes, axis=1)
+    driven = at_places * model.participation[:, None, :]
+    # With s' = λ s + a_g: q = -Γ Im(s)/ω_d and q̈ = -Γ (Im(λ² s)/ω_d + a_g).
+    weights = (-driven / damped[:, None, :]).astype(np.complex128)
+    direct = np.zeros(driven.shape[:2])
+    if output.quantity == "acceleration":
+        weights *= (poles**2)[:, None, :]
+        direct = output.at_places(structure, model.influence, axis=0) - driven.sum(-1)
+    return responses(poles, weights, direct, motion.acceleration, motion.dt, found)

@@ -1,0 +1,237 @@
+"""Maxima of a posterior by many local ascents at once, and Laplace's approximation at each.
+
+Samplers find a region in proportion to its mass on the way from the prior; an ascent finds it
+from anywhere in its basin. What the ascents find is added to the proposals of the sampling, so a
+region that the particles lost is visited all the same.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_ssi.priors import FloatArray
+from bayes_ssi.sampling.mixture import StudentMixture
+from bayes_ssi.sampling.target import Target, log_standard_normal
+
+__all__ = ["Maxima", "find_maxima"]
+
+GRADIENT_STEP = 1e-6
+HESSIAN_STEP = 1e-3
+MAX_ASCENT_STEPS = 60
+LONGEST_STEP = 2.0  # prior standard deviations
+STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])
+RISE_TO_GO_ON = 1e-3  # nats
+MAX_MAXIMA = 24
+# Beyond this ratio to the prior's precision, 1, rounding would lose the prior's.
+GREATEST_PRECISION = 1e12
+NEGLIGIBLE_LOG_MASS = -12.0
+# Maxima with less of the mass than this make no component.
+LEAST_WEIGHT = 1e-9
+# A maximum within this many of its own standard deviations of a higher one is that one.
+SAME_MAXIMUM = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Maxima:
+    """Distinct maxima of likelihood times prior density in standard-normal coordinates.
+
+    Attributes:
+        z: (m, d), the highest first.
+        log_posteriors: (m,), likelihood times prior density.
+        precisions: (m, d, d), the negative Hessian.
+    """
+
+    z: FloatArray
+    log_posteriors: FloatArray
+    precisions: FloatArray
+
+    @property
+    def covariances(self) -> FloatArray:
+        """Inverses of the precisions, (m, d, d)."""
+        return _inverse(self.precisions)
+
+    def squared_distances(self, z: FloatArray) -> FloatArray:
+        """Mahalanobis distances squared (m, n) of ``z`` (n, d) from every maximum."""
+        away = z[None] - self.z[:, None]
+        return np.maximum(np.einsum("mni,mij,mnj->mn", away, self.precisions, away), 0.0)
+
+    @property
+    def log_masses(self) -> FloatArray:
+        """Laplace's approximation of the log evidence of each maximum, (m,)."""
+        d = self.z.shape[1]
+        _, log_determinants = np.linalg.slogdet(self.precisions)
+        return self.log_posteriors + 0.5 * d * math.log(2.0 * math.pi) - 0.5 * log_determinants
+
+    @property
+    def log_evidence(self) -> float:
+        """Laplace's approximation of the log evidence, summed over the maxima."""
+        return float(logsumexp(self.log_masses))
+
+    def as_mixture(self, beta: float = 1.0, dof: float = 5.0) -> StudentMixture:
+        """One component a maximum, weighted by its mass, for likelihood^beta · prior.
+
+        At a temperature the likelihood's share of the precision, what exceeds the prior's 1, is
+        scaled by ``beta``, and the component sits where the tempered quadratic has its top.
+        """
+        d = self.z.shape[1]
+        identity = np.eye(d)
+        of_likelihood = self.precisions - identity
+        covariances = _inverse(beta * self.precisions + (1.0 - beta) * identity)
+        # The likelihood alone, as a quadratic, has slope z at the posterior's maximum z.
+        slopes = np.einsum("mij,mj->mi", self.precisions, self.z)
+        means = beta * np.einsum("mij,mj->mi", covariances, slopes)
+        log_likelihoods = self.log_posteriors - log_standard_normal(self.z)
+        steps = means - self.z
+        log_heights = beta * (
+            log_likelihoods
+            + np.einsum("mi,mi->m", self.z, steps)
+            - 0.5 * np.einsum("mi,mij,mj->m", steps, of_likelihood, steps)
+        ) - 0.5 * (means**2).sum(1)
+        log_masses = log_heights + 0.5 * np.linalg.slogdet(covariances)[1]
+        weights = np.asarray(np.exp(log_masses - logsumexp(log_masses)), dtype=float)
+        choleskys = np.asarray(np.linalg.cholesky(covariances), dtype=float)
+        kept = weights > LEAST_WEIGHT
+        return StudentMixture(
+            weights[kept] / weights[kept].sum(),
+            means[kept],
+            choleskys[kept],
+            np.full(int(kept.sum()), dof),
+        )
+
+
+def find_maxima(target: Target, starts: FloatArray) -> Maxima:
+    """Climb from every row of ``starts`` (S, d) and gather the distinct maxima reached.
+
+    Raises:
+        ValueError: the likelihood is zero at every start.
+    """
+    unit = np.tile(np.eye(target.n_dimensions), (len(starts), 1, 1))
+    rough = _distinct(target, *_ascend(target, starts, unit))
+    # An ascent along a curved ridge can stop short of its top: climb on from there, now with
+    # the curvature known.
+    maxima = _distinct(target, *_ascend(target, rough.z, rough.covariances))
+    log_masses = maxima.log_masses
+    kept = np.flatnonzero(log_masses > log_masses.max() + NEGLIGIBLE_LOG_MASS)
+    return Maxima(maxima.z[kept], maxima.log_posteriors[kept], maxima.precisions[kept])
+
+
+def _distinct(target: Target, tops: FloatArray, heights: FloatArray) -> Maxima:
+    """The highest of every group of ascents that ended on the same top."""
+    reached = np.isfinite(heights)
+    if not reached.any():
+        raise ValueError("find_maxima: the likelihood is zero at every start")
+    order = np.argsort(-np.where(reached, heights, -np.inf))[: reached.sum()]
+    tops, heights = tops[order], heights[order]
+    found: list[tuple[FloatArray, float, FloatArray]] = []
+    left = np.arange(len(tops))
+    while len(left) and len(found) < MAX_MAXIMA:
+        z, height = tops[left[0]], float(heights[left[0]])
+        if found and height < found[0][1] + NEGLIGIBLE_LOG_MASS - target.n_dimensions:
+            break
+        precision = _precision(target, z, height)
+        found.append((z, height, precision))
+        away = tops[left] - z
+        distances = np.einsum("ni,ij,nj->n", away, precision, away)
+        left = left[np.maximum(distances, 0.0) > SAME_MAXIMUM**2 * target.n_dimensions]
+    z, log_posteriors, precisions = (np.array(column) for column in zip(*found, strict=True))
+    return Maxima(z, log_posteriors, precisions)
+
+
+def _ascend(
+    target: Target, starts: FloatArray, inverse: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """All ascents at once, by BFGS with finite differences: where they end, and how high.
+
+    ``inverse`` (S, d, d) are the first inverse Hessians.
+    """
+    inverse = inverse.copy()
+    z = np.array(starts, dtype=float)
+    n, d = z.shape
+    height = target.log_posterior(z)
+    gradient = np.zeros((n, d))
+    active = np.flatnonzero(np.isfinite(height))
+    gradient[active] = _gradient(target, z[active], height[active])
+    reach = np.full(n, 1.0)
+    for _ in range(MAX_ASCENT_STEPS):
+        if not len(active):
+            break
+        slope = gradient[active]
+        direction = np.einsum("nij,nj->ni", inverse[active], slope)
+        expected = np.einsum("nd,nd->n", direction, slope)
+        lengths = np.linalg.norm(direction, axis=1)
+        direction *= np.minimum(1.0, LONGEST_STEP / np.maximum(lengths, 1e-300))[:, None]
+        tried = z[active][None] + (STEP_LENGTHS[:, None] * reach[active])[..., None] * direction
+        heights = target.log_posterior(tried.reshape(-1, d)).reshape(len(STEP_LENGTHS), -1)
+        best = heights.argmax(0)
+        rows = np.arange(len(active))
+        rise = heights[best, rows] - height[active]
+        better = rise > 0
+        # An ascent that found nothing higher tries nearer; one that did goes back to full steps.
+        reach[active] = np.where(better, 1.0, reach[active] * STEP_LENGTHS[-1])
+        moved = active[better]
+        step = tried[best, rows][better] - z[moved]
+        z[moved] += step
+        height[moved] = heights[best, rows][better]
+        new_gradient = _gradient(target, z[moved], height[moved])
+        _update_inverse(inverse, moved, step, gradient[moved] - new_gradient)
+        gradient[moved] = new_gradient
+        finished = (better & (rise < RISE_TO_GO_ON) & (expected < 10 * RISE_TO_GO_ON)) | (
+            reach[active] < 1e-5
+        )
+        active = active[~finished]
+    return z, height
+
+
+def _gradient(target: Target, z: FloatArray, height: FloatArray) -> FloatArray:
+    """Forward differences, (n, d), all in one batch."""
+    n, d = z.shape
+    ahead = z[:, None, :] + GRADIENT_STEP * np.eye(d)
+    rise = target.log_posterior(ahead.reshape(-1, d)).reshape(n, d) - height[:, None]
+    return np.nan_to_num(rise / GRADIENT_STEP, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def _update_inverse(
+    inverse: FloatArray, rows: np.ndarray, step: FloatArray, fall: FloatArray
+) -> None:
+    """The BFGS update of inverse Hessians in place, where the curvature allows it."""
+    curvature = np.einsum("nd,nd->n", step, fall)
+    curved = curvature > 1e-12
+    rows, step, fall, curvature = rows[curved], step[curved], fall[curved], curvature[curved]
+    d = step.shape[1]
+    left = np.eye(d) - step[:, :, None] * fall[:, None, :] / curvature[:, None, None]
+    inverse[rows] = (
+        left @ inverse[rows] @ left.transpose(0, 2, 1)
+        + step[:, :, None] * step[:, None, :] / curvature[:, None, None]
+    )
+
+
+def _precision(target: Target, z: FloatArray, height: float) -> FloatArray:
+    """Negative Hessian (d, d) at a maximum, by central differences, made positive definite.
+
+    Where the posterior is flat or rises the curvature of the prior, 1, stands in.
+    """
+    d = len(z)
+    steps = HESSIAN_STEP * np.eye(d)
+    pairs = [(i, j) for i in range(d) for j in range(i)]
+    signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+    points = [z + s * steps[i] for i in range(d) for s in (1, -1)]
+    points += [z + a * steps[i] + b * steps[j] for i, j in pairs for a, b in signs]
+    heights = target.log_posterior(np.array(points))
+    if not np.isfinite(heights).all():  # at the edge of where the likelihood is positive
+        return np.eye(d)
+    hessian = np.empty((d, d))
+    hessian[range(d), range(d)] = heights[: 2 * d].reshape(d, 2).sum(1) - 2.0 * height
+    for (i, j), values in zip(pairs, heights[2 * d :].reshape(-1, 4), strict=True):
+        hessian[i, j] = hessian[j, i] = (values[0] - values[1] - values[2] + values[3]) / 4.0
+    eigenvalues, vectors = np.linalg.eigh(-hessian / HESSIAN_STEP**2)
+    return (vectors * np.clip(eigenvalues, 1.0, GREATEST_PRECISION)) @ vectors.T
+
+
+def _inverse(precisions: FloatArray) -> FloatArray:
+    """Inverses (m, d, d) of positive definite matrices, symmetric to the last digit."""
+    inverses = np.linalg.inv(precisions)
+    return np.asarray(0.5 * (inverses + inverses.transpose(0, 2, 1)), dtype=float)

@@ -1,0 +1,260 @@
+"""Mixtures of Student-t distributions fitted to draws: the proposal that knows the posterior."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["StudentMixture", "choose_mixture", "fit_mixture"]
+
+MAX_EM_STEPS = 50
+EM_TOLERANCE = 1e-3  # nats per draw
+DEGREES_OF_FREEDOM = (5.0, 30.0)
+# A component whose draws had little weight keeps this share, or all such components share
+# the other: a walker that meets what it covers could not leave again if it were hardly proposed.
+LEAST_SHARE, SHARE_OF_ALL = 0.01, 0.3
+# More components must raise the mean log density of held-out draws by this much, in nats.
+LEAST_GAIN = 0.01
+# Numbers of components that are tried in vain before no larger one is.
+PATIENCE = 2
+# A component needs this many draws a dimension for its covariance to mean something.
+DRAWS_PER_DIMENSION = 10
+# Densities of more points than this are computed in parts, which stay in the processor's cache.
+PART = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class StudentMixture:
+    """K Student-t components in d dimensions, and a share of the standard normal prior.
+
+    Attributes:
+        weights: (K,), adding up to ``1 - prior_share``.
+        means: (K, d).
+        choleskys: (K, d, d), lower Cholesky factors of the scale matrices.
+        dof: (K,), degrees of freedom.
+        prior_share: weight of N(0, I), the defensive component: it bounds every importance
+            weight by the greatest likelihood over ``prior_share``.
+    """
+
+    weights: FloatArray
+    means: FloatArray
+    choleskys: FloatArray
+    dof: FloatArray
+    prior_share: float = 0.0
+
+    @property
+    def n_components(self) -> int:
+        """Student-t components; the defensive one does not count."""
+        return len(self.weights)
+
+    @cached_property
+    def _whitening(self) -> tuple[FloatArray, FloatArray]:
+        """All inverse Cholesky factors as one (K·d, d), and the whitened means (K·d, 1)."""
+        inverses = np.linalg.inv(self.choleskys)
+        factors: FloatArray = np.concatenate(inverses).astype(float, copy=False)
+        return factors, np.einsum("kij,kj->ki", inverses, self.means).reshape(-1, 1)
+
+    @cached_property
+    def _log_constants(self) -> FloatArray:
+        d, dof = self.means.shape[1], self.dof
+        of_tails = gammaln((dof + d) / 2) - gammaln(dof / 2) - 0.5 * d * np.log(dof * math.pi)
+        diagonals = np.diagonal(self.choleskys, axis1=1, axis2=2)
+        return of_tails - np.log(diagonals).sum(1)
+
+    def squared_distances(self, z: FloatArray) -> FloatArray:
+        """Mahalanobis distances squared of ``z`` (n, d) from every component, (K, n)."""
+        factors, means = self._whitening
+        whitened = factors @ z.T
+        whitened -= means
+        whitened *= whitened
+        squares: FloatArray = whitened.reshape(*self.means.shape, len(z)).sum(axis=1)
+        return squares
+
+    def log_components(self, z: FloatArray) -> FloatArray:
+        """log(weight · density) of every Student-t component, (K, n)."""
+        return self._log_components(self.squared_distances(z))
+
+    def _log_components(self, squared_distances: FloatArray) -> FloatArray:
+        dof = self.dof[:, None]
+        tails = np.log1p(squared_distances / dof)
+        tails *= 0.5 * (dof + self.means.shape[1])
+        return np.subtract((np.log(self.weights) + self._log_constants)[:, None], tails, out=tails)
+
+    def log_pdf(self, z: FloatArray) -> FloatArray:
+        """The log density (n,) at ``z`` (n, d), the defensive component included."""
+        if len(z) > PART:
+            return np.concatenate([self.log_pdf(z[i : i + PART]) for i in range(0, len(z), PART)])
+        total = _log_sum(self.log_components(z))
+        if self.prior_share == 0.0:
+            return total
+        d = z.shape[1]
+        prior = -0.5 * (np.einsum("nd,nd->n", z, z) + d * math.log(2.0 * math.pi))
+        return np.logaddexp(total, prior + math.log(self.prior_share))
+
+    def defended(self, prior_share: float) -> StudentMixture:
+        """This mixture with ``prior_share`` of its weight given to the prior N(0, I)."""
+        weights = self.weights * ((1.0 - prior_share) / self.weights.sum())
+        return StudentMixture(weights, self.means, self.choleskys, self.dof, prior_share)
+
+    def widened(self, factor: float, share: float) -> StudentMixture:
+        """This mixture with ``share`` of its weight given to its own components, widened.
+
+        They cover what lies just beyond a mixture that was fitted to draws: weights of draws
+        from it then have no heavy tail.
+        """
+        return self.joined_with(replace(self, choleskys=factor * self.choleskys), share)
+
+    def joined_with(self, other: StudentMixture, share: float) -> StudentMixture:
+        """This mixture with ``share`` of its weight given to the components of another."""
+        return StudentMixture(
+            np.concatenate([self.weights * (1.0 - share), other.weights * share]),
+            np.concatenate([self.means, other.means]),
+            np.concatenate([self.choleskys, other.choleskys]),
+            np.concatenate([self.dof, other.dof]),
+        )
+
+    def reweighted(self, z: FloatArray, weights: FloatArray) -> StudentMixture:
+        """The same components with the shares that weighted draws ``z`` (n, d) give them."""
+        log_parts = self.log_components(z)
+        shares = np.exp(log_parts - _log_sum(log_parts)) @ weights
+        least = min(LEAST_SHARE, SHARE_OF_ALL / len(shares))
+        shares = np.maximum(shares / shares.sum(), least)
+        return replace(self, weights=shares / shares.sum())
+
+    def draw(self, counts: NDArray[np.intp], rng: np.random.Generator) -> FloatArray:
+        """``counts[k]`` draws from component k, in order; the last count is of N(0, I).
+
+        Args:
+            counts: (K + 1,).
+
+        Returns:
+            (counts.sum(), d).
+        """
+        d = self.means.shape[1]
+        component = np.repeat(np.arange(self.n_components), counts[:-1])
+        normal = rng.standard_normal((len(component), d))
+        dof = self.dof[component]
+        scale = np.sqrt(dof / rng.chisquare(dof))
+        steps = np.einsum("nij,nj->ni", self.choleskys[component], normal) * scale[:, None]
+        return np.concatenate([self.means[component] + steps, rng.standard_normal((counts[-1], d))])
+
+    @property
+    def all_weights(self) -> FloatArray:
+        """(K + 1,): the components' weights and the defensive one's."""
+        return np.append(self.weights, self.prior_share)
+
+
+def fit_mixture(
+    draws: FloatArray,
+    n_components: int,
+    dof: float,
+    rng: np.random.Generator,
+    max_steps: int = MAX_EM_STEPS,
+) -> StudentMixture:
+    """Fit a Student-t mixture to ``draws`` (n, d) by expectation-maximisation.
+
+    Components that lose their draws are dropped, so fewer than ``n_components`` may come back.
+    """
+    n, d = draws.shape
+    labels = _initial_labels(draws, n_components, rng)
+    responsibilities = (labels == np.arange(labels.max() + 1)[:, None]).astype(float)
+    scale_weights = np.ones_like(responsibilities)
+    floor = 1e-10 * np.eye(d) * max(float(draws.var(axis=0).max()), 1e-300)
+    least = min(n, d + 1.0)
+    last = -math.inf
+    for _ in range(max_steps):
+        totals = responsibilities.sum(1)
+        kept = totals >= least
+        if not kept.all() and kept.any():
+            responsibilities, scale_weights = responsibilities[kept], scale_weights[kept]
+            totals = totals[kept]
+        combined = responsibilities * scale_weights
+        means = combined @ draws / combined.sum(1, keepdims=True)
+        centred = draws.T - means[:, :, None]
+        scatter = np.matmul(centred * combined[:, None], centred.transpose(0, 2, 1))
+        covariances = scatter / totals[:, None, None] + floor
+        mixture = StudentMixture(
+            weights=totals / totals.sum(),
+            means=means,
+            choleskys=np.linalg.cholesky(covariances),
+            dof=np.full(len(means), dof),
+        )
+
+        squared_distances = mixture.squared_distances(draws)
+        log_parts = mixture._log_components(squared_distances)
+        log_total = _log_sum(log_parts)
+        responsibilities = np.exp(log_parts - log_total)
+        scale_weights = (dof + d) / (dof + squared_distances)
+        mean_log_density = float(log_total.mean())
+        if mean_log_density - last < EM_TOLERANCE:
+            break
+        last = mean_log_density
+    return mixture
+
+
+def choose_mixture(
+    draws: FloatArray,
+    held_out: FloatArray,
+    n_components: Iterable[int],
+    rng: np.random.Generator,
+) -> StudentMixture:
+    """The mixture, fitted to ``draws``, under which ``held_out`` is most probable.
+
+    That is the one nearest to the posterior in the Kullback-Leibler sense. The number of
+    components grows through ``n_components`` until more of them no longer help, and the tails
+    are as heavy as suits the held-out draws.
+    """
+    n, d = draws.shape
+    heavy, light = DEGREES_OF_FREEDOM
+    best: StudentMixture | None = None
+    best_count, best_score, in_vain = 0, -math.inf, 0
+    for count in n_components:
+        if count > 1 and count * d * DRAWS_PER_DIMENSION > n:
+            break
+        candidate = fit_mixture(draws, count, light, rng)
+        score = float(candidate.log_pdf(held_out).mean())
+        if best is None or score > best_score + LEAST_GAIN:
+            best, best_count, best_score, in_vain = candidate, count, score, 0
+        else:
+            in_vain += 1
+            if in_vain == PATIENCE:
+                break
+    if best is None:
+        raise ValueError("choose_mixture: no number of components to choose from")
+    heavier = fit_mixture(draws, best_count, heavy, rng)
+    return heavier if float(heavier.log_pdf(held_out).mean()) > best_score else best
+
+
+def _log_sum(log_parts: FloatArray) -> FloatArray:
+    """log Σ exp over the first axis, of finite numbers: faster than the general functions."""
+    highest = log_parts.max(axis=0)
+    total: FloatArray = np.log(np.exp(log_parts - highest).sum(axis=0)) + highest
+    return total
+
+
+def _initial_labels(draws: FloatArray, k: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """A first partition of the draws into k groups, by k-means on standardised coordinates."""
+    if k == 1:
+        return np.zeros(len(draws), dtype=np.intp)
+    spread = draws.std(axis=0)
+    scaled = (draws - draws.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    centres = scaled[rng.integers(len(scaled))][None]
+    nearest = ((scaled - centres[0]) ** 2).sum(1)
+    while len(centres) < k and nearest.max() > 0:  # far points first: k-means++
+        chosen = rng.choice(len(scaled), p=nearest / nearest.sum())
+        centres = np.vstack([centres, scaled[chosen]])
+        nearest = np.minimum(nearest, ((scaled - scaled[chosen]) ** 2).sum(1))
+    for _ in range(5):
+        distances = ((scaled[:, None] - centres[None]) ** 2).sum(-1)
+        labels = distances.argmin(1)
+        occupied = np.unique(labels)
+        centres = np.array([scaled[labels == group].mean(0) for group in occupied])
+    return np.searchsorted(occupied, labels)

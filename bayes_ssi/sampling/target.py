@@ -1,0 +1,112 @@
+"""What is sampled: a log-likelihood over standard-normal coordinates, evaluated in batches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bayes_ssi.evaluation.batch import Evaluated, Function, evaluate
+from bayes_ssi.evaluation.journal import Journal
+from bayes_ssi.evaluation.workers import Workers
+from bayes_ssi.priors import FloatArray
+
+__all__ = ["Failure", "Target", "log_standard_normal"]
+
+# Failures kept to be shown; the others are only counted.
+FAILURES_SHOWN = 5
+# Points of a journal that are evaluated again, to see that the model is still the same.
+POINTS_TO_CHECK = 3
+
+
+def log_standard_normal(z: FloatArray) -> FloatArray:
+    """log N(z; 0, I), (B,), for ``z`` (B, d)."""
+    return -0.5 * np.einsum("bd,bd->b", z, z) - 0.5 * z.shape[1] * np.log(2.0 * np.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class Failure:
+    """A point (d,) at which the model has no answer, and why."""
+
+    z: FloatArray
+    reason: str
+
+
+@dataclass
+class Target:
+    """A log-likelihood over coordinates whose prior is N(0, I); counts its evaluations.
+
+    Attributes:
+        function: (B, d) coordinates → (B,) log-likelihoods; row i depends on row i alone.
+        n_dimensions: d.
+        workers: where it is evaluated; here if None.
+        journal: answers the evaluations that an earlier run made, and keeps the new ones.
+        n_evaluations: points evaluated so far.
+        n_failed: of these, at how many the function raised, gave NaN or lost its worker; they
+            count as likelihood zero.
+        failures: the first few of them.
+    """
+
+    function: Function
+    n_dimensions: int
+    workers: Workers | None = None
+    journal: Journal | None = None
+    n_evaluations: int = field(default=0, init=False)
+    n_failed: int = field(default=0, init=False)
+    failures: list[Failure] = field(default_factory=list, init=False)
+
+    def log_likelihood(self, z: FloatArray) -> FloatArray:
+        """The log-likelihood (B,); -inf where the function failed.
+
+        Raises:
+            ValueError: the function returned the wrong shape, or infinite likelihood; or the
+                journal is of another function.
+        """
+        if not len(z):
+            return np.empty(0)
+        values, reasons = self._evaluated(z)
+        self.n_evaluations += len(z)
+        failed = np.isnan(values)
+        if failed.any():
+            self.n_failed += int(failed.sum())
+            for row in np.flatnonzero(failed)[: FAILURES_SHOWN - len(self.failures)]:
+                reason = reasons.get(int(row)) or self._why(z[row])
+                self.failures.append(Failure(z[row].copy(), reason))
+            values = np.where(failed, -np.inf, values)
+        if np.isposinf(values).any():
+            where = np.array2string(z[np.isposinf(values)][0], precision=3)
+            raise ValueError(
+                f"the log-likelihood is +inf at coordinates {where}: did an error size go to zero "
+                "where the data are fitted exactly? Give it a prior that keeps away from zero, "
+                "such as LogNormal"
+            )
+        return values
+
+    def log_posterior(self, z: FloatArray) -> FloatArray:
+        """log-likelihood + log prior density, (B,): the posterior up to the evidence."""
+        return self.log_likelihood(z) + log_standard_normal(z)
+
+    def _evaluated(self, z: FloatArray) -> Evaluated:
+        if self.journal is None:
+            return self._evaluate(z)
+        recalled = self.journal.recalled(z)
+        if recalled is None:
+            recalled = self._evaluate(z)
+            self.journal.add(z, recalled)
+        elif self.n_evaluations == 0:
+            again = self._evaluate(z[:POINTS_TO_CHECK]).values
+            if not np.allclose(again, recalled.values[:POINTS_TO_CHECK], 1e-6, equal_nan=True):
+                raise ValueError(
+                    f"{self.journal.path}: the model gives other values than when this checkpoint "
+                    "was made; remove it to begin again"
+                )
+        return recalled
+
+    def _why(self, z: FloatArray) -> str:
+        """What is said of a point (d,) that is NaN in a batch, where it is asked for alone."""
+        return self._evaluate(z[None]).failures.get(0, "the answer is NaN")
+
+    def _evaluate(self, z: FloatArray) -> Evaluated:
+        if self.workers is None:
+            return evaluate(self.function, z)
+        return self.workers.evaluate(self.function, z)

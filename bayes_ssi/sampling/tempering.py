@@ -1,0 +1,245 @@
+"""The tempered start: particles carried from the prior to the posterior.
+
+Sequential Monte Carlo through p_β ∝ likelihood^β · prior with 0 = β_0 < … < β_m = 1: each step
+is chosen for an effective sample size of one half, then the particles are resampled and moved by
+emcee's ensemble moves. The weights give a first log evidence (Del Moral, Doucet and Jasra 2006).
+
+Proposals around the maxima of the posterior that are known beforehand, widened to each
+temperature, keep the shares of separate regions right on the way: a region that holds few
+particles would otherwise be lost by chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_ssi.priors import FloatArray
+from bayes_ssi.sampling.maxima import Maxima
+from bayes_ssi.sampling.mixture import fit_mixture
+from bayes_ssi.sampling.target import Target, log_standard_normal
+
+__all__ = ["TemperedStart", "tempered_start"]
+
+EFFECTIVE_SHARE = 0.5
+# Moves go on until positions have lost this much of their correlation with where they began.
+CORRELATION_LEFT = 0.35
+MIN_STEPS, MAX_STEPS = 2, 25
+MAX_STAGES = 500
+# Impossible particles are drawn again where fewer than this share are possible, but at most so
+# many times as many draws are made.
+LEAST_POSSIBLE, MOST_REDRAWN = 0.1, 50
+# The mixture that proposes moves: coarse, refitted at every stage.
+MAX_COMPONENTS = 6
+PARTICLES_PER_COMPONENT = 120  # and dimension
+EM_STEPS = 8
+PRIOR_SHARE = 0.05
+MIXTURE_MOVES = 0.7  # share of the moves that the mixture proposes
+MAXIMA_SHARE = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class TemperedStart:
+    """Particles distributed as the posterior, and a first estimate of the evidence.
+
+    Attributes:
+        positions: (n_particles, d), in standard-normal coordinates.
+        log_likelihoods: (n_particles,).
+        log_evidence: estimate by the product of mean weights.
+        log_evidence_error: its standard error, from the spread of the weights of each stage and
+            the correlation left between stages.
+        temperatures: the β of each stage, from 0 to 1.
+        steps: moves made at each stage.
+    """
+
+    positions: FloatArray
+    log_likelihoods: FloatArray
+    log_evidence: float
+    log_evidence_error: float
+    temperatures: tuple[float, ...]
+    steps: tuple[int, ...]
+
+
+def tempered_start(
+    target: Target,
+    n_particles: int,
+    maxima: Maxima,
+    seed: np.random.SeedSequence,
+    progress: Callable[[float], None] | None = None,
+) -> TemperedStart:
+    """Carry ``n_particles`` from the prior to the posterior.
+
+    Args:
+        target: what is sampled.
+        n_particles: at least twice the number of dimensions.
+        maxima: of the posterior, as far as they are known.
+        seed: everything random follows from it.
+        progress: called with β after each stage.
+
+    Raises:
+        ValueError: the likelihood is zero at every particle, or β does not reach 1.
+    """
+    rng = np.random.default_rng(seed)
+    positions, log_likelihoods, n_drawn = _possible_particles(target, n_particles, rng)
+    temperatures, steps = [0.0], []
+    log_evidence, left = np.log(n_particles / n_drawn), 0.0
+    relative_variance = (1.0 - n_particles / n_drawn) / n_particles
+    while temperatures[-1] < 1.0:
+        if len(temperatures) > MAX_STAGES:
+            raise ValueError(f"the tempered start did not reach β = 1 in {MAX_STAGES} stages")
+        beta = temperatures[-1]
+        increment = _next_increment(log_likelihoods, beta)
+        log_weights = increment * log_likelihoods
+        log_total = float(logsumexp(log_weights))
+        log_evidence += log_total - np.log(n_particles)
+        weights = np.exp(log_weights - log_total)
+        # Particles that remember the last stage count for less than as many independent ones.
+        memory = (1.0 + left) / (1.0 - left)
+        spread = float(np.sum(weights**2)) - 1.0 / n_particles
+        relative_variance += memory * max(0.0, spread)  # equal weights round to below zero
+        chosen = _systematic(weights, rng)
+        beta = 1.0 if beta + increment >= 1.0 - 1e-12 else beta + increment
+        positions, log_likelihoods, made, left = _move(
+            target, maxima, positions[chosen], log_likelihoods[chosen], beta, rng
+        )
+        temperatures.append(beta)
+        steps.append(made)
+        if progress is not None:
+            progress(beta)
+    return TemperedStart(
+        positions,
+        log_likelihoods,
+        log_evidence,
+        float(np.sqrt(relative_variance)),
+        tuple(temperatures),
+        tuple(steps),
+    )
+
+
+def _possible_particles(
+    target: Target, n: int, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, int]:
+    """``n`` draws from the prior, their log-likelihoods, and of how many draws they are.
+
+    If fewer than a tenth of the first ``n`` draws are possible, impossible ones are drawn again:
+    the particles are then ``n`` draws from the possible part of the prior.
+    """
+    positions = rng.standard_normal((n, target.n_dimensions))
+    log_likelihoods = target.log_likelihood(positions)
+    if np.isfinite(log_likelihoods).sum() >= LEAST_POSSIBLE * n:
+        return positions, log_likelihoods, n
+    n_drawn = n
+    kept, heights = [], []
+    while True:
+        possible = np.isfinite(log_likelihoods)
+        kept.append(positions[possible])
+        heights.append(log_likelihoods[possible])
+        if sum(map(len, kept)) >= n or n_drawn >= MOST_REDRAWN * n:
+            break
+        positions = rng.standard_normal((n, target.n_dimensions))
+        log_likelihoods = target.log_likelihood(positions)
+        n_drawn += n
+    found = sum(map(len, kept))
+    if not found:
+        raise ValueError(f"the likelihood is zero at all of {n_drawn} draws from the prior")
+    # All that were found stand for their share; some of them twice if they are too few.
+    chosen = rng.permutation(found)[:n] if found >= n else rng.integers(found, size=n)
+    share = n_drawn * n / found
+    return np.concatenate(kept)[chosen], np.concatenate(heights)[chosen], round(share)
+
+
+def _next_increment(log_likelihoods: FloatArray, beta: float) -> float:
+    """The step in β at which the effective sample size is the wanted share, by bisection."""
+    relative = log_likelihoods - log_likelihoods.max()
+    wanted = EFFECTIVE_SHARE * np.isfinite(relative).sum()
+
+    def effective(step: float) -> float:
+        weights = np.exp(step * relative)
+        return float(weights.sum() ** 2 / (weights**2).sum())
+
+    low, high = 0.0, 1.0 - beta
+    if effective(high) >= wanted:
+        return high
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if effective(middle) >= wanted else (low, middle)
+    return high
+
+
+def _systematic(weights: FloatArray, rng: np.random.Generator) -> np.ndarray:
+    """Indices of resampled particles: one uniform draw serves all (least variance)."""
+    n = len(weights)
+    ladder = (np.arange(n) + rng.random()) / n
+    cumulative = np.cumsum(weights)
+    return np.searchsorted(cumulative / cumulative[-1], ladder)
+
+
+def _move(
+    target: Target,
+    maxima: Maxima,
+    positions: FloatArray,
+    log_likelihoods: FloatArray,
+    beta: float,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray, int, float]:
+    """Move particles under p_β until they have forgotten where they began.
+
+    Returns positions, log-likelihoods, the moves made and the correlation left.
+    """
+    from bayes_ssi.sampling.moves import ensemble_sampler, initial_state, raise_if_failed
+
+    def log_density(z: FloatArray) -> FloatArray:
+        return beta * target.log_likelihood(z) + log_standard_normal(z)
+
+    n, d = positions.shape
+    mixture = fit_mixture(
+        positions, n_components=_n_components(n, d), dof=5.0, rng=rng, max_steps=EM_STEPS
+    )
+    mixture = mixture.joined_with(maxima.as_mixture(beta), MAXIMA_SHARE)
+    sampler = ensemble_sampler(log_density, n, d, mixture.defended(PRIOR_SHARE), MIXTURE_MOVES)
+    density = beta * log_likelihoods + log_standard_normal(positions)
+    start = initial_state(positions, density, rng)
+    made, left = 0, 1.0
+    for state in sampler.sample(
+        start, iterations=MAX_STEPS, store=False, skip_initial_state_check=True
+    ):
+        made += 1
+        log_now = (state.log_prob - log_standard_normal(state.coords)) / beta
+        before = left
+        left = max(
+            _correlation(positions, state.coords),
+            _correlation(_ranks(log_likelihoods)[:, None], _ranks(log_now)[:, None]),
+        )
+        if made >= MIN_STEPS and left < CORRELATION_LEFT:
+            break
+        # Between separate regions nothing may move: then the correlation settles above the mark.
+        if made >= 4 * MIN_STEPS and before - left < 0.002:
+            break
+    raise_if_failed(sampler)
+    moved = np.array(state.coords)
+    return moved, log_now, made, float(np.clip(left, 0.0, 0.9))
+
+
+def _n_components(n: int, d: int) -> int:
+    """Components of the proposals' mixture, few enough that it does not follow single particles.
+
+    Fitted too closely to the very particles that it moves, it keeps them where they are, and the
+    evidence comes out too low.
+    """
+    return max(1, min(MAX_COMPONENTS, n // (PARTICLES_PER_COMPONENT * d)))
+
+
+def _ranks(values: FloatArray) -> FloatArray:
+    """Ranks, whose correlation does not depend on a few far-off values."""
+    ranks = np.empty(len(values))
+    ranks[np.argsort(values)] = np.arange(len(values))
+    return ranks
+
+
+def _correlation(before: FloatArray, after: FloatArray) -> float:
+    """The mean over dimensions of the correlation between positions before and after."""
+    a, b = before - before.mean(0), after - after.mean(0)
+    return float(np.mean((a * b).sum(0) / np.sqrt((a * a).sum(0) * (b * b).sum(0))))

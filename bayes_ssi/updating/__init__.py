@@ -1,0 +1,1 @@
+"""Updating one model class: calibration, posterior, checks, and modes before and after."""
