@@ -405,6 +405,23 @@ def test_removing_what_is_not_there(directory, checkpoint):
     assert not directory.exists()
 
 
+def test_a_run_that_was_refused_leaves_nothing_in_the_way(one_class, directory):
+    """Its input is mended, and the next run is another one."""
+    (candidate,) = one_class.model_classes
+
+    class Refused(bs.ShearBuilding):
+        def modes(self, values):  # noqa: ARG002
+            raise ValueError("the stiffness matrix is not positive definite")
+
+    building = candidate.structure
+    refused = Refused(building.masses, building.stiffnesses)
+    study = bs.Study("s", [replace(candidate, structure=refused)])
+    with pytest.raises(ValueError, match="not positive definite"):
+        bs.rank(study, checkpoint=directory)
+    assert not directory.exists()
+    bs.rank(one_class, checkpoint=directory)
+
+
 def test_rank_leaves_the_checkpoint_to_its_caller(one_class, directory):
     bs.rank(one_class, checkpoint=directory)
     assert len(list(directory.iterdir())) == 1

@@ -1,5 +1,6 @@
 """The guide's Python runs as it stands, page by page, and what it points to is there."""
 
+import math
 import re
 from pathlib import Path
 
@@ -35,7 +36,7 @@ def told(tmp_path, monkeypatch, capsys):
 
 def test_there_are_pages_and_all_are_run():
     assert {page.stem for page in PAGES if blocks(page)} == {
-        "concepts", "plots_and_arviz", "reading_a_report", "your_own_structure",
+        "concepts", "finite_elements", "plots_and_arviz", "reading_a_report", "your_own_structure",
     }  # fmt: skip
 
 
@@ -49,6 +50,26 @@ def test_concepts(told):
 def test_a_structure_of_your_own(told):
     # (2π · 6.13 / 1.8751²)² = 120.0: the stiffness that gives the first frequency.
     assert float(told("your_own_structure")) == pytest.approx(120.0, rel=0.03)
+
+
+def test_finite_elements(told):
+    """The strip as a whole is a cantilever: (βL)² √(EI/(ρA L⁴))/2π, β_1 L = 1.8751."""
+    lines = told("finite_elements").splitlines()
+    size, first = re.match(r"(\d+) \[\s*([\d.]+)", lines[0]).groups()
+    root = math.sqrt(210e9 * 0.01**2 / 12.0 / (7850.0 * 2.0**4))
+    assert int(size) == 400
+    assert float(first) == pytest.approx(1.8751041**2 * root / (2.0 * math.pi), abs=0.01)
+    for line, name, true in zip(
+        lines[1:], ("modulus", "upper thickness"), (0.9, 1.1), strict=False
+    ):
+        mean, sd = map(float, line.removeprefix(f"{name}: ").split(" ± "))
+        assert mean == pytest.approx(true, abs=2.0 * sd)
+    assert re.match(r"400 degrees of freedom reduced to \d+ by \d full solutions", lines[3])
+    assert lines[4].startswith("confirmed by 16 full solutions")
+    n_evaluations, *_, ground, _, link = lines[5].split()
+    assert int(n_evaluations) < 3000
+    assert float(ground) == pytest.approx(1.1, abs=0.02)
+    assert float(link) == pytest.approx(0.9, abs=0.02)
 
 
 def test_reading_a_report(told):

@@ -122,6 +122,20 @@ def test_modes_alone(predict, tmp_path):
 
 
 @pytest.mark.usefixtures("no_figures")
+def test_modes_alone_of_a_structure_without_masses(predict, monkeypatch):
+    """Those of a function, or of matrices without ``influence``."""
+
+    def unknown(*_):
+        raise TypeError("its masses are not known; give influence=")
+
+    monkeypatch.setattr("bayes_ssi.structures.lumped.LumpedStructure.modal_model", unknown)
+    done = predict()
+    assert done.exit_code == 0, done.output
+    assert "No transfer functions: the ShearBuilding does not know how the ground" in done.stdout
+    assert_one_line_error(predict("--transfer", "ground", "--overwrite"), "give influence=")
+
+
+@pytest.mark.usefixtures("no_figures")
 def test_a_narrow_peak_is_spoken_of(predict):
     assert "(!) So many frequencies may pass by" in predict("--damping", 1e-5).stdout
 

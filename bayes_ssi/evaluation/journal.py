@@ -66,7 +66,7 @@ class Journal:
         self.damage = ""
         self.n_kept = 0
         self._kept: list[tuple[bytes, Evaluated]] = []
-        self._next = 0
+        self._next, self._n_added = 0, 0
         descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
         # Unbuffered: what was written survives the process.
         self._file: BinaryIO = os.fdopen(descriptor, "r+b", buffering=0)
@@ -80,6 +80,11 @@ class Journal:
 
     def close(self) -> None:
         self._file.close()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it holds no evaluation."""
+        return not (self.n_kept or self._n_added)
 
     def __enter__(self) -> Journal:
         return self
@@ -114,6 +119,7 @@ class Journal:
         length = struct.pack("<I", len(body))
         record = PREFIX.pack(len(body), zlib.crc32(length)) + _sum(body) + body
         self._write(record)
+        self._n_added += len(z)
 
     def _write(self, data: bytes) -> None:
         view = memoryview(data)

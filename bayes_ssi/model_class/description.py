@@ -21,11 +21,12 @@ def described(structure: Structure) -> list[tuple[str, str]]:
     """What a structure is, and each of its fields with its numbers and parameters.
 
     The first line is the structure's name and the first paragraph of its docstring. A structure
-    that is no dataclass is told by its degrees of freedom besides.
+    that is no dataclass is told by its own ``facts`` and its degrees of freedom besides.
     """
     lines = [(_words(type(structure).__name__), _first_paragraph(structure))]
     if not is_dataclass(structure):
-        return [*lines, ("degrees of freedom", _cut(in_words(list(structure.degrees_of_freedom))))]
+        facts = {**structure.facts(), "degrees of freedom": list(structure.degrees_of_freedom)}
+        return [*lines, *((name, _cut(in_words(fact))) for name, fact in facts.items())]
     told = [_field(field.name, getattr(structure, field.name)) for field in fields(structure)]
     plain = [each for lines_of_field in told for each in lines_of_field if not each.of_items]
     items = [each for lines_of_field in told for each in lines_of_field if each.of_items]
@@ -73,7 +74,7 @@ def in_words(value: Any) -> str:
     if isinstance(value, Parameter):
         return value.name
     if isinstance(value, Product):
-        return repr(value).replace(" * ", " · ")
+        return repr(value).removeprefix("1 * ").replace(" * ", " · ")
     if getattr(value, "shape", ()):  # dense or sparse
         return f"{type(value).__name__} of {' by '.join(map(str, value.shape))}"
     if callable(value):  # whose text would tell where it lies in memory
@@ -104,4 +105,5 @@ def _first_paragraph(structure: Structure) -> str:
     text = (inspect.getdoc(type(structure)) or "").strip().split("\n\n")[0]
     # What a dataclass writes by itself says nothing.
     own = "" if text.startswith(f"{type(structure).__name__}(") else text
-    return " ".join(own.replace("``", "").split())
+    without_roles = re.sub(r":\w+:`~?([^`]*)`", r"\1", own)
+    return " ".join(without_roles.replace("``", "").split())

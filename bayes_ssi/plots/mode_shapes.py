@@ -34,6 +34,8 @@ __all__ = ["plot_mode_shapes", "shapes_size"]
 
 # A label that ends in a direction: "floor 3 x".
 DIRECTED = re.compile(r"^(.*\S)\s+(x|y|z|torsion|rx|ry|rz)$")
+# Rows of a panel whose labels stand apart; more of them are drawn closer, and smaller at last.
+MOST_ROWS = 16
 LINES = ((BLUE, "-", "o"), (ORANGE, "--", "s"), (GREEN, ":", "^"), (VERMILION, "-.", "D"))
 
 
@@ -61,6 +63,8 @@ def plot_mode_shapes(
             _as_lines(ax, modes, mode, data, heading)
         ax.title.set_fontsize(8)
         ax.tick_params(labelsize=7)
+        rows = len(ax.get_yticks())
+        ax.tick_params("y", labelsize=7.0 * min(1.0, 2.5 * MOST_ROWS / max(rows, 1)))
         if i % across:
             ax.set_yticklabels([""] * len(ax.get_yticks()))
     for ax in axes[len(modes.modes) :]:
@@ -75,7 +79,7 @@ def plot_mode_shapes(
 def shapes_size(modes: UpdatedModes) -> tuple[float, float]:
     """Width and height, in inches, of :func:`plot_mode_shapes`."""
     n = max(1, len(modes.modes))
-    tall = 0.9 + 0.28 * min(12, len(set(_floors(modes).values())) + 2)
+    tall = 0.9 + 0.28 * min(MOST_ROWS, len(set(_floors(modes).values())) + 2)
     return 1.0 + 1.45 * min(n, PANELS_ACROSS), 0.5 + -(-n // PANELS_ACROSS) * max(2.3, tall)
 
 
@@ -108,7 +112,11 @@ def _as_lines(
     for (name, members), (colour, line, marker) in zip(groups.items(), LINES * 3, strict=False):
         rows = [i for i in members if i in own]
         y = np.array([heights[modes.places[i]] for i in rows])
-        ax.fill_betweenx(y, low[rows], high[rows], color=colour, alpha=0.3, linewidth=0)
+        if not _directions(modes):  # nothing says that neighbours in the list are neighbours
+            ax.hlines(y, low[rows], high[rows], color=colour, alpha=0.4, linewidth=3)
+            line = "none"
+        else:
+            ax.fill_betweenx(y, low[rows], high[rows], color=colour, alpha=0.3, linewidth=0)
         ax.plot(median[rows], y, linestyle=line, marker=marker, markersize=3.5, color=colour,
                 linewidth=1.2, label=name)  # fmt: skip
     for i, place in enumerate(modes.places):

@@ -9,7 +9,6 @@ it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -56,9 +55,16 @@ def sample_one(
         if progress is not None:
             progress(candidate.name, step, done)
 
-    kept = checkpoint.journal(candidate, seed, settings) if checkpoint else nullcontext()
-    with kept as journal:
-        return sample(candidate, seed, settings, report, workers=workers, journal=journal)
+    if checkpoint is None:
+        return sample(candidate, seed, settings, report, workers=workers)
+    journal = checkpoint.journal(candidate, seed, settings)
+    try:
+        with journal:
+            return sample(candidate, seed, settings, report, workers=workers, journal=journal)
+    except ValueError:
+        if journal.is_empty:  # or it would refuse the class once its input is mended
+            checkpoint.remove([candidate.name])
+        raise
 
 
 def sample_all(

@@ -244,6 +244,7 @@ def _checks(place: _Place) -> dict[str, Any]:
     return {
         "name": place.row.name,
         "failed": place.row.failed_checks,
+        "remarks": posterior.remarks,
         "r_hat": posterior.r_hat,
         "effective_samples": float(posterior.effective_sample_sizes.min()),
         "chain_lengths": posterior.draws.shape[1] / posterior.autocorrelation_time

@@ -55,8 +55,8 @@ LEAST_SHARE = 0.3
 MAX_DRAWS = 10_000
 # Errors of the two log evidences, relative to the wanted one: the second is a check.
 ERRORS = (1.0, 2.0)
-# The draws of either sample are worth at least so many independent ones.
-LEAST_INDEPENDENT = 250
+# The draws of each sample are worth at least so many independent ones.
+LEAST_INDEPENDENT = (400, 250)
 DRAWS_FOR_REGIONS = 150
 
 
@@ -76,10 +76,10 @@ def sample_economically(
     discovery = discover(target, SEARCHES, seeds[-1], None, effort)
     _tell(progress, "searches", 1.0)
     samples, ensembles = [], []
-    for i, factor in enumerate(ERRORS):
+    for i, (factor, least) in enumerate(zip(ERRORS, LEAST_INDEPENDENT, strict=True)):
         rng = np.random.default_rng(seeds[i])
         sample, draws = _sampled(
-            target, discovery.maxima, factor * settings.log_evidence_error, rng
+            target, discovery.maxima, factor * settings.log_evidence_error, least, rng
         )
         samples.append(sample)
         ensembles.append(draws)
@@ -100,9 +100,9 @@ def sample_economically(
 
 
 def _sampled(
-    target: Target, maxima: Maxima, wanted_error: float, rng: np.random.Generator
+    target: Target, maxima: Maxima, wanted_error: float, least: int, rng: np.random.Generator
 ) -> tuple[ImportanceSample, Ensemble]:
-    """Importance draws until the error is as wanted, and posterior draws made of them."""
+    """Importance draws until the error is as wanted, worth ``least`` at least; resampled too."""
     batch = max(LEAST_BATCH, BATCH_PER_DIMENSION * target.n_dimensions)
     mixture = maxima.as_mixture(dof=DOF).widened(*WIDER)
     sample = first_draws(target, mixture, rng, batch, PRIOR_SHARE)
@@ -117,7 +117,7 @@ def _sampled(
         if apart < AGREES * math.hypot(now.error, before.error):
             break
     sample = refined(target, sample, wanted_error, rng, batch, LEAST_SHARE, MAX_DRAWS)
-    missing = LEAST_INDEPENDENT / sample.effective_sample_size
+    missing = least / sample.effective_sample_size
     if missing > 1.0 and len(sample.z) < MAX_DRAWS:
         sample = extended(target, sample, min(missing, MAX_DRAWS / len(sample.z)), rng, batch // 4)
     return sample, resampled(sample, rng)

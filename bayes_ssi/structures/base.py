@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -156,6 +156,10 @@ class Structure(ABC):
     def heights(self) -> dict[str, float]:
         """Degree of freedom → where a drawing puts it, in storeys above the ground."""
         return {label: float(i) for i, label in enumerate(self.degrees_of_freedom, 1)}
+
+    def facts(self) -> Mapping[str, Any]:
+        """What reports tell of it, where it is no dataclass: a name → numbers, products or text."""
+        return {}
 
     def medians(self) -> FloatArray:
         """Every parameter at its prior median, as one row of ``values`` (1, n_parameters)."""

@@ -121,6 +121,13 @@ class FunctionStructure(OneByOne):
             return frequencies_hz(modes.eigenvalues), modes.vectors
         return self._checked_modes(first, second)
 
+    def facts(self) -> Mapping[str, Any]:
+        return {
+            "function": _name(self.function),
+            "arguments": dict(zip(self._arguments, self._products, strict=True)),
+            "modes": f"the lowest {self._n_modes}",
+        }
+
     def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - no answer here
         raise TypeError(
             f"FunctionStructure {_name(self.function)}: its masses are not known, so its response "

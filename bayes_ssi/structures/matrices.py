@@ -8,7 +8,7 @@ parameters.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -206,6 +206,15 @@ class MatrixStructure(OneByOne):
             NoModesError: K is not positive definite, or modes cannot be found or be counted.
         """
         return lowest_modes(*self.matrices(values), self.n_modes, extra)
+
+    def facts(self) -> Mapping[str, Any]:
+        up_to = f", those up to {self._up_to_hz:g} Hz and a margin" if self._up_to_hz else ""
+        return {
+            "size": f"{self.size} degrees of freedom, {len(self._names)} of them observed",
+            "stiffness": self._stiffness.formula("K"),
+            "mass": self._mass.formula("M"),
+            "modes": f"the lowest {self.n_modes}{up_to}",
+        }
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         """As :meth:`Structure.modal_model`.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import suppress
 from copy import copy
 from functools import cached_property
@@ -133,6 +134,14 @@ class ReducedStructure(Structure):
             np.einsum("bt,tk,bkm->bm", of_mass, np.array(pushed), y),
             influence[self.full.system.rows],
         )
+
+    def facts(self) -> Mapping[str, Any]:
+        basis = (
+            f"frequencies within {self.frequency_error:g} (as a fraction) and shapes within "
+            f"{self.shape_error:g} (at unit length) over the prior, sharper where the posterior "
+            f"lies; at most {self.most_full_solutions} full solutions"
+        )
+        return {**self.full.facts(), "reduced basis": basis}
 
     def bounds(self, values: FloatArray) -> Bounds:
         """The certified errors at ``values`` (B, n_parameters): arrays (B, n_modes)."""

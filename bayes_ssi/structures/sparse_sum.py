@@ -106,6 +106,15 @@ class SparseSum:
         """The common pattern, and where in its data those of each matrix go."""
         return self.pattern, [_places(matrix, self.pattern) for matrix in self.matrices]
 
+    def formula(self, symbol: str) -> str:
+        """The sum in symbols: K0 + k1·K1 + k2·K2, that without parameters first."""
+        found, number = [], 0
+        for product in sorted(self.products, key=lambda product: bool(product.powers)):
+            number += bool(product.powers)
+            factor = f"{repr(product).removeprefix('1 * ')} * " if product.powers else ""
+            found.append(f"{factor}{symbol}{number if factor else 0}")
+        return " + ".join(found).replace(" * ", " · ")
+
     def __repr__(self) -> str:
         each = zip(self.products, self.matrices, strict=True)
         return " + ".join(

@@ -128,6 +128,7 @@ def draw(rows, path):
         for x, y in zip((*sizes, *sizes), (*direct, *reduced), strict=True):
             text = f"{y:.2g} s" if y >= 0.1 else f"{1e3 * y:.2g} ms"
             ax.annotate(text, (x, y), (0, 6), textcoords="offset points", ha="center")
+        ax.set_xlim(sizes.min() / 1.8, sizes.max() * 1.8)
         ax.set_ylim(reduced.min() / 3.0, direct.max() * 3.0)
         ax.set_xlabel("degrees of freedom")
         ax.set_ylabel("CPU time of one likelihood (s)")
