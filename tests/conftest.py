@@ -223,6 +223,7 @@ def fake_sampling(monkeypatch, make_posterior):
                         names=candidate.parameter_names,
                         draws=centre * np.exp(0.5 * rng.standard_normal((4, 250, n))),
                         log_likelihoods=rng.standard_normal((4, 250)),
+                        data_digest=candidate.data_digest,
                     )
                 )
             return found

@@ -135,7 +135,9 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     """But what is not its own stays: here, of a ranking that was stopped."""
 
     def sample(candidate, *_, **__):
-        return make_posterior(candidate.name, names=candidate.parameter_names)
+        return make_posterior(
+            candidate.name, names=candidate.parameter_names, data_digest=candidate.data_digest
+        )
 
     out, checkpoint = tmp_path / "r", tmp_path / ".r.checkpoint"
     monkeypatch.setattr("bayes_ssi.ranking.class_sampling.sample", sample)
