@@ -6,6 +6,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import pytest
 import scipy.sparse as sp
 from click.testing import CliRunner
 from scipy.io import savemat
