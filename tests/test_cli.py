@@ -314,3 +314,32 @@ def test_help_and_version(run):
     assert "rank" in run("--help").stdout
     assert "calibrate" in run("-h").stdout
     assert "0.1.0" in run("--version").stdout
+
+
+LARGE_STUDY = """
+import scipy.sparse as sp
+import bayes_ssi as bs
+
+k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+springs = sp.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(400, 400))
+full = bs.MatrixStructure((k, springs), sp.eye_array(400), n_modes=2)
+data = bs.ModalData((bs.IdentifiedMode("1", 0.00125),), band_hz=(0.0, 0.002))
+study = bs.Study("large", [
+    bs.ModelClass(name, structure, data, pairing={"1": 1})
+    for name, structure in (("full", full), ("again", full), ("reduced", full.reduced()))
+])
+"""
+
+
+def test_slow_structures_are_told_before_they_are_sampled(run, tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise ValueError("not sampled here")
+
+    monkeypatch.setattr("bayes_ssi.ranking.study.sample_all", refuse)
+    study = tmp_path / "large.py"
+    study.write_text(LARGE_STUDY, encoding="utf-8")
+    lines = run("rank", study, "--out", "r").stderr.splitlines()
+    assert lines[0].startswith("Slow: 'full', 'again': 400 degrees of freedom, solved in full")
+    assert "Slow" not in "".join(lines[1:])
+    for option in ("--quiet", "--economical"):
+        assert "Slow" not in run("rank", study, "--out", "r", option).stderr

@@ -113,6 +113,8 @@ class SavedRun:
         )
         overwrite = self.overwrite or checkpoint.is_saving
         require_new(directory, overwrite=overwrite)
+        if not self.economical and not is_quiet():
+            _advise(study)
         try:
             with (
                 nullcontext(self.workers) if self.dask is None else dask_workers(self.dask) as pool,
@@ -182,6 +184,17 @@ class SavedRun:
             if is_quiet():
                 click.echo(f"(!) {len(failed)} failed checks: {'; '.join(failed)}", err=True)
             sys.exit(FAILED_CHECK)
+
+
+def _advise(study: Study) -> None:
+    """Say before a long run where it need not be long, once for structures that are alike."""
+    told: dict[str, list[str]] = {}
+    for candidate in study.model_classes:
+        for configuration in candidate.configurations:
+            told.setdefault(configuration.structure.advice, []).append(repr(candidate.name))
+    for advice, names in told.items():
+        if advice:
+            click.echo(f"Slow: {', '.join(dict.fromkeys(names))}: {advice}", err=True)
 
 
 def run_options(command: Callable[..., None]) -> Callable[..., None]:

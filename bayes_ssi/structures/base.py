@@ -113,6 +113,11 @@ class Structure(ABC):
         return Accuracy(0.0, 0.0, f"exact at {len(values)} sets of values")
 
     @property
+    def advice(self) -> str:
+        """How it would be sampled much faster, as a sentence; empty where it is fast enough."""
+        return ""
+
+    @property
     def sensors(self) -> Sequence[Sensor]:
         """Sensors that are not simply on a degree of freedom; their labels are no label of one."""
         return ()

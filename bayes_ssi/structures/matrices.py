@@ -49,6 +49,8 @@ __all__ = ["MatrixStructure", "System"]
 MARGIN = 0.2
 # Structures with fewer degrees of freedom are solved a batch at a time.
 AT_ONCE_BELOW = 40
+# From so many degrees of freedom sampling with full solutions takes minutes and more.
+LARGE = 300
 # Of the largest eigenvalue: smaller ones may be no more than rounding.
 ROUNDING = 1e-12
 
@@ -136,6 +138,15 @@ class MatrixStructure(OneByOne):
     def degrees_of_freedom(self) -> tuple[str, ...]:
         """Those that are looked at: the sensors, or all."""
         return self._names
+
+    @property
+    def advice(self) -> str:
+        if self.size < LARGE:
+            return ""
+        return (
+            f"{self.size} degrees of freedom, solved in full tens of thousands of times; "
+            "MatrixStructure.reduced() needs dozens of full solutions"
+        )
 
     @property
     def size(self) -> int:

@@ -337,3 +337,12 @@ class TestFiles:
         (tmp_path / "k.txt").touch()
         with pytest.raises(ValueError, match=r"k\.txt: no form of matrix file"):
             bs.read_matrix(tmp_path / "k.txt")
+
+
+def test_large_structures_are_better_reduced():
+    small, large = (
+        bs.MatrixStructure((factor("k"), chain(n)), sp.eye_array(n), n_modes=2) for n in (299, 300)
+    )
+    assert small.advice == ""
+    assert large.advice.startswith("300 degrees of freedom, solved in full")
+    assert large.reduced().advice == ""
