@@ -4,42 +4,30 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from behind import Behind
 
 import bayes_ssi as bs
 from bayes_ssi.evaluation.batch import Evaluated
 from bayes_ssi.modal import Modes
 from bayes_ssi.ranking.checkpoint import Checkpoint
-from bayes_ssi.structures import Structure
 from bayes_ssi.updating.datum_terms import DatumTerms
 from bayes_ssi.versions import versions
 
 SETTINGS = bs.SamplingSettings()
 
 
-class Hidden(Structure):
+class Hidden(Behind):
     """A building whose description tells nothing, not even by how much it is softer."""
 
     def __init__(self, building, softer=1.0, limit=np.inf):
-        self.building = building
+        super().__init__(building)
         self.softer = softer
         self.limit = limit
-
-    @property
-    def parameters(self):
-        return self.building.parameters
-
-    @property
-    def degrees_of_freedom(self):
-        return self.building.degrees_of_freedom
-
-    @property
-    def n_modes(self):
-        return self.building.n_modes
 
     def modes(self, values):
         if (values > self.limit).any():
             raise ArithmeticError(f"stiffer than {self.limit:g}")
-        frequencies_hz, shapes = self.building.modes(values)
+        frequencies_hz, shapes = super().modes(values)
         return Modes(self.softer * frequencies_hz, shapes)
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from behind import Behind
 from click.testing import CliRunner
 from scipy import stats
 from scipy.special import ndtr
@@ -16,7 +17,6 @@ from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.evidence import ImportanceSample, resampled
 from bayes_ssi.sampling.sampled import SamplingSettings
 from bayes_ssi.sampling.target import Target, log_standard_normal
-from bayes_ssi.structures import Structure
 from bayes_ssi.updating.checks import failed_checks
 
 ECONOMICAL = SamplingSettings(log_evidence_error=0.05, economical=True)
@@ -119,27 +119,16 @@ def test_a_posterior_for_which_it_is_not_made_is_flagged():
     assert failed_checks(sampled(log_likelihood, 5))
 
 
-class Counting(Structure):
+class Counting(Behind):
     """A shear building behind a wall, that counts how often it is asked."""
 
     def __init__(self, building):
-        self.building, self.n_asked = building, 0
-
-    @property
-    def parameters(self):
-        return self.building.parameters
-
-    @property
-    def degrees_of_freedom(self):
-        return self.building.degrees_of_freedom
-
-    @property
-    def n_modes(self):
-        return self.building.n_modes
+        super().__init__(building)
+        self.n_asked = 0
 
     def modes(self, values):
         self.n_asked += len(values)
-        return self.building.modes(values)
+        return super().modes(values)
 
 
 @pytest.fixture(scope="module")

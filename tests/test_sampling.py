@@ -7,7 +7,10 @@ import pytest
 
 from bayes_ssi.sampling import engine as sampling
 from bayes_ssi.sampling.engine import sample_target
-from bayes_ssi.sampling.evidence import FIRST_BATCH
+from bayes_ssi.sampling.evidence import FIRST_BATCH, first_draws
+from bayes_ssi.sampling.maxima import find_maxima
+from bayes_ssi.sampling.mixture import StudentMixture
+from bayes_ssi.sampling.production import Ensemble, run_ensemble
 from bayes_ssi.sampling.sampled import SamplingSettings
 from bayes_ssi.sampling.target import Target
 from bayes_ssi.updating.checks import failed_checks
@@ -183,3 +186,69 @@ def test_chains_that_suffice_are_the_draws():
     found = sample_target(Target(lambda z: -2.0 * z[:, 0] ** 2, 1), np.random.SeedSequence(3))
     assert found.resampled == ()
     assert found.draws == found.ensembles
+
+
+def two_places(z):
+    """Likelihood times prior: equal Gaussians of width 0.2 at ±6, where no prior draw comes."""
+    squares = [((z - [sign * 6.0, 0.0]) ** 2).sum(1) for sign in (1.0, -1.0)]
+    return np.logaddexp(*(-0.5 * each / 0.04 for each in squares)) + 0.5 * (z**2).sum(1)
+
+
+def mixture_at(*places):
+    means = np.array([[place, 0.0] for place in places])
+    k = len(means)
+    choleskys = np.tile(0.2 * np.eye(2), (k, 1, 1))
+    return StudentMixture(np.full(k, 1.0 / k), means, choleskys, np.full(k, 30.0))
+
+
+def ensemble_at(*places, n=1500):
+    """Independent draws of narrow Gaussians at the places on the first axis."""
+    rng = np.random.default_rng(len(places))
+    positions = 0.2 * rng.standard_normal((n, 1, 2))
+    positions[:, 0, 0] += np.resize(places, n)
+    heights = two_places(positions[:, 0])[:, None]
+    return Ensemble(positions, heights, np.ones(2), 0.5)
+
+
+def refitted(mixture, *ensembles):
+    target, rng = Target(two_places, 2), np.random.default_rng(0)
+    trial = first_draws(target, mixture, rng)
+    one_maximum = find_maxima(target, np.array([[5.9, 0.1]]))
+    found = sampling._refitted(target, ensembles, one_maximum, mixture, trial, rng)
+    return trial, found
+
+
+def test_a_refit_covers_what_the_mixture_before_it_lacked():
+    """Importance draws of the mixture in one place are worth most, and see nothing of the other."""
+    lacking, there = mixture_at(6.0), np.array([[-6.0, 0.0]])
+    both = ensemble_at(6.0, -6.0)
+    trial, (found, again) = refitted(lacking, both, both)
+    assert trial.effective_share > 0.9
+    assert found.log_pdf(there)[0] > lacking.log_pdf(there)[0] + 5.0
+    assert (again.z[:, 0] < 0.0).mean() == pytest.approx(0.5, abs=0.15)
+
+
+def test_a_refit_to_draws_that_lost_a_region_is_not_taken():
+    good = mixture_at(6.0, -6.0)
+    trial, (found, again) = refitted(good, ensemble_at(6.0), ensemble_at(6.0, -6.0))
+    assert found is good
+    assert again is trial
+
+
+def test_proposals_are_refitted_only_while_that_pays(monkeypatch):
+    """No mixture fits a thin shell well: the second one is not much better than the first."""
+
+    def shell(z):
+        return -0.5 * ((np.linalg.norm(z, axis=1) - 2.0) / 0.08) ** 2
+
+    runs = []
+
+    def counted(*arguments):
+        runs.append(arguments[-1])
+        return run_ensemble(*arguments)
+
+    monkeypatch.setattr(sampling, "run_ensemble", counted)
+    target = Target(shell, 4)
+    result = sample_target(target, np.random.SeedSequence(0), SamplingSettings(0.05))
+    assert not failed_checks(result)
+    assert runs == [sampling.SLOW] * 2 + [math.inf] * 2

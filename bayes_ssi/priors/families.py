@@ -1,9 +1,4 @@
-"""Prior distributions: proper, and written as transformations of a standard normal.
-
-Sampling takes place in standard-normal coordinates ``z`` with
-``value = F⁻¹(Φ(z))``, where ``F`` is the prior's distribution function. In these
-coordinates every prior is N(0, I) and no sample can leave the prior's support.
-"""
+"""The families of prior distributions that parameters may have."""
 
 from __future__ import annotations
 

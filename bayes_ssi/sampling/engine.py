@@ -179,14 +179,14 @@ def _run_ensembles(
     settled = False
     for attempt in range(MAX_REFITS + 1):
         settled = settled or attempt == MAX_REFITS
+        slowest = math.inf if settled else SLOW
+        # Importance draws that are worth many make long chains needless.
+        worth = trial.effective_share >= SUFFICIENT_SHARE
+        most = min(settings.max_steps, FEW_STEPS) if worth else settings.max_steps
         proposal = _proposal(mixture, trial)
         ensembles: list[Ensemble] = []
         for i, own in enumerate(walkers):
             report = _reporter(progress, "ensembles", i, N_ENSEMBLES)
-            slowest = math.inf if settled else SLOW
-            # Importance draws that are worth many make long chains needless.
-            worth = trial.effective_share >= SUFFICIENT_SHARE
-            most = min(settings.max_steps, FEW_STEPS) if worth else settings.max_steps
             one = run_ensemble(
                 target, own, proposal, most, of_attempts[i][attempt], report, slowest
             )

@@ -2,6 +2,7 @@
 
 import math
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -292,7 +293,6 @@ class TestFiles:
             np.testing.assert_array_equal(dense, sparse.toarray())
 
     def test_matlab_7_3(self, tmp_path):
-        h5py = pytest.importorskip("h5py")
         sparse = chain(5)
         with h5py.File(tmp_path / "k.mat", "w", userblock_size=512) as file:
             group = file.create_group("K")
