@@ -35,7 +35,6 @@ def question_of(
     from bayes_ssi.predictions.answers import Question
     from bayes_ssi.predictions.defaults import (
         MOST_FREQUENCIES,
-        default_damping,
         default_frequencies,
         default_output,
     )
@@ -46,15 +45,7 @@ def question_of(
     for name, value in (("--unit", unit), ("--dt", dt)):
         if value is not None and not records:
             raise ValueError(f"{name}: says something of records, but there is no --record")
-    ratios: Damping
-    if damping is None:
-        ratios, source = default_damping(predicted.data)
-        said = f"Damping: {100 * ratios:.3g} % in all modes, {source} (--damping changes it)."
-    else:
-        ratios = _ratios(damping)
-        of = "in all modes" if isinstance(ratios, float) else "mode by mode"
-        each = ", ".join(f"{100 * ratio:.3g}" for ratio in _listed(ratios))
-        said = f"Damping: {each} % {of}, as given."
+    ratios, said = _damping(predicted, damping)
     lowest = min(damping_ratios(ratios, len(_listed(ratios))))
     output = _output(quantity, places) if places else default_output(first, quantity)
     remarks = [said]
@@ -90,6 +81,20 @@ def question_of(
     ]
     force_at = None if transfer in (GROUND, NO_TRANSFER) else transfer
     return Question(output, ratios, frequencies, force_at, motions, level), remarks
+
+
+def _damping(predicted: StoredPredictions, text: str | None) -> tuple[Damping, str]:
+    """The damping that is asked for, or what the data say, and the words for it."""
+    from bayes_ssi.predictions.defaults import default_damping
+
+    if text is None:
+        default, source = default_damping(predicted.data)
+        said = f"Damping: {100 * default:.3g} % in all modes, {source} (--damping changes it)."
+        return default, said
+    ratios = _ratios(text)
+    of = "in all modes" if isinstance(ratios, float) else "mode by mode"
+    each = ", ".join(f"{100 * ratio:.3g}" for ratio in _listed(ratios))
+    return ratios, f"Damping: {each} % {of}, as given."
 
 
 def _listed(ratios: Damping) -> Sequence[float]:
