@@ -6,41 +6,39 @@ vibrate on their own and hide in the modal data.
 
 from typing import TYPE_CHECKING, Any
 
+from bayes_ssi.calibration.calibration import calibrate
+from bayes_ssi.calibration.least_squares import rms_distance
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.finite_elements import FunctionStructure, MatrixStructure, read_matrix
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
+from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.posterior.refinement import sample
 from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
 from bayes_ssi.ranking.comparison import compare
 from bayes_ssi.ranking.study import Study, rank
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.output import Output
-from bayes_ssi.sampling.sampled import SamplingSettings
-from bayes_ssi.sensors import Sensor
+from bayes_ssi.sampling.result import SamplingSettings
 from bayes_ssi.structures import (
     AddedMass,
     FloorBlock,
     FloorMass,
-    FunctionStructure,
     InPlaneInfill,
-    MatrixStructure,
     OutOfPlaneInfill,
     Pendulum,
     ShearBuilding,
     ShearBuilding3D,
     SpaceFrame,
     floor_sensor,
-    read_matrix,
 )
-from bayes_ssi.updating.calibration import calibrate
-from bayes_ssi.updating.calibration_problem import rms_distance
-from bayes_ssi.updating.posterior import Posterior
-from bayes_ssi.updating.reduction import sample
+from bayes_ssi.structures.sensors import Sensor
 
 if TYPE_CHECKING:
-    from bayes_ssi.predictions.stored import load_predictions
+    from bayes_ssi.predictions.stored_predictions import load_predictions
 
 __all__ = [
     "AddedMass",
@@ -91,7 +89,7 @@ def __getattr__(name: str) -> Any:
         AttributeError: there is no such name.
     """
     if name == "load_predictions":
-        from bayes_ssi.predictions.stored import load_predictions
+        from bayes_ssi.predictions.stored_predictions import load_predictions
 
         return load_predictions
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -14,7 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_ssi.priors import FloatArray, Prior
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.priors import Prior
 
 __all__ = ["Parameter", "Product", "ProductTable", "Value", "as_product", "collect_parameters"]
 

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from bayes_ssi.plots.responses import plot_transfer_functions
 from bayes_ssi.plots.style import style
 from bayes_ssi.predictions.bands import Band
-from bayes_ssi.predictions.stored import load_predictions
+from bayes_ssi.predictions.stored_predictions import load_predictions
 from bayes_ssi.response.modal_response import transfer_functions
 from bayes_ssi.response.output import Output
 

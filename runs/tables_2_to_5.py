@@ -21,7 +21,7 @@ from rich.table import Table
 
 import bayes_ssi as bs
 from bayes_ssi.ranking.study import load_study
-from bayes_ssi.results.result_directory import load_result
+from bayes_ssi.results.load import load_result
 from bayes_ssi.tables import parameter_table, ranking_table
 
 HERE = Path(__file__).parent

@@ -16,13 +16,13 @@ from click.testing import CliRunner
 from threadpoolctl import threadpool_limits
 
 import bayes_ssi as bs
+from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.cli import main
-from bayes_ssi.evaluation.workers import local_workers
-from bayes_ssi.ranking.search import search
+from bayes_ssi.execution.workers import local_workers
+from bayes_ssi.posterior.configuration_modes import ConfigurationModes
+from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.ranking.study import load_study
-from bayes_ssi.sampling.evidence import Estimate
-from bayes_ssi.updating.configuration_modes import ConfigurationModes
-from bayes_ssi.updating.posterior import Evidence, Posterior, Region
+from bayes_ssi.sampling.importance import Estimate
 
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
 SECOND_FREQUENCY = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
@@ -228,7 +228,7 @@ def fake_sampling(monkeypatch, make_posterior):
                 )
             return found
 
-        monkeypatch.setattr("bayes_ssi.ranking.search.sample_all", sample_all)
+        monkeypatch.setattr("bayes_ssi.appendages.appendage_search.sample_all", sample_all)
         return levels
 
     return install
@@ -291,14 +291,14 @@ def run(tmp_path, monkeypatch):
 def coarse_command(monkeypatch):
     """Commands sample coarsely."""
     coarse = partial(bs.SamplingSettings, particles=60, searches=1, max_steps=400)
-    monkeypatch.setattr("bayes_ssi.sampling.sampled.SamplingSettings", coarse)
+    monkeypatch.setattr("bayes_ssi.sampling.result.SamplingSettings", coarse)
 
 
 @pytest.fixture
 def no_figures(monkeypatch):
     """Saves results without their figures, which take longest."""
     monkeypatch.setattr(
-        "bayes_ssi.plots.results.save_figures", lambda directory, *_: directory.mkdir()
+        "bayes_ssi.plots.ranking_plots.save_figures", lambda directory, *_: directory.mkdir()
     )
 
 

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from bayes_ssi.evaluation import in_workers
-from bayes_ssi.evaluation.workers import Workers, as_workers
+from bayes_ssi.execution import in_workers
+from bayes_ssi.execution.workers import Workers, as_workers
 
 
 def points(n, d=2):

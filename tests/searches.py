@@ -1,7 +1,7 @@
 """Searches to be looked at: places, settings, and evidences that were not sampled."""
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.hypotheses import Place, SearchSettings
+from bayes_ssi.appendages.hypotheses import Place, SearchSettings
 
 COARSE = bs.SamplingSettings(log_evidence_error=1.0, particles=40, searches=1, max_steps=10)
 ONE = SearchSettings(number_weights=(1.0, 1.0))

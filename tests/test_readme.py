@@ -14,7 +14,7 @@ from scipy.io import savemat
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.ranking.study import load_study
-from bayes_ssi.results.saving import save_result
+from bayes_ssi.results.save import save_result
 
 ROOT = Path(__file__).parent.parent
 BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)

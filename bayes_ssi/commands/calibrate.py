@@ -28,9 +28,9 @@ def calibrate(
     study: Path, only: str | None, shape_weight: float | None, starts: int, seed: int
 ) -> None:
     """List every distinct minimum of the paper's objective for the model classes of STUDY."""
+    from bayes_ssi.calibration.calibration import calibrate as calibrate_class
+    from bayes_ssi.calibration.least_squares import NothingToCalibrateError
     from bayes_ssi.tables import calibration_modes_table, calibration_table
-    from bayes_ssi.updating.calibration import calibrate as calibrate_class
-    from bayes_ssi.updating.calibration_problem import NothingToCalibrateError
 
     where, records = console(), []
     candidates = load(study, only).model_classes

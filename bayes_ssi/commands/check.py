@@ -29,7 +29,7 @@ def check(data: Path) -> None:
     where.print(modes_table(read.data))
     tell_record(lambda: _record(read))
     sensors = ", ".join(read.data.sensors) or "none"
-    remarks = [*read.remarks, *read.data.oddities()]
+    remarks = [*read.remarks, *read.data.warnings()]
     say(
         where,
         f"Band: {low:g} to {high:g} Hz. Sensors: {sensors}. Digest: {read.data.digest}.",
@@ -55,5 +55,5 @@ def _record(read: ModalCsv) -> dict[str, Any]:
             }
             for mode in data.modes
         ],
-        "remarks": [*read.remarks, *data.oddities()],
+        "remarks": [*read.remarks, *data.warnings()],
     }

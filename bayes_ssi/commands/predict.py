@@ -11,11 +11,11 @@ import click
 from bayes_ssi.commands.terminal import console, json_option, progress_bars, say, tell_record
 
 if TYPE_CHECKING:
-    from bayes_ssi.predictions.answers import Answer, Question
     from bayes_ssi.predictions.predictions import Predictions
-    from bayes_ssi.predictions.stored import StoredPredictions
+    from bayes_ssi.predictions.response_bands import ResponseBands, ResponseRequest
+    from bayes_ssi.predictions.stored_predictions import StoredPredictions
 
-from bayes_ssi.commands.question import question_of
+from bayes_ssi.commands.response_options import question_of
 
 __all__ = ["predict"]
 
@@ -118,13 +118,13 @@ def predict(
     Frequencies and mode shapes, transfer functions, and time histories and peaks under records,
     all with credible bands.
     """
-    from bayes_ssi.new_directory import new_directory, require_new
-    from bayes_ssi.plots.predictions import save_prediction_figures
-    from bayes_ssi.predictions.answers import answer
-    from bayes_ssi.predictions.files import save_predictions
+    from bayes_ssi.plots.prediction_plots import save_prediction_figures
+    from bayes_ssi.predictions.prediction_files import save_predictions
     from bayes_ssi.predictions.predictions import AVERAGE
-    from bayes_ssi.predictions.stored import load_predictions
+    from bayes_ssi.predictions.response_bands import answer
+    from bayes_ssi.predictions.stored_predictions import load_predictions
     from bayes_ssi.results.json_files import write_json
+    from bayes_ssi.results.new_directory import new_directory, require_new
 
     predicted = load_predictions(result, study, draws, configuration)
     of_one = len(predicted.model_classes) == 1
@@ -163,9 +163,9 @@ def predict(
     )
 
 
-def _modes(predicted: StoredPredictions, answers: Sequence[Answer]) -> dict[str, Any]:
+def _modes(predicted: StoredPredictions, answers: Sequence[ResponseBands]) -> dict[str, Any]:
     """Predicted frequencies, for a JSON record: low, median and high of each mode."""
-    from bayes_ssi.predictions.modes import predicted_modes
+    from bayes_ssi.predictions.predicted_modes import predicted_modes
 
     return {
         each.name: {
@@ -189,7 +189,9 @@ def _composition(predictions: Predictions) -> str:
     return f"{AVERAGE}: draws by probability, {', '.join(shares)}."
 
 
-def _record(predicted: StoredPredictions, names: list[str], question: Question) -> dict[str, Any]:
+def _record(
+    predicted: StoredPredictions, names: list[str], question: ResponseRequest
+) -> dict[str, Any]:
     """What the predictions are of, for the record."""
     from bayes_ssi.versions import versions
 

@@ -24,10 +24,10 @@ from bayes_ssi.commands.terminal import (
 )
 
 if TYPE_CHECKING:
-    from bayes_ssi.evaluation.workers import Workers
+    from bayes_ssi.execution.workers import Workers
     from bayes_ssi.ranking.sensitivity import Sensitivity
     from bayes_ssi.ranking.study import Ranking, Study
-    from bayes_ssi.results.result_directory import StoredResult
+    from bayes_ssi.results.load import StoredResult
 
 __all__ = ["FAILED_CHECK", "Saved", "SavedRun", "notes_of", "run_options"]
 
@@ -92,12 +92,12 @@ class SavedRun:
             is_leftover: whether a class that was not ranked, but has a checkpoint here, needs it
                 no more.
         """
-        from bayes_ssi.evaluation.workers import dask_workers
-        from bayes_ssi.plots.results import save_figures
+        from bayes_ssi.execution.workers import dask_workers
+        from bayes_ssi.plots.ranking_plots import save_figures
         from bayes_ssi.ranking.checkpoint import Checkpoint, name_of_run
         from bayes_ssi.ranking.sensitivity import sensitivity_record
-        from bayes_ssi.results.saving import require_new, save_result
-        from bayes_ssi.sampling.sampled import SamplingSettings
+        from bayes_ssi.results.save import require_new, save_result
+        from bayes_ssi.sampling.result import SamplingSettings
 
         if self.workers is not None and self.dask is not None:
             raise ValueError("--workers and --dask: give one of them")
@@ -191,7 +191,9 @@ def _advise(study: Study) -> None:
     told: dict[str, list[str]] = {}
     for candidate in study.model_classes:
         for configuration in candidate.configurations:
-            told.setdefault(configuration.structure.advice, []).append(repr(candidate.name))
+            told.setdefault(configuration.structure.performance_hint, []).append(
+                repr(candidate.name)
+            )
     for advice, names in told.items():
         if advice:
             click.echo(f"Slow: {', '.join(dict.fromkeys(names))}: {advice}", err=True)

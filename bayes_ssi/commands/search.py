@@ -58,10 +58,10 @@ def search(
     built on one model class, which should hold none itself, and ranked over all pairings of
     modes. Workers sample whole hypotheses side by side.
     """
+    from bayes_ssi.appendages.appendage_search import search as search_appendages
+    from bayes_ssi.appendages.hypotheses import SearchSettings
+    from bayes_ssi.appendages.search_result import AppendageSearch, search_record
     from bayes_ssi.priors import LogNormal, LogUniform
-    from bayes_ssi.ranking.found import AppendageSearch, search_record
-    from bayes_ssi.ranking.hypotheses import SearchSettings
-    from bayes_ssi.ranking.search import search as search_appendages
 
     loaded = load(study)
     if baseline is not None:
@@ -73,7 +73,7 @@ def search(
     )
 
     def draw(found: AppendageSearch, directory: Path) -> None:
-        from bayes_ssi.plots.places import save_places
+        from bayes_ssi.plots.place_map import save_places
 
         save_places(found, directory / "places.png")
 

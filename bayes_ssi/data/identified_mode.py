@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.arrays import FloatArray
 
 __all__ = ["RESERVED_NAMES", "IdentifiedMode", "checked_band", "require_name"]
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.identified_mode import (
     RESERVED_NAMES,
     IdentifiedMode,
@@ -19,7 +20,6 @@ from bayes_ssi.data.identified_mode import (
     require_name,
 )
 from bayes_ssi.modal import mac
-from bayes_ssi.priors import FloatArray
 
 __all__ = ["ModalData"]
 
@@ -148,7 +148,7 @@ class ModalData:
         negative = next(component for _, component in components if component) < 0
         return [(sensor, -component if negative else component) for sensor, component in components]
 
-    def oddities(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """What an analyst should know about these data before using them, a sentence each."""
         found = []
         for mode in self.modes:

@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.likelihood import ModalLikelihood, row_sums
 from bayes_ssi.identification.paired_modes import PairedModes
 from bayes_ssi.identification.pairings import PairingWeights, log_sum, pair_probabilities
 from bayes_ssi.modal import Modes
-from bayes_ssi.priors import FloatArray
 
 __all__ = ["ALL_MODES", "AnyPairing"]
 

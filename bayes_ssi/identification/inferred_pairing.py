@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.pairings import (
     PairingWeights,
@@ -14,7 +15,6 @@ from bayes_ssi.identification.pairings import (
     pair_probabilities,
     sample_pairings,
 )
-from bayes_ssi.priors import FloatArray
 
 __all__ = ["InferredPairing", "PairingShare", "infer_pairing"]
 

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
@@ -32,9 +33,8 @@ from bayes_ssi.identification.paired_modes import PairedModes, check_pairing
 from bayes_ssi.identification.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.modal import Modes
 from bayes_ssi.parameters import Parameter, Product, ProductTable, as_product, collect_parameters
-from bayes_ssi.priors import FloatArray
-from bayes_ssi.sensors import SensorMatrix
-from bayes_ssi.structures.base import Structure
+from bayes_ssi.structures.sensors import SensorMatrix
+from bayes_ssi.structures.structure import Structure
 
 __all__ = ["MISSED", "ModalLikelihood", "ModalTerms", "row_sums"]
 

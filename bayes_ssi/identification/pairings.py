@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.arrays import FloatArray
 
 __all__ = ["PairingWeights", "left_out", "log_sum", "pair_probabilities", "sample_pairings"]
 

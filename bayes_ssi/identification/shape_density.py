@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from scipy.special import gammaln
 
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.arrays import FloatArray
 
 __all__ = ["log_shape_normaliser", "log_sphere_area"]
 

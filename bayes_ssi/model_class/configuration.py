@@ -15,7 +15,7 @@ from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.paired_modes import check_pairing
-from bayes_ssi.structures.base import Structure
+from bayes_ssi.structures.structure import Structure
 
 __all__ = ["Configuration", "joint_digest", "label_in", "only_one"]
 
@@ -94,7 +94,7 @@ class Configuration:
         if self.name:
             kind = f"configuration {self.name!r}: {kind}"
         try:
-            frequencies_hz, shapes = self.structure.modes(self.structure.medians())
+            frequencies_hz, shapes = self.structure.modes(self.structure.prior_medians())
         except Exception as error:  # whatever a user's structure may raise
             raise ValueError(
                 f"{kind} fails at the prior medians: {type(error).__name__}: {error}"

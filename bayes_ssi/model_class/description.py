@@ -9,7 +9,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
 from bayes_ssi.parameters import Parameter, Product
-from bayes_ssi.structures.base import Structure
+from bayes_ssi.structures.structure import Structure
 
 __all__ = ["described", "in_words"]
 
@@ -25,7 +25,10 @@ def described(structure: Structure) -> list[tuple[str, str]]:
     """
     lines = [(_words(type(structure).__name__), _first_paragraph(structure))]
     if not is_dataclass(structure):
-        facts = {**structure.facts(), "degrees of freedom": list(structure.degrees_of_freedom)}
+        facts = {
+            **structure.description(),
+            "degrees of freedom": list(structure.degrees_of_freedom),
+        }
         return [*lines, *((name, _cut(in_words(fact))) for name, fact in facts.items())]
     told = [_field(field.name, getattr(structure, field.name)) for field in fields(structure)]
     plain = [each for lines_of_field in told for each in lines_of_field if not each.of_items]

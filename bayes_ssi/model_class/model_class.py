@@ -11,13 +11,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.model_class.configuration import Configuration, joint_digest, only_one
 from bayes_ssi.parameters import Parameter, collect_parameters
-from bayes_ssi.priors import FloatArray, Prior
-from bayes_ssi.structures.base import Structure
+from bayes_ssi.priors import Prior
+from bayes_ssi.structures.structure import Structure
 
 __all__ = ["ModelClass"]
 

@@ -8,12 +8,12 @@ from bayes_ssi.plots.changes import (
     plot_mac_change,
     plot_modes_before_and_after,
 )
-from bayes_ssi.plots.corner import plot_corner
+from bayes_ssi.plots.corner_plot import plot_corner
+from bayes_ssi.plots.identified_modes import plot_identified_modes, plot_pairing
 from bayes_ssi.plots.mode_shapes import plot_mode_shapes
-from bayes_ssi.plots.modes import plot_identified_modes, plot_pairing
-from bayes_ssi.plots.places import plot_places
+from bayes_ssi.plots.place_map import plot_places
+from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 from bayes_ssi.plots.responses import plot_mac, plot_time_history, plot_transfer_functions
-from bayes_ssi.plots.results import plot_evidence, plot_frequencies
 from bayes_ssi.plots.shapes import plot_components, plot_shape
 from bayes_ssi.plots.style import style
 from bayes_ssi.plots.summaries import plot_parameters, plot_sensitivity

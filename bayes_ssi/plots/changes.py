@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.plots.style import (
     BLUE,
@@ -17,9 +18,8 @@ from bayes_ssi.plots.style import (
     hover,
     legend_below,
 )
+from bayes_ssi.posterior.updated_modes import LEVEL, UpdatedModes
 from bayes_ssi.predictions.bands import Band
-from bayes_ssi.priors import FloatArray
-from bayes_ssi.updating.updated_modes import LEVEL, UpdatedModes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

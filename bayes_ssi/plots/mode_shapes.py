@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.plots.shapes import plot_shape
 from bayes_ssi.plots.style import (
@@ -21,14 +22,13 @@ from bayes_ssi.plots.style import (
     hover,
     legend_of_figure,
 )
+from bayes_ssi.posterior.updated_modes import UpdatedMode, UpdatedModes
 from bayes_ssi.predictions.bands import Band
-from bayes_ssi.priors import FloatArray
-from bayes_ssi.updating.updated_modes import UpdatedMode, UpdatedModes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-from bayes_ssi.plots.modes import PANELS_ACROSS
+from bayes_ssi.plots.identified_modes import PANELS_ACROSS
 
 __all__ = ["plot_mode_shapes", "shapes_size"]
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.plots.style import (
     BLUE,
     GREEN,
@@ -18,7 +19,6 @@ from bayes_ssi.plots.style import (
     legend_below,
 )
 from bayes_ssi.predictions.bands import Band
-from bayes_ssi.priors import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.plots.style import (
     BLUE,
     GREY,
@@ -15,7 +16,6 @@ from bayes_ssi.plots.style import (
     draw_as_they_are,
 )
 from bayes_ssi.predictions.bands import Band
-from bayes_ssi.priors import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

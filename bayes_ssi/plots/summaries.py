@@ -21,9 +21,9 @@ from bayes_ssi.plots.style import (
     hover,
     legend_below,
 )
+from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import probability_text
 from bayes_ssi.ranking.sensitivity import Sensitivity
-from bayes_ssi.updating.posterior import Posterior
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

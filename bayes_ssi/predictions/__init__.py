@@ -2,7 +2,7 @@
 
 from bayes_ssi.predictions.bands import Band, Prediction
 from bayes_ssi.predictions.predictions import Predictions, predict_average, predict_class
-from bayes_ssi.predictions.stored import load_predictions
+from bayes_ssi.predictions.stored_predictions import load_predictions
 
 __all__ = [
     "Band",

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.arrays import FloatArray
 
 __all__ = ["Band", "Prediction"]
 

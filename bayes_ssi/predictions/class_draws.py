@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.priors import FloatArray
-from bayes_ssi.structures.base import Structure
-from bayes_ssi.updating.posterior import Posterior
+from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.structures.structure import Structure
 
 __all__ = ["DRAWS", "ClassDraws", "class_draws", "configuration_of"]
 

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.predictions.modes import main_places
+from bayes_ssi.predictions.predicted_modes import main_places
 from bayes_ssi.predictions.predictions import Predictions
-from bayes_ssi.priors import FloatArray
 from bayes_ssi.response.modal_response import ground_influence
 from bayes_ssi.response.output import GROUND, Output, Quantity
 

@@ -13,16 +13,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.predictions.bands import Prediction
 from bayes_ssi.predictions.class_draws import DRAWS, ClassDraws, class_draws
-from bayes_ssi.priors import FloatArray
 from bayes_ssi.ranking.comparison import Comparison
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.modal_response import peak_responses, time_histories, transfer_functions
 from bayes_ssi.response.output import Damping, Output
-from bayes_ssi.structures.base import Structure
-from bayes_ssi.updating.posterior import Posterior
+from bayes_ssi.structures.structure import Structure
 
 __all__ = ["AVERAGE", "Predictions", "predict_average", "predict_class"]
 
@@ -125,7 +125,9 @@ class Predictions:
         """
         found = []
         for each, number in self._classes_with(mode):
-            before = each.structure.modes(each.structure.medians()).frequencies_hz[0, number - 1]
+            before = each.structure.modes(each.structure.prior_medians()).frequencies_hz[
+                0, number - 1
+            ]
             found.append(np.full(len(each.values), before))
         return self._joined(found)
 

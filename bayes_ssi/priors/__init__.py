@@ -5,7 +5,6 @@ Sampling takes place in standard-normal coordinates ``z`` with
 coordinates every prior is N(0, I) and no sample can leave the prior's support.
 """
 
-from bayes_ssi.priors.base import FloatArray, Prior, prior_from_dict
 from bayes_ssi.priors.families import (
     HalfNormal,
     LogNormal,
@@ -14,9 +13,9 @@ from bayes_ssi.priors.families import (
     TruncatedNormal,
     Uniform,
 )
+from bayes_ssi.priors.prior import Prior, prior_from_dict
 
 __all__ = [
-    "FloatArray",
     "HalfNormal",
     "LogNormal",
     "LogUniform",

@@ -10,13 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import erf, erfcinv, erfinv, log_ndtr, ndtr, ndtri, ndtri_exp
 
-from bayes_ssi.priors.base import (
-    FloatArray,
-    Prior,
-    require_finite,
-    require_ordered,
-    require_positive,
-)
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.priors.prior import Prior, require_finite, require_ordered, require_positive
 
 __all__ = ["HalfNormal", "LogNormal", "LogUniform", "Normal", "TruncatedNormal", "Uniform"]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison
-from bayes_ssi.updating.posterior import Posterior
 
 __all__ = ["AveragedParameter", "averaged_parameters"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from scipy.special import logsumexp
 
-from bayes_ssi.updating.posterior import Posterior
+from bayes_ssi.posterior.posterior import Posterior
 
 __all__ = ["Comparison", "RankedClass", "bayes_factor_scale", "checked_weights", "compare"]
 

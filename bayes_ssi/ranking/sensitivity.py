@@ -22,15 +22,15 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_ssi.evaluation.workers import Workers, as_workers
+from bayes_ssi.execution.workers import Workers, as_workers
 from bayes_ssi.identification.error_model import ErrorModel
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import as_product
+from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.study import Ranking
-from bayes_ssi.sampling.evidence import Estimate, pareto_shape
-from bayes_ssi.sampling.sampled import SamplingSettings
-from bayes_ssi.updating.posterior import Posterior
+from bayes_ssi.sampling.importance import Estimate, pareto_shape
+from bayes_ssi.sampling.result import SamplingSettings
 
 __all__ = [
     "Sensitivity",

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_ssi.evaluation.in_workers import STUDY_MODULE
-from bayes_ssi.evaluation.workers import Workers, as_workers
+from bayes_ssi.execution.in_workers import STUDY_MODULE
+from bayes_ssi.execution.workers import Workers, as_workers
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.checkpoint import Checkpoint
 from bayes_ssi.ranking.class_sampling import Report, sample_all
 from bayes_ssi.ranking.comparison import Comparison, checked_weights, compare
-from bayes_ssi.sampling.sampled import SamplingSettings
-from bayes_ssi.updating.posterior import Posterior
+from bayes_ssi.sampling.result import SamplingSettings
 
 __all__ = ["Ranking", "Study", "load_study", "rank"]
 

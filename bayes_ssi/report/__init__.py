@@ -1,5 +1,5 @@
 """A stored result as one page that people read: HTML that needs nothing else, and Markdown."""
 
-from bayes_ssi.report.written import write_report
+from bayes_ssi.report.write import write_report
 
 __all__ = ["write_report"]

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.posterior.configuration_modes import ConfigurationModes
+from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.report.picture import Picture
 from bayes_ssi.report.pictures import Pictures
-from bayes_ssi.report.stored import Beside
-from bayes_ssi.results.result_directory import StoredResult
+from bayes_ssi.report.stored_extras import StoredExtras
+from bayes_ssi.results.load import StoredResult
 from bayes_ssi.tables import pairing_notes, region_notes
-from bayes_ssi.updating.configuration_modes import ConfigurationModes
-from bayes_ssi.updating.posterior import Posterior
 
 __all__ = ["content"]
 
@@ -34,7 +34,7 @@ class _Place:
 
 
 def content(
-    stored: StoredResult, beside: Beside, pictures: Pictures, most_listed: int
+    stored: StoredResult, beside: StoredExtras, pictures: Pictures, most_listed: int
 ) -> dict[str, Any]:
     """Everything that the templates ask for.
 
@@ -98,7 +98,7 @@ def _test(name: str, data: ModalData, drawn: list[Picture]) -> dict[str, Any]:
         "sensors": data.sensors,
         "digest": data.digest,
         # Where no shape was measured at all, that is said once.
-        "oddities": data.oddities() if data.sensors else [],
+        "warnings": data.warnings() if data.sensors else [],
         "modes": [
             {
                 "label": mode.label,

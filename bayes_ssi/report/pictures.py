@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.plots.changes import plot_mac_change, plot_modes_before_and_after
-from bayes_ssi.plots.corner import corner_size, plot_corner
+from bayes_ssi.plots.corner_plot import corner_size, plot_corner
+from bayes_ssi.plots.identified_modes import data_size, plot_identified_modes, plot_pairing
 from bayes_ssi.plots.mode_shapes import plot_mode_shapes, shapes_size
-from bayes_ssi.plots.modes import data_size, plot_identified_modes, plot_pairing
-from bayes_ssi.plots.places import plot_places
-from bayes_ssi.plots.results import plot_evidence, plot_frequencies
+from bayes_ssi.plots.place_map import plot_places
+from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 from bayes_ssi.plots.style import style
 from bayes_ssi.plots.summaries import plot_parameters, plot_sensitivity
+from bayes_ssi.posterior.configuration_modes import ConfigurationModes
+from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.posterior.updated_modes import UpdatedModes
 from bayes_ssi.ranking.comparison import Comparison
-from bayes_ssi.report.stored import Beside
-from bayes_ssi.results.result_directory import StoredResult
-from bayes_ssi.updating.configuration_modes import ConfigurationModes
-from bayes_ssi.updating.posterior import Posterior
-from bayes_ssi.updating.updated_modes import UpdatedModes
+from bayes_ssi.report.stored_extras import StoredExtras
+from bayes_ssi.results.load import StoredResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,7 +65,7 @@ class Pictures:
 
 
 def draw(
-    stored: StoredResult, beside: Beside, progress: Callable[[float], object] = float
+    stored: StoredResult, beside: StoredExtras, progress: Callable[[float], object] = float
 ) -> Pictures:
     """Every figure of a report, from stored records; progress is told the share that is done."""
     from matplotlib import rc_context
@@ -208,7 +208,7 @@ def _corner(posterior: Posterior, i: int, told: str) -> Picture:
     return png_figure(f"corner_{i + 1}", alt, plot, corner_size(len(names)))
 
 
-def _sensitivity(beside: Beside) -> Picture | None:
+def _sensitivity(beside: StoredExtras) -> Picture | None:
     found = beside.sensitivity
     if found is None or len(found.rows[0].probabilities) < 2:
         return None
@@ -220,7 +220,7 @@ def _sensitivity(beside: Beside) -> Picture | None:
     return svg_figure("sensitivity", "How the ranking moves with settings", plot, size)
 
 
-def _places(beside: Beside) -> Picture | None:
+def _places(beside: StoredExtras) -> Picture | None:
     found = beside.search
     if found is None or not found.places:
         return None
@@ -232,7 +232,7 @@ def _places(beside: Beside) -> Picture | None:
     return svg_figure("places", "Probability of an appendage, place by place", plot, size)
 
 
-def _predictions(beside: Beside) -> list[Picture]:
+def _predictions(beside: StoredExtras) -> list[Picture]:
     found = beside.predictions
     if found is None:
         return []

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy import constants
 
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.arrays import FloatArray
 
 __all__ = ["UNITS", "GroundMotion", "along_azimuth", "checked_unit"]
 

@@ -16,12 +16,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import ModalModel
-from bayes_ssi.priors import FloatArray
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.output import Damping, Output, damping_ratios
 from bayes_ssi.response.time_stepping import responses
-from bayes_ssi.structures.base import Structure
+from bayes_ssi.structures.structure import Structure
 
 __all__ = [
     "ground_influence",
@@ -57,7 +57,7 @@ def ground_influence(structure: Structure) -> FloatArray | None:
     None where the structure does not know.
     """
     try:
-        return modal_model_of(structure, structure.medians()).influence
+        return modal_model_of(structure, structure.prior_medians()).influence
     except TypeError:
         return None
 

@@ -8,8 +8,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from bayes_ssi.priors import FloatArray
-from bayes_ssi.structures.base import Structure
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.structures.structure import Structure
 
 __all__ = ["GROUND", "Damping", "Output", "Quantity", "damping_ratios"]
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.arrays import FloatArray
 
 __all__ = ["phi_functions", "responses"]
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.model_class.configuration import joint_digest
+from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison
-from bayes_ssi.updating.posterior import Posterior
 
 __all__ = ["require_record", "require_whole"]
 

@@ -17,8 +17,8 @@ import math
 
 import numpy as np
 
-from bayes_ssi.sampling.discovery import Effort, discover
-from bayes_ssi.sampling.evidence import (
+from bayes_ssi.sampling.ensembles import Ensemble
+from bayes_ssi.sampling.importance import (
     ImportanceSample,
     bridge_sampling,
     extended,
@@ -28,9 +28,9 @@ from bayes_ssi.sampling.evidence import (
 )
 from bayes_ssi.sampling.maxima import Maxima
 from bayes_ssi.sampling.mixture import StudentMixture, choose_mixture
-from bayes_ssi.sampling.production import Ensemble
+from bayes_ssi.sampling.multistart import Effort, discover
 from bayes_ssi.sampling.regions import Regions, find_regions
-from bayes_ssi.sampling.sampled import Progress, Sampled, SamplingSettings
+from bayes_ssi.sampling.result import Progress, SamplingResult, SamplingSettings
 from bayes_ssi.sampling.target import Target
 
 __all__ = ["sample_economically"]
@@ -65,7 +65,7 @@ def sample_economically(
     seed: np.random.SeedSequence,
     settings: SamplingSettings,
     progress: Progress | None = None,
-) -> Sampled:
+) -> SamplingResult:
     """Sample the posterior of ``target`` and estimate its evidence with few evaluations.
 
     Arguments and errors as those of :func:`~bayes_ssi.sampling.engine.sample_target`; of the
@@ -85,7 +85,7 @@ def sample_economically(
         ensembles.append(draws)
         _tell(progress, "evidence", (i + 1) / len(ERRORS))
     importance, repeat = samples
-    return Sampled(
+    return SamplingResult(
         discovery=discovery,
         starts=(),
         maxima=discovery.maxima,
@@ -138,7 +138,7 @@ def _adapted(sample: ImportanceSample, rng: np.random.Generator) -> StudentMixtu
         for half in halves
     )
     fitted = choose_mixture(fitted_to, held_out, COMPONENTS, rng).widened(*WIDER)
-    return known.joined_with(fitted, FITTED_SHARE)
+    return known.mixed_with(fitted, FITTED_SHARE)
 
 
 def _regions(target: Target, maxima: Maxima, sample: ImportanceSample) -> Regions:

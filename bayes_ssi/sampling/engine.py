@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.priors import FloatArray
-from bayes_ssi.sampling.discovery import discover
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.economical import sample_economically
-from bayes_ssi.sampling.evidence import (
+from bayes_ssi.sampling.ensembles import Ensemble, Proposal, Walkers, first_walkers, run_ensemble
+from bayes_ssi.sampling.importance import (
     PARETO_K_LIMIT,
     ImportanceSample,
     bridge_sampling,
@@ -40,9 +40,9 @@ from bayes_ssi.sampling.evidence import (
 )
 from bayes_ssi.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.sampling.mixture import StudentMixture, choose_mixture
-from bayes_ssi.sampling.production import Ensemble, Proposal, Walkers, first_walkers, run_ensemble
+from bayes_ssi.sampling.multistart import discover
 from bayes_ssi.sampling.regions import Regions, find_regions
-from bayes_ssi.sampling.sampled import Progress, Sampled, SamplingSettings
+from bayes_ssi.sampling.result import Progress, SamplingResult, SamplingSettings
 from bayes_ssi.sampling.target import Target
 from bayes_ssi.sampling.tempering import TemperedStart, tempered_start
 
@@ -84,7 +84,7 @@ def sample_target(
     seed: np.random.SeedSequence,
     settings: SamplingSettings | None = None,
     progress: Progress | None = None,
-) -> Sampled:
+) -> SamplingResult:
     """Sample the posterior of ``target`` and estimate its evidence.
 
     Args:
@@ -108,7 +108,7 @@ def _sample(
     seed: np.random.SeedSequence,
     settings: SamplingSettings,
     progress: Progress | None,
-) -> Sampled:
+) -> SamplingResult:
     seeds = seed.spawn(2 * N_ENSEMBLES + 2)
     rng = np.random.default_rng(seeds[-1])
     discovery = discover(
@@ -142,7 +142,7 @@ def _sample(
         instead = tuple(resampled(half, rng) for half in halves(importance, rng))
     if progress is not None:
         progress("evidence", 1.0)
-    return Sampled(
+    return SamplingResult(
         discovery=discovery,
         starts=tuple(starts),
         maxima=maxima,
@@ -207,7 +207,7 @@ def _proposal(mixture: StudentMixture, trial: ImportanceSample) -> Proposal:
     """The mixture as the ensembles' proposal, after first importance draws from it."""
     # Draws that lost a region leave its component too little weight; a few importance draws
     # give every component its share.
-    reweighted = mixture.reweighted(trial.z, trial.weights).defended(MAXIMA_SHARE)
+    reweighted = mixture.reweighted(trial.z, trial.weights).with_prior_component(MAXIMA_SHARE)
     # The better the mixture, the less is left for other moves to do.
     return Proposal(reweighted, min(LEAST_MOVES + trial.effective_share, MOST_MOVES))
 
@@ -242,7 +242,7 @@ def _fitted(
 ) -> StudentMixture:
     """A mixture fitted to draws, and the maxima."""
     found = choose_mixture(_thinned(draws, rng), _thinned(held_out, rng), COMPONENTS, rng)
-    return found.joined_with(maxima.as_mixture(), MAXIMA_SHARE).widened(*WIDER)
+    return found.mixed_with(maxima.as_mixture(), MAXIMA_SHARE).widened(*WIDER)
 
 
 def _with_sure_shares(

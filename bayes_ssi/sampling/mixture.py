@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.arrays import FloatArray
 
 __all__ = ["StudentMixture", "choose_mixture", "fit_mixture"]
 
@@ -99,7 +99,7 @@ class StudentMixture:
         prior = -0.5 * (np.einsum("nd,nd->n", z, z) + d * math.log(2.0 * math.pi))
         return np.logaddexp(total, prior + math.log(self.prior_share))
 
-    def defended(self, prior_share: float) -> StudentMixture:
+    def with_prior_component(self, prior_share: float) -> StudentMixture:
         """This mixture with ``prior_share`` of its weight given to the prior N(0, I)."""
         weights = self.weights * ((1.0 - prior_share) / self.weights.sum())
         return StudentMixture(weights, self.means, self.choleskys, self.dof, prior_share)
@@ -110,9 +110,9 @@ class StudentMixture:
         They cover what lies just beyond a mixture that was fitted to draws: weights of draws
         from it then have no heavy tail.
         """
-        return self.joined_with(replace(self, choleskys=factor * self.choleskys), share)
+        return self.mixed_with(replace(self, choleskys=factor * self.choleskys), share)
 
-    def joined_with(self, other: StudentMixture, share: float) -> StudentMixture:
+    def mixed_with(self, other: StudentMixture, share: float) -> StudentMixture:
         """This mixture with ``share`` of its weight given to the components of another."""
         return StudentMixture(
             np.concatenate([self.weights * (1.0 - share), other.weights * share]),

@@ -13,7 +13,7 @@ import emcee
 import numpy as np
 from emcee.moves.red_blue import RedBlueMove
 
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.mixture import StudentMixture
 
 __all__ = ["ensemble_moves", "ensemble_sampler", "initial_state", "raise_if_failed"]

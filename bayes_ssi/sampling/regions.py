@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.target import Target
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bayes_ssi.evaluation.batch import Evaluated, Function, evaluate
-from bayes_ssi.evaluation.journal import Journal
-from bayes_ssi.evaluation.workers import Workers
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.execution.batch import Evaluated, Function, evaluate
+from bayes_ssi.execution.journal import Journal
+from bayes_ssi.execution.workers import Workers
 
 __all__ = ["Failure", "Target", "log_standard_normal"]
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.maxima import Maxima
 from bayes_ssi.sampling.mixture import fit_mixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
@@ -198,8 +198,10 @@ def _move(
     mixture = fit_mixture(
         positions, n_components=_n_components(n, d), dof=5.0, rng=rng, max_steps=EM_STEPS
     )
-    mixture = mixture.joined_with(maxima.as_mixture(beta), MAXIMA_SHARE)
-    sampler = ensemble_sampler(log_density, n, d, mixture.defended(PRIOR_SHARE), MIXTURE_MOVES)
+    mixture = mixture.mixed_with(maxima.as_mixture(beta), MAXIMA_SHARE)
+    sampler = ensemble_sampler(
+        log_density, n, d, mixture.with_prior_component(PRIOR_SHARE), MIXTURE_MOVES
+    )
     density = beta * log_likelihoods + log_standard_normal(positions)
     start = initial_state(positions, density, rng)
     made, left = 0, 1.0

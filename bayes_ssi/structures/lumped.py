@@ -15,13 +15,13 @@ from typing import Self
 
 import numpy as np
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.parameters import Parameter, collect_parameters
-from bayes_ssi.priors import FloatArray
-from bayes_ssi.sensors import Sensor
-from bayes_ssi.structures.base import Structure
+from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element, Place, PointMass, Spring
-from bayes_ssi.structures.matrix_sum import MatrixSum
+from bayes_ssi.structures.sensors import Sensor
+from bayes_ssi.structures.structure import Structure
 
 __all__ = ["LumpedStructure"]
 
@@ -186,20 +186,20 @@ class LumpedStructure(Structure):
         return [*self.main_masses(), *(m for element in self.elements for m in element.masses())]
 
     @cached_property
-    def _stiffness(self) -> MatrixSum:
+    def _stiffness(self) -> AffineArray:
         n = len(self.degrees_of_freedom)
         terms = [(spring.stiffness, self._outer(spring.direction)) for spring in self._springs]
-        return MatrixSum.of(terms, self.parameters, (n, n))
+        return AffineArray.of(terms, self.parameters, (n, n))
 
     @cached_property
-    def _mass(self) -> MatrixSum:
+    def _mass(self) -> AffineArray:
         n = len(self.degrees_of_freedom)
         terms = [(mass.mass, self._outer(mass.direction)) for mass in self._masses]
-        full = MatrixSum.of(terms, self.parameters, (n, n))
+        full = AffineArray.of(terms, self.parameters, (n, n))
         if (full.arrays * (1.0 - np.eye(n))).any():
             return full
         # Masses that balance each other leave nothing beside the diagonal.
-        return MatrixSum.of(
+        return AffineArray.of(
             [(mass, array.diagonal()) for mass, array in terms], self.parameters, (n,)
         )
 

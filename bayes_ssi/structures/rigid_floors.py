@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from bayes_ssi.parameters import Product, Value, as_product
-from bayes_ssi.sensors import Sensor
 from bayes_ssi.structures.elements import Element, Place, PointMass
 from bayes_ssi.structures.lumped import LumpedStructure
+from bayes_ssi.structures.sensors import Sensor
 
 __all__ = [
     "DIRECTIONS",

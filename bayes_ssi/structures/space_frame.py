@@ -14,11 +14,11 @@ from functools import cached_property
 
 import numpy as np
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import inverse_cholesky
 from bayes_ssi.parameters import Parameter, Product, Value, as_product, collect_parameters
-from bayes_ssi.priors import FloatArray
+from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import PointMass, Spring
-from bayes_ssi.structures.matrix_sum import MatrixSum
 from bayes_ssi.structures.rigid_floors import DIRECTIONS, RigidFloors, floor_label
 
 __all__ = ["SpaceFrame"]
@@ -155,7 +155,7 @@ class SpaceFrame(RigidFloors):
         return np.asarray(total).reshape(-1, 3 * n, 3 * n)
 
     @cached_property
-    def _planes(self) -> tuple[MatrixSum, MatrixSum]:
+    def _planes(self) -> tuple[AffineArray, AffineArray]:
         """Stiffness of one plane frame along x, and of one along y, before condensation."""
         return (
             self._plane(self.x_lines, self.column_inertias_x, self.beam_inertias_x),
@@ -164,7 +164,7 @@ class SpaceFrame(RigidFloors):
 
     def _plane(
         self, lines: Sequence[float], columns: Sequence[Value], beams: Sequence[Value]
-    ) -> MatrixSum:
+    ) -> AffineArray:
         """Of a plane frame: displacements of the floors, then rotations of the joints.
 
         Where the lines are symmetric, so is the frame, and joints that mirror each other turn
@@ -189,7 +189,7 @@ class SpaceFrame(RigidFloors):
                 _add(of_beams, _beam(float(span)), (joints[i], joints[i + 1]))
             terms.append((modulus * as_product(column), of_columns))
             terms.append((modulus * as_product(beam), of_beams))
-        return MatrixSum.of(terms, self.parameters, (size, size))
+        return AffineArray.of(terms, self.parameters, (size, size))
 
 
 def _condensed(stiffness: FloatArray, n_kept: int) -> FloatArray:

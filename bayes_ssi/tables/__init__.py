@@ -1,9 +1,9 @@
 """Results as tables for a terminal."""
 
-from bayes_ssi.tables.calibration import calibration_modes_table, calibration_table
-from bayes_ssi.tables.modes import modes_table
-from bayes_ssi.tables.predictions import frequency_table, peak_table, shape_tables
-from bayes_ssi.tables.ranking import (
+from bayes_ssi.tables.calibration_tables import calibration_modes_table, calibration_table
+from bayes_ssi.tables.mode_tables import modes_table
+from bayes_ssi.tables.prediction_tables import frequency_table, peak_table, shape_tables
+from bayes_ssi.tables.ranking_tables import (
     averages_table,
     comparison_notes,
     evidence_table,
@@ -12,8 +12,8 @@ from bayes_ssi.tables.ranking import (
     ranking_table,
     region_notes,
 )
-from bayes_ssi.tables.search import averaged_table, search_notes, search_table
-from bayes_ssi.tables.sensitivity import sensitivity_notes, sensitivity_table
+from bayes_ssi.tables.search_tables import averaged_table, search_notes, search_table
+from bayes_ssi.tables.sensitivity_tables import sensitivity_notes, sensitivity_table
 
 __all__ = [
     "averaged_table",

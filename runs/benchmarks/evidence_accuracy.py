@@ -17,9 +17,9 @@ import numpy as np
 from problems import Problem, all_problems, from_unit_cube
 from threadpoolctl import threadpool_limits
 
+from bayes_ssi.posterior.checks import failed_checks
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.target import Target
-from bayes_ssi.updating.checks import failed_checks
 
 
 def ours(problem: Problem, seed: int) -> dict[str, float]:

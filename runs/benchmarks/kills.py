@@ -25,7 +25,7 @@ from time import perf_counter, sleep
 import numpy as np
 
 from bayes_ssi.ranking.study import load_study, rank
-from bayes_ssi.results.result_directory import load_result
+from bayes_ssi.results.load import load_result
 
 COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()", "rank"]
 STUDY = Path(__file__).parents[2] / "model_classes" / "shear_building.py"

@@ -22,8 +22,8 @@ from scipy.stats import beta
 from simulated import print_bands, simulate
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.hypotheses import Place, SearchSettings, hypothesis, places_of
-from bayes_ssi.ranking.search import search
+from bayes_ssi.appendages.appendage_search import search
+from bayes_ssi.appendages.hypotheses import Place, SearchSettings, hypothesis, places_of
 from bayes_ssi.ranking.study import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "bare_building.py"

@@ -14,8 +14,8 @@ from time import perf_counter
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.hypotheses import SearchSettings
-from bayes_ssi.ranking.search import search
+from bayes_ssi.appendages.appendage_search import search
+from bayes_ssi.appendages.hypotheses import SearchSettings
 
 N_STOREYS, N_MODES = 20, 8
 FLOORS = (1, 4, 8, 12, 16, 20)

@@ -20,8 +20,8 @@ import numpy as np
 from distributed import LocalCluster
 
 import bayes_ssi as bs
-from bayes_ssi.evaluation.batch import evaluate
-from bayes_ssi.evaluation.workers import Workers, dask_workers, local_workers
+from bayes_ssi.execution.batch import evaluate
+from bayes_ssi.execution.workers import Workers, dask_workers, local_workers
 
 BATCHES, BATCH = 6, 64
 SECONDS_A_POINT = 0.05

@@ -8,9 +8,9 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
+from bayes_ssi.posterior.checks import failed_checks
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.target import Target
-from bayes_ssi.updating.checks import failed_checks
 
 LOG_2PI = math.log(2.0 * math.pi)
 

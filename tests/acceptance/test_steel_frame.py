@@ -70,7 +70,7 @@ def test_twelve_sets_on_the_same_three_tests():
 
 def test_the_nominal_frame():
     bare = model_class("1-a M1").configurations[0].structure
-    found = bare.modes(bare.medians())
+    found = bare.modes(bare.prior_medians())
     np.testing.assert_allclose(found.frequencies_hz[0], NOMINAL_HZ, rtol=5e-3)
     fourth = found.shapes[0, :, 3].reshape(2, 3)
     assert np.abs(fourth[:, [0, 2]]).max() < 1e-9  # y alone

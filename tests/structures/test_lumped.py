@@ -116,8 +116,8 @@ def test_parameters_of_main_structure_come_first(augmented):
 def test_medians_are_one_row(augmented):
     k = bs.Parameter("k", bs.Uniform(2.0, 6.0))
     building = bs.ShearBuilding((1.0,), (k,))
-    np.testing.assert_allclose(building.medians(), [[4.0]], rtol=1e-14)
-    np.testing.assert_allclose(augmented.medians(), np.ones((1, 4)), rtol=1e-14)
+    np.testing.assert_allclose(building.prior_medians(), [[4.0]], rtol=1e-14)
+    np.testing.assert_allclose(augmented.prior_medians(), np.ones((1, 4)), rtol=1e-14)
 
 
 def test_sensors_are_rows_of_the_shapes(augmented):

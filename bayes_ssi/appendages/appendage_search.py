@@ -1,0 +1,127 @@
+"""The search for hidden appendages: does one hang in the data, where, how heavy, tuned to what?
+
+From a baseline model class it builds hypotheses: no appendage; a pendulum on each floor; an
+infill out of its plane between each two neighbouring floors; then one more on the best of these,
+as long as the evidence grows. Which identified mode is which is never assumed: every hypothesis
+is scored over all pairings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from functools import partial
+from pathlib import Path
+
+from bayes_ssi.appendages.hypotheses import (
+    Place,
+    SearchSettings,
+    hypothesis,
+    mean_mass,
+    places_of,
+    structure_with_floors,
+)
+from bayes_ssi.appendages.search_result import AppendageSearch
+from bayes_ssi.execution.workers import Workers, as_workers
+from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.ranking.checkpoint import Checkpoint
+from bayes_ssi.ranking.class_sampling import sample_all
+from bayes_ssi.ranking.comparison import compare
+from bayes_ssi.ranking.study import Ranking, Study
+from bayes_ssi.sampling.result import SamplingSettings
+
+__all__ = ["search"]
+
+
+def search(
+    baseline: ModelClass,
+    search_settings: SearchSettings | None = None,
+    seed: int = 0,
+    settings: SamplingSettings | None = None,
+    progress: Callable[[str, str, float], None] | None = None,
+    *,
+    workers: int | Executor | Workers | None = None,
+    checkpoint: str | Path | Checkpoint | None = None,
+) -> AppendageSearch:
+    """Search for hidden appendages on a baseline structure.
+
+    Args:
+        baseline: its structure has floors in a row; its pairing is not used.
+        search_settings: what an appendage may be.
+        seed: a hypothesis's result follows from it and the hypothesis's name.
+        settings: how precisely to sample.
+        progress: called with the name of the hypothesis, of the step, and the share of it done.
+        workers: where whole hypotheses are sampled; here, one after another, if None.
+        checkpoint: as for :func:`~bayes_ssi.ranking.study.rank`.
+
+    Raises:
+        ValueError: the structure has no floors to hang an appendage on, there are several
+            configurations, or a hypothesis cannot be sampled.
+    """
+    options = search_settings or SearchSettings()
+    settings = settings or SamplingSettings()
+    structure = structure_with_floors(baseline)
+    candidates = places_of(structure)
+    build = partial(hypothesis, baseline, search_settings=options)
+    found: dict[tuple[Place, ...], Posterior] = {}
+    classes: dict[tuple[Place, ...], ModelClass] = {}
+    with as_workers(workers) as pool:
+        level: list[tuple[Place, ...]] = [(), *((place,) for place in candidates)]
+        while level:
+            classes.update({places: build(places) for places in level})
+            sampled = sample_all(
+                [classes[places] for places in level], seed, settings, progress, pool, checkpoint
+            )
+            found.update(zip(level, sampled, strict=True))
+            level = _next_level(found, candidates, options)
+    weights = {
+        classes[places].name: _prior_weight(len(places), len(candidates), options)
+        for places in found
+    }
+    study = Study(
+        f"Appendages hidden in {baseline.name!r}", list(classes.values()), prior_weights=weights
+    )
+    posteriors = tuple(found.values())
+    ranking = Ranking(study, posteriors, compare(posteriors, weights), seed, settings)
+    return AppendageSearch(
+        ranking,
+        {classes[p].name: p for p in found},
+        candidates,
+        mean_mass(structure),
+        baseline.name,
+        options,
+    )
+
+
+def _next_level(
+    found: Mapping[tuple[Place, ...], Posterior],
+    candidates: Sequence[Place],
+    options: SearchSettings,
+) -> list[tuple[Place, ...]]:
+    """Hypotheses with one appendage more than the best so far; none if more do not help."""
+
+    def log_evidence(places: tuple[Place, ...]) -> float:
+        return found[places].evidence.log_evidence
+
+    most = max(len(places) for places in found)
+    if most + 1 == len(options.number_weights):
+        return []
+    top = [places for places in found if len(places) == most]
+    fewer = [places for places in found if len(places) == most - 1]
+    if max(map(log_evidence, top)) <= max(map(log_evidence, fewer)):
+        return []
+    best = sorted(top, key=log_evidence, reverse=True)[: options.branches]
+    extended = [
+        tuple(place for place in candidates if place in (*places, new))
+        for places in best
+        for new in candidates
+        if new not in places
+    ]
+    return list(dict.fromkeys(extended))
+
+
+def _prior_weight(number: int, n_candidates: int, options: SearchSettings) -> float:
+    """A number's weight, shared by all ways to place so many appendages."""
+    return options.number_weights[number] / math.comb(n_candidates, number)

@@ -1,0 +1,10 @@
+"""The types of the arrays that pass between modules."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["FloatArray"]
+
+FloatArray = NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""Deterministic calibration: every distinct minimum of the paper's objective."""

@@ -1,0 +1,123 @@
+"""The question that the options of ``bayes-ssi predict`` ask."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bayes_ssi.predictions.predictions import Predictions
+    from bayes_ssi.predictions.response_bands import ResponseRequest
+    from bayes_ssi.predictions.stored_predictions import StoredPredictions
+    from bayes_ssi.response.output import Damping, Output, Quantity
+
+__all__ = ["question_of"]
+
+NO_TRANSFER = "none"
+
+
+def question_of(
+    predicted: StoredPredictions,
+    first: Predictions,
+    *,
+    quantity: Quantity,
+    places: tuple[str, ...],
+    damping: str | None,
+    transfer: str | None,
+    band: tuple[float, float] | None,
+    records: tuple[Path, ...],
+    unit: str | None,
+    dt: float | None,
+    level: float,
+) -> tuple[ResponseRequest, list[str]]:
+    """The question that the options ask, and what must be said of it."""
+    from bayes_ssi.predictions.defaults import (
+        MOST_FREQUENCIES,
+        default_frequencies,
+        default_output,
+    )
+    from bayes_ssi.predictions.response_bands import ResponseRequest
+    from bayes_ssi.response.ground_motion import UNITS, GroundMotion
+    from bayes_ssi.response.modal_response import ground_influence
+    from bayes_ssi.response.output import GROUND, damping_ratios
+
+    for name, value in (("--unit", unit), ("--dt", dt)):
+        if value is not None and not records:
+            raise ValueError(f"{name}: says something of records, but there is no --record")
+    ratios, said = _damping(predicted, damping)
+    lowest = min(damping_ratios(ratios, len(_listed(ratios))))
+    output = _output(quantity, places) if places else default_output(first, quantity)
+    remarks = [said]
+    frequencies = None
+    if transfer is None:
+        structures = [each.structure for each in first.classes]
+        unknown = [one for one in structures if ground_influence(one) is None]
+        transfer = NO_TRANSFER if unknown else GROUND
+        if unknown:
+            remarks.append(
+                f"No transfer functions: the {type(unknown[0]).__name__} does not know how "
+                "the ground moves its degrees of freedom."
+            )
+    if transfer != NO_TRANSFER:
+        frequencies = default_frequencies(predicted.data, lowest, band)
+        source = "the ground's acceleration" if transfer == GROUND else f"a force at {transfer!r}"
+        remarks.append(
+            f"Transfer functions: from {source}, {len(frequencies)} frequencies from "
+            f"{frequencies[0]:g} to {frequencies[-1]:g} Hz."
+        )
+        if len(frequencies) == MOST_FREQUENCIES:
+            remarks.append(
+                "(!) So many frequencies may pass by the top of a narrow peak; a narrower --band "
+                "helps."
+            )
+    elif band is not None:
+        raise ValueError("--band: says something of transfer functions, but --transfer is none")
+    motions = tuple(GroundMotion.load(file, unit=unit, dt=dt) for file in records)
+    remarks += [
+        f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
+        f"{motion.peak_acceleration / UNITS['g']:.3g} g."
+        for motion in motions
+    ]
+    force_at = None if transfer in (GROUND, NO_TRANSFER) else transfer
+    return ResponseRequest(output, ratios, frequencies, force_at, motions, level), remarks
+
+
+def _damping(predicted: StoredPredictions, text: str | None) -> tuple[Damping, str]:
+    """The damping that is asked for, or what the data say, and the words for it."""
+    from bayes_ssi.predictions.defaults import default_damping
+
+    if text is None:
+        default, source = default_damping(predicted.data)
+        said = f"Damping: {100 * default:.3g} % in all modes, {source} (--damping changes it)."
+        return default, said
+    ratios = _ratios(text)
+    of = "in all modes" if isinstance(ratios, float) else "mode by mode"
+    each = ", ".join(f"{100 * ratio:.3g}" for ratio in _listed(ratios))
+    return ratios, f"Damping: {each} % {of}, as given."
+
+
+def _listed(ratios: Damping) -> Sequence[float]:
+    return [ratios] if isinstance(ratios, float) else ratios
+
+
+def _ratios(text: str) -> Damping:
+    try:
+        ratios = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(
+            f"--damping: must be a fraction, or one for each mode between commas, got {text!r}"
+        ) from None
+    return ratios if len(ratios) > 1 else ratios[0]
+
+
+def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
+    from bayes_ssi.response.output import Output
+
+    if quantity != "drift":
+        return Output(quantity, places)
+    for place in places:
+        if place.count(":") != 1:
+            raise ValueError(f"--at: a drift is from LOWER:UPPER, got {place!r}")
+    lower, upper = zip(*(place.split(":") for place in places), strict=True)
+    return Output(quantity, tuple(zip(lower, upper, strict=True)))

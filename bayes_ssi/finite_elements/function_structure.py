@@ -1,0 +1,236 @@
+"""A structure that a function computes: any program, script or formula behind the same question."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.finite_elements.matrix_files import checked_array, checked_matrix
+from bayes_ssi.finite_elements.named_rows import Sensors, named_rows
+from bayes_ssi.finite_elements.one_by_one import OneByOne, Solved
+from bayes_ssi.finite_elements.sparse_factors import (
+    NoModesError,
+    fill_reducing_order,
+    is_semidefinite,
+)
+from bayes_ssi.finite_elements.sparse_modes import (
+    DENSE_BELOW,
+    SparseModes,
+    dense_modes,
+    frequencies_hz,
+    lowest_modes,
+    require_held,
+)
+from bayes_ssi.modal import ModalModel
+from bayes_ssi.parameters import Parameter, ProductTable, Value, as_product, collect_parameters
+
+__all__ = ["FunctionStructure"]
+
+
+class FunctionStructure(OneByOne):
+    """A structure whose modes, or matrices, are what a function of the parameters returns.
+
+    The function is called once for each set of values, in whichever process evaluates them
+    (``--workers N``). It returns either
+
+    * ``K, M``: stiffness and mass, sparse or dense, (n, n); or
+    * ``frequencies, shapes``: (m,) in Hz, ascending or not, and (n_sensors, m), m being
+      ``n_modes`` or more; ``shapes`` may be None where no shape is measured.
+
+    What it raises, and answers that are not as they should be, are reported with the values that
+    it was called with; such values count as likelihood zero.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        arguments: Mapping[str, Value],
+        *,
+        n_modes: int,
+        sensors: Sensors = (),
+    ) -> None:
+        """Say what is called, and with what.
+
+        Args:
+            function: called with keyword arguments, all of them numbers.
+            arguments: name of an argument → number, Parameter, or product such as
+                ``30e9 * stiffness``.
+            n_modes: how many of the lowest modes there are to be.
+            sensors: of a function that returns modes: the names of the rows of the shapes. Of one
+                that returns matrices: name → number, from 0, of a degree of freedom.
+
+        Raises:
+            TypeError: the function cannot be called, or an argument is no number or parameter.
+            ValueError: the function has no such argument or lacks one, or ``n_modes`` or the
+                sensors are not as they should be.
+        """
+        if not callable(function):
+            raise TypeError(f"FunctionStructure: function must be callable, got {function!r}")
+        self.function = function
+        where = f"FunctionStructure {_name(function)}"
+        self._products = tuple(
+            as_product(value, f"{where}: argument {name!r}") for name, value in arguments.items()
+        )
+        self._arguments = tuple(arguments)
+        self._parameters = collect_parameters(p for each in self._products for p in each.parameters)
+        if not isinstance(n_modes, Integral) or isinstance(n_modes, bool) or n_modes < 1:
+            raise ValueError(f"{where}: n_modes must be a positive whole number, got {n_modes!r}")
+        self._n_modes: int = int(n_modes)
+        self._sensors: dict[str, int | str] | tuple[int | str, ...] = (
+            dict(sensors) if isinstance(sensors, Mapping) else tuple(sensors)
+        )
+        try:
+            inspect.signature(function).bind(**dict.fromkeys(arguments, 1.0))
+        except TypeError as wrong:
+            raise ValueError(f"{where}: {wrong}; arguments are {list(arguments)}") from None
+        except ValueError:  # a function of C, perhaps, without a signature
+            pass
+        try:
+            if isinstance(self._sensors, dict):
+                most = [place for place in self._sensors.values() if isinstance(place, Integral)]
+                named_rows(int(max(most, default=0)) + 1, None, self._sensors)
+            else:
+                named_rows(len(self._sensors), tuple(map(str, self._sensors)), None)
+        except (TypeError, ValueError) as wrong:
+            raise type(wrong)(f"{where}: {wrong}") from None
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self._parameters
+
+    @property
+    def degrees_of_freedom(self) -> tuple[str, ...]:
+        return tuple(str(sensor) for sensor in self._sensors)
+
+    @property
+    def n_modes(self) -> int:
+        return self._n_modes
+
+    def solved(self, values: FloatArray) -> Solved:
+        first, second = self._called(values)
+        if np.ndim(first) == 2 or sp.issparse(first):
+            modes = self._of_matrices(first, second)
+            return frequencies_hz(modes.eigenvalues), modes.vectors
+        return self._checked_modes(first, second)
+
+    def description(self) -> Mapping[str, Any]:
+        return {
+            "function": _name(self.function),
+            "arguments": dict(zip(self._arguments, self._products, strict=True)),
+            "modes": f"the lowest {self._n_modes}",
+        }
+
+    def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - no answer here
+        raise TypeError(
+            f"FunctionStructure {_name(self.function)}: its masses are not known, so its response "
+            "cannot be computed; use a MatrixStructure with influence="
+        )
+
+    def _called(self, values: FloatArray) -> tuple[Any, Any]:
+        numbers = self._table.evaluate(values[None])[0].tolist()
+        try:
+            answer = self.function(**dict(zip(self._arguments, numbers, strict=True)))
+        except SystemExit as left:  # scripts of other programs may end so; this one goes on
+            raise RuntimeError(f"{_name(self.function)} called exit({left.code!r})") from None
+        if isinstance(answer, (tuple, list)) and len(answer) == 2:
+            return answer[0], answer[1]
+        raise ValueError(
+            f"{_name(self.function)} must return two things, K and M or frequencies and shapes, "
+            f"got {_kind(answer)}"
+        )
+
+    def _of_matrices(self, stiffness: Any, mass: Any) -> SparseModes:
+        """The modes at the sensors."""
+        name, n_modes = _name(self.function), self.n_modes
+        n = np.shape(stiffness)[0]
+        dense = n <= DENSE_BELOW
+        checked: Any = checked_array if dense else checked_matrix
+        k, m = checked(stiffness, f"{name}: K"), checked(mass, f"{name}: M", n)
+        if n < n_modes:
+            raise ValueError(f"{name}: K has {n} rows, fewer than {n_modes} modes")
+        if isinstance(self._sensors, dict):
+            _, rows = named_rows(n, None, self._sensors)
+        elif len(self._sensors) in (0, n):
+            rows = np.arange(len(self._sensors))
+        else:
+            raise ValueError(
+                f"{name}: K has {n} rows; sensors must be a mapping of names to numbers of degrees "
+                "of freedom"
+            )
+        if dense:
+            found = dense_modes(k, m, n_modes)
+            require_held(k, found.vectors[:, 0])
+            return SparseModes(found.eigenvalues, found.vectors[rows])
+        if not is_semidefinite(m):
+            raise NoModesError(f"{name}: M is not positive semi-definite")
+        # The pattern may be another at every call, and so is the order.
+        order = fill_reducing_order(k)
+        found = lowest_modes(
+            sp.csc_array(k[order][:, order]), sp.csc_array(m[order][:, order]), n_modes
+        )
+        at_sensors = found.vectors[np.argsort(order)[rows], :n_modes]
+        return SparseModes(found.eigenvalues[:n_modes], at_sensors)
+
+    def _checked_modes(self, frequencies: Any, shapes: Any) -> Solved:
+        name = _name(self.function)
+        f = np.asarray(frequencies, dtype=float)
+        if f.ndim != 1 or len(f) < self.n_modes:
+            raise ValueError(
+                f"{name} must return at least {self.n_modes} frequencies, got shape {f.shape}"
+            )
+        n_sensors = len(self._sensors)
+        if shapes is None and not n_sensors:
+            shapes = np.empty((0, len(f)))
+        phi = np.asarray(shapes)
+        if phi.dtype.kind not in "iuf" or phi.shape != (n_sensors, len(f)):
+            raise ValueError(
+                f"{name} must return real shapes with one row a sensor and one column a mode, "
+                f"{(n_sensors, len(f))}, got {_kind(shapes)}"
+            )
+        order = np.argsort(f, kind="stable")[: self.n_modes]  # NaN comes last
+        f, phi = f[order], phi[:, order].astype(float)
+        if not (np.isfinite(f).all() and np.isfinite(phi).all()):
+            raise ValueError(f"{name} returned numbers that are not finite")
+        if not f[0] > 0.0:
+            raise ValueError(f"{name} returned a frequency of {f[0]:.6g} Hz, which is not positive")
+        return f, phi
+
+    @cached_property
+    def _table(self) -> ProductTable:
+        return ProductTable(self._products, self._parameters)
+
+    def __repr__(self) -> str:
+        arguments = ", ".join(
+            f"{name}={product!r}"
+            for name, product in zip(self._arguments, self._products, strict=True)
+        )
+        return (
+            f"FunctionStructure({_name(self.function)} <{_digest(self.function)}>, {arguments}, "
+            f"sensors={self._sensors}, n_modes={self._n_modes})"
+        )
+
+
+def _name(function: Callable[..., Any]) -> str:
+    return str(getattr(function, "__qualname__", type(function).__qualname__))
+
+
+def _kind(answer: Any) -> str:
+    shape = getattr(answer, "shape", None)
+    return f"{type(answer).__name__} of shape {shape}" if shape is not None else repr(answer)[:80]
+
+
+def _digest(function: Callable[..., Any]) -> str:
+    """Of the function's source, so that another function is told from this one."""
+    try:
+        text = inspect.getsource(function)
+    except (OSError, TypeError):
+        text = _name(function)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]

@@ -1,0 +1,190 @@
+"""Matrices of a finite-element model: from the files that programs write, and checked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from bayes_ssi.arrays import FloatArray
+
+__all__ = ["Matrix", "checked_array", "checked_matrix", "read_matrix"]
+
+Matrix = sp.csc_array
+
+# Asymmetry, relative to the largest entry, that rounding in another program explains.
+SYMMETRIC = 1e-8
+SUFFIXES = ".npz, .npy, .mtx, .mtx.gz or .mat"
+
+
+def read_matrix(path: str | Path, key: str | None = None) -> Any:
+    """A matrix, sparse or dense, from a file.
+
+    Files of scipy (``.npz``, as :func:`scipy.sparse.save_npz` writes them) and Matrix Market
+    (``.mtx``) hold one; of numpy (``.npz``) and MATLAB (``.mat``, version 7.3 too) several, by
+    key.
+
+    Args:
+        path: the file; its ending tells its form.
+        key: which array, where there are several.
+
+    Returns:
+        Whatever array the file holds: a sparse one, or (n, m) numbers. Vectors, such as lists of
+        measured degrees of freedom, are read as well.
+
+    Raises:
+        OSError: there is no such file, or it cannot be opened.
+        ValueError: it is damaged or truncated, of an unknown form, or holds nothing at ``key``.
+    """
+    path = Path(path)
+    with path.open("rb"):  # a file that is not there is said to be so, whatever reads it
+        pass
+    name = path.name.lower()
+    if name.endswith((".mtx", ".mtx.gz")):
+        if key is not None:
+            raise ValueError(f"{path}: a Matrix Market file holds one matrix, without key {key!r}")
+        return _attempt(path, _read_matrix_market)
+    if name.endswith(".npy"):
+        if key is not None:
+            raise ValueError(f"{path}: a .npy file holds one matrix, without key {key!r}")
+        return _attempt(path, lambda p: np.load(p, allow_pickle=False))
+    if name.endswith(".npz"):
+        return _attempt(path, lambda p: _read_npz(p, key))
+    if name.endswith(".mat"):
+        return _attempt(path, lambda p: _read_mat(p, key))
+    raise ValueError(f"{path}: no form of matrix file that is known; choose {SUFFIXES}")
+
+
+def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Matrix:
+    """A square, symmetric, finite and real matrix in compressed columns; a copy.
+
+    Args:
+        matrix: sparse or dense.
+        name: for messages.
+        size: how many rows it must have, if that is known.
+
+    Raises:
+        TypeError: it is no matrix of numbers.
+        ValueError: it is not square, of another size, not finite, not real, or not symmetric.
+    """
+    matrix = _checked_kind(matrix, name, size)
+    found = sp.csc_array(matrix, dtype=float, copy=True)
+    found.sum_duplicates()
+    _check_numbers(found.data, (found - found.T).data, name)
+    found = sp.csc_array(0.5 * (found + found.T))
+    found.eliminate_zeros()
+    found.sort_indices()
+    return found
+
+
+def checked_array(matrix: Any, name: str, size: int | None = None) -> FloatArray:
+    """The same as an array (n, n), for small matrices."""
+    matrix = _checked_kind(matrix, name, size)
+    found: FloatArray = np.array(matrix.toarray() if hasattr(matrix, "toarray") else matrix, float)
+    _check_numbers(found, found - found.T, name)
+    half: FloatArray = 0.5 * (found + found.T)
+    return half
+
+
+def _checked_kind(matrix: Any, name: str, size: int | None) -> Any:
+    if isinstance(matrix, (str, Path)):
+        raise TypeError(f"{name} must be an array, got {matrix!r}; read a file with read_matrix")
+    if not sp.issparse(matrix):
+        matrix = np.asarray(matrix)
+    if matrix.dtype.kind not in "biufc":
+        raise TypeError(f"{name} must be a sparse or dense matrix of numbers, got {matrix!r}")
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise ValueError(f"{name} must be square, got shape {matrix.shape}")
+    if not matrix.shape[0]:
+        raise ValueError(f"{name} is empty")
+    if size is not None and matrix.shape[0] != size:
+        raise ValueError(f"{name} has {matrix.shape[0]} rows, the matrices before it {size}")
+    if matrix.dtype.kind == "c":
+        raise ValueError(f"{name} must be real, got complex numbers")
+    return matrix
+
+
+def _check_numbers(entries: FloatArray, differences: FloatArray, name: str) -> None:
+    """Refuse what is not finite, and differences from mirror images that are not rounding."""
+    if not np.isfinite(entries).all():
+        raise ValueError(f"{name} holds numbers that are not finite")
+    largest = float(np.abs(entries).max(initial=0.0))
+    asymmetry = float(np.abs(differences).max(initial=0.0))
+    if asymmetry > SYMMETRIC * largest:
+        raise ValueError(
+            f"{name} must be symmetric, but entries differ from their mirror images by up to "
+            f"{asymmetry:.3g}, the largest entry being {largest:.3g}; was only one triangle stored?"
+        )
+
+
+def _attempt(path: Path, read: Any) -> Any:
+    try:
+        return read(path)
+    except _NoSuchKeyError as error:
+        raise ValueError(f"{path}: {error}") from None
+    except MemoryError:
+        raise
+    except Exception as error:  # a damaged file may raise anything in the libraries
+        told = " ".join(str(error).split()) or "no more is said"
+        raise ValueError(
+            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {told}"
+        ) from error
+
+
+class _NoSuchKeyError(Exception):
+    """The file is sound, but what was asked for is not in it."""
+
+
+def _chosen(key: str | None, keys: list[str]) -> str:
+    if key is None and len(keys) == 1:
+        return keys[0]
+    if key is None or key not in keys:
+        wanted = "it holds several arrays, and no key says which" if key is None else f"no {key!r}"
+        raise _NoSuchKeyError(f"{wanted}; choose from {', '.join(map(repr, keys)) or 'nothing'}")
+    return key
+
+
+def _read_matrix_market(path: Path) -> Any:
+    from scipy.io import mmread
+
+    return mmread(path, spmatrix=False)
+
+
+def _read_npz(path: Path, key: str | None) -> Any:
+    # Opened here: a damaged archive would be left open.
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+        if "format" in arrays.files and key is None:
+            return sp.load_npz(path)
+        return arrays[_chosen(key, arrays.files)]
+
+
+def _read_mat(path: Path, key: str | None) -> Any:
+    from scipy.io import loadmat, whosmat
+
+    try:
+        keys = [name for name, *_ in whosmat(path)]
+        chosen = _chosen(key, keys)
+        return loadmat(path, spmatrix=False, variable_names=[chosen])[chosen]
+    except NotImplementedError:  # version 7.3 is another format altogether
+        return _read_hdf5(path, key)
+
+
+def _read_hdf5(path: Path, key: str | None) -> Any:
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        chosen = _chosen(key, [name for name in file if not name.startswith("#")])
+        item = file[chosen]
+        if not isinstance(item, h5py.Group):
+            dense: FloatArray = np.asarray(item[()]).T  # MATLAB's order of dimensions
+            return dense
+        if "jc" not in item:
+            raise _NoSuchKeyError(f"{chosen!r} is no matrix")
+        columns = np.asarray(item["jc"][()]).ravel()
+        rows = int(item.attrs["MATLAB_sparse"])
+        if "data" not in item:
+            return sp.csc_array((rows, len(columns) - 1))
+        parts = (item["data"][()].ravel(), item["ir"][()].ravel(), columns)
+        return sp.csc_array(parts, shape=(rows, len(columns) - 1))

@@ -1,0 +1,143 @@
+"""Factors of sparse symmetric matrices, and what their pivots tell.
+
+K is factorised as L D Lᵀ, with pivots from the diagonal, in an order that keeps the factors
+sparse. The order is found once for a sparsity pattern and used for every factorisation, the part
+of the symbolic work that SuperLU lets one keep. By Sylvester's law of inertia K - σM has as many
+negative pivots as there are modes with (2πf)² < σ.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.finite_elements.matrix_files import Matrix
+
+__all__ = [
+    "NOT_HELD",
+    "Factor",
+    "NoModesError",
+    "count_below",
+    "fill_reducing_order",
+    "is_semidefinite",
+    "stiffness_factor",
+]
+
+# Of a solution with a factor without pivoting; a larger one says that its pivots mean nothing.
+FACTOR_ERROR = 1e-6
+# Added to the diagonal, as a share of its largest entry, where a zero eigenvalue is allowed.
+NUDGE = 1e-9
+NOT_HELD = "the stiffness matrix is singular; is the structure supported, and no part of it loose?"
+
+
+class NoModesError(ValueError):
+    """The matrices have no modes, or not as many as are asked for."""
+
+
+class Factor:
+    """K = L D Lᵀ for a matrix whose rows are in a good order already.
+
+    Attributes:
+        pivots: (n,), D.
+    """
+
+    def __init__(self, matrix: Matrix) -> None:
+        """Factorise.
+
+        Raises:
+            NoModesError: the matrix is singular, or has no factor with pivots from the diagonal.
+        """
+        from scipy.sparse.linalg import splu
+
+        try:
+            self._lu = splu(
+                sp.csc_matrix(matrix),
+                permc_spec="NATURAL",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError:  # exactly singular
+            raise NoModesError("the matrix is singular") from None
+        if not np.array_equal(self._lu.perm_r, np.arange(matrix.shape[0])):
+            raise NoModesError("the matrix has a pivot of zero")
+        self.pivots: FloatArray = self._lu.U.diagonal()
+
+    @property
+    def n_negative(self) -> int:
+        """How many eigenvalues are negative."""
+        return int((self.pivots < 0.0).sum())
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """K⁻¹ times vectors (n,) or (n, k)."""
+        found: FloatArray = self._lu.solve(np.ascontiguousarray(right))
+        return found
+
+    def root_times(self, right: FloatArray) -> FloatArray:
+        """C times vectors (n, k), where K = C Cᵀ; of a positive definite matrix."""
+        found: FloatArray = self._lu.L @ (np.sqrt(self.pivots)[:, None] * right)
+        return found
+
+
+def stiffness_factor(stiffness: Matrix) -> Factor:
+    """The factor of a matrix that is to be positive definite.
+
+    Raises:
+        NoModesError: it is not.
+    """
+    try:
+        factor = Factor(stiffness)
+    except NoModesError:
+        raise NoModesError(NOT_HELD) from None
+    if factor.n_negative:
+        raise NoModesError("the stiffness matrix is not positive definite")
+    return factor
+
+
+def fill_reducing_order(matrix: Matrix) -> NDArray[np.intp]:
+    """An order of the rows (n,) in which the factors of a positive definite matrix stay sparse.
+
+    Raises:
+        NoModesError: the matrix is singular.
+    """
+    from scipy.sparse.linalg import splu
+
+    try:
+        factor = splu(
+            sp.csc_matrix(matrix),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError:
+        raise NoModesError("the matrix is singular") from None
+    return np.argsort(factor.perm_c)
+
+
+def count_below(stiffness: Matrix, mass: Matrix, shift: float) -> int:
+    """How many modes have (2πf)² < ``shift``, by the signs of the pivots of K - shift·M.
+
+    Raises:
+        NoModesError: K - shift·M cannot be factorised; the shift lies on a mode.
+    """
+    shifted = sp.csc_array(stiffness - shift * mass)
+    factor = Factor(shifted)
+    probe = np.cos(np.arange(1.0, stiffness.shape[0] + 1.0))
+    answer = factor.solve(probe)
+    scale = abs(shifted).sum(axis=1).max() * np.linalg.norm(answer) + np.linalg.norm(probe)
+    if not np.linalg.norm(shifted @ answer - probe) <= FACTOR_ERROR * scale:
+        raise NoModesError("K - shift·M is too close to singular")
+    return factor.n_negative
+
+
+def is_semidefinite(matrix: Matrix) -> bool:
+    """Whether no eigenvalue is below zero, but for rounding."""
+    largest = float(np.abs(matrix.diagonal()).max(initial=0.0))
+    if largest == 0.0:
+        return matrix.nnz == 0
+    nudge = sp.diags_array(np.full(matrix.shape[0], NUDGE * largest))
+    try:
+        return Factor(sp.csc_array(matrix + nudge)).n_negative == 0
+    except NoModesError:
+        return False

@@ -1,0 +1,1 @@
+"""One model class sampled: its posterior, evidence and checks, and modes before and after."""

@@ -1,0 +1,120 @@
+"""What a posterior says datum by datum: log-likelihoods, and data as the model would give them.
+
+Packages that compare or criticise models ask for these: leave-one-out cross-validation for the
+first, posterior predictive checks for the second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.model_class.model_class import ModelClass
+
+__all__ = ["AtDraws", "DatumTerms", "at_draws", "datum_terms"]
+
+
+class AtDraws(NamedTuple):
+    """The model at B draws, those of all configurations in turn.
+
+    Attributes:
+        frequencies_hz: (B, n_modes), of the model.
+        log_likelihoods: (B, n_data), of each datum.
+        frequency_sds_hz: (B, n_identified), of each identified frequency about the model's.
+    """
+
+    frequencies_hz: FloatArray
+    log_likelihoods: FloatArray
+    frequency_sds_hz: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class DatumTerms:
+    """A posterior datum by datum; labels of several configurations begin with their names.
+
+    Attributes:
+        data: names of the data: each identified mode and that there was no other; or all modes
+            of a test, where their pairing was inferred.
+        log_likelihoods: (n_chains, n_steps, n_data); they add up to the log-likelihood.
+        identified: labels of the identified modes.
+        predicted_hz: (n_chains, n_steps, n_identified), identified frequencies as the class would
+            give them: the paired model frequency with its error, or, of a mode that it calls
+            spurious, anything in the band. A pairing that was inferred is the most probable one.
+    """
+
+    data: tuple[str, ...]
+    log_likelihoods: FloatArray
+    identified: tuple[str, ...]
+    predicted_hz: FloatArray
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both are the same to the last digit."""
+        return (
+            isinstance(other, DatumTerms)
+            and (self.data, self.identified) == (other.data, other.identified)
+            and np.array_equal(self.log_likelihoods, other.log_likelihoods)
+            and np.array_equal(self.predicted_hz, other.predicted_hz)
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
+    """The model at ``values`` (B, n_parameters), its modes computed once."""
+    parts = []
+    for _, likelihood, own in model_class.parts(values):
+        modes = likelihood.modes(own)
+        parts.append(
+            AtDraws(
+                modes.frequencies_hz,
+                likelihood.log_likelihoods(own, modes),
+                likelihood.frequency_sds_hz(own),
+            )
+        )
+    return AtDraws(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))
+
+
+def datum_terms(
+    model_class: ModelClass,
+    found: AtDraws,
+    pairings: Sequence[Mapping[str, int]],
+    shape: tuple[int, int],
+    rng: np.random.Generator,
+) -> DatumTerms:
+    """The terms of a class.
+
+    Args:
+        model_class: the class.
+        found: the model at all draws, chain after chain.
+        pairings: of each configuration.
+        shape: (n_chains, n_steps).
+        rng: draws the errors of predicted frequencies.
+    """
+    data: list[str] = []
+    identified: list[str] = []
+    predicted: list[FloatArray] = []
+    first = 0
+    for configuration, likelihood, pairing in zip(
+        model_class.configurations, model_class.likelihoods, pairings, strict=True
+    ):
+        data += [label_in(configuration.name, name) for name in likelihood.datum_names]
+        for label in configuration.data.labels:
+            sds = found.frequency_sds_hz[:, len(identified)]
+            identified.append(label_in(configuration.name, label))
+            if label in pairing:
+                model = found.frequencies_hz[:, first + pairing[label] - 1]
+                predicted.append(model + sds * rng.standard_normal(len(sds)))
+            else:
+                predicted.append(rng.uniform(*configuration.data.band_hz, len(sds)))
+        first += configuration.structure.n_modes
+    return DatumTerms(
+        tuple(data),
+        found.log_likelihoods.reshape(*shape, -1),
+        tuple(identified),
+        np.stack(predicted, axis=-1).reshape(*shape, -1),
+    )

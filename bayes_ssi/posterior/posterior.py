@@ -1,0 +1,217 @@
+"""The posterior of one model class: draws, summaries, evidence, and what was checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.identification.inferred_pairing import InferredPairing
+from bayes_ssi.model_class.configuration import only_one
+from bayes_ssi.posterior.configuration_modes import ConfigurationModes
+from bayes_ssi.posterior.datum_terms import DatumTerms
+from bayes_ssi.sampling.importance import Estimate
+
+__all__ = ["Evidence", "ParameterSummary", "Posterior", "Region"]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The log evidence of a model class in nats, and the estimates that check it.
+
+    Attributes:
+        log_evidence: by mixture importance sampling, the quoted value.
+        error: its standard error.
+        effective_sample_size: of the importance draws.
+        pareto_k: shape of the tail of their weights; the error is to be trusted below 0.7.
+        n_draws: number of importance draws.
+        bridge: bridge sampling's estimate.
+        repeat: an estimate by other means: the tempered starts', which is coarse, or on the
+            economical path that of importance sampling done a second time.
+        laplace: Laplace's approximation, summed over the maxima found; a quick look.
+        mean_log_likelihood: posterior mean of the log-likelihood, how well the class fits.
+    """
+
+    log_evidence: float
+    error: float
+    effective_sample_size: float
+    pareto_k: float
+    n_draws: int
+    bridge: Estimate
+    repeat: Estimate
+    laplace: float
+    mean_log_likelihood: float
+
+    @property
+    def information_gained(self) -> float:
+        """What the data taught about the parameters, in nats: the price of the fit.
+
+        The relative entropy of posterior to prior; log evidence = mean log-likelihood - this.
+        """
+        return self.mean_log_likelihood - self.log_evidence
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of the posterior that a valley divides from the others.
+
+    Attributes:
+        share: probability of the region, by importance sampling.
+        error: its standard error.
+        n_searches: how many of the independent searches for maxima found one in it.
+        shares_of_starts: share of each tempered start's particles.
+        mean: posterior mean of every parameter within the region.
+    """
+
+    share: float
+    error: float
+    n_searches: int
+    shares_of_starts: tuple[float, ...]
+    mean: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ParameterSummary:
+    """Posterior of one parameter.
+
+    ``mean_error`` and ``sd_error`` are Monte Carlo errors; ``relative_spread`` is as in
+    :class:`Posterior`.
+    """
+
+    name: str
+    mean: float
+    sd: float
+    mean_error: float
+    sd_error: float
+    quantile_05: float
+    median: float
+    quantile_95: float
+    relative_spread: float
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The posterior of one model class.
+
+    Attributes:
+        name: of the model class.
+        parameter_names: columns of ``draws``.
+        draws: (n_chains, n_steps, n_parameters), equally weighted parameter values; a chain is a
+            walker of one of the ensembles.
+        log_likelihoods: (n_chains, n_steps).
+        frequencies_hz: (n_chains, n_steps, n_modes), of the model at the draws; where there are
+            several configurations, the modes of all of them in turn.
+        effective_sample_sizes: (n_parameters,), of the draws.
+        evidence: log evidence and its checks.
+        regions: separate regions, the most probable first.
+        maxima: (m, n_parameters), parameter values at the maxima of likelihood times prior
+            density in standard-normal coordinates, the highest first.
+        r_hat: the largest potential scale reduction of any parameter.
+        autocorrelation_time: the longest, in steps.
+        acceptance: share of proposals accepted.
+        n_evaluations: of the log-likelihood, all steps together.
+        n_searches: independent searches for maxima.
+        seconds: wall-clock time.
+        failed_checks: what should have agreed and did not, a sentence each.
+        failed_edge_checks: what the posterior leans on that is not data, a sentence each.
+        data_digest: identifies the data whose density the evidence is.
+        configurations: the model's modes and their pairing, configuration by configuration.
+        relative_spreads: (n_parameters,), standard deviation of the posterior over that of the
+            prior, both in standard-normal coordinates: 1 where the data say nothing.
+        datum_terms: log-likelihoods and predictions datum by datum, for other packages; not read
+            back from a stored result, whose files of draws hold them.
+        remarks: what else a reader should know of how it was computed, a sentence each.
+    """
+
+    name: str
+    parameter_names: tuple[str, ...]
+    draws: FloatArray
+    log_likelihoods: FloatArray
+    frequencies_hz: FloatArray
+    effective_sample_sizes: FloatArray
+    evidence: Evidence
+    regions: tuple[Region, ...]
+    maxima: FloatArray
+    r_hat: float
+    autocorrelation_time: float
+    acceptance: float
+    n_evaluations: int
+    n_searches: int
+    seconds: float
+    failed_checks: tuple[str, ...]
+    failed_edge_checks: tuple[str, ...]
+    data_digest: str
+    configurations: tuple[ConfigurationModes, ...]
+    relative_spreads: FloatArray
+    datum_terms: DatumTerms | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def configuration_names(self) -> tuple[str, ...]:
+        """Names of the tests; one empty name where there was one test."""
+        return tuple(configuration.name for configuration in self.configurations)
+
+    @property
+    def pairing(self) -> Mapping[str, int]:
+        """The pairing of a class with one configuration; ValueError otherwise."""
+        return self._only.pairing
+
+    @property
+    def inferred_pairing(self) -> InferredPairing | None:
+        """How probable pairings are, of a class with one configuration; ValueError otherwise."""
+        return self._only.inferred_pairing
+
+    @property
+    def _only(self) -> ConfigurationModes:
+        names = self.configuration_names
+        return only_one(self.configurations, f"posterior of {self.name!r}", names)
+
+    def configuration(self, name: str) -> tuple[ConfigurationModes, FloatArray]:
+        """The modes of one configuration, and its part of ``frequencies_hz``.
+
+        Raises:
+            ValueError: no configuration has that name.
+        """
+        begin = 0
+        for modes in self.configurations:
+            if modes.name == name:
+                return modes, self.frequencies_hz[..., begin : begin + modes.n_modes]
+            begin += modes.n_modes
+        raise ValueError(
+            f"posterior of {self.name!r}: no configuration {name!r}; "
+            f"choose from {', '.join(map(repr, self.configuration_names))}"
+        )
+
+    @property
+    def values(self) -> FloatArray:
+        """All draws, (n_draws, n_parameters)."""
+        return self.draws.reshape(-1, len(self.parameter_names))
+
+    @cached_property
+    def summary(self) -> tuple[ParameterSummary, ...]:
+        """Mean, standard deviation and quantiles of every parameter."""
+        means, sds = self.values.mean(0), self.values.std(0)
+        # What the errors of the regions' shares do to the mean. Shares add up to one, so their
+        # errors go together: exact for two regions, a bound for more.
+        between = sum(region.error * np.abs(region.mean - means) for region in self.regions)
+        mean_errors = np.sqrt(sds**2 / self.effective_sample_sizes + between**2)
+        fourth = ((self.values - means) ** 4).mean(0)
+        sd_errors = np.sqrt(np.maximum(fourth - sds**4, 0.0) / self.effective_sample_sizes)
+        quantiles = np.quantile(self.values, [0.05, 0.5, 0.95], axis=0)
+        return tuple(
+            ParameterSummary(
+                name=name,
+                mean=float(means[i]),
+                sd=float(sds[i]),
+                mean_error=float(mean_errors[i]),
+                sd_error=float(sd_errors[i] / (2.0 * sds[i])) if sds[i] > 0 else 0.0,
+                quantile_05=float(quantiles[0, i]),
+                median=float(quantiles[1, i]),
+                quantile_95=float(quantiles[2, i]),
+                relative_spread=float(self.relative_spreads[i]),
+            )
+            for i, name in enumerate(self.parameter_names)
+        )

@@ -1,0 +1,185 @@
+"""Sampling one model class: from the engine's coordinates to parameter values, modes and checks."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from functools import partial
+from time import perf_counter
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.execution.journal import Journal
+from bayes_ssi.execution.workers import Workers, as_workers
+from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.checks import failed_checks, failed_edge_checks
+from bayes_ssi.posterior.configuration_modes import configuration_modes
+from bayes_ssi.posterior.datum_terms import AtDraws, at_draws, datum_terms
+from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
+from bayes_ssi.sampling.engine import sample_target
+from bayes_ssi.sampling.ensembles import effective_sample_size, r_hat
+from bayes_ssi.sampling.result import Progress, SamplingResult, SamplingSettings
+from bayes_ssi.sampling.target import Target
+
+__all__ = ["sample_as_it_is"]
+
+# Failed evaluations in a smaller share than this lie in the far tails of a prior.
+NEGLIGIBLE_FAILURES = 1e-3
+# The final draws' frequencies are shared out to workers in so many parts.
+PARTS_OF_DRAWS = 64
+
+
+def sample_as_it_is(
+    model_class: ModelClass,
+    seed: int = 0,
+    settings: SamplingSettings | None = None,
+    progress: Progress | None = None,
+    *,
+    workers: int | Executor | Workers | None = None,
+    journal: Journal | None = None,
+) -> Posterior:
+    """Sample a model class with its structures as they are.
+
+    Arguments and errors as those of :func:`bayes_ssi.posterior.refinement.sample`.
+    """
+    started = perf_counter()
+    model_class.check_structure()
+    n = len(model_class.parameters)
+    with as_workers(workers) as pool:
+        target = Target(model_class.log_likelihood_at, n, pool, journal)
+        try:
+            sampled = sample_target(target, _seed_of(model_class.name, seed), settings, progress)
+        except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
+            raise
+        except ValueError as error:
+            told = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
+            raise ValueError(f"model class {model_class.name!r}: {error}{told}") from error
+        rng = np.random.default_rng(seed)
+        z, log_likelihoods = _corrected_draws(sampled, rng)
+        values = model_class.values(z.reshape(-1, n))
+        found = _at_draws(model_class, values, pool)
+    configurations = configuration_modes(model_class, values)
+    values = values.reshape(z.shape)
+    return Posterior(
+        name=model_class.name,
+        parameter_names=model_class.parameter_names,
+        draws=values,
+        log_likelihoods=log_likelihoods,
+        frequencies_hz=found.frequencies_hz.reshape(*z.shape[:2], -1),
+        effective_sample_sizes=effective_sample_size(sampled.draws),
+        evidence=_evidence(sampled),
+        regions=_regions(sampled, z, values),
+        maxima=model_class.values(sampled.maxima.z),
+        r_hat=float(r_hat(sampled.draws).max()),
+        autocorrelation_time=max(float(e.autocorrelation_times.max()) for e in sampled.draws),
+        acceptance=float(np.mean([e.acceptance for e in sampled.draws])),
+        n_evaluations=sampled.n_evaluations,
+        n_searches=sampled.discovery.n_searches,
+        seconds=perf_counter() - started,
+        failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
+        failed_edge_checks=tuple(
+            failed_edge_checks(model_class, z.reshape(-1, n), found.frequencies_hz)
+        ),
+        data_digest=model_class.data_digest,
+        configurations=configurations,
+        relative_spreads=z.reshape(-1, n).std(axis=0),
+        datum_terms=datum_terms(
+            model_class, found, [each.pairing for each in configurations], z.shape[:2], rng
+        ),
+    )
+
+
+def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> AtDraws:
+    """The model at ``values`` (n, n_parameters)."""
+    # A draw is the one before it wherever a proposal was not accepted.
+    different, which = np.unique(values, axis=0, return_inverse=True)
+    if pool is None:
+        found = at_draws(model_class, different)
+    else:
+        parts = np.array_split(different, min(PARTS_OF_DRAWS, len(different)))
+        done = pool.call_each(partial(at_draws, model_class), parts)
+        found = AtDraws(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
+    return AtDraws(*(array[which.ravel()] for array in found))
+
+
+def _failures(model_class: ModelClass, target: Target) -> list[str]:
+    """One sentence on where and why the model has no answer, unless that is hardly ever."""
+    if target.n_failed <= NEGLIGIBLE_FAILURES * target.n_evaluations:
+        return []
+    first = target.failures[0]
+    values = model_class.values(first.z[None])[0]
+    each = zip(model_class.parameter_names, values, strict=True)
+    where = ", ".join(f"{name} = {value:.6g}" for name, value in each)
+    return [
+        f"the model failed at {target.n_failed} of {target.n_evaluations} evaluations, which count "
+        f"as likelihood zero; the first time at {where}: {first.reason}"
+    ]
+
+
+def _seed_of(name: str, seed: int) -> np.random.SeedSequence:
+    """A seed of its own for every model class, whatever others are sampled beside it."""
+    digest = hashlib.sha256(name.encode()).digest()
+    return np.random.SeedSequence([seed, int.from_bytes(digest[:8], "little")])
+
+
+def _evidence(sampled: SamplingResult) -> Evidence:
+    quoted = sampled.evidence
+    return Evidence(
+        log_evidence=quoted.log_evidence,
+        error=quoted.error,
+        effective_sample_size=sampled.importance.effective_sample_size,
+        pareto_k=sampled.importance.pareto_k,
+        n_draws=len(sampled.importance.z),
+        bridge=sampled.bridge,
+        repeat=sampled.repeat,
+        laplace=sampled.maxima.log_evidence,
+        mean_log_likelihood=sampled.importance.log_likelihood_mean,
+    )
+
+
+def _corrected_draws(
+    sampled: SamplingResult, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Draws (n_chains, n_steps, d) and their log-likelihoods, with the regions' right shares.
+
+    Chains visit far-apart regions in shares that are too noisy; where there are several, the
+    draws are resampled to the shares that importance sampling gives.
+    """
+    n = min(ensemble.n_steps for ensemble in sampled.draws)
+    z = np.concatenate([e.positions[-n:] for e in sampled.draws], axis=1).transpose(1, 0, 2)
+    densities = np.concatenate([e.log_posteriors[-n:] for e in sampled.draws], axis=1).T
+    if sampled.regions.n_regions > 1:
+        flat = z.reshape(-1, z.shape[-1])
+        label = sampled.regions.assign(flat)
+        counts = np.bincount(label, minlength=sampled.regions.n_regions)
+        weights = (sampled.region_shares / np.maximum(counts, 1))[label]
+        ladder = (np.arange(len(flat)) + rng.random()) / len(flat)
+        cumulative = np.cumsum(weights)
+        chosen = rng.permutation(np.searchsorted(cumulative / cumulative[-1], ladder))
+        z = flat[chosen].reshape(z.shape)
+        densities = densities.reshape(-1)[chosen].reshape(densities.shape)
+    prior = -0.5 * (np.einsum("csd,csd->cs", z, z) + z.shape[-1] * math.log(2.0 * math.pi))
+    return z, densities - prior
+
+
+def _regions(sampled: SamplingResult, z: FloatArray, values: FloatArray) -> tuple[Region, ...]:
+    regions = sampled.regions
+    shares, errors = sampled.region_shares, sampled.region_errors
+    of_starts = [regions.shares(start.positions) for start in sampled.starts]
+    labels = regions.assign(z.reshape(-1, z.shape[-1]))
+    flat = values.reshape(-1, values.shape[-1])
+    records: Sequence[Region] = [
+        Region(
+            share=float(shares[k]),
+            error=float(errors[k]),
+            n_searches=int(sampled.searches_of_regions[k]),
+            shares_of_starts=tuple(float(shares[k]) for shares in of_starts),
+            mean=tuple(float(mean) for mean in flat[labels == k].mean(0)),
+        )
+        for k in range(regions.n_regions)
+        if np.any(labels == k)
+    ]
+    return tuple(sorted(records, key=lambda region: -region.share))

@@ -1,0 +1,110 @@
+"""Predictions as CSV files: a row a model class, place and point, with low, median and high."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.predictions.bands import Band
+from bayes_ssi.predictions.predicted_modes import predicted_modes, predicted_shapes, shown_places
+from bayes_ssi.predictions.response_bands import ResponseBands
+
+__all__ = ["save_predictions"]
+
+COLUMNS = ("low", "median", "high")
+
+
+def save_predictions(
+    directory: str | Path, data: ModalData, answers: Sequence[ResponseBands]
+) -> None:
+    """Write the answers to one question into ``directory``, which exists.
+
+    ``frequencies.csv``, ``mode_shapes.csv`` and, as far as they were asked for,
+    ``transfer_functions.csv``, ``time_histories.csv`` and ``peaks.csv`` (of both).
+
+    Raises:
+        FileExistsError: one of the files exists.
+    """
+    directory, question = Path(directory), answers[0].question
+    level = question.level
+    _write(
+        directory / "frequencies.csv",
+        ("model_class", "mode", "identified_hz", "before_hz", *COLUMNS, "share"),
+        (
+            (each.name, mode.label, mode.identified_hz, mode.before_hz, *mode.after_hz, mode.share)
+            for each in answers
+            for mode in predicted_modes(data, each.predictions, level)
+        ),
+    )
+    _write(
+        directory / "mode_shapes.csv",
+        ("model_class", "mode", "place", *COLUMNS),
+        (
+            (each.name, label, *row)
+            for each in answers
+            for label, shape in predicted_shapes(data, each.predictions, level)
+            for row in zip(shown_places(each.predictions, data), *shape, strict=True)
+        ),
+    )
+    if question.frequencies_hz is not None:
+        _write(
+            directory / "transfer_functions.csv",
+            ("model_class", "place", "frequency_hz", *COLUMNS),
+            (
+                (each.name, *row)
+                for each in answers
+                if each.transfer_functions is not None
+                for row in _points(each, question.frequencies_hz, each.transfer_functions)
+            ),
+        )
+    if question.motions:
+        _write(
+            directory / "time_histories.csv",
+            ("record", "model_class", "place", "time_s", *COLUMNS),
+            (
+                (motion.name, each.name, *row)
+                for motion in question.motions
+                for each in answers
+                for row in _points(each, motion.times, each.time_histories[motion.name])
+            ),
+        )
+    if question.frequencies_hz is not None or question.motions:
+        _write(
+            directory / "peaks.csv",
+            ("model_class", "of", "unit", "place", *COLUMNS),
+            (row for each in answers for row in _peaks(each)),
+        )
+
+
+def _peaks(each: ResponseBands) -> Iterator[Sequence[object]]:
+    found = [
+        (f"time history: {name}", each.question.unit, band) for name, band in each.peaks.items()
+    ]
+    if each.transfer_peaks is not None:
+        name = f"transfer function: {each.question.transfer_name}"
+        found.insert(0, (name, each.question.transfer_unit, each.transfer_peaks))
+    for name, unit, band in found:
+        for row in zip(each.question.output.labels, *band, strict=True):
+            yield (each.name, name, unit, *row)
+
+
+def _points(each: ResponseBands, points: FloatArray, band: Band) -> Iterator[Sequence[object]]:
+    """Place, point, low, median and high."""
+    for i, place in enumerate(each.question.output.labels):
+        for row in zip(points, *(part[i] for part in band), strict=True):
+            yield (place, *row)
+
+
+def _write(path: Path, names: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    with path.open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        for row in rows:
+            writer.writerow(
+                f"{cell:.7g}" if isinstance(cell, (float, np.floating)) else cell for cell in row
+            )

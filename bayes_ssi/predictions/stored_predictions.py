@@ -1,0 +1,111 @@
+"""Predictions from a result directory and the study file that made it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.predictions.class_draws import DRAWS, configuration_of
+from bayes_ssi.predictions.predictions import AVERAGE, Predictions, predict_average, predict_class
+from bayes_ssi.predictions.stored_classes import stored_classes
+from bayes_ssi.ranking.study import load_study
+from bayes_ssi.results.load import StoredResult, load_result
+
+__all__ = ["StoredPredictions", "load_predictions"]
+
+
+@dataclass(frozen=True, eq=False)
+class StoredPredictions:
+    """A stored result with the model classes that it is of.
+
+    Attributes:
+        stored: the result.
+        model_classes: name → class.
+        n_draws: of every prediction.
+        configuration: what is predicted is the structure in this one.
+    """
+
+    stored: StoredResult
+    model_classes: dict[str, ModelClass]
+    n_draws: int
+    configuration: str
+
+    @property
+    def data(self) -> ModalData:
+        """The modes identified in the configuration."""
+        return self.stored.tests[self.configuration]
+
+    def of(self, name: str) -> Predictions:
+        """Predictions of the model class ``name``, or of the average over all for ``"average"``.
+
+        Errors as those of :meth:`of_class` and :meth:`average`.
+        """
+        return self.average() if name == AVERAGE else self.of_class(name)
+
+    def of_class(self, name: str) -> Predictions:
+        """Predictions of one model class.
+
+        Raises:
+            ValueError: there is none of that name, or it has changed since it was sampled.
+        """
+        posterior = self.stored.posterior(name)
+        return predict_class(posterior, self.model_classes[name], self.n_draws, self.configuration)
+
+    def average(self) -> Predictions:
+        """Predictions averaged over all classes, or hypotheses, by their probabilities.
+
+        Raises:
+            ValueError: a class has changed since it was sampled.
+        """
+        return predict_average(
+            self.stored.comparison,
+            self.stored.posteriors,
+            self.model_classes,
+            self.n_draws,
+            self.configuration,
+        )
+
+
+def load_predictions(
+    directory: str | Path,
+    study_file: str | Path | None = None,
+    n_draws: int = DRAWS,
+    configuration: str | None = None,
+) -> StoredPredictions:
+    """What a stored result can predict.
+
+    The draws come from the result directory, the structures from the study file; whether they
+    belong together is checked at stored draws. The result of a search does as well.
+
+    Args:
+        directory: the result.
+        study_file: of the study; where the result says if None.
+        n_draws: of every prediction.
+        configuration: the state of the structure that is predicted; not needed where there was
+            one test only.
+
+    Raises:
+        ValueError: the result is none or incomplete, the study file is not there, is no study, or
+            defines other model classes, or there is no such configuration, or several and none
+            is named.
+    """
+    if n_draws < 1:
+        raise ValueError(f"predictions: the number of draws must be at least 1, got {n_draws!r}")
+    stored = load_result(directory)
+    recorded = stored.record.get("study_file")
+    if study_file is None and (not recorded or not Path(recorded).is_file()):
+        raise ValueError(
+            f"{directory}: its study file {recorded!r} is not there; say where it is (--study FILE)"
+        )
+    path = Path(study_file or str(recorded))
+    classes = stored_classes(stored, load_study(path), path)
+    for each in classes.values():
+        name = configuration_of(each, configuration).name
+        if name not in stored.tests:
+            raise ValueError(
+                f"{path}: model class {each.name!r} has a configuration {name!r}, but "
+                f"{directory} is of {', '.join(map(repr, stored.tests))}"
+            )
+    return StoredPredictions(stored, classes, n_draws, name)

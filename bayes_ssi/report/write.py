@@ -1,0 +1,95 @@
+"""Writing a report: templates filled, files put where they belong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from bayes_ssi.report.content import content
+from bayes_ssi.report.formats import FILTERS, TESTS
+from bayes_ssi.report.pictures import draw
+from bayes_ssi.report.stored_extras import load_beside
+from bayes_ssi.results.new_directory import new_directory, require_new
+from bayes_ssi.versions import versions
+
+__all__ = ["Report", "write_report"]
+
+PAGE, TWIN = "report.html", "report.md"
+# Model classes told in full; a search may have sampled dozens.
+MOST_LISTED = 8
+
+
+@dataclass(frozen=True)
+class Report:
+    """The files of a report.
+
+    Attributes:
+        directory: holds them.
+        page: HTML that needs no other file and no network.
+        twin: the same in Markdown, its figures in ``figures``.
+        n_figures: how many there are.
+    """
+
+    directory: Path
+    page: Path
+    twin: Path
+    n_figures: int
+
+
+def write_report(
+    result: str | Path,
+    directory: str | Path | None = None,
+    *,
+    overwrite: bool = False,
+    progress: Callable[[str, float], None] | None = None,
+) -> Report:
+    """Write the report of a stored result; nothing is sampled, and no study is needed.
+
+    Args:
+        result: the result directory.
+        directory: where to; ``report`` in the result directory if None.
+        overwrite: replace a report that exists.
+        progress: called with the name of a step and the share of all that is done.
+
+    Raises:
+        FileExistsError: the directory exists and ``overwrite`` is false, or holds no report.
+        ValueError: the result is none, damaged, or another version's.
+    """
+    import jinja2
+
+    def tell(step: str, done: float) -> None:
+        if progress is not None:
+            progress(step, done)
+
+    tell("reading", 0.0)
+    stored, beside = load_beside(result)
+    directory = Path(directory) if directory is not None else stored.directory / "report"
+    require_new(directory, marker=PAGE, overwrite=overwrite)
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("bayes_ssi", "report/templates"),
+        autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",)),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(FILTERS)
+    environment.tests.update(TESTS)
+    try:
+        tell("figures", 0.1)
+        pictures = draw(stored, beside, lambda share: tell("figures", 0.1 + 0.8 * share))
+        tell("pages", 0.9)
+        told = content(stored, beside, pictures, MOST_LISTED)
+        told |= {"page_versions": versions(), "result": str(stored.directory)}
+        pages = {name: environment.get_template(f"{name}.j2").render(told) for name in (PAGE, TWIN)}
+    except (LookupError, TypeError, AttributeError, jinja2.UndefinedError) as error:
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"{stored.directory}: incomplete or damaged result: {what}") from error
+    with new_directory(directory, marker=PAGE, overwrite=overwrite) as partial:
+        (partial / "figures").mkdir()
+        for picture in pictures.all:
+            picture.save(partial / "figures")
+        for name, text in pages.items():
+            (partial / name).write_text(text.rstrip() + "\n", encoding="utf-8")
+    tell("pages", 1.0)
+    return Report(directory, directory / PAGE, directory / TWIN, len(pictures.all))

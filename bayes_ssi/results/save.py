@@ -1,0 +1,184 @@
+"""Writing a ranking to a result directory: once, and whole."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.model_class.class_record import class_record
+from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.posterior import Evidence, Posterior
+from bayes_ssi.ranking.comparison import Comparison, RankedClass
+from bayes_ssi.ranking.study import Ranking, Study
+from bayes_ssi.results import new_directory
+from bayes_ssi.results.draws import Further, StoredDraws, save_draws
+from bayes_ssi.results.json_files import write_json
+from bayes_ssi.results.load import FORMAT, MARKER, StoredResult, load_result
+from bayes_ssi.versions import versions
+
+__all__ = ["require_new", "save_result"]
+
+PRIOR_DRAWS = 1000
+
+
+def require_new(directory: str | Path, *, overwrite: bool = False) -> None:
+    """As :func:`bayes_ssi.results.new_directory.require_new`, for a result directory."""
+    new_directory.require_new(directory, marker=MARKER, overwrite=overwrite)
+
+
+def save_result(
+    ranking: Ranking,
+    directory: str | Path,
+    *,
+    study_file: str = "",
+    overwrite: bool = False,
+    accept_failed_checks: bool = False,
+    command: str = "",
+    extra: Mapping[str, Any] | None = None,
+) -> StoredResult:
+    """Write a ranking to a new directory; nothing is left there if writing fails.
+
+    Args:
+        ranking: the result.
+        directory: where to.
+        study_file: the file that defines the study, for the record.
+        overwrite: replace a result that exists.
+        accept_failed_checks: put on record that failed checks were accepted.
+        command: that gives the result again, for the record.
+        extra: name of a further JSON file → its record.
+
+    Raises:
+        FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
+            than a result.
+    """
+    with new_directory.new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
+        (partial / "posteriors").mkdir()
+        tests = _save_tests(ranking.study, partial)
+        files = _file_names([p.name for p in ranking.posteriors])
+        classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
+        for posterior in ranking.posteriors:
+            stored = StoredDraws(
+                posterior.parameter_names,
+                posterior.draws,
+                posterior.log_likelihoods,
+                posterior.frequencies_hz,
+                _mode_labels(posterior),
+                _further(posterior, classes[posterior.name]),
+            )
+            save_draws(partial / "posteriors" / files[posterior.name], stored)
+        record = {**_record(ranking, files, study_file), "data": tests}
+        record |= {"failed_checks_accepted": accept_failed_checks, "command": command}
+        write_json(partial / MARKER, record)
+        write_json(partial / "comparison.json", asdict(ranking.comparison))
+        for name, further in (extra or {}).items():
+            write_json(partial / name, further)
+        _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
+    return load_result(directory)
+
+
+def _save_tests(study: Study, directory: Path) -> list[dict[str, str]]:
+    """Write the identified modes of every configuration, and say where they are."""
+    configurations = study.model_classes[0].configurations
+    files = {"": "data.csv"}
+    if [configuration.name for configuration in configurations] != [""]:
+        (directory / "data").mkdir()
+        names = _file_names([configuration.name for configuration in configurations], "csv")
+        files = {name: f"data/{file}" for name, file in names.items()}
+    for configuration in configurations:
+        configuration.data.save(directory / files[configuration.name])
+    return [
+        {"configuration": c.name, "file": files[c.name], "source": c.data.source}
+        for c in configurations
+    ]
+
+
+def _mode_labels(posterior: Posterior) -> tuple[int | str, ...]:
+    return tuple(
+        label_in(modes.name, str(number)) if modes.name else number
+        for modes in posterior.configurations
+        for number in range(1, modes.n_modes + 1)
+    )
+
+
+def _further(posterior: Posterior, model_class: ModelClass) -> Further | None:
+    """What other packages make use of beside a posterior's draws."""
+    if posterior.parameter_names != model_class.parameter_names:
+        return None
+    z = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, len(posterior.parameter_names)))
+    identified = [c.data.frequencies_hz for c in model_class.configurations]
+    return Further(model_class.values(z), posterior.datum_terms, np.concatenate(identified))
+
+
+def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict[str, Any]:
+    study = ranking.study
+    return {
+        "format": FORMAT,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "study": study.name,
+        "description": study.description,
+        "study_file": study_file,
+        "seed": ranking.seed,
+        "settings": asdict(ranking.settings),
+        "prior_weights": None if study.prior_weights is None else dict(study.prior_weights),
+        "data_digest": ranking.comparison.data_digest,
+        "versions": versions(),
+        "model_classes": [class_record(candidate) for candidate in study.model_classes],
+        "posteriors": [
+            _entry(posterior, files[posterior.name]) for posterior in ranking.posteriors
+        ],
+    }
+
+
+IN_THE_FILE_OF_DRAWS = ("draws", "log_likelihoods", "frequencies_hz", "datum_terms")
+# What a record calls otherwise.
+NAMES_IN_RECORDS = {"failed_edge_checks": "edge_checks"}
+
+
+def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
+    """Everything of a posterior but its draws."""
+    entry: dict[str, Any] = {"file": file}
+    for item in fields(posterior):
+        value = getattr(posterior, item.name)
+        if item.name in IN_THE_FILE_OF_DRAWS:
+            continue
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        elif isinstance(value, Evidence):
+            value = asdict(value)
+        elif item.name in ("regions", "configurations"):
+            value = [asdict(part) for part in value]
+        entry[NAMES_IN_RECORDS.get(item.name, item.name)] = value
+    entry["summary"] = [asdict(row) for row in posterior.summary]
+    return entry
+
+
+def _write_comparison_csv(path: Path, comparison: Comparison) -> None:
+    names = [item.name for item in fields(RankedClass)]
+    with path.open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        for row in comparison.classes:
+            cells = asdict(row)
+            cells["failed_checks"] = "; ".join(row.failed_checks)
+            writer.writerow([cells[name] for name in names])
+
+
+def _file_names(names: list[str], suffix: str = "nc") -> dict[str, str]:
+    """A file name for each: its own name as far as file systems allow, made unique."""
+    found: dict[str, str] = {}
+    for name in names:
+        stem = re.sub(r"[^A-Za-z0-9._+-]+", "_", name).strip(".") or "unnamed"
+        taken = {file.lower() for file in found.values()}
+        candidate, count = f"{stem}.{suffix}", 2
+        while candidate.lower() in taken:
+            candidate, count = f"{stem}_{count}.{suffix}", count + 1
+        found[name] = candidate
+    return found

@@ -1,0 +1,116 @@
+"""Sensors: what an accelerometer sees of the degrees of freedom of a structure.
+
+An accelerometer sits at a point and looks in a direction, and need not sit on a degree of freedom:
+on a rigid floor that moves by u and v and turns by θ, one at (x, y) that looks along x sees
+u - y θ. What it sees is a row of the sensor matrix; a row has as many terms as the degrees of
+freedom that it hangs on, however many the structure has.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.arrays import FloatArray
+
+__all__ = ["Sensor", "SensorMatrix"]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A point and direction in which motion is measured.
+
+    Attributes:
+        label: its name in the data.
+        motion: label of a degree of freedom → what the sensor sees of its unit displacement.
+            Kept as pairs.
+
+    Raises:
+        ValueError: the label is empty, or the motion is, or a number in it is not finite.
+    """
+
+    label: str
+    motion: tuple[tuple[str, float], ...]
+
+    def __init__(self, label: str, motion: Mapping[str, float]) -> None:
+        if not isinstance(label, str) or not label.strip():
+            raise ValueError(f"Sensor: label must be text and not empty, got {label!r}")
+        pairs = tuple((place, float(share)) for place, share in dict(motion).items())
+        if not pairs or not all(math.isfinite(share) for _, share in pairs):
+            raise ValueError(
+                f"sensor {label!r}: motion must give a finite number for one degree of freedom or "
+                f"more, got {motion!r}"
+            )
+        object.__setattr__(self, "label", label)
+        object.__setattr__(self, "motion", pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class SensorMatrix:
+    """The sensor matrix (n_sensors, n_dof) of a structure, by its terms that are not zero.
+
+    Rows with fewer terms than the longest are filled with terms of weight zero.
+
+    Attributes:
+        rows: (n_sensors, n_terms), degrees of freedom.
+        weights: (n_sensors, n_terms).
+        n_dof: of the structure.
+    """
+
+    rows: NDArray[np.intp]
+    weights: FloatArray
+    n_dof: int
+
+    @classmethod
+    def of(
+        cls, motions: Sequence[Mapping[str, float]], degrees_of_freedom: Sequence[str]
+    ) -> SensorMatrix:
+        """From what every sensor sees of which degree of freedom.
+
+        Raises:
+            KeyError: there is no such degree of freedom.
+        """
+        row = {label: i for i, label in enumerate(degrees_of_freedom)}
+        longest = max(map(len, motions), default=1)
+        rows = np.zeros((len(motions), longest), dtype=np.intp)
+        weights = np.zeros((len(motions), longest))
+        for i, motion in enumerate(motions):
+            rows[i, : len(motion)] = [row[label] for label in motion]
+            rows[i, len(motion) :] = rows[i, 0]
+            weights[i, : len(motion)] = list(motion.values())
+        return cls(rows, weights, len(degrees_of_freedom))
+
+    @cached_property
+    def _is_selection(self) -> bool:
+        return self.rows.shape[1] == 1 and bool((self.weights == 1.0).all())
+
+    def apply(self, motions: FloatArray, axis: int = 1) -> FloatArray:
+        """Motions at the sensors, from those of all degrees of freedom along ``axis``.
+
+        Shapes (B, n_dof, n_modes) become (B, n_sensors, n_modes). Only the degrees of freedom that
+        a sensor sees are touched, and terms are added one by one: not a matrix product, in which
+        a row could depend on the size of its batch.
+        """
+        if self._is_selection:
+            return np.take(motions, self.rows[:, 0], axis)
+        column = [1] * motions.ndim
+        column[axis] = len(self.rows)
+        found: FloatArray = np.take(motions, self.rows[:, 0], axis) * self.weights[:, 0].reshape(
+            column
+        )
+        for term in range(1, self.rows.shape[1]):
+            seen = np.take(motions, self.rows[:, term], axis)
+            found += seen * self.weights[:, term].reshape(column)
+        return found
+
+    def toarray(self) -> FloatArray:
+        """The matrix as an array (n_sensors, n_dof)."""
+        dense = np.zeros((len(self.rows), self.n_dof))
+        each = np.arange(len(self.rows))[:, None]
+        np.add.at(dense, (each, self.rows), self.weights)
+        return dense

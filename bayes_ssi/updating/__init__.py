@@ -1,1 +1,0 @@
-"""Updating one model class: calibration, posterior, checks, and modes before and after."""

@@ -1,0 +1,278 @@
+"""The search for hidden appendages: its hypotheses, their levels, and what is made of them."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from searches import COARSE, INFILL_01, INFILL_12, ONE, PENDULUM_1, PENDULUM_3, by_count
+
+import bayes_ssi as bs
+from bayes_ssi.appendages.appendage_search import search
+from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis, places_of
+from bayes_ssi.appendages.search_result import search_record
+from bayes_ssi.modal import Modes
+from bayes_ssi.structures import Structure
+
+
+def test_places_are_floors_and_storeys(frame):
+    assert [place.name for place in places_of(frame)] == [
+        "pendulum 1", "pendulum 2", "pendulum 3", "infill 0-1", "infill 1-2", "infill 2-3",
+    ]  # fmt: skip
+
+
+def test_elements_that_are_there_already_are_no_places(augmented, frame):
+    assert places_of(augmented) == places_of(frame)
+
+
+@pytest.mark.parametrize("weights", [(), (1.0,), (1.0, 0.0), (1.0, -1.0), (math.inf, 1.0),
+                                     (1.0, math.nan)])  # fmt: skip
+def test_bad_weights_of_numbers_are_refused(weights):
+    with pytest.raises(ValueError, match="number_weights must be two or more positive numbers"):
+        SearchSettings(number_weights=weights)
+
+
+def test_no_branch_is_refused():
+    with pytest.raises(ValueError, match="branches must be at least 1, got 0"):
+        SearchSettings(branches=0)
+
+
+@pytest.mark.parametrize("changes", [{"mass_ratio": 0.05}, {"mass_ratio": None},
+                                     {"frequency": (1.0, 2.0)}])  # fmt: skip
+def test_what_is_no_prior_is_refused(changes):
+    with pytest.raises(TypeError, match=f"{next(iter(changes))} must be a prior, got"):
+        SearchSettings(**changes)
+
+
+def test_weights_of_numbers_may_be_a_list():
+    assert SearchSettings(number_weights=[1, 2]).number_weights == (1, 2)
+
+
+class Plate(Structure):
+    """A structure without floors."""
+
+    parameters = (bs.Parameter("k", bs.Uniform(1.0, 2.0)),)
+    degrees_of_freedom = ("x",)
+    n_modes = 1
+
+    def modes(self, values):
+        return Modes(values[:, :1], np.ones((len(values), 1, 1)))
+
+
+def test_a_structure_without_floors_is_refused():
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 3.0))
+    with pytest.raises(ValueError, match=r"^model class 'p': a search needs .* got Plate$"):
+        search(bs.ModelClass("p", Plate(), data, pairing={}))
+
+
+# Hypotheses
+
+
+def hand_built(frame, kind, where, mass, frequency):
+    if kind == "pendulum":
+        return frame.with_element(bs.Pendulum(on=where[0], mass=mass, frequency=frequency))
+    return frame.with_element(bs.OutOfPlaneInfill(where, 2.0 * mass, frequency))
+
+
+@pytest.mark.parametrize("place", [PENDULUM_1, PENDULUM_3, INFILL_12, INFILL_01])
+def test_a_hypothesis_is_the_structure_with_the_element_on_it(frame, bare, place):
+    """A mass ratio of 0.1 and a mean floor mass of 2 are a vibrating mass of 0.2."""
+    frame = replace(frame, masses=(1.0, 2.0, 3.0))
+    made = hypothesis(replace(bare, structure=frame), (place,))
+    assert made.name == place.name
+    values = {"k1": 1.1, "k2": 0.9, "k3": 1.2,
+              f"mass ratio, {place.name}": 0.1, f"frequency, {place.name}": 2.5}  # fmt: skip
+    assert set(made.parameter_names) == set(values)
+    found = made.structure.modes(np.array([[values[name] for name in made.parameter_names]]))
+    expected = hand_built(frame, place.kind, place.floors, 0.2, 2.5).modes(
+        np.array([[1.1, 0.9, 1.2]])
+    )
+    np.testing.assert_allclose(found.frequencies_hz, expected.frequencies_hz, rtol=1e-11)
+
+
+def test_a_hypothesis_with_two_appendages(bare):
+    made = hypothesis(bare, (PENDULUM_1, INFILL_12))
+    assert made.name == "pendulum 1 + infill 1-2"
+    assert made.structure.n_modes == 5
+    assert len(made.parameters) == 7
+
+
+def test_no_appendage_is_the_baseline(bare):
+    made = hypothesis(bare, ())
+    assert (made.name, made.structure) == ("no appendage", bare.structure)
+
+
+def prior_of(model_class, name):
+    return next(p.prior for p in model_class.parameters if p.name == name)
+
+
+def test_frequencies_reach_from_half_the_lowest_identified_to_the_end_of_the_band(bare):
+    made = hypothesis(bare, (PENDULUM_1,))
+    assert prior_of(made, "frequency, pendulum 1") == bs.LogUniform(0.5 * 0.98275928, 6.0)
+
+
+def test_priors_of_the_user_are_used(bare):
+    settings = SearchSettings(mass_ratio=bs.Uniform(0.01, 0.2), frequency=bs.LogUniform(2.0, 3.0))
+    made = hypothesis(bare, (PENDULUM_1,), settings)
+    assert prior_of(made, "frequency, pendulum 1") == bs.LogUniform(2.0, 3.0)
+    assert prior_of(made, "mass ratio, pendulum 1") == bs.Uniform(0.01, 0.2)
+
+
+def test_every_hypothesis_is_scored_over_all_pairings(bare, fake_sampling):
+    fake_sampling(by_count(0.0, 0.0))
+    found = search(bare, ONE)
+    assert {candidate.pairing for candidate in found.ranking.study.model_classes} == {"any"}
+
+
+def test_the_scale_of_masses_is_the_mean_floor_mass(case_c, fixed_error, fake_sampling):
+    fake_sampling(by_count(0.0, 0.0))
+    k = bs.Parameter("k", bs.LogNormal(100.0, 0.3))
+    m = bs.Parameter("m", bs.LogNormal(4.0, 0.1))
+    structure = bs.ShearBuilding((1.0, 2.5 * m, 1.0), (k, k, k))
+    found = search(bs.ModelClass("b", structure, case_c, fixed_error, pairing={}), ONE)
+    assert found.mass_scale == pytest.approx(4.0)
+
+
+# Levels and weights
+
+
+def test_one_appendage_at_most(bare, fake_sampling):
+    levels = fake_sampling(by_count(0.0, 9.0, 20.0))
+    search(bare, ONE)
+    assert [len(level) for level in levels] == [7]
+
+
+def test_two_are_tried_on_the_best_ones(bare, fake_sampling):
+    heights = {"no appendage": 0.0, "infill 1-2": 5.0, "pendulum 3": 4.0}
+    levels = fake_sampling(lambda name: heights.get(name, -1.0))
+    search(bare)
+    assert len(levels) == 2
+    # Five places beside each of the two best, the pair of both counted once.
+    assert len(set(levels[1])) == len(levels[1]) == 9
+    assert all("infill 1-2" in name or "pendulum 3" in name for name in levels[1])
+    assert "pendulum 3 + infill 1-2" in levels[1]
+
+
+def test_one_branch_extends_only_the_best(bare, fake_sampling):
+    levels = fake_sampling(lambda name: {"infill 1-2": 5.0}.get(name, -1.0))
+    search(bare, SearchSettings(branches=1))
+    assert len(levels[1]) == 5
+
+
+def test_two_are_not_tried_where_one_does_not_help(bare, fake_sampling):
+    levels = fake_sampling(by_count(1.0, 0.0, 50.0))
+    search(bare)
+    assert [len(level) for level in levels] == [7]
+
+
+def test_three_are_not_tried_where_two_do_not_help(bare, fake_sampling):
+    levels = fake_sampling(by_count(0.0, 9.0, 8.0, 50.0))
+    search(bare, SearchSettings(number_weights=(1.0, 1.0, 1.0, 1.0)))
+    assert [len(level) for level in levels] == [7, 9]
+
+
+def test_more_than_there_are_places_are_not_tried(tiny_study, fake_sampling):
+    levels = fake_sampling(by_count(0.0, 1.0, 2.0, 3.0, 4.0))
+    found = search(
+        tiny_study.model_classes[0], SearchSettings(number_weights=(1.0,) * 9, branches=9)
+    )
+    assert [len(level) for level in levels] == [5, 6, 4, 1]
+    assert max(map(len, found.places.values())) == 4
+
+
+def test_a_number_shares_its_weight_among_all_ways_to_place_so_many(bare, fake_sampling):
+    fake_sampling(by_count(0.0, 1.0, 2.0))
+    found = search(bare, SearchSettings(number_weights=(2.0, 3.0, 0.5)))
+    assert found.ranking.study.prior_weights == pytest.approx(
+        {
+            name: (2.0, 3.0, 0.5)[len(places)] / math.comb(6, len(places))
+            for name, places in found.places.items()
+        }
+    )
+    assert sum(len(places) == 1 for places in found.places.values()) == 6
+
+
+def shares(found, log_evidence):
+    """Probability of every hypothesis, from evidence and prior weight."""
+    weights = found.ranking.study.prior_weights
+    plain = {name: weights[name] * math.exp(log_evidence(name)) for name in weights}
+    return {name: share / sum(plain.values()) for name, share in plain.items()}
+
+
+def test_probabilities_of_places_are_sums_over_hypotheses(bare, fake_sampling):
+    log_evidence = by_count(0.0, 1.0, 3.0)
+    fake_sampling(log_evidence)
+    found = search(bare)
+    expected = shares(found, log_evidence)
+    for place in places_of(bare.structure):
+        total = sum(share for name, share in expected.items() if place.name in name)
+        assert found.place_probabilities[place] == pytest.approx(total, rel=1e-9)
+    assert found.probability_of_any == pytest.approx(1.0 - expected["no appendage"], rel=1e-9)
+
+
+def test_averaged_parameters_are_those_of_the_mixture(frame, case_c, fake_sampling):
+    """With an inferred error, whose column moves as appendages add theirs."""
+    log_evidence = by_count(0.0, 0.5, 1.0)
+    fake_sampling(log_evidence)
+    found = search(bs.ModelClass("b", frame, case_c, pairing={}))
+    expected = shares(found, log_evidence)
+    draws = {p.name: dict(zip(p.parameter_names, p.values.T, strict=True))
+             for p in found.ranking.posteriors}  # fmt: skip
+    naive = draws["no appendage"]
+    assert [row.name for row in found.averaged_parameters] == list(naive)
+    for row in found.averaged_parameters:
+        x = np.concatenate([own[row.name] for own in draws.values()])
+        w = np.repeat([expected[name] / 1000 for name in draws], 1000)
+        mean = float(w @ x)
+        assert row.mean == pytest.approx(mean, rel=1e-9)
+        assert row.sd == pytest.approx(math.sqrt(w @ (x - mean) ** 2), rel=1e-9)
+        quantiles = np.quantile(x, [0.05, 0.95], weights=w, method="inverted_cdf")
+        assert (row.quantile_05, row.quantile_95) == pytest.approx(tuple(quantiles), rel=1e-3)
+        assert row.naive_mean == pytest.approx(naive[row.name].mean())
+        assert row.naive_sd == pytest.approx(naive[row.name].std())
+
+
+def test_appendages_are_medians_and_intervals_in_units_of_the_structure(bare, fake_sampling):
+    fake_sampling(by_count(0.0, 1.0, 2.0))
+    found = search(bare)
+    name = next(name for name, places in found.places.items() if len(places) == 2)
+    posterior = next(p for p in found.ranking.posteriors if p.name == name)
+    for summary, place in zip(found.appendages(name), found.places[name], strict=True):
+        assert summary.place == place
+        for quantity, found_there in (("mass ratio", summary.mass),
+                                      ("frequency", summary.frequency_hz)):  # fmt: skip
+            column = posterior.parameter_names.index(f"{quantity}, {place.name}")
+            expected = np.quantile(posterior.values[:, column], [0.05, 0.5, 0.95])
+            assert found_there == pytest.approx(tuple(expected))
+    assert found.appendages("no appendage") == ()
+
+
+def test_the_record_is_all_of_it_and_is_json(bare, fake_sampling):
+    fake_sampling(by_count(0.0, 1.0, 2.0))
+    found = search(bare)
+    record = json.loads(json.dumps(search_record(found)))
+    assert record["probability_of_any"] == found.probability_of_any
+    assert record["mass_scale"] == 1.0
+    assert record["places"][4] == {
+        "kind": "infill", "floors": [1, 2], "probability": found.place_probabilities[INFILL_12],
+    }  # fmt: skip
+    assert len(record["hypotheses"]) == len(found.places)
+    assert sum(row["probability"] for row in record["hypotheses"]) == pytest.approx(1.0)
+    assert [row["name"] for row in record["averaged_parameters"]] == ["k1", "k2", "k3"]
+
+
+def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior):
+    calls = []
+
+    def sample_all(candidates, seed, settings, progress, pool, checkpoint):
+        calls.append((seed, settings, pool, checkpoint))
+        progress(candidates[0].name, "evidence", 1.0)
+        return [make_posterior(c.name, names=c.parameter_names) for c in candidates]
+
+    monkeypatch.setattr("bayes_ssi.appendages.appendage_search.sample_all", sample_all)
+    said = []
+    found = search(bare, ONE, 5, COARSE, lambda *what: said.append(what), checkpoint="there")
+    assert calls == [(5, COARSE, None, "there")]
+    assert said == [("no appendage", "evidence", 1.0)]
+    assert (found.ranking.seed, found.ranking.settings) == (5, COARSE)

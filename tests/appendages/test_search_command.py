@@ -1,0 +1,178 @@
+"""``bayes-ssi search``: its options, what it saves, and how it goes on after a stop."""
+
+import json
+
+import pytest
+from conftest import assert_one_line_error
+from searches import INFILL_01, INFILL_12, PENDULUM_1, by_count
+
+import bayes_ssi as bs
+from bayes_ssi.ranking.checkpoint import Checkpoint
+from bayes_ssi.results.load import load_result
+
+pytestmark = pytest.mark.usefixtures("coarse_command")
+
+
+@pytest.fixture
+def no_figures(no_figures, monkeypatch):
+    del no_figures  # those of a ranking
+    monkeypatch.setattr("bayes_ssi.plots.place_map.save_places", lambda *_: None)
+
+
+@pytest.fixture
+def one_place(monkeypatch):
+    """Few hypotheses are soon saved."""
+    monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: (PENDULUM_1,))
+
+
+def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, monkeypatch):
+    monkeypatch.setattr(
+        "bayes_ssi.appendages.appendage_search.places_of", lambda _: (PENDULUM_1, INFILL_01)
+    )
+    levels = fake_sampling(by_count(0.0, 1.0, 2.0))
+    out = tmp_path / "r"
+    result = run("search", tiny_study_file, "--out", out, "--seed", 3)
+    assert result.exit_code == 0, result.output
+    assert len(levels) == 2
+    for words in (
+        "Appendages hidden in 'one k'",
+        "no appendage",
+        "naive mean",
+        "Probability that there is an appendage",
+        f"Saved in {out}, with 4 figures.",
+    ):
+        assert words in " ".join(result.stdout.split())
+    record = json.loads((out / "search.json").read_text(encoding="utf-8"))
+    assert len(record["hypotheses"]) == len(levels[0]) + len(levels[1])
+    assert (out / "figures" / "places.png").read_bytes().startswith(b"\x89PNG\r\n")
+    stored = load_result(out)
+    assert stored.record["seed"] == 3
+    assert len(stored.posteriors) == len(record["hypotheses"])
+
+
+@pytest.mark.usefixtures("no_figures", "one_place")
+def test_where_a_search_goes_by_default(run, tiny_study_file, tmp_path, fake_sampling):
+    fake_sampling(by_count(1.0, 0.0))
+    assert run("search", tiny_study_file).exit_code == 0
+    assert (tmp_path / "work" / "runs" / "results" / "tiny_search" / "search.json").is_file()
+
+
+@pytest.mark.usefixtures("no_figures", "one_place")
+def test_the_baseline_is_chosen_by_name(run, tiny_study_file, tmp_path, fake_sampling):
+    fake_sampling(by_count(1.0, 0.0))
+    result = run("search", tiny_study_file, "--baseline", "each k", "--out", tmp_path / "r")
+    assert "Appendages hidden in 'each k'" in result.stdout
+
+
+def test_an_unknown_baseline_is_refused(run, tiny_study_file):
+    result = run("search", tiny_study_file, "--baseline", "no k")
+    assert_one_line_error(result, "no model class 'no k'", "'one k', 'each k'")
+
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize(("most", "n_levels"), [(1, 1), (2, 2), (3, 3)])
+def test_the_largest_number_of_appendages(
+    run, tiny_study_file, tmp_path, fake_sampling, most, n_levels, monkeypatch
+):
+    places = (PENDULUM_1, INFILL_01, INFILL_12)
+    monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: places)
+    levels = fake_sampling(by_count(0.0, 1.0, 2.0, 3.0, 4.0))
+    assert run("search", tiny_study_file, "--most", most, "--out", tmp_path / "r").exit_code == 0
+    assert len(levels) == n_levels
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--most", 0), ("--mass-ratio", 0.0, 1.0), ("--frequency", 3.0, 1.0),
+     ("--frequency", 0.0, 1.0), ("--error", -1.0)],
+)  # fmt: skip
+def test_bad_options_of_a_search_are_refused(run, tiny_study_file, options, fake_sampling):
+    levels = fake_sampling(by_count(0.0, 0.0))
+    assert_one_line_error(run("search", tiny_study_file, *options))
+    assert levels == []
+
+
+@pytest.mark.usefixtures("no_figures", "one_place")
+def test_priors_of_the_command_line_are_used(run, tiny_study_file, tmp_path, fake_sampling):
+    fake_sampling(by_count(1.0, 0.0))
+    arguments = ("--mass-ratio", 0.2, 0.5, "--frequency", 1.5, 2.5, "--out", tmp_path / "r")
+    assert run("search", tiny_study_file, *arguments).exit_code == 0
+    text = (tmp_path / "r" / "result.json").read_text(encoding="utf-8")
+    classes = json.loads(text)["model_classes"]
+    (one,) = [c for c in classes if c["name"] == "pendulum 1"]
+    priors = {p["name"]: p["prior"] for p in one["parameters"]}
+    assert priors["mass ratio, pendulum 1"] == bs.LogNormal(0.2, 0.5).as_dict()
+    assert priors["frequency, pendulum 1"] == bs.LogUniform(1.5, 2.5).as_dict()
+
+
+def stop(*_):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_stopped_search_goes_on_and_leaves_no_checkpoint(
+    run, tiny_study_file, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: (INFILL_01,))
+    out = tmp_path / "r"
+    arguments = ("search", tiny_study_file, "--error", 0.5, "--accept-failed-checks", "--out", out)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("bayes_ssi.appendages.appendage_search.compare", stop)
+        stopped = run(*arguments)
+    assert stopped.exit_code == 130
+    assert "Stopped; this goes on from here: bayes-ssi search " in stopped.stderr
+    assert (tmp_path / ".r.checkpoint").is_dir()
+    result = run(*arguments)
+    assert result.exit_code == 0, result.output
+    assert "model class 'infill 0-1': continues after" in result.stderr
+    assert not (tmp_path / ".r.checkpoint").exists()
+    assert {p.name for p in load_result(out).posteriors} == {"no appendage", "infill 0-1"}
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
+    run, tiny_study_file, tmp_path, tiny_study, monkeypatch, make_posterior
+):
+    """But what is not its own stays: here, of a ranking that was stopped."""
+
+    def sample(candidate, *_, **__):
+        return make_posterior(
+            candidate.name, names=candidate.parameter_names, data_digest=candidate.data_digest
+        )
+
+    out, checkpoint = tmp_path / "r", tmp_path / ".r.checkpoint"
+    monkeypatch.setattr("bayes_ssi.ranking.class_sampling.sample", sample)
+    monkeypatch.setattr(
+        "bayes_ssi.appendages.appendage_search.places_of", lambda _: (PENDULUM_1, INFILL_01)
+    )
+    arguments = ("search", tiny_study_file, "--out", out)
+
+    def one_with_both(found, *_):
+        return [] if (PENDULUM_1, INFILL_01) in found else [(PENDULUM_1, INFILL_01)]
+
+    with monkeypatch.context() as patch:
+        patch.setattr("bayes_ssi.appendages.appendage_search._next_level", one_with_both)
+        patch.setattr("bayes_ssi.appendages.appendage_search.compare", stop)
+        assert run(*arguments).exit_code == 130
+    one_k = tiny_study.model_classes[0]
+    Checkpoint(checkpoint).journal(one_k, 0, bs.SamplingSettings(particles=60)).close()
+    names = {"no appendage", "pendulum 1", "infill 0-1", "pendulum 1 + infill 0-1", "one k"}
+    assert set(Checkpoint(checkpoint).names()) == names
+    result = run(*arguments, "--most", 1)
+    assert result.exit_code == 0, result.output
+    assert {p.name for p in load_result(out).posteriors} == {
+        "no appendage", "pendulum 1", "infill 0-1",
+    }  # fmt: skip
+    assert Checkpoint(checkpoint).names() == ["one k"]
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_failed_check_of_a_search_ends_with_3(run, tiny_study_file, tmp_path, monkeypatch):
+    monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: (INFILL_01,))
+    monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_LIMIT", 0.5)
+    monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_SCATTER", -1e9)
+    result = run("search", tiny_study_file, "--error", 0.5, "--out", tmp_path / "r")
+    assert result.exit_code == 3
+    assert "Checks that failed" in result.stdout
+    assert (tmp_path / "r" / "search.json").is_file()

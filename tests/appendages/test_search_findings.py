@@ -1,0 +1,62 @@
+"""What a search finds, sampled coarsely."""
+
+import math
+
+import numpy as np
+import pytest
+from searches import COARSE, INFILL_01, INFILL_12, ONE
+
+import bayes_ssi as bs
+from bayes_ssi.appendages.appendage_search import search
+
+
+def test_the_hidden_infill_is_found_where_it_is(found_in_case_c):
+    assert found_in_case_c.ranking.comparison.best.name == "infill 1-2"
+    assert found_in_case_c.place_probabilities[INFILL_12] > 0.99
+    assert found_in_case_c.probability_of_any > 0.99
+
+
+def test_the_hidden_infill_has_its_mass_and_frequency(found_in_case_c):
+    (infill,) = found_in_case_c.appendages("infill 1-2")
+    low, _, high = infill.mass
+    assert low < 0.075 < high
+    assert infill.mass[1] == pytest.approx(0.075, abs=0.01)
+    assert infill.frequency_hz[1] == pytest.approx(2.80, abs=0.03)
+
+
+def test_the_pairing_of_the_best_hypothesis_is_the_right_one(found_in_case_c):
+    (best,) = [p for p in found_in_case_c.ranking.posteriors if p.name == "infill 1-2"]
+    assert list(best.pairing.values()) == [1, 2, 3, 4]
+
+
+def test_a_bare_frame_hides_nothing(frame, fixed_error, two_workers):
+    stiffness = (math.pi / math.sin(math.pi / 14.0)) ** 2
+    squares, shapes = np.linalg.eigh(
+        stiffness * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    )
+    frequencies = np.sqrt(squares) / (2.0 * math.pi)
+    np.testing.assert_allclose(frequencies, [1.0, 2.80193774, 4.04891734], atol=1e-8)
+    modes = [bs.IdentifiedMode(str(i), f, shapes[:, i]) for i, f in enumerate(frequencies)]
+    data = bs.ModalData(tuple(modes), (0.0, 6.0), ("floor 1", "floor 2", "floor 3"))
+    baseline = bs.ModelClass("bare", frame, data, fixed_error, pairing={})
+    found = search(baseline, ONE, settings=COARSE, workers=two_workers)
+    assert found.ranking.comparison.best.name == "no appendage"
+    assert found.probability_of_any < 0.2
+
+
+def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, two_workers):
+    monkeypatch.setattr(
+        "bayes_ssi.appendages.appendage_search.places_of", lambda _: (INFILL_01, INFILL_12)
+    )
+    here, there = (
+        search(tiny_study.model_classes[0], ONE, 3, COARSE, workers=workers)
+        for workers in (None, two_workers)
+    )
+    assert [row.name for row in here.ranking.comparison.classes] == [
+        row.name for row in there.ranking.comparison.classes
+    ]
+    for one, other in zip(here.ranking.posteriors, there.ranking.posteriors, strict=True):
+        assert one.evidence == other.evidence
+        assert one.draws.tobytes() == other.draws.tobytes()
+        assert one.inferred_pairing == other.inferred_pairing
+    assert here.averaged_parameters == there.averaged_parameters

@@ -1,0 +1,96 @@
+"""How a search is shown: tables, notes, and figures."""
+
+import io
+
+import matplotlib as mpl
+import pytest
+from rich.console import Console
+
+mpl.use("Agg")
+
+from matplotlib.figure import Figure
+
+import bayes_ssi as bs
+from bayes_ssi.appendages.appendage_search import search
+from bayes_ssi.plots.place_map import plot_places, save_places
+from bayes_ssi.plots.ranking_plots import save_figures
+from bayes_ssi.tables import averaged_table, search_notes, search_table
+
+
+def lines(table, width=80):
+    file = io.StringIO()
+    Console(file=file, width=width).print(table)
+    return [line.rstrip() for line in file.getvalue().splitlines()]
+
+
+@pytest.fixture
+def of_a_tall_building(fake_sampling):
+    """Twenty storeys, masses in kg, two appendages: the longest names and numbers."""
+    fake_sampling(
+        lambda name: 10.0 * name.startswith("pendulum 20") + 9.0 * ("infill 19-20" in name) - 5.0
+    )
+    k = bs.Parameter("stiffness multiplier of all storeys", bs.LogNormal(1.0, 0.3))
+    structure = bs.ShearBuilding((3.2e5,) * 20, [2.5e8 * k] * 20)
+    data = bs.ModalData((bs.IdentifiedMode("1", 0.98),), (0.0, 6.0))
+    return search(bs.ModelClass("tower", structure, data, bs.ErrorModel(0.01), pairing={}))
+
+
+def test_tables_are_at_most_80_columns_wide(of_a_tall_building):
+    for table in (search_table, averaged_table):
+        assert max(map(len, lines(table(of_a_tall_building)))) <= 80
+    assert max(map(len, search_notes(of_a_tall_building))) <= 80
+
+
+def test_tables_do_not_break_the_names_of_places(of_a_tall_building):
+    text = "\n".join(lines(search_table(of_a_tall_building)))
+    for words in ("pendulum 20", "infill 19-20"):
+        assert words in text
+
+
+def test_tables_do_not_cut_numbers_off(of_a_tall_building):
+    assert "…" not in "\n".join(lines(search_table(of_a_tall_building)))
+
+
+def test_the_table_always_shows_no_appendage(of_a_tall_building):
+    assert "no appendage" not in [
+        row.name for row in of_a_tall_building.ranking.comparison.classes[:8]
+    ]
+    assert "-5.00" in "\n".join(lines(search_table(of_a_tall_building)))
+
+
+def test_hypotheses_that_no_table_row_shows_are_counted(of_a_tall_building):
+    """Eight by probability, and no appendage beside them."""
+    n = len(of_a_tall_building.places)
+    rows = of_a_tall_building.ranking.comparison.classes
+    assert "no appendage" not in [row.name for row in rows[:8]]
+    assert search_notes(of_a_tall_building)[-1].startswith(f"{n - 9} less probable hypotheses")
+
+
+def test_notes_name_the_places_by_probability(found_in_case_c):
+    notes = search_notes(found_in_case_c)
+    assert notes[0] == "Probability that there is an appendage: > 0.9999. By place:"
+    assert notes[1].startswith("  infill 1-2: ")
+    assert len(notes) == 7
+
+
+def test_the_figure_has_every_place_at_its_height(found_in_case_c):
+    ax = plot_places(found_in_case_c, Figure().subplots())
+    places = found_in_case_c.place_probabilities
+    heights = sorted(float(c.get_offsets()[0][1]) for c in ax.collections)
+    assert heights == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+    said = {text.get_position(): text.get_text() for text in ax.texts}
+    assert said[(0.2, 1.5)].replace("> ", "")[:3] in ("0.9", "1.0")
+    assert len([text for text in said.values() if not text.startswith("floor")]) == len(places)
+
+
+def test_the_figure_of_a_tall_building_is_written(of_a_tall_building, tmp_path):
+    path = save_places(of_a_tall_building, tmp_path / "places.png")
+    assert path.read_bytes().startswith(b"\x89PNG\r\n")
+
+
+def test_figures_have_room_for_many_hypotheses(of_a_tall_building, tmp_path):
+    ranking = of_a_tall_building.ranking
+    by_name = {posterior.name: posterior for posterior in ranking.posteriors}
+    ranked = [by_name[row.name] for row in ranking.comparison.classes][:40]
+    data = ranking.study.model_classes[0].data
+    assert len(save_figures(tmp_path / "figures", data, ranked, bs.compare(ranked))) == 3

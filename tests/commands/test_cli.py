@@ -1,0 +1,345 @@
+"""The command line: what it prints, where it writes, and how it ends."""
+
+import subprocess
+import sys
+
+import pytest
+from conftest import assert_one_line_error
+
+from bayes_ssi.results.load import load_result
+
+CSV = """\
+# source, test of May
+# band_hz, 0, 3
+label,frequency_hz,floor 1,floor 2
+1,0.618,0.5257,0.8507
+2,1.618,0.8507,-0.5257
+"""
+
+
+@pytest.fixture
+def csv_file(tmp_path):
+    def write(text=CSV):
+        path = tmp_path / "modes.csv"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def study_file(tiny_study_file):
+    """The tiny study with pieces of its text replaced."""
+
+    def write(*replacements):
+        text = tiny_study_file.read_text(encoding="utf-8")
+        for old, new in replacements:
+            assert old in text
+            text = text.replace(old, new)
+        tiny_study_file.write_text(text, encoding="utf-8")
+        return tiny_study_file
+
+    return write
+
+
+def test_rank(run, tiny_study_file, tmp_path):
+    out = tmp_path / "result"
+    result = run("rank", tiny_study_file, "--seed", 7, "--out", out)
+    assert result.exit_code == 0
+    assert result.stderr == "sampled one k\nsampled each k\n"
+    for words in ("Two storeys", "one k", "each k", "log evidence", "Kass and Raftery",
+                  "Parameters of 'one k'", f"Saved in {out}, with 3 figures."):  # fmt: skip
+        assert words in result.stdout
+    assert max(map(len, result.stdout.split("Words for")[0].splitlines())) <= 80
+    stored = load_result(out)
+    assert stored.record["seed"] == 7
+    assert stored.record["study_file"] == str(tiny_study_file)
+    assert f"{stored.comparison.best.log_evidence:.3f}" in result.stdout
+    assert sorted(p.name for p in (out / "figures").iterdir()) == [
+        "corner.png", "evidence.png", "frequencies.png",
+    ]  # fmt: skip
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_class_does_not_depend_on_only(run, tiny_study_file, tiny_ranking, tmp_path):
+    result = run("rank", tiny_study_file, "--seed", 7, "--only", "each k", "--out", tmp_path / "r")
+    assert result.exit_code == 0
+    (alone,) = load_result(tmp_path / "r").posteriors
+    among_others = tiny_ranking.posteriors[1]
+    assert alone.name == among_others.name == "each k"
+    assert alone.evidence == among_others.evidence
+    assert (alone.draws == among_others.draws).all()
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_where_results_go_by_default(run, tiny_study_file, tmp_path):
+    assert run("rank", tiny_study_file, "--only", "one k").exit_code == 0
+    assert load_result(tmp_path / "work" / "runs" / "results" / "tiny").comparison.best
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_existing_results_are_kept_unless_told_otherwise(run, tiny_study_file, tmp_path):
+    arguments = ("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
+    assert run(*arguments).exit_code == 0
+    before = (tmp_path / "r" / "result.json").read_bytes()
+    assert_one_line_error(run(*arguments, "--seed", 1), "exists already", "--overwrite")
+    assert (tmp_path / "r" / "result.json").read_bytes() == before
+    assert run(*arguments, "--seed", 1, "--overwrite").exit_code == 0
+    assert load_result(tmp_path / "r").record["seed"] == 1
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_failed_check_ends_with_3_and_is_said(run, tiny_study_file, tmp_path, monkeypatch):
+    monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_LIMIT", 0.5)
+    monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_SCATTER", -1e9)
+    result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
+    assert result.exit_code == 3
+    assert "one k (!)" in result.stdout
+    assert "Checks that failed" in result.stdout
+    assert "one k: the ensembles differ" in result.stdout
+    assert load_result(tmp_path / "r").comparison.failed_checks
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_the_wanted_error_reaches_the_sampling(run, tiny_study_file, tmp_path):
+    arguments = ("rank", tiny_study_file, "--only", "one k", "--error", "0.2")
+    assert run(*arguments, "--out", tmp_path / "r").exit_code == 0
+    assert load_result(tmp_path / "r").record["settings"]["log_evidence_error"] == 0.2
+
+
+def test_calibrate(run, tiny_study_file):
+    result = run("calibrate", tiny_study_file)
+    assert result.exit_code == 0
+    assert "Minima of 'one k'" in result.stdout
+    assert "Modes of 'each k'" in result.stdout
+    assert "not unique" not in result.stdout
+    assert result.stderr == ""
+
+
+def test_calibrate_says_what_is_not_unique(run, tiny_study_file):
+    result = run("calibrate", tiny_study_file, "--only", "each k", "--shape-weight", "0")
+    assert "the fit is not unique" in result.stdout
+    assert "'one k'" not in result.stdout
+
+
+def test_calibrate_says_what_is_not_determined(run, study_file):
+    path = study_file(('pairing = {"1": 1, "2": 2}', 'pairing = {"1": 1}'))
+    result = run("calibrate", path, "--only", "each k", "--shape-weight", "0")
+    assert result.exit_code == 0
+    assert "1 direction(s) of the parameters undetermined" in result.stdout
+
+
+def test_check(run, csv_file):
+    result = run("check", csv_file())
+    assert result.exit_code == 0
+    for words in ("test of May", "0.618", "2 of 2", "Band: 0 to 3 Hz", "floor 1, floor 2"):
+        assert words in result.stdout
+    assert "Nothing odd." in result.stdout
+
+
+def test_check_says_what_is_odd(run, csv_file):
+    swapped = CSV.replace("1,0.618", "1,2.618").replace("0.8507,-0.5257", "0.8507,")
+    result = run("check", csv_file(swapped))
+    assert result.exit_code == 0
+    assert "(!) the modes were not in ascending order of frequency; they are now" in result.stdout
+    assert "mode '2': a shape at one sensor says nothing" in result.stdout
+    assert "Nothing odd." not in result.stdout
+
+
+@pytest.mark.parametrize("name", ["2[b]", "[east]", "[/]"])
+def test_check_shows_names_with_brackets(run, csv_file, name):
+    text = CSV.replace("\n2,", f"\n{name},").replace("test of May", f"test {name}")
+    result = run("check", csv_file(text))
+    assert result.exit_code == 0
+    assert f"test {name}" in result.stdout
+
+
+BAD_CSV = {
+    "empty": ("", "empty"),
+    "no modes": (CSV.split("1,0.618")[0], "no mode"),
+    "frequency zero": (CSV.replace("0.618", "0"), "line 4", "frequency_hz"),
+    "frequency negative": (CSV.replace("0.618", "-0.618"), "line 4", "frequency_hz"),
+    "frequency NaN": (CSV.replace("0.618", "nan"), "line 4", "frequency_hz"),
+    "frequency text": (CSV.replace("1.618", "fast"), "line 5", "frequency_hz", "'fast'"),
+    "no frequency": (CSV.replace("1.618", ""), "line 5", "frequency_hz"),
+    "duplicate labels": (CSV.replace("\n2,", "\n1,"), "line 5", "'1'"),
+    "shape of zeros": (CSV.replace("0.5257,0.8507", "0,0"), "line 4", "zero at every sensor"),
+    "outside the band": (CSV.replace("0, 3", "0, 1"), "line 5", "outside the band"),
+    "no band": (CSV.replace("# band_hz, 0, 3\n", ""), "band_hz"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "words"), [(t, w) for t, *w in BAD_CSV.values()], ids=BAD_CSV)
+def test_bad_data(run, csv_file, text, words):
+    path = csv_file(text)
+    assert_one_line_error(run("check", path), str(path), *words)
+
+
+def test_missing_data(run, tmp_path):
+    assert_one_line_error(run("check", tmp_path / "none.csv"), "none.csv")
+    assert_one_line_error(run("check", tmp_path), str(tmp_path))
+
+
+PAIRING = 'pairing = {"1": 1, "2": 2}'
+PRIOR = "bs.LogNormal(1.0, 0.3)"
+MASSES = "bs.ShearBuilding((1.0, 1.0), (K * k1,"
+BAD_STUDIES = {
+    "unknown sensor": (('"floor 2")', '"roof")'), "sensor 'roof'", "'floor 1', 'floor 2'"),
+    "shape of zeros": (("[1.0, PHI]", "[0.0, 0.0]"), "zero at every sensor"),
+    "unknown label": ((PAIRING, 'pairing = {"9": 1}'), "'9'", "choose from '1', '2'"),
+    "unknown model mode": ((PAIRING, 'pairing = {"1": 3}'), "model mode 3", "1 to 2"),
+    "twice the same": ((PAIRING, 'pairing = {"1": 1, "2": 1}'), "model mode 1", "'1' and '2'"),
+    "improper prior": ((PRIOR, "bs.Uniform(0.5, math.inf)"), "Uniform: upper", "inf"),
+    "inverted prior": ((PRIOR, "bs.Uniform(2.0, 0.5)"), "lower must be less than upper"),
+    # One name for two parameters that are not equal: the second has another prior.
+    "one name twice": (
+        ("study = ", 'k2 = bs.Parameter("k1", bs.LogNormal(2.0, 0.3))\nstudy = '),
+        "'each k'", "two different parameters are named 'k1'",
+    ),
+    "negative mass": ((MASSES, MASSES.replace("(1.0, 1.0)", "(1.0, -1.0)")), "mass of floor 2"),
+    "raises": (("PHI = (", "PHI = 1 / 0\n("), "ZeroDivisionError"),
+    "prints a traceback": (("PHI = (", "raise RuntimeError('a\\nb')\n("), "RuntimeError: a b"),
+    "no study": (("study = bs.Study(", "(lambda *a, **b: 0)("), "defines no study"),
+    "syntax error": (("import math", "import"), "not Python", "line 1"),
+    "unlike data": (
+        ("study = ", "other = modes.without_shapes()\nstudy = "),
+        ("(K * k1, K * k2)), modes", "(K * k1, K * k2)), other"),
+        "different data",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_STUDIES.values(), ids=BAD_STUDIES)
+def test_bad_studies(run, study_file, case):
+    replacements = [item for item in case if isinstance(item, tuple)]
+    words = [item for item in case if isinstance(item, str)]
+    path = study_file(*replacements)
+    result = run("rank", path)
+    assert_one_line_error(result, *words)
+    assert not list(path.parent.glob("work/*")), "nothing is written"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "word"),
+    [
+        ("none.py", None, "no such file"),
+        ("study.txt", b"study = 1", "name ending in .py"),
+        ("binary.py", b"\x7fELF\0\0\xff", "binary.py"),
+        ("nul.py", b"x = 1\0\n", "nul.py"),
+        ("empty.py", b"", "defines no study"),
+    ],
+)
+@pytest.mark.parametrize("command", ["rank", "calibrate"])
+def test_files_that_are_no_study(run, tmp_path, command, name, content, word):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    assert_one_line_error(run(command, tmp_path / name), name, word)
+
+
+def test_two_studies(run, tiny_study_file):
+    with tiny_study_file.open("a") as file:
+        file.write("another = study.only(['one k'])\n")
+    assert_one_line_error(run("rank", tiny_study_file), "several studies: study, another")
+
+
+@pytest.mark.parametrize("command", ["rank", "calibrate"])
+@pytest.mark.parametrize("only", ["three", "one k,three", ","])
+def test_unknown_class(run, tiny_study_file, command, only):
+    assert_one_line_error(run(command, tiny_study_file, "--only", only), "no model class")
+
+
+def test_incomplete_prior_weights(run, study_file):
+    path = study_file(("description=", 'prior_weights={"one k": 1.0},\n    description='))
+    assert_one_line_error(run("rank", path, "--only", "each k"), "prior weight", "'each k'")
+
+
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        ("rank", ["--error", "0"]),
+        ("rank", ["--error", "nan"]),
+        ("calibrate", ["--shape-weight", "-1"]),
+        ("calibrate", ["--starts", "0"]),
+    ],
+)
+def test_options_out_of_range(run, tiny_study_file, command, options):
+    assert_one_line_error(run(command, tiny_study_file, *options), "must be")
+
+
+@pytest.mark.usefixtures("coarse_command", "no_figures")
+def test_rank_over_all_pairings(run, tiny_study_file, tmp_path):
+    text = tiny_study_file.read_text(encoding="utf-8")
+    old = "(K * k1, K * k2)), modes, error,\n                      pairing=pairing),"
+    assert old in text
+    new = '(K * k, K * k)), modes, error,\n                      pairing={"1": 2, "2": 1}),'
+    tiny_study_file.write_text(text.replace(old, new), encoding="utf-8")
+    result = run(
+        "rank", tiny_study_file, "--any-pairing", "--accept-failed-checks", "--out", tmp_path / "r"
+    )
+    assert result.exit_code == 0, result.output
+    assert "Modes of 'one k or each k':" in result.stdout
+    assert "identified mode 1 is model mode 1 with probability" in result.stdout
+    (posterior,) = load_result(tmp_path / "r").posteriors
+    assert posterior.inferred_pairing.best == {"1": 1, "2": 2}
+
+
+COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()"]
+
+
+def in_a_process(*arguments):
+    return subprocess.run(
+        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+
+
+def test_in_a_process_of_its_own(tiny_study_file, tmp_path):
+    arguments = ("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
+    done = in_a_process(*arguments)
+    assert (done.returncode, done.stderr) == (0, "sampled one k\n")
+    again = in_a_process(*arguments)
+    assert again.returncode == 2
+    assert again.stderr.startswith("Error: ")
+    assert again.stderr.count("\n") == 1
+
+
+def test_no_traceback_from_a_process(tmp_path):
+    (tmp_path / "bad.py").write_text("def f():\n    raise ValueError('x')\nf()\n")
+    done = in_a_process("rank", tmp_path / "bad.py")
+    assert done.returncode == 2
+    assert done.stderr == f"Error: {tmp_path / 'bad.py'}: line 2: ValueError: x\n"
+    assert done.stdout == ""
+
+
+def test_help_and_version(run):
+    assert "rank" in run("--help").stdout
+    assert "calibrate" in run("-h").stdout
+    assert "0.1.0" in run("--version").stdout
+
+
+LARGE_STUDY = """
+import scipy.sparse as sp
+import bayes_ssi as bs
+
+k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+springs = sp.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(400, 400))
+full = bs.MatrixStructure((k, springs), sp.eye_array(400), n_modes=2)
+data = bs.ModalData((bs.IdentifiedMode("1", 0.00125),), band_hz=(0.0, 0.002))
+study = bs.Study("large", [
+    bs.ModelClass(name, structure, data, pairing={"1": 1})
+    for name, structure in (("full", full), ("again", full), ("reduced", full.reduced()))
+])
+"""
+
+
+def test_slow_structures_are_told_before_they_are_sampled(run, tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise ValueError("not sampled here")
+
+    monkeypatch.setattr("bayes_ssi.ranking.study.sample_all", refuse)
+    study = tmp_path / "large.py"
+    study.write_text(LARGE_STUDY, encoding="utf-8")
+    lines = run("rank", study, "--out", "r").stderr.splitlines()
+    assert lines[0].startswith("Slow: 'full', 'again': 400 degrees of freedom, solved in full")
+    assert "Slow" not in "".join(lines[1:])
+    for option in ("--quiet", "--economical"):
+        assert "Slow" not in run("rank", study, "--out", "r", option).stderr

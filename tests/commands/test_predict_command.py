@@ -1,0 +1,263 @@
+"""``bayes-ssi predict``: what it prints and saves, and what it refuses."""
+
+import csv
+import json
+import shutil
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from conftest import TINY_STUDY, assert_one_line_error
+
+from bayes_ssi.predictions.stored_predictions import load_predictions
+from bayes_ssi.response.ground_motion import GroundMotion
+from bayes_ssi.response.output import Output
+from bayes_ssi.results.save import save_result
+
+mpl.use("Agg")
+
+AT2 = "a\nb\nACCELERATION IN UNITS OF G\nNPTS= 4, DT= .5 SEC\n0. .1 .2 -.1\n"
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory, tiny_ranking):
+    directory = tmp_path_factory.mktemp("saved")
+    (directory / "tiny.py").write_text(TINY_STUDY, "utf-8")
+    study_file = str(directory / "tiny.py")
+    return save_result(tiny_ranking, directory / "result", study_file=study_file).directory
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    monkeypatch.setattr("bayes_ssi.plots.prediction_plots.save_prediction_figures", lambda *_: None)
+
+
+@pytest.fixture
+def predict(run, saved, tmp_path):
+    """Runs the command with few draws, saving in ``out``."""
+
+    def call(*options, result=saved, out=tmp_path / "out"):
+        return run("predict", result, "--draws", 40, "--out", out, *options)
+
+    return call
+
+
+def rows(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
+    def refuse(*_):
+        raise AssertionError("sampled")
+
+    monkeypatch.setattr("bayes_ssi.posterior.to_posterior.sample_target", refuse)
+    (tmp_path / "tiny.py").write_text(TINY_STUDY, "utf-8")
+    out = tmp_path / "result"
+    save_result(tiny_ranking, out, study_file=str(tmp_path / "tiny.py"))
+    done = run("predict", out)
+    assert done.exit_code == 0, done.output
+    text = " ".join(done.stdout.split())
+    for words in (
+        "Two storeys: 1000 stored draws, nothing sampled.",
+        "average: draws by probability,",
+        "Damping: 2 % in all modes, assumed, since none was identified (--damping changes it).",
+        "Transfer functions: from the ground's acceleration, 1943 frequencies from 0 to 3 Hz.",
+        "Natural frequencies (Hz) before and after updating, 95 % band",
+        "Mode shapes of 'average'",
+        "Peak acceleration, absolute value, 95 % band",
+        f"Saved in {out / 'predictions'}: 4 tables and 4 figures.",
+    ):
+        assert words in text
+    tables = done.stdout.split("Natural")[1].split("Saved in")[0]
+    assert max(map(len, tables.splitlines())) <= 80
+    assert sorted(path.name for path in (out / "predictions").iterdir()) == [
+        "figures", "frequencies.csv", "mode_shapes.csv", "peaks.csv", "predictions.json",
+        "transfer_functions.csv",
+    ]  # fmt: skip
+    assert {row["place"] for row in rows(out / "predictions" / "peaks.csv")} == {"floor 2"}
+    record = json.loads((out / "predictions" / "predictions.json").read_text("utf-8"))
+    assert (record["damping"], record["draws"]) == (0.02, 1000)
+    # A result that holds predictions is still one.
+    assert load_predictions(out).n_draws == 1000
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_all_options(predict, saved, tmp_path):
+    for name, unit in (("first", "G"), ("second", "CM/S2")):
+        (tmp_path / f"{name}.AT2").write_text(AT2.replace("OF G", f"OF {unit}"), "utf-8")
+    files = [tmp_path / f"{name}.AT2" for name in ("first", "second")]
+    done = predict(
+        "--class", "one k", "--class", "average", "--quantity", "drift", "--at", "ground:floor 1",
+        "--at", "floor 1:floor 2", "--damping", "0.01,0.03", "--transfer", "floor 2", "--band",
+        0.5, 2.0, "--record", files[0], "--record", files[1], "--level", 0.8,
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    for words in ("Damping: 1, 3 % mode by mode, as given.", "from a force at 'floor 2'",
+                  "Record first: 4 samples, 0.5 s apart; peak 0.2 g.", "80 % band"):  # fmt: skip
+        assert words in done.stdout
+    output = Output("drift", (("ground", "floor 1"), ("floor 1", "floor 2")))
+    own = load_predictions(saved, n_draws=40).of_class("one k")
+    expected = own.peak_responses(GroundMotion.load(files[0]), output, (0.01, 0.03)).band(0.8)
+    found = [row for row in rows(tmp_path / "out" / "peaks.csv")
+             if (row["model_class"], row["of"]) == ("one k", "time history: first")]  # fmt: skip
+    assert [row["place"] for row in found] == list(output.labels)
+    for column, numbers in zip(("low", "median", "high"), expected, strict=True):
+        np.testing.assert_allclose([float(row[column]) for row in found], numbers, rtol=1e-6)
+    transfer = rows(tmp_path / "out" / "transfer_functions.csv")
+    at = np.array([float(row["frequency_hz"]) for row in transfer[:10]])
+    assert at[0] == 0.5
+    band = own.transfer_functions(at, output, (0.01, 0.03), force_at="floor 2").band(0.8)
+    np.testing.assert_allclose([float(r["high"]) for r in transfer[:10]], band.high[0], rtol=1e-5)
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_modes_alone(predict, tmp_path):
+    done = predict("--transfer", "none")
+    assert done.exit_code == 0, done.output
+    assert "Peak" not in done.stdout
+    assert sorted(path.stem for path in (tmp_path / "out").glob("*.csv")) == [
+        "frequencies", "mode_shapes",
+    ]  # fmt: skip
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_modes_alone_of_a_structure_without_masses(predict, monkeypatch):
+    """Those of a function, or of matrices without ``influence``."""
+
+    def unknown(*_):
+        raise TypeError("its masses are not known; give influence=")
+
+    monkeypatch.setattr("bayes_ssi.structures.lumped.LumpedStructure.modal_model", unknown)
+    done = predict()
+    assert done.exit_code == 0, done.output
+    assert "No transfer functions: the ShearBuilding does not know how the ground" in done.stdout
+    assert_one_line_error(predict("--transfer", "ground", "--overwrite"), "give influence=")
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_narrow_peak_is_spoken_of(predict):
+    assert "(!) So many frequencies may pass by" in predict("--damping", 1e-5).stdout
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_nothing_is_overwritten_silently(predict, tmp_path):
+    assert predict().exit_code == 0
+    before = (tmp_path / "out" / "peaks.csv").read_text("utf-8")
+    again = ("--damping", 0.1)
+    assert_one_line_error(predict(*again), "out: exists already", "--overwrite")
+    assert (tmp_path / "out" / "peaks.csv").read_text("utf-8") == before
+    assert predict(*again, "--overwrite").exit_code == 0
+    assert (tmp_path / "out" / "peaks.csv").read_text("utf-8") != before
+    precious = tmp_path / "precious"
+    precious.mkdir()
+    (precious / "thesis.txt").write_text("all of it", "utf-8")
+    assert_one_line_error(predict("--overwrite", out=precious), "is not overwritten")
+    assert (precious / "thesis.txt").is_file()
+
+
+def test_a_failure_leaves_nothing_behind(predict, tmp_path, monkeypatch):
+    def fail(*_):
+        raise OSError(28, "No space left on device", "figure.png")
+
+    monkeypatch.setattr("bayes_ssi.plots.prediction_plots.save_prediction_figures", fail)
+    assert_one_line_error(predict(), "figure.png: No space left on device")
+    assert not (tmp_path / "out").exists()
+    assert list(tmp_path.glob(".out*")) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (AT2.replace("NPTS= 4", "NPTS= 5"), ("quake.AT2", "NPTS = 5, but 4 values follow")),
+        (AT2.replace(", DT= .5 SEC", ""), ("quake.AT2", "dt", "is not given")),
+        ("", ("quake.AT2", "empty")),
+        (AT2.replace("NPTS= 4", "NPTS= 1").replace("0. .1 .2 -.1", ".1"), ("two samples",)),
+        (AT2.replace(".2", "nan"), ("quake.AT2", "line 5")),
+        (AT2.replace("OF G", "OF FURLONG"), ("quake.AT2", "unit", "'FURLONG'", "'cm/s2'")),
+    ],
+)
+def test_bad_records(predict, tmp_path, text, words):
+    (tmp_path / "quake.AT2").write_text(text, "utf-8")
+    assert_one_line_error(predict("--record", tmp_path / "quake.AT2"), *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_record_of_mixed_units(predict, tmp_path):
+    (tmp_path / "quake.AT2").write_text(AT2, "utf-8")
+    done = predict("--record", tmp_path / "quake.AT2", "--unit", "cm/s2")
+    assert_one_line_error(done, "two units", "'cm/s2' and 'g'")
+    (tmp_path / "quake.csv").write_text("# unit, g\n# dt_s, 0.1\nacc (m/s2)\n1\n2\n", "utf-8")
+    done = predict("--record", tmp_path / "quake.csv")
+    assert_one_line_error(done, "two units", "'g' and 'm/s2'")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--record", "nowhere.AT2"), ("nowhere.AT2: No such file",)),
+        (("--damping", 0), ("damping must be", "strictly between 0 and 1", "0.0")),
+        (("--damping", 1), ("damping must be", "strictly between 0 and 1", "1.0")),
+        (("--damping", "0.02,-0.1"), ("damping must be", "-0.1")),
+        (("--damping", "0.02,0.03,0.04"), ("one for each of the 2 modes", "3 ratios")),
+        (("--damping", "two"), ("--damping", "'two'")),
+        (("--at", "roof"), ("place 'roof'", "'floor 1', 'floor 2'")),
+        (("--transfer", "roof"), ("place 'roof'", "'floor 1', 'floor 2'")),
+        (("--quantity", "drift", "--at", "floor 1"), ("LOWER:UPPER", "'floor 1'")),
+        (("--quantity", "drift", "--at", "floor 1:floor 1"), ("pair",)),
+        (("--quantity", "velocity"), ("'velocity'", "drift")),
+        (("--class", "two k"), ("no model class 'two k'", "'one k', 'each k'")),
+        (("--configuration", "bare"), ("without a name", "'bare'")),
+        (("--band", 3, 1), ("band", "3.0 and 1.0")),
+        (("--transfer", "none", "--band", 1, 3), ("--band", "--transfer is none")),
+        (("--unit", "g"), ("--unit", "--record")),
+        (("--dt", 0.1), ("--dt", "--record")),
+        (("--level", 1.5), ("level", "1.5")),
+        (("--draws", 0), ("--draws", "0")),
+        (("--study", "nowhere.py"), ("nowhere.py: no such file",)),
+    ],
+)
+def test_bad_options(predict, tmp_path, options, words):
+    assert_one_line_error(predict(*options), *words)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("missing", ["result.json", "comparison.json", "data.csv", "posteriors"])
+def test_a_result_that_is_incomplete(predict, saved, tmp_path, missing):
+    copy = shutil.copytree(saved, tmp_path / "copy")
+    path = copy / missing
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    assert_one_line_error(predict(result=copy), str(copy))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("(K * k, K * k)", "(K * k, 2 * K * k)", ("not the one that was sampled", "Hz")),
+        ('"each k"', '"both k"', ("defines no model class 'each k'",)),
+        ("(K * k, K * k)", "(K * k1, K * k)", ("not the one that was sampled", "'k1'")),
+        ("study = ", "no_study = None #", ("tiny.py",)),
+    ],
+)
+def test_a_study_that_has_changed(predict, tmp_path, old, new, words):
+    assert old in TINY_STUDY
+    (tmp_path / "tiny.py").write_text(TINY_STUDY.replace(old, new), "utf-8")
+    done = predict("--study", tmp_path / "tiny.py", "--class", "one k")
+    assert_one_line_error(done, *words)
+
+
+def test_several_configurations_are_listed(predict, tmp_path):
+    """A study whose classes were tested twice: which test is asked for must be said."""
+    text = (
+        TINY_STUDY.split("study = bs.Study(")[0]
+        + """
+building = bs.ShearBuilding((1.0, 1.0), (K * k1, K * k2))
+tests = [bs.Configuration(name, building, modes, pairing=pairing) for name in ("May", "June")]
+names = ("one k", "each k")
+classes = [bs.ModelClass(name, configurations=tests, error=error) for name in names]
+study = bs.Study("Two", classes)
+"""
+    )
+    (tmp_path / "two.py").write_text(text, "utf-8")
+    done = predict("--study", tmp_path / "two.py")
+    assert_one_line_error(done, "2 configurations; choose one of 'May', 'June'")

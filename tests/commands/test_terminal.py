@@ -1,0 +1,99 @@
+"""What a terminal, a pipe and a program see of the commands."""
+
+import json
+import os
+import pty
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from bayes_ssi.results.load import load_result
+
+pytestmark = pytest.mark.usefixtures("no_figures")
+COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()"]
+
+
+def test_quiet_tells_nothing(run, tiny_study_file, tmp_path):
+    result = run("rank", tiny_study_file, "--only", "one k", "--quiet", "--out", tmp_path / "r")
+    assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
+    assert load_result(tmp_path / "r").comparison.best.name == "one k"
+
+
+def test_quiet_still_tells_errors_and_failed_checks(run, tiny_study_file, tmp_path, monkeypatch):
+    assert "no such file" in run("rank", tmp_path / "none.py", "--quiet").stderr
+    monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_LIMIT", 0.5)
+    monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_SCATTER", -1e9)
+    result = run("rank", tiny_study_file, "--only", "one k", "--quiet", "--out", tmp_path / "r")
+    assert result.exit_code == 3
+    assert result.stdout == ""
+    assert result.stderr.startswith("(!) 1 failed checks: one k: the ensembles differ")
+
+
+def test_a_ranking_as_json(run, tiny_study_file, tmp_path):
+    result = run("rank", tiny_study_file, "--json", "--out", tmp_path / "r")
+    told, stored = json.loads(result.stdout), load_result(tmp_path / "r")
+    assert told["directory"] == str(tmp_path / "r")
+    best, row = stored.comparison.best, told["classes"][0]
+    assert (row["name"], row["log_evidence"]) == (best.name, best.log_evidence)
+    assert sum(each["probability"] for each in told["classes"]) == pytest.approx(1.0)
+    parameter = told["parameters"]["one k"][0]
+    assert parameter["mean"] == pytest.approx(float(np.mean(stored.posterior("one k").values)))
+    assert told["pairings"]["one k"] == {"": {"1": 1, "2": 2}}
+
+
+def test_fits_and_data_as_json(run, tiny_study_file, tmp_path):
+    told = json.loads(run("calibrate", tiny_study_file, "--only", "each k", "--json").stdout)
+    (fit,) = told["calibrations"]
+    # Unit frequencies at unit factors: the fit is exact.
+    assert fit["minima"][0]["values"] == pytest.approx([1.0, 1.0], abs=1e-3)
+    path = tmp_path / "modes.csv"
+    path.write_text("# band_hz, 0, 3\nlabel,frequency_hz\n1,0.618\n")
+    told = json.loads(run("check", path, "--json").stdout)
+    assert told["modes"][0]["frequency_hz"] == 0.618
+    assert told["remarks"] == ["mode '1': no shape; only its frequency is used"]
+
+
+def test_the_command_is_on_record(run, tiny_study_file, tmp_path):
+    out = tmp_path / "a directory"
+    run("rank", tiny_study_file, "--only", "one k", "--seed", 3, "--out", out, "--quiet")
+    command = load_result(out).record["command"]
+    assert (
+        command == f"bayes-ssi rank {tiny_study_file} --only 'one k' --seed 3 --out '{out}' --quiet"
+    )
+
+
+def in_a_terminal(*arguments):
+    """Output of a command whose standard output and error are a terminal."""
+    master, slave = pty.openpty()
+    env = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "100", "NO_COLOR": ""}
+    env.pop("NO_COLOR")
+    process = subprocess.Popen([*COMMAND, *map(str, arguments)], stdout=slave, stderr=slave,
+                               stdin=slave, env=env)  # fmt: skip
+    os.close(slave)
+    told = b""
+    while True:
+        try:
+            part = os.read(master, 65536)
+        except OSError:  # the other end is closed
+            break
+        if not part:
+            break
+        told += part
+    os.close(master)
+    assert process.wait() == 0
+    return told.decode()
+
+
+def test_colours_and_the_time_left_are_for_terminals_only(tiny_study_file):
+    arguments = ("calibrate", tiny_study_file, "--only", "one k", "--starts", 8)
+    told = in_a_terminal(*arguments)
+    assert "\x1b[" in told
+    assert re.search(r"one k.*left", told)
+    piped = subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True,
+                           check=True)  # fmt: skip
+    assert "\x1b" not in piped.stdout + piped.stderr
+    assert piped.stderr == ""
+    assert "Minima of 'one k'" in piped.stdout

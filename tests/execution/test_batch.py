@@ -1,0 +1,119 @@
+"""Evaluating a batch, whatever the model does at some of its rows."""
+
+import numpy as np
+import pytest
+
+from bayes_ssi.execution.batch import Evaluated, evaluate, joined
+
+
+class Fragile:
+    """z ↦ 2 z, but it raises where a batch holds one of the values in ``bad``; counts its calls."""
+
+    def __init__(self, *bad, error=ValueError):
+        self.bad = bad
+        self.error = error
+        self.n_calls = 0
+
+    def __call__(self, z):
+        self.n_calls += 1
+        for value in z[:, 0]:
+            if value in self.bad:
+                raise self.error(f"no modes at {value:g}")
+        return 2.0 * z[:, 0]
+
+
+def rows(n):
+    return np.arange(float(n))[:, None]
+
+
+def test_a_batch_that_does_not_raise_is_evaluated_once():
+    function = Fragile()
+    values, failures = evaluate(function, rows(5))
+    np.testing.assert_array_equal(values, [0.0, 2.0, 4.0, 6.0, 8.0])
+    assert failures == {}
+    assert function.n_calls == 1
+
+
+def test_only_the_rows_that_raise_are_nan():
+    values, failures = evaluate(Fragile(1.0, 5.0, 6.0), rows(7))
+    np.testing.assert_array_equal(values, [0.0, np.nan, 4.0, 6.0, 8.0, np.nan, np.nan])
+    assert failures == {
+        1: "ValueError: no modes at 1",
+        5: "ValueError: no modes at 5",
+        6: "ValueError: no modes at 6",
+    }
+
+
+@pytest.mark.parametrize("n", range(1, 10))
+def test_the_row_that_raises_is_found_wherever_it_is(n):
+    for bad in range(n):
+        values, failures = evaluate(Fragile(bad), rows(n))
+        np.testing.assert_array_equal(
+            values, np.where(np.arange(n) == bad, np.nan, rows(n).T[0] * 2)
+        )
+        assert failures == {bad: f"ValueError: no modes at {bad}"}
+
+
+@pytest.mark.parametrize(("bad", "n_calls"), [([700], 21), ([0], 21), ([700, 701], 21)])
+def test_the_rows_at_fault_are_found_by_halving(bad, n_calls):
+    """1024 rows are halved ten times; both halves are asked each time."""
+    function = Fragile(*bad)
+    evaluate(function, rows(1024))
+    assert function.n_calls == n_calls
+
+
+def test_a_batch_that_raises_everywhere():
+    function = Fragile(*range(8), error=np.linalg.LinAlgError)
+    values, failures = evaluate(function, rows(8))
+    assert np.isnan(values).all()
+    assert list(failures) == list(range(8))
+    assert failures[3] == "LinAlgError: no modes at 3"
+    assert function.n_calls == 15
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit])
+def test_an_interrupt_is_no_failure(error):
+    with pytest.raises(error):
+        evaluate(Fragile(3, error=error), rows(8))
+
+
+def test_an_answer_of_nan_or_infinity_is_an_answer():
+    answer = np.array([np.nan, -np.inf, 1.0])
+    values, failures = evaluate(lambda _: answer, rows(3))
+    np.testing.assert_array_equal(values, answer)
+    assert failures == {}
+
+
+@pytest.mark.parametrize("answer", [[1, 2], (1.0, 2.0), np.array([1, 2], dtype=np.int32)])
+def test_answers_become_floats(answer):
+    values, _ = evaluate(lambda _: answer, rows(2))
+    assert values.dtype == np.float64
+    np.testing.assert_array_equal(values, [1.0, 2.0])
+
+
+@pytest.mark.parametrize("shape", [(), (2,), (4,), (3, 1), (1, 3)])
+def test_answers_of_the_wrong_shape_are_refused(shape):
+    with pytest.raises(ValueError, match="expected one value for each of 3 points, got shape") as e:
+        evaluate(lambda _: np.zeros(shape), rows(3))
+    assert str(e.value).endswith(str(shape))
+
+
+def test_answers_of_the_wrong_shape_are_refused_in_a_part_of_the_batch():
+    def function(z):
+        if 0.0 in z:
+            raise ValueError("no modes")
+        return np.zeros((len(z), 2))
+
+    with pytest.raises(ValueError, match=r"each of 1 points, got shape \(1, 2\)"):
+        evaluate(function, rows(4))
+
+
+def test_joined_counts_rows_from_the_first_part():
+    parts = [
+        Evaluated(np.array([1.0, np.nan]), {1: "a"}),
+        Evaluated(np.array([2.0]), {}),
+        Evaluated(np.array([np.nan, 3.0, np.nan]), {0: "b", 2: "c"}),
+    ]
+    values, failures = joined(parts)
+    np.testing.assert_array_equal(values, [1.0, np.nan, 2.0, np.nan, 3.0, np.nan])
+    assert failures == {1: "a", 3: "b", 5: "c"}

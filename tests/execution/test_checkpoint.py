@@ -1,0 +1,415 @@
+"""The checkpoint of a run: going on from it gives the result of a run that was not stopped."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from behind import Behind
+
+import bayes_ssi as bs
+from bayes_ssi.execution.batch import Evaluated
+from bayes_ssi.modal import Modes
+from bayes_ssi.posterior.datum_terms import DatumTerms
+from bayes_ssi.ranking.checkpoint import Checkpoint
+from bayes_ssi.versions import versions
+
+SETTINGS = bs.SamplingSettings()
+
+
+class Hidden(Behind):
+    """A building whose description tells nothing, not even by how much it is softer."""
+
+    def __init__(self, building, softer=1.0, limit=np.inf):
+        super().__init__(building)
+        self.softer = softer
+        self.limit = limit
+
+    def modes(self, values):
+        if (values > self.limit).any():
+            raise ArithmeticError(f"stiffer than {self.limit:g}")
+        frequencies_hz, shapes = super().modes(values)
+        return Modes(self.softer * frequencies_hz, shapes)
+
+
+@pytest.fixture
+def directory(tmp_path):
+    return tmp_path / "checkpoint"
+
+
+@pytest.fixture
+def said():
+    return []
+
+
+@pytest.fixture
+def checkpoint(directory, said):
+    return Checkpoint(directory, say=said.append)
+
+
+@pytest.fixture(scope="module")
+def whole_journals(tiny_study, tiny_ranking, tmp_path_factory):
+    """Name → content of the journals of ``tiny_ranking``, in the order of the study."""
+    directory = tmp_path_factory.mktemp("whole") / "checkpoint"
+    assert_equal(bs.rank(tiny_study, seed=7, checkpoint=directory), tiny_ranking)
+    names = [next(directory.glob(f"{name}_k-*.journal")).name for name in ("one", "each")]
+    return {name: (directory / name).read_bytes() for name in names}
+
+
+@pytest.fixture(scope="module")
+def one_class(tiny_study):
+    return tiny_study.only(["one k"])
+
+
+@pytest.fixture
+def one_k(tiny_study):
+    return tiny_study.model_classes[0]
+
+
+def stop(directory, journals, share):
+    """What a run leaves that is killed when ``share`` of its journals is written."""
+    directory.mkdir()
+    left = int(share * sum(map(len, journals.values())))
+    for name, content in journals.items():
+        if left > 0:
+            (directory / name).write_bytes(content[:left])
+        left -= len(content)
+
+
+def assert_equal(a, b):
+    assert a.comparison == b.comparison
+    for left, right in zip(a.posteriors, b.posteriors, strict=True):
+        assert_same_fields(left, right)
+
+
+def assert_same_fields(left, right):
+    for item in fields(left):
+        x, y = getattr(left, item.name), getattr(right, item.name)
+        if isinstance(x, np.ndarray):
+            assert (x.shape, x.tobytes()) == (y.shape, y.tobytes()), item.name
+        elif isinstance(x, DatumTerms):
+            assert_same_fields(x, y)
+        elif item.name != "seconds":
+            assert x == y, item.name
+
+
+@pytest.mark.parametrize("share", np.random.default_rng(11).random(4).round(6))
+def test_a_run_stopped_anywhere_goes_on_to_the_same_result(
+    tiny_study, tiny_ranking, whole_journals, checkpoint, directory, share
+):
+    stop(directory, whole_journals, share)
+    assert_equal(bs.rank(tiny_study, seed=7, checkpoint=checkpoint), tiny_ranking)
+    assert {p.name: p.read_bytes() for p in directory.iterdir()} == whole_journals
+
+
+def test_a_run_that_had_ended_is_not_evaluated_again(
+    one_class, tiny_ranking, whole_journals, checkpoint, directory, monkeypatch
+):
+    stop(directory, whole_journals, 1.0)
+    batches = []
+    log_likelihood_at = bs.ModelClass.log_likelihood_at
+
+    def counted(self, z):
+        batches.append(len(z))
+        return log_likelihood_at(self, z)
+
+    monkeypatch.setattr(bs.ModelClass, "log_likelihood_at", counted)
+    found = bs.rank(one_class, seed=7, checkpoint=checkpoint).posteriors[0]
+    assert found.evidence == tiny_ranking.posteriors[0].evidence
+    assert batches == [3], "only to see that the model is the same"
+
+
+def test_the_evaluations_that_are_used_are_told(
+    tiny_study, tiny_ranking, whole_journals, checkpoint, directory, said
+):
+    stop(directory, whole_journals, 1.0)
+    bs.rank(tiny_study, seed=7, checkpoint=checkpoint)
+    assert said == [
+        f"model class {p.name!r}: continues after {p.n_evaluations} evaluations"
+        for p in tiny_ranking.posteriors
+    ]
+
+
+def test_a_new_run_is_told_nothing(checkpoint, one_k, said):
+    checkpoint.journal(one_k, 7, SETTINGS).close()
+    assert said == []
+
+
+def test_a_path_will_do_and_then_one_is_warned(one_class, tiny_ranking, whole_journals, directory):
+    stop(directory, whole_journals, 0.2)
+    with pytest.warns(RuntimeWarning, match="model class 'one k': continues after") as caught:
+        posterior = bs.rank(one_class, seed=7, checkpoint=str(directory)).posteriors[0]
+    assert [warning.filename for warning in caught] == [__file__]
+    assert posterior.evidence == tiny_ranking.posteriors[0].evidence
+
+
+def test_damage_is_told_and_harms_nothing(
+    tiny_study, tiny_ranking, whole_journals, checkpoint, directory, said
+):
+    stop(directory, whole_journals, 1.0)
+    name, content = next(iter(whole_journals.items()))
+    damaged = bytearray(content)
+    damaged[len(content) // 2] ^= 1
+    (directory / name).write_bytes(damaged)
+    assert_equal(bs.rank(tiny_study, seed=7, checkpoint=checkpoint), tiny_ranking)
+    assert (directory / name).read_bytes() == content
+    assert said[0].startswith(f"{directory / name}: damaged after ")
+    assert said[0].endswith(" evaluations, which are used; the rest is computed again")
+    assert len(said) == 2, "the other class's journal is whole"
+
+
+def other_class(one_k, **changes):
+    return replace(one_k, **{"pairing": one_k.pairing, **changes})
+
+
+DIFFERENCES = {
+    "seed": (lambda k: (k, 8, SETTINGS), r"seed 7 there and 8 here"),
+    "error": (
+        lambda k: (k, 7, replace(SETTINGS, log_evidence_error=0.1)),
+        r"log_evidence_error 0\.01 there and 0\.1 here",
+    ),
+    "particles": (
+        lambda k: (k, 7, replace(SETTINGS, particles=600)),
+        r"particles null there and 600 here",
+    ),
+    "searches and steps": (
+        lambda k: (k, 7, replace(SETTINGS, searches=5, max_steps=50)),
+        r"max_steps 5000 there and 50 here, searches 4 there and 5 here",
+    ),
+    "data": (
+        lambda k: (other_class(k, data=k.data.without_shapes()), 7, SETTINGS),
+        r'definition "\w{16}" there and "\w{16}" here',
+    ),
+    "error model": (
+        lambda k: (other_class(k, error=bs.ErrorModel(0.03, 0.05)), 7, SETTINGS),
+        r'definition "\w{16}" there and "\w{16}" here',
+    ),
+    "pairing": (
+        lambda k: (other_class(k, pairing={"1": 1}), 7, SETTINGS),
+        r'definition "\w{16}" there and "\w{16}" here',
+    ),
+    "structure": (
+        lambda k: (
+            other_class(k, structure=bs.ShearBuilding((1.0, 1.1), k.structure.stiffnesses)),
+            7,
+            SETTINGS,
+        ),
+        r'definition "\w{16}" there and "\w{16}" here',
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "difference"), DIFFERENCES.values(), ids=DIFFERENCES)
+def test_another_run_is_refused_in_a_line_that_names_the_difference(
+    checkpoint, one_k, change, difference
+):
+    checkpoint.journal(one_k, 7, SETTINGS).close()
+    message = rf"one_k-\w{{8}}\.journal: the checkpoint of another run, with {difference}; finish"
+    with pytest.raises(ValueError, match=message) as caught:
+        checkpoint.journal(*change(one_k))
+    assert "\n" not in str(caught.value)
+
+
+def test_other_versions_are_refused(checkpoint, one_k, monkeypatch):
+    checkpoint.journal(one_k, 7, SETTINGS).close()
+    here = {**versions(), "numpy": "3.0"}
+    monkeypatch.setattr("bayes_ssi.ranking.checkpoint.versions", lambda: here)
+    message = rf'numpy "{np.__version__}" there and "3\.0" here; finish that one, or begin'
+    with pytest.raises(ValueError, match=message):
+        checkpoint.journal(one_k, 7, SETTINGS)
+
+
+def test_rank_refuses_the_checkpoint_of_another_run(tiny_study, whole_journals, directory):
+    stop(directory, whole_journals, 0.7)
+    with pytest.raises(ValueError, match="seed 7 there and 8 here"):
+        bs.rank(tiny_study, seed=8, checkpoint=directory)
+    stopped = {p.name: p.read_bytes() for p in directory.iterdir()}
+    assert all(whole_journals[name].startswith(content) for name, content in stopped.items())
+    assert len(stopped) == 2
+
+
+def test_the_checkpoint_of_another_run_is_discarded_on_request(directory, one_k, said):
+    with Checkpoint(directory).journal(one_k, 7, SETTINGS) as journal:
+        journal.add(np.zeros((1, 1)), Evaluated(np.zeros(1), {}))
+    discarding = Checkpoint(directory, discard_others=True, say=said.append)
+    with discarding.journal(one_k, 8, SETTINGS) as journal:
+        assert (journal.n_kept, said) == (0, [])
+        journal.add(np.zeros((2, 1)), Evaluated(np.zeros(2), {}))
+    with Checkpoint(directory, say=said.append).journal(one_k, 8, SETTINGS) as journal:
+        assert journal.n_kept == 2
+
+
+def test_discarding_spares_the_same_run(directory, one_k, said):
+    with Checkpoint(directory).journal(one_k, 7, SETTINGS) as journal:
+        journal.add(np.zeros((1, 1)), Evaluated(np.zeros(1), {}))
+    discarding = Checkpoint(directory, discard_others=True, say=said.append)
+    with discarding.journal(one_k, 7, SETTINGS) as journal:
+        assert journal.n_kept == 1
+    assert said == ["model class 'one k': continues after 1 evaluations"]
+
+
+def test_a_journal_damaged_beyond_use_is_discarded_on_request(directory, one_k, checkpoint):
+    with checkpoint.journal(one_k, 7, SETTINGS) as journal:
+        path = journal.path
+    path.write_bytes(b"garbage\n")
+    with pytest.raises(ValueError, match="damaged, or not a checkpoint"):
+        checkpoint.journal(one_k, 7, SETTINGS)
+    Checkpoint(directory, discard_others=True).journal(one_k, 7, SETTINGS).close()
+    checkpoint.journal(one_k, 7, SETTINGS).close()
+
+
+@pytest.mark.parametrize("discard_others", [False, True])
+@pytest.mark.parametrize("seed", [7, 8])
+def test_a_journal_in_use_is_refused_and_never_discarded(directory, one_k, discard_others, seed):
+    pytest.importorskip("fcntl")
+    with Checkpoint(directory).journal(one_k, 7, SETTINGS) as journal:
+        with pytest.raises(ValueError, match="another run is using this checkpoint"):
+            Checkpoint(directory, discard_others=discard_others).journal(one_k, seed, SETTINGS)
+        assert journal.path.exists()
+
+
+def hidden_study(one_k, **hidden):
+    return bs.Study("s", [other_class(one_k, structure=Hidden(one_k.structure, **hidden))])
+
+
+def test_a_structure_without_a_description_can_be_continued(one_k, checkpoint, said):
+    """The default description of an object holds its address."""
+    first, second = (hidden_study(one_k) for _ in range(2))
+    descriptions = {repr(study.model_classes[0].structure) for study in (first, second)}
+    assert len(descriptions) == 2
+    expected = bs.rank(first, checkpoint=checkpoint)
+    assert_equal(bs.rank(second, checkpoint=checkpoint), expected)
+    assert len(said) == 1
+
+
+def test_a_model_that_changed_is_refused_though_its_description_did_not(one_k, directory):
+    bs.rank(hidden_study(one_k), checkpoint=directory)
+    before = {p: p.read_bytes() for p in directory.iterdir()}
+    message = (
+        r"model class 'one k': .*one_k-\w{8}\.journal: the model gives other values than when this "
+        "checkpoint was made; remove it to begin again$"
+    )
+    checkpoint = Checkpoint(directory, say=lambda _: None)
+    with pytest.raises(ValueError, match=message):
+        bs.rank(hidden_study(one_k, softer=0.999), checkpoint=checkpoint)
+    assert {p: p.read_bytes() for p in directory.iterdir()} == before
+
+
+def test_failures_of_the_model_are_continued(one_k, checkpoint):
+    study = hidden_study(one_k, limit=2.0)
+    expected = bs.rank(study)
+    (failed,) = expected.posteriors[0].failed_checks
+    assert "the model failed at" in failed
+    assert failed.endswith(": ArithmeticError: stiffer than 2")
+    bs.rank(study, checkpoint=checkpoint)
+    (path,) = checkpoint.directory.iterdir()
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    assert_equal(bs.rank(study, checkpoint=checkpoint), expected)
+    assert path.read_bytes() == content
+
+
+def test_a_class_alone_goes_on_from_the_run_of_all(
+    one_class, tiny_ranking, whole_journals, checkpoint, directory, said
+):
+    stop(directory, whole_journals, 0.7)
+    posterior = bs.rank(one_class, seed=7, checkpoint=checkpoint).posteriors[0]
+    assert posterior.evidence == tiny_ranking.posteriors[0].evidence
+    assert said == [f"model class 'one k': continues after {posterior.n_evaluations} evaluations"]
+
+
+def test_numbers_of_numpy_are_numbers(one_k, checkpoint):
+    settings = replace(SETTINGS, searches=np.int64(4), log_evidence_error=np.float64(0.01))
+    checkpoint.journal(one_k, np.int64(7), settings).close()
+    checkpoint.journal(one_k, 7, SETTINGS).close()
+    assert len(list(checkpoint.directory.iterdir())) == 1
+
+
+def test_names_need_not_be_file_names(one_k, checkpoint):
+    names = ["a/b", "a:b", "a_b", "..", "θ", "x" * 300]
+    paths = set()
+    for name in names:
+        with checkpoint.journal(other_class(one_k, name=name), 7, SETTINGS) as journal:
+            assert journal.path.parent == checkpoint.directory
+            paths.add(journal.path.name.lower())
+    assert len(paths) == len(names)
+
+
+def test_a_relative_directory_stays_where_it_was_meant(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    checkpoint = Checkpoint("a")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert checkpoint.directory == tmp_path / "a"
+    assert checkpoint.silent().directory == tmp_path / "a"
+
+
+def test_names_are_those_of_the_journals_that_are_there(directory, checkpoint, tiny_study):
+    assert checkpoint.names() == []
+    for model_class in tiny_study.model_classes:
+        checkpoint.journal(model_class, 7, SETTINGS).close()
+    (directory / "notes.txt").touch()
+    (directory / "damaged.journal").write_bytes(b"\xff{}")
+    (directory / "new.journal").touch()
+    (directory / "other.journal").write_text('{"format": 1, "run": {}}\n')
+    assert sorted(checkpoint.names()) == ["each k", "one k"]
+
+
+def test_the_directory_is_made_with_the_first_journal(directory, checkpoint, one_k):
+    assert not directory.exists()
+    assert not checkpoint.is_saving
+    checkpoint.journal(one_k, 7, SETTINGS).close()
+    assert directory.is_dir()
+
+
+def test_saving_is_marked_until_the_checkpoint_is_removed(directory, checkpoint, one_k):
+    checkpoint.journal(one_k, 7, SETTINGS).close()
+    assert not checkpoint.is_saving
+    checkpoint.begin_saving()
+    assert Checkpoint(directory).is_saving
+    checkpoint.remove(("one k",))
+    assert not checkpoint.is_saving
+
+
+def test_removing_leaves_the_journals_of_others(directory, checkpoint, tiny_study):
+    for model_class in tiny_study.model_classes:
+        checkpoint.journal(model_class, 7, SETTINGS).close()
+    checkpoint.begin_saving()
+    checkpoint.remove(("one k",))
+    (left,) = directory.iterdir()
+    assert left.name.startswith("each_k-")
+    checkpoint.remove(("each k",))
+    assert not directory.exists()
+
+
+def test_removing_leaves_other_files(directory, checkpoint, one_k):
+    checkpoint.journal(one_k, 7, SETTINGS).close()
+    (directory / "notes.txt").touch()
+    checkpoint.remove(("one k",))
+    assert [p.name for p in directory.iterdir()] == ["notes.txt"]
+
+
+def test_removing_what_is_not_there(directory, checkpoint):
+    checkpoint.remove(("one k",))
+    assert not directory.exists()
+
+
+def test_a_run_that_was_refused_leaves_nothing_in_the_way(one_class, directory):
+    """Its input is mended, and the next run is another one."""
+    (candidate,) = one_class.model_classes
+
+    class Refused(bs.ShearBuilding):
+        def modes(self, values):  # noqa: ARG002
+            raise ValueError("the stiffness matrix is not positive definite")
+
+    building = candidate.structure
+    refused = Refused(building.masses, building.stiffnesses)
+    study = bs.Study("s", [replace(candidate, structure=refused)])
+    with pytest.raises(ValueError, match="not positive definite"):
+        bs.rank(study, checkpoint=directory)
+    assert not directory.exists()
+    bs.rank(one_class, checkpoint=directory)
+
+
+def test_rank_leaves_the_checkpoint_to_its_caller(one_class, directory):
+    bs.rank(one_class, checkpoint=directory)
+    assert len(list(directory.iterdir())) == 1

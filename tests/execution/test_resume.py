@@ -1,0 +1,383 @@
+"""A command that is killed, whenever that is, and given again ends with the same result."""
+
+import errno
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import TINY_STUDY
+
+from bayes_ssi.cli import main
+from bayes_ssi.results.load import load_result
+from bayes_ssi.results.save import save_result
+
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals of Unix")
+
+
+def die(*_, **__):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def instead_of(function):
+    def arrange(patch):
+        patch.setattr(function, die)
+
+    return arrange
+
+
+def in_record(number, happens=die):
+    """When half of a journal's record is written; 0 is the line before the first."""
+
+    def arrange(patch):
+        written = []
+
+        def write_some(journal, data):
+            if len(written) == number:
+                journal._file.write(data[: len(data) // 2])
+                happens()
+            written.append(journal._file.write(data))
+
+        patch.setattr("bayes_ssi.execution.journal.Journal._write", write_some)
+
+    return arrange
+
+
+def interrupt():
+    signal.raise_signal(signal.SIGINT)
+
+
+def fill_the_disk():
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def after_the_first_unlink(patch):
+    unlink = Path.unlink
+
+    def unlink_and_die(path, missing_ok=False):
+        unlink(path, missing_ok)
+        die()
+
+    patch.setattr(Path, "unlink", unlink_and_die)
+
+
+def when_the_old_result_is_half_removed(patch):
+    rmtree = shutil.rmtree
+
+    def remove_half_and_die(path, *arguments, **options):
+        if (Path(path) / "result.json").exists():
+            (Path(path) / "result.json").unlink()
+            die()
+        rmtree(path, *arguments, **options)
+
+    patch.setattr(shutil, "rmtree", remove_half_and_die)
+
+
+WRITING_A_JOURNAL = {
+    "half of the first line": in_record(0),
+    "half of the first record": in_record(1),
+    "half of the 60th record": in_record(60),
+}
+ALL_IS_SAMPLED = {
+    "all is sampled": instead_of("bayes_ssi.ranking.checkpoint.Checkpoint.begin_saving")
+}
+SAVING = {
+    "some files are written": instead_of("bayes_ssi.results.save.save_draws"),
+    "most files are written": instead_of("bayes_ssi.results.save._write_comparison_csv"),
+    "all files are written": instead_of("pathlib.Path.rename"),
+    "the result is in its place": instead_of("bayes_ssi.results.save.load_result"),
+    "a figure is drawn": instead_of("matplotlib.figure.Figure.savefig"),
+    "everything is done": instead_of("bayes_ssi.ranking.checkpoint.Checkpoint.remove"),
+    "the journal is removed": after_the_first_unlink,
+}
+REPLACING = {
+    "the old result is half removed": when_the_old_result_is_half_removed,
+    "the old result is removed": instead_of("pathlib.Path.rename"),
+}
+# Records of searches, of tempered starts and of ensembles.
+NUMBERS = (20, 100, 140)
+INTERRUPTS = {f"an interrupt at record {n}": in_record(n, interrupt) for n in NUMBERS}
+FULL_DISKS = {f"a full disk at record {n}": in_record(n, fill_the_disk) for n in NUMBERS}
+MOMENTS = {
+    **WRITING_A_JOURNAL, **ALL_IS_SAMPLED, **SAVING, **REPLACING, **INTERRUPTS, **FULL_DISKS,
+}  # fmt: skip
+
+# Forked from one process that has imported what the command needs: that takes it longest.
+# xarray imports distributed, where that is installed, when it writes a file.
+forks = multiprocessing.get_context("forkserver")
+forks.set_forkserver_preload(
+    ["pytest", "arviz", "corner", "dask.array", "distributed", "emcee", "h5netcdf.legacyapi",
+     "matplotlib.backends.backend_agg", "matplotlib.pyplot", "rich.progress",
+     "bayes_ssi.sampling.moves", "bayes_ssi.plots.ranking_plots",
+     "bayes_ssi.results.load", "bayes_ssi.tables"]
+)  # fmt: skip
+
+
+def in_the_process(arguments, stderr, moment):
+    for path, stream in ((os.devnull, 1), (stderr, 2)):
+        os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
+    if moment is not None:
+        MOMENTS[moment](pytest.MonkeyPatch())
+    main(arguments)
+
+
+class Command:
+    """``rank`` of the tiny study into a directory ``r`` beside which there is nothing else."""
+
+    def __init__(self, directory):
+        self.study_file = directory / "tiny.py"
+        self.study_file.write_text(TINY_STUDY, encoding="utf-8")
+        self.stderr_file = directory / "stderr.txt"
+        self.place = directory / "results"
+        self.result = self.place / "r"
+        self.checkpoint = self.place / ".r.checkpoint"
+        self.started = []
+
+    def arguments(self, *options):
+        only = () if "--only" in options else ("--only", "one k")
+        return ["rank", str(self.study_file), "--out", str(self.result), *only, *options]
+
+    def start(self, *options, moment=None):
+        arguments = (self.arguments(*options), self.stderr_file, moment)
+        self.started.append(forks.Process(target=in_the_process, args=arguments))
+        self.started[-1].start()
+        return self.started[-1]
+
+    def run(self, *options, moment=None):
+        """The exit code; negative where a signal ended it."""
+        return exit_code(self.start(*options, moment=moment))
+
+    def dies(self, *options, moment):
+        assert self.run(*options, moment=moment) == -signal.SIGKILL, moment
+
+    @property
+    def stderr(self):
+        return self.stderr_file.read_text(encoding="utf-8")
+
+    @property
+    def journals(self):
+        return {path.name: path.read_bytes() for path in self.checkpoint.glob("*.journal")}
+
+    def wait_for_journals_of(self, size):
+        give_up = time.monotonic() + 60.0
+        while total_size(self.checkpoint) <= size:
+            assert time.monotonic() < give_up
+            time.sleep(0.001)
+
+    def assert_result_is(self, other):
+        assert [path.name for path in self.place.iterdir()] == ["r"], "and nothing else is left"
+        for name in ("comparison.json", "comparison.csv", "data.csv"):
+            assert (self.result / name).read_bytes() == (other / name).read_bytes()
+        figures = sorted(path.name for path in (self.result / "figures").iterdir())
+        assert figures == ["corner.png", "evidence.png", "frequencies.png"]
+        found, expected = load_result(self.result), load_result(other)
+        for a, b in zip(found.posteriors, expected.posteriors, strict=True):
+            assert a.name == b.name
+            for array in ("draws", "log_likelihoods", "frequencies_hz", "maxima"):
+                assert getattr(a, array).tobytes() == getattr(b, array).tobytes()
+            assert a.evidence == b.evidence
+            assert (a.n_evaluations, a.failed_checks) == (b.n_evaluations, b.failed_checks)
+
+    def assert_one_line_error(self, words):
+        (line,) = self.stderr.splitlines()
+        assert line.startswith("Error: ")
+        assert words in line
+
+
+def exit_code(process):
+    process.join()
+    return process.exitcode
+
+
+def total_size(checkpoint):
+    return sum(path.stat().st_size for path in checkpoint.glob("*.journal"))
+
+
+@pytest.fixture
+def command(tmp_path):
+    command = Command(tmp_path)
+    yield command
+    for process in command.started:
+        process.kill()
+        process.join()
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    """The result of a command that is not killed."""
+    command = Command(tmp_path_factory.mktemp("uninterrupted"))
+    assert command.run() == 0
+    return command.result
+
+
+@pytest.fixture(scope="module")
+def sampled(tmp_path_factory):
+    """The checkpoint of a command that was killed when all was sampled."""
+    command = Command(tmp_path_factory.mktemp("sampled"))
+    command.dies(moment="all is sampled")
+    return command.checkpoint
+
+
+@pytest.fixture
+def sampled_command(command, sampled):
+    shutil.copytree(sampled, command.checkpoint)
+    return command
+
+
+def with_old_result(command, uninterrupted):
+    shutil.copytree(uninterrupted, command.result)
+    (command.result / "comparison.json").write_text("old")
+    return command
+
+
+def test_killed_in_a_process_of_its_own(command, sampled, uninterrupted):
+    code = "from bayes_ssi.cli import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *command.arguments()],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    command.wait_for_journals_of(0.6 * total_size(sampled))
+    process.kill()
+    assert process.wait() == -signal.SIGKILL
+    assert command.run() == 0
+    assert command.stderr.startswith("model class 'one k': continues after ")
+    command.assert_result_is(uninterrupted)
+
+
+def test_killed_again_and_again(command, sampled, tiny_ranking, tmp_path):
+    options = ("--seed", "7", "--only", "one k,each k")
+    for share in (0.0, 0.7, 1.4):
+        process = command.start(*options)
+        command.wait_for_journals_of(share * total_size(sampled))
+        process.kill()
+        assert exit_code(process) == -signal.SIGKILL
+    assert command.run(*options) == 0
+    command.assert_result_is(save_result(tiny_ranking, tmp_path / "expected").directory)
+
+
+def test_killed_while_the_journal_is_written(command, uninterrupted):
+    for moment in WRITING_A_JOURNAL:
+        command.dies(moment=moment)
+    assert command.run() == 0
+    command.assert_result_is(uninterrupted)
+
+
+def test_killed_at_every_moment_of_saving(sampled_command, uninterrupted):
+    for moment in SAVING:
+        sampled_command.dies(moment=moment)
+    assert sampled_command.run() == 0
+    sampled_command.assert_result_is(uninterrupted)
+
+
+@pytest.mark.parametrize("moment", REPLACING)
+def test_killed_while_an_old_result_is_replaced(sampled_command, uninterrupted, moment):
+    command = with_old_result(sampled_command, uninterrupted)
+    command.dies("--overwrite", moment=moment)
+    assert command.run("--overwrite") == 0
+    command.assert_result_is(uninterrupted)
+
+
+def test_killed_while_its_own_result_is_replaced(sampled_command, uninterrupted):
+    for moment in ("a figure is drawn", "the old result is half removed"):
+        sampled_command.dies(moment=moment)
+    assert sampled_command.run() == 0
+    sampled_command.assert_result_is(uninterrupted)
+
+
+def test_a_damaged_checkpoint_is_said_and_harms_nothing(sampled_command, uninterrupted):
+    (path,) = sampled_command.checkpoint.glob("*.journal")
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3] ^= 1
+    path.write_bytes(content)
+    assert sampled_command.run() == 0
+    assert sampled_command.stderr.startswith(f"{path}: damaged after ")
+    sampled_command.assert_result_is(uninterrupted)
+
+
+@pytest.mark.parametrize("moment", INTERRUPTS)
+def test_an_interrupt_is_said_in_a_line(command, moment):
+    assert command.run(moment=moment) == 130
+    first, last = [line for line in command.stderr.splitlines() if line]
+    assert first.startswith("Stopped; this goes on from here: bayes-ssi rank ")
+    assert last == "Interrupted."
+
+
+@pytest.mark.parametrize("moment", FULL_DISKS)
+def test_a_full_disk_is_said_in_a_line(command, moment):
+    assert command.run(moment=moment) == 2
+    command.assert_one_line_error("No space left on device")
+
+
+def test_an_interrupt_and_a_full_disk_lose_nothing(command, uninterrupted):
+    assert command.run(moment="an interrupt at record 20") == 130
+    assert command.run(moment="a full disk at record 100") == 2
+    assert command.run(moment="an interrupt at record 20") == 130
+    assert command.run() == 0
+    assert command.stderr.startswith("model class 'one k': continues after ")
+    command.assert_result_is(uninterrupted)
+
+
+def test_another_seed_is_refused_and_nothing_is_lost(sampled_command):
+    before = sampled_command.journals
+    assert sampled_command.run("--seed", "1") == 2
+    sampled_command.assert_one_line_error("the checkpoint of another run, with seed 0 there and 1")
+    assert sampled_command.journals == before
+
+
+def test_another_seed_replaces_an_unfinished_run_on_request(sampled_command, tiny_ranking):
+    assert sampled_command.run("--seed", "7", "--overwrite") == 0
+    assert sampled_command.stderr == "sampled one k\n"
+    found = load_result(sampled_command.result).posteriors[0]
+    assert found.evidence == tiny_ranking.posteriors[0].evidence
+    assert not sampled_command.checkpoint.exists()
+
+
+def test_a_study_that_changed_is_refused(sampled_command):
+    path = sampled_command.study_file
+    path.write_text(TINY_STUDY.replace("0.002", "0.003"), encoding="utf-8")
+    assert sampled_command.run() == 2
+    sampled_command.assert_one_line_error("the checkpoint of another run, with definition ")
+
+
+def test_a_result_that_was_there_before_is_not_overwritten(sampled_command, uninterrupted):
+    command = with_old_result(sampled_command, uninterrupted)
+    before = command.journals
+    assert command.run() == 2
+    command.assert_one_line_error("exists already and is not overwritten")
+    assert (command.result / "comparison.json").read_text() == "old"
+    assert command.journals == before
+
+
+def test_a_result_that_appears_in_the_meantime_is_not_overwritten(command, sampled):
+    process = command.start()
+    command.wait_for_journals_of(0)
+    command.result.mkdir()
+    assert exit_code(process) == 2
+    assert "exists already and is not overwritten" in command.stderr
+    assert list(command.result.iterdir()) == []
+    assert total_size(command.checkpoint) == total_size(sampled), "and nothing is lost"
+
+
+def test_the_result_of_other_classes_is_not_overwritten(sampled_command):
+    """Not even where the run of those was killed after it had written its result."""
+    sampled_command.dies(moment="a figure is drawn")
+    assert sampled_command.run("--only", "each k") == 2
+    sampled_command.assert_one_line_error("exists already and is not overwritten")
+    assert load_result(sampled_command.result).comparison.best.name == "one k"
+
+
+@pytest.mark.parametrize("options", [[], ["--overwrite"]])
+def test_two_runs_do_not_share_a_checkpoint(command, options):
+    process = command.start()
+    command.wait_for_journals_of(0)
+    os.kill(process.pid, signal.SIGSTOP)
+    before = command.journals
+    assert command.run(*options) == 2
+    command.assert_one_line_error("another run is using this checkpoint")
+    assert command.journals == before

@@ -1,0 +1,124 @@
+"""The studies with other finite-element programs, against beams computed otherwise."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.ranking.study import load_study
+
+STUDIES = Path(__file__).parents[2] / "model_classes" / "finite_elements"
+
+
+def study(name, package, extra):
+    """The study, where the program that it needs is there."""
+    reason = f'needs {package}: pip install "bayes_ssi[{extra}]"'
+    try:
+        __import__(package)
+    except Exception as error:  # noqa: BLE001 - openseespy raises what it likes
+        pytest.skip(f"{reason} ({type(error).__name__}: {error})")
+    return load_study(STUDIES / name)
+
+
+def frame_matrix(ends, area, inertia, young):
+    """Stiffness of an Euler beam between two points, in global axes (6, 6)."""
+    (x1, y1), (x2, y2) = ends
+    length = math.hypot(x2 - x1, y2 - y1)
+    c, s = (x2 - x1) / length, (y2 - y1) / length
+    axial, bending = young * area / length, young * inertia / length**3
+    b = bending * np.array([
+        [12, 6 * length, -12, 6 * length],
+        [6 * length, 4 * length**2, -6 * length, 2 * length**2],
+        [-12, -6 * length, 12, -6 * length],
+        [6 * length, 2 * length**2, -6 * length, 4 * length**2],
+    ])  # fmt: skip
+    local = np.zeros((6, 6))
+    local[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = b
+    local[np.ix_([0, 3], [0, 3])] = axial * np.array([[1, -1], [-1, 1]])
+    turn = np.kron(np.eye(2), np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]))
+    return turn.T @ local @ turn
+
+
+def portal_frequencies(columns, beams):
+    span, heights, young = 6.0, (0.0, 4.0, 7.5), 210e9
+    place = {(level, side): 3 * (2 * level + side) for level in range(3) for side in range(2)}
+    stiffness = np.zeros((18, 18))
+
+    def add(a, b, area, inertia, factor):
+        ends = [(side * span, heights[level]) for level, side in (a, b)]
+        rows = np.r_[place[a] : place[a] + 3, place[b] : place[b] + 3]
+        stiffness[np.ix_(rows, rows)] += frame_matrix(ends, area, inertia, factor * young)
+
+    for level in (1, 2):
+        for side in (0, 1):
+            add((level - 1, side), (level, side), 7.8e-3, 5.7e-5, columns)
+        add((level, 0), (level, 1), 5.4e-3, 8.4e-5, beams)
+    mass = np.tile([6000.0, 6000.0, 1.0], 4)
+    root = 1.0 / np.sqrt(mass)
+    eigenvalues = np.linalg.eigvalsh(stiffness[6:, 6:] * np.outer(root, root))
+    return np.sqrt(eigenvalues) / (2.0 * math.pi)
+
+
+def test_portal_frame_by_opensees():
+    found = study("opensees_frame.py", "openseespy.opensees", "opensees")
+    _, apart = found.model_classes
+    values = np.array([[1.0, 1.0], [0.85, 1.2]])
+    frequencies = apart.frequencies_hz(values)
+    for row, (columns, beams) in zip(frequencies, values, strict=True):
+        np.testing.assert_allclose(row, portal_frequencies(columns, beams)[:3], rtol=1e-6)
+    likely = apart.log_likelihood(values)
+    assert likely[1] > likely[0] + 10.0
+
+
+def test_beam_by_scikit_fem():
+    found = study("beam_on_a_support.py", "skfem", "fem")
+    plain, at_tip, anywhere = found.model_classes
+    # β_1 L = 1.875104, β_2 L = 4.694091: f = (βL)²/(2π) √(EI/(ρAL⁴)).
+    root = math.sqrt(210e9 * 0.012**2 / 12.0 / (7850.0 * 3.0**4)) / (2.0 * math.pi)
+    expected = np.array([1.8751041, 4.6940911, 7.8547574]) ** 2 * root
+    bare = plain.structure.modes(np.ones((1, 1))).frequencies_hz[0, :3]
+    np.testing.assert_allclose(bare, expected, rtol=1e-3)
+    # A support so stiff that the tip is held: tan βL = tanh βL.
+    held = at_tip.structure.modes(np.array([[1e9]])).frequencies_hz[0, :2]
+    np.testing.assert_allclose(held, np.array([3.9266023, 7.0685828]) ** 2 * root, rtol=1e-3)
+    # At the tip, both structures are the same.
+    same = anywhere.structure.modes(np.array([[2e4, 3.0]])).frequencies_hz
+    np.testing.assert_allclose(same, at_tip.structure.modes(np.array([[2e4]])).frequencies_hz)
+    with pytest.raises(ValueError, match="at support = 1, place = 4: the support at 4 m is not on"):
+        anywhere.structure.modes(np.array([[1.0, 4.0]]))
+
+
+def test_modes_that_change_places_are_updated_rightly():
+    """Sway in x is softer than in y beforehand; the truth is the other way round."""
+    kx, ky = (bs.Parameter(name, bs.LogNormal(1.0, 0.4)) for name in ("kx", "ky"))
+    storey = np.array([[2.0, -1.0], [-1.0, 1.0]])
+    zero = np.zeros((2, 2))
+    coupling = 2.0 * np.kron(np.ones((2, 2)) - np.eye(2), np.eye(2))  # a little torsion
+    terms = [
+        (400.0 * kx, np.block([[storey, zero], [zero, zero]])),
+        (500.0 * ky, np.block([[zero, zero], [zero, storey]])),
+        coupling + 2.0 * np.eye(4),
+    ]
+    tower = bs.MatrixStructure(terms, np.eye(4), labels=("x1", "x2", "y1", "y2"), n_modes=4)
+    truth = np.array([[1.5, 0.8]])
+    before, after = tower.modes(tower.prior_medians()), tower.modes(truth)
+    assert abs(before.shapes[0, 1, 0]) > 3 * abs(before.shapes[0, 3, 0])  # first mode sways in x
+    assert abs(after.shapes[0, 3, 0]) > 3 * abs(after.shapes[0, 1, 0])  # and now in y
+    modes = tuple(
+        bs.IdentifiedMode(str(i), float(after.frequencies_hz[0, i]), after.shapes[0, :, i])
+        for i in range(4)
+    )
+    data = bs.ModalData(modes, (0.0, 10.0), tower.degrees_of_freedom)
+    error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
+    candidate = bs.ModelClass("tower", tower, data, error, pairing="any")
+    found = bs.sample(candidate, settings=bs.SamplingSettings(0.05))
+    assert found.failed_checks == ()
+    for row, true in zip(found.summary, truth[0], strict=True):
+        assert row.mean == pytest.approx(true, abs=4.0 * row.mean_error + row.sd)
+        assert row.sd < 0.03
+    assert len(found.regions) == 1
+    best = found.inferred_pairing
+    assert best.best == {str(i): i + 1 for i in range(4)}
+    assert best.pairings[0].probability > 0.95

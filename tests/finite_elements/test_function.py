@@ -1,0 +1,166 @@
+"""Structures that a user's function computes, and what becomes of its errors."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import bayes_ssi as bs
+
+FLOORS = {"floor 1": 0, "floor 2": 1}
+
+
+def factor(name):
+    return bs.Parameter(name, bs.LogNormal(1.0, 0.3))
+
+
+def matrices(a, b):
+    return np.array([[a + b, -b], [-b, b]]), np.eye(2)
+
+
+def modes(a, b):
+    if a > 3.0:
+        raise ZeroDivisionError("the mesh\nfell apart")
+    eigenvalues, vectors = np.linalg.eigh(matrices(a, b)[0])
+    if b > 3.0:
+        eigenvalues = eigenvalues * math.nan
+    return np.sqrt(np.abs(eigenvalues)) / (2 * math.pi), vectors
+
+
+def structure(function=matrices, sensors=FLOORS, **arguments):
+    arguments = arguments or {"a": 1.0 * factor("k1"), "b": 2.0 * factor("k2")}
+    return bs.FunctionStructure(function, arguments, n_modes=2, sensors=sensors)
+
+
+def test_matrices_and_modes_are_the_same_structure():
+    values = np.array([[1.0, 1.0], [0.8, 1.3]])
+    by_matrices = structure().modes(values)
+    by_modes = structure(modes, sensors=("floor 1", "floor 2")).modes(values)
+    frame = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(factor("k1"), 2.0 * factor("k2")))
+    expected = frame.modes(values)
+    np.testing.assert_allclose(by_matrices.frequencies_hz, expected.frequencies_hz, rtol=1e-12)
+    np.testing.assert_allclose(by_modes.frequencies_hz, expected.frequencies_hz, rtol=1e-12)
+    for found in (by_matrices, by_modes):
+        np.testing.assert_allclose(np.abs(found.shapes), np.abs(expected.shapes), rtol=1e-9)
+
+
+def test_large_sparse_matrices():
+    def chain(k):
+        n = 400
+        diagonal = np.r_[np.full(n - 1, 2.0), 1.0]
+        off = np.full(n - 1, -1.0)
+        return k * sp.diags_array([diagonal, off, off], offsets=[0, 1, -1]), sp.eye_array(n)
+
+    found = bs.FunctionStructure(chain, {"k": factor("k")}, n_modes=3, sensors={"top": 399})
+    j = np.arange(1, 4)
+    expected = np.sin((2 * j - 1) * math.pi / 1602) / math.pi
+    np.testing.assert_allclose(found.modes(np.ones((1, 1))).frequencies_hz[0], expected, rtol=1e-9)
+
+
+def test_unsorted_modes_are_put_in_order():
+    shuffled = structure(lambda a, b: ([b, a], np.array([[0.0, 1.0], [1.0, 0.0]])),
+                         sensors=("x", "y"), a=2.0, b=factor("k"))  # fmt: skip
+    frequencies, shapes = shuffled.modes(np.array([[5.0], [1.0]]))
+    np.testing.assert_array_equal(frequencies, [[2.0, 5.0], [1.0, 2.0]])
+    np.testing.assert_array_equal(shapes[0], np.eye(2))
+
+
+def test_frequencies_alone():
+    def only(a):
+        return (a, 2.0 * a), None
+
+    found = bs.FunctionStructure(only, {"a": factor("k")}, n_modes=2)
+    assert found.modes(np.array([[3.0]])).shapes.shape == (1, 0, 2)
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (None, "must return two things"),
+        ((np.eye(2),), "must return two things"),
+        ((np.eye(2), np.eye(3)), "M has 3 rows"),
+        ((np.triu(np.ones((2, 2))), np.eye(2)), "K must be symmetric"),
+        ((np.ones((1, 2)), np.eye(2)), "K must be square"),
+        ((sp.eye_array(400), 0.0 * sp.eye_array(400)), "gives 0 modes, fewer than the 2"),
+        ((sp.eye_array(400), -sp.eye_array(400)), "M is not positive semi-definite"),
+        ((-np.eye(2), np.eye(2)), "not positive definite"),
+        (([1.0], np.eye(2)), r"at least 2 frequencies, got shape \(1,\)"),
+        (([1.0, math.nan], np.eye(2)), "numbers that are not finite"),
+        (([0.0, 1.0], np.eye(2)), "a frequency of 0 Hz, which is not positive"),
+        (([1.0, 2.0], np.eye(3)), r"one column a mode, \(2, 2\), got ndarray of shape \(3, 3\)"),
+        (([1.0, 2.0], 1j * np.eye(2)), "must return real shapes"),
+    ],
+)
+def test_wrong_answers_are_told_with_their_values(answer, message):
+    def wrong(a):  # noqa: ARG001
+        return answer
+
+    found = bs.FunctionStructure(wrong, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
+    with pytest.raises(ValueError, match=f"^at k = 1.25: .*{message}"):
+        found.modes(np.array([[1.25]]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"a": 1.0}, "missing a required argument: 'b'"),
+        ({"a": 1.0, "b": 1.0, "c": 1.0}, "unexpected keyword argument 'c'"),
+    ],
+)
+def test_arguments_are_those_of_the_function(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        structure(**arguments)
+
+
+def test_a_function_that_leaves_does_not_take_the_program_with_it():
+    def leaves(a):  # noqa: ARG001
+        raise SystemExit(3)
+
+    found = bs.FunctionStructure(leaves, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
+    with pytest.raises(ValueError, match=r"at k = 1\.25: RuntimeError: .*leaves called exit\(3\)"):
+        found.modes(np.array([[1.25]]))
+
+
+def test_each_set_of_values_is_computed_once():
+    calls = []
+
+    def counted(a):
+        calls.append(a)
+        if a < 0:
+            raise RuntimeError("negative")
+        return a * np.eye(2), np.eye(2)
+
+    found = bs.FunctionStructure(counted, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
+    with pytest.raises(ValueError, match="at k = -1: RuntimeError: negative"):
+        found.modes(np.array([[1.0], [-1.0]]))
+    found.modes(np.array([[1.0]]))
+    with pytest.raises(ValueError, match="at k = -1"):
+        found.modes(np.array([[-1.0]]))
+    assert calls == [1.0, -1.0]
+
+
+@pytest.mark.parametrize("workers", [None, 2])
+def test_errors_and_nan_of_a_function_are_reported_from_workers(workers):
+    from bayes_ssi.execution.workers import as_workers
+    from bayes_ssi.sampling.target import Target
+
+    data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, 1.0))
+    candidate = bs.ModelClass(
+        "f", structure(modes, ("x", "y")), data,
+        bs.ErrorModel(0.01, 0.05), pairing={"1": 1},
+    )  # fmt: skip
+    z = candidate.coordinates(np.array([[1.0, 1.0], [4.0, 1.0], [1.0, 4.0]]))
+    with as_workers(workers) as pool:
+        target = Target(candidate.log_likelihood_at, 2, pool)
+        found = target.log_likelihood(z)
+    assert np.isfinite(found[0])
+    assert np.all(np.isneginf(found[1:]))
+    first, second = (failure.reason for failure in target.failures)
+    assert "at k1 = 4, k2 = 1: ZeroDivisionError: the mesh fell apart" in first
+    assert "at k1 = 1, k2 = 4: modes returned numbers that are not finite" in second
+
+
+def test_descriptions_tell_functions_apart():
+    assert repr(structure()) != repr(structure(modes, ("x", "y")))
+    assert " at 0x" not in repr(structure(lambda a, b: matrices(a, b)))

@@ -1,0 +1,145 @@
+"""A row of a batch gets the same log-likelihood, to the last digit, whatever comes with it.
+
+Batches are evaluated in parts by workers, and recalled from checkpoints: a last digit that depended
+on the size of a part would make a run differ from its own repetition.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.ranking.study import load_study
+
+ROOT = Path(__file__).parents[2]
+STUDIES = {
+    (path.stem, model_class.name): model_class
+    for path in sorted((ROOT / "model_classes").glob("*.py"))
+    for model_class in load_study(path).model_classes
+}
+PARTS = (1, 2, 3, 7, 64)
+
+
+def parameter(name, median=1.0, cov=0.3):
+    return bs.Parameter(name, bs.LogNormal(median, cov))
+
+
+ELEMENTS = {
+    "in-plane infill": bs.InPlaneInfill((1, 2), parameter("mi", 0.2), parameter("ki", 90.0)),
+    "pendulum": bs.Pendulum(3, parameter("mp", 0.1), parameter("fp", 2.0), parameter("kp")),
+    "out-of-plane infill": bs.OutOfPlaneInfill(
+        (0, 2), parameter("mo", 0.3), 2.5 * parameter("fo") ** 0.5, parameter("ko") ** 3
+    ),
+    "added mass": bs.AddedMass(parameter("ma", 0.3), ((1, 0.2), (3, 0.8))),
+}
+FIXED = bs.ErrorModel(frequency_cov=0.02, shape_sd=0.06)
+RELATED = bs.ErrorModel(frequency_cov=0.5 * parameter("e", 0.02), shape_sd=parameter("e", 0.02))
+
+
+def building(n_floors, *elements):
+    stiffnesses = [100.0 * n_floors**2 * parameter(f"k{i}") for i in range(n_floors)]
+    found = bs.ShearBuilding((1.0,) * n_floors, stiffnesses)
+    for element in elements:
+        found = found.with_element(element)
+    return found
+
+
+def as_identified(structure, numbers, shapes=(), own_errors=False):
+    """Some modes of the structure at its prior medians, 1 % off and in that order."""
+    rng = np.random.default_rng(len(numbers))
+    frequencies, all_shapes = structure.modes(structure.prior_medians())
+    sensors = structure.degrees_of_freedom[::-1]
+    modes = []
+    for number in numbers:
+        shape = all_shapes[0, ::-1, number - 1] + 0.01 * rng.standard_normal(len(sensors))
+        if number % 2 and len(sensors) > 3:
+            shape[1] = np.nan  # not measured
+        with_shape = number in shapes
+        modes.append(
+            bs.IdentifiedMode(
+                str(number),
+                frequencies[0, number - 1] * (1.0 + 0.01 * rng.standard_normal()),
+                shape if with_shape else None,
+                frequency_cov=0.003 * number if own_errors else None,
+                shape_sd=0.02 * number if own_errors and with_shape else None,
+            )
+        )
+    band = (0.0, 1.1 * float(frequencies.max()))
+    return bs.ModalData(tuple(modes), band, sensors if shapes else ())
+
+
+def explained(structure, error, numbers, shapes=(), own_errors=False, spurious=()):
+    data = as_identified(structure, numbers, shapes, own_errors)
+    pairing = {str(number): number for number in numbers if number not in spurious}
+    return bs.ModelClass("rows", structure, data, error, pairing=pairing)
+
+
+def coordinates(d, n=200):
+    """Prior draws, and a few rows so far out that a model breaks down or fits nothing."""
+    z = np.random.default_rng(d).standard_normal((n, d))
+    z[[3, 64, 199]] = [[9.0], [-30.0], [5000.0]]
+    return z
+
+
+def assert_rows_are_independent(model_class):
+    z = coordinates(len(model_class.parameters))
+    with np.errstate(all="ignore"):  # of the rows far out
+        whole = model_class.log_likelihood_at(z)
+        assert np.isfinite(whole).mean() > 0.95
+        for size in PARTS:
+            parts = [model_class.log_likelihood_at(z[i : i + size]) for i in range(0, len(z), size)]
+            np.testing.assert_array_equal(np.concatenate(parts), whole, err_msg=f"parts of {size}")
+
+
+@pytest.mark.parametrize("model_class", STUDIES.values(), ids=lambda m: m.name)
+def test_rows_of_the_studies(model_class):
+    assert_rows_are_independent(model_class)
+
+
+@pytest.mark.parametrize("error", [FIXED, RELATED, bs.ErrorModel()], ids=["fixed", "tied", "free"])
+@pytest.mark.parametrize("shapes", [(), (2,), (1, 2, 3)], ids=["bare", "a shape", "all shapes"])
+@pytest.mark.parametrize("element", ELEMENTS.values(), ids=ELEMENTS)
+def test_rows_with_every_kind_of_element(element, shapes, error):
+    structure = building(3, element)
+    assert_rows_are_independent(explained(structure, error, (3, 1, 2), shapes))
+
+
+@pytest.mark.parametrize("error", [FIXED, bs.ErrorModel()], ids=["fixed", "free"])
+def test_rows_with_errors_of_their_own_and_spurious_modes(error):
+    structure = building(4, *ELEMENTS.values())
+    model_class = explained(structure, error, (5, 1, 4, 2), (1, 4), own_errors=True, spurious=(2,))
+    assert_rows_are_independent(model_class)
+
+
+def test_rows_of_a_fixed_structure():
+    structure = bs.ShearBuilding((1.0,) * 3, (900.0,) * 3)
+    assert_rows_are_independent(explained(structure, bs.ErrorModel(), (1, 2, 3), (1, 3)))
+
+
+@pytest.mark.parametrize("error", [FIXED, bs.ErrorModel()], ids=["fixed", "free"])
+@pytest.mark.parametrize(
+    ("numbers", "shapes"),
+    [
+        (range(1, 13), ()),
+        ((1,), ()),
+        ((1, 2), (1,)),
+        ((1, 2), (1, 2)),
+        (range(1, 13), range(1, 13)),
+    ],
+    ids=["many pairs", "many missed", "many sensors", "two shapes", "many shapes"],
+)
+def test_rows_of_a_tall_building(numbers, shapes, error):
+    """Sums of eight terms and more, which numpy may add up in different orders."""
+    structure = building(12)
+    assert_rows_are_independent(explained(structure, error, tuple(numbers), tuple(shapes)))
+
+
+def test_rows_that_break_down_leave_the_others_alone():
+    model_class = explained(building(3), FIXED, (1, 2, 3), (1, 2, 3))
+    z = coordinates(3)
+    with np.errstate(all="ignore"):
+        whole = model_class.log_likelihood_at(z)
+        failed = np.isnan(whole)
+        assert failed.any()
+        np.testing.assert_array_equal(model_class.log_likelihood_at(z[~failed]), whole[~failed])

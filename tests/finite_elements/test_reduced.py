@@ -1,0 +1,170 @@
+"""Reduced bases against full solutions: their accuracy, and that they know it."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import bayes_ssi as bs
+from bayes_ssi.finite_elements.sparse_modes import SMALL
+from bayes_ssi.modal import mac
+
+N, PARTS = 240, 3
+
+
+def beam(n=N, parts=PARTS):
+    """A chain of springs in groups, each with a stiffness of its own: K of every group."""
+    found = []
+    for part in np.array_split(np.arange(n), parts):
+        rows = np.zeros((len(part), n))
+        rows[np.arange(len(part)), part] = 1.0
+        inner = part > 0
+        rows[np.flatnonzero(inner), part[inner] - 1] = -1.0
+        found.append(sp.csc_array(rows.T @ rows) * float(n) ** 2)
+    return found
+
+
+def factors(n=PARTS, cov=0.3):
+    return [bs.Parameter(f"k{i}", bs.LogNormal(1.0, cov)) for i in range(1, n + 1)]
+
+
+def full(**options):
+    sensors = {f"s{i}": i for i in range(19, N, 20)}
+    terms = list(zip(factors(), beam(), strict=True))
+    return bs.MatrixStructure(terms, sp.eye_array(N), sensors=sensors, n_modes=5, **options)
+
+
+def draws(n, seed=0, spread=0.3):
+    return np.random.default_rng(seed).lognormal(0.0, spread, (n, PARTS))
+
+
+@pytest.fixture(scope="module")
+def reduced():
+    made = full().reduced()
+    assert made.basis.size
+    return made
+
+
+def test_is_small_and_right_over_the_prior(reduced):
+    assert reduced.n_full_solutions < 20
+    assert reduced.basis.size < 60
+    values = draws(100)
+    exact, fast = reduced.full.modes(values), reduced.modes(values)
+    off = np.abs(fast.frequencies_hz / exact.frequencies_hz - 1.0)
+    alike = [np.diag(mac(a, b)) for a, b in zip(exact.shapes, fast.shapes, strict=True)]
+    assert off.max() < 1e-4
+    assert np.min(alike) > 0.9999
+    # Bounds hold, and are not empty words.
+    bounds = reduced.bounds(values)
+    assert np.all(bounds.frequency >= off - 1e-12)
+    assert np.median(bounds.frequency / np.maximum(off, 1e-12)) < 1000.0
+    angle = np.sqrt(np.maximum(1.0 - np.array(alike), 0.0))
+    assert np.mean(bounds.shape >= angle - 1e-7) > 0.99
+
+
+def test_bounds_are_zero_at_a_full_solution_but_for_rounding(reduced):
+    at_medians = reduced.bounds(reduced.prior_medians())
+    assert at_medians.frequency.max() < 1e-6
+
+
+def test_goes_on_where_it_is_not_accurate_enough(reduced):
+    values = draws(30, seed=1, spread=0.6)
+    better = reduced.accurate_at(values, 1e-7, 1e-4)
+    assert better is not reduced
+    assert better.n_full_solutions > reduced.n_full_solutions
+    bounds = better.bounds(values)
+    assert bounds.frequency.max() <= 1e-7
+    assert bounds.shape.max() <= 1e-4
+    assert better.accurate_at(values, 1e-7, 1e-4) is better
+    exact = reduced.full.modes(values).frequencies_hz
+    np.testing.assert_allclose(better.modes(values).frequencies_hz, exact, rtol=1e-7)
+    with_few = full().reduced(most_full_solutions=2)
+    assert with_few.accurate_at(values, 1e-7, 1e-4).n_full_solutions == 2
+
+
+def test_a_coarse_basis_knows_that_it_is_coarse():
+    coarse = full().reduced(most_full_solutions=1)
+    values = draws(40)
+    off = coarse.modes(values).frequencies_hz / coarse.full.modes(values).frequencies_hz - 1.0
+    assert off.max() > 0.01
+    assert np.all(coarse.bounds(values).frequency >= off - 1e-12)
+
+
+@pytest.mark.parametrize("small", [True, False])
+def test_rows_and_copies_say_the_same(reduced, small, monkeypatch):
+    assert reduced.basis.size <= SMALL
+    values = draws(130)
+    if not small:  # one by one, as in a larger basis
+        expected = reduced.modes(values).frequencies_hz
+        monkeypatch.setattr("bayes_ssi.finite_elements.reduced_structure.SMALL", 0)
+        np.testing.assert_allclose(reduced.modes(values).frequencies_hz, expected, rtol=1e-10)
+    together = reduced.modes(values)
+    copied = pickle.loads(pickle.dumps(reduced))
+    for rows in (slice(0, 1), slice(70, 130)):
+        part = copied.modes(values[rows])
+        np.testing.assert_array_equal(part.frequencies_hz, together.frequencies_hz[rows])
+        np.testing.assert_array_equal(part.shapes, together.shapes[rows])
+
+
+def test_response_is_that_of_the_full_model():
+    frame = full(influence=np.ones(N))
+    values = draws(3)
+    exact, fast = frame.modal_model(values), frame.reduced().modal_model(values)
+    np.testing.assert_allclose(np.abs(fast.participation), np.abs(exact.participation), rtol=1e-3)
+    products = [np.einsum("dm,m->dm", one.shapes[0], one.participation[0]) for one in (exact, fast)]
+    np.testing.assert_allclose(products[1], products[0], atol=1e-3)
+
+
+def test_masses_may_depend_on_parameters_and_be_missing():
+    m = bs.Parameter("m", bs.LogNormal(1.0, 0.3))
+    extra = np.zeros(N)
+    extra[-1] = 100.0
+    mass = [sp.diags_array(np.arange(N) % 2 * 1.0), (m, sp.diags_array(extra))]
+    k1, k2, k3 = beam()
+    (k,) = factors(1)
+    frame = bs.MatrixStructure([(k, k1), k2, k3], mass, sensors={"a": N - 1, "b": N // 2},
+                               n_modes=4)  # fmt: skip
+    values = np.random.default_rng(0).lognormal(0.0, 0.3, (30, 2))
+    exact, fast = frame.modes(values), frame.reduced().modes(values)
+    np.testing.assert_allclose(fast.frequencies_hz, exact.frequencies_hz, rtol=1e-4)
+
+
+def test_a_structure_that_fits_in_its_basis_is_exact():
+    (k,) = factors(1)
+    small = bs.MatrixStructure([(k, np.diag([1.0, 2.0])), np.eye(2)], np.eye(2), n_modes=2)
+    reduced = small.reduced()
+    values = np.array([[0.5], [2.0]])
+    np.testing.assert_allclose(reduced.modes(values)[0], small.modes(values)[0], rtol=1e-10)
+    assert reduced.n_full_solutions < 5
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"frequency_error": 0.0}, "frequency_error must be positive"),
+        ({"shape_error": math.nan}, "shape_error must be positive"),
+        ({"most_full_solutions": -1}, "most_full_solutions must be positive"),
+    ],
+)
+def test_bad_options(options, message):
+    with pytest.raises(ValueError, match=message):
+        full().reduced(**options)
+
+
+def test_rows_without_modes_are_nan_and_say_why_when_asked_alone():
+    q = bs.Parameter("q", bs.Normal(1.0, 0.2))
+    structure = bs.MatrixStructure((q, beam(N, 1)[0]), sp.eye_array(N), n_modes=3).reduced()
+    found = structure.modes(np.array([[1.0], [-1.0]])).frequencies_hz
+    assert np.isfinite(found[0]).all()
+    assert np.isnan(found[1]).all()
+    with pytest.raises(ValueError, match="the stiffness matrix is not positive definite"):
+        structure.modes(np.array([[-1.0]]))
+
+
+def test_no_solution_at_the_medians_is_said():
+    (k,) = factors(1)
+    frame = bs.MatrixStructure((k, -beam(N, 1)[0]), sp.eye_array(N), n_modes=2)
+    with pytest.raises(ValueError, match="the stiffness matrix is not positive definite"):
+        frame.reduced().modes(np.ones((1, 1)))

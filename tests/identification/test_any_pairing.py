@@ -1,0 +1,342 @@
+"""The likelihood over all pairings against explicit pairings, one by one, and what is inferred."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+import bayes_ssi as bs
+from bayes_ssi.identification.any_pairing import AnyPairing
+from bayes_ssi.identification.inferred_pairing import LEAST_PROBABILITY, MAX_DRAWS, infer_pairing
+from bayes_ssi.identification.likelihood import ModalLikelihood
+from bayes_ssi.modal import Modes
+from bayes_ssi.model_class.class_record import class_record
+from bayes_ssi.results.load import load_result
+from bayes_ssi.results.save import save_result
+from bayes_ssi.structures import Structure
+from bayes_ssi.tables import pairing_notes
+
+NAN = math.nan
+
+
+def matchings(labels, n_modes):
+    """Every pairing of identified modes with model modes."""
+    for numbers in itertools.product(range(n_modes + 1), repeat=len(labels)):
+        paired = [number for number in numbers if number]
+        if len(set(paired)) == len(paired):
+            yield {label: i for label, i in zip(labels, numbers, strict=True) if i}
+
+
+def over_every_pairing(structure, data, error, identification, values):
+    """Log of the sum of the likelihoods of explicit pairings; ``values`` by parameter name."""
+    terms = []
+    for pairing in matchings(data.labels, structure.n_modes):
+        one = ModalLikelihood(structure, data, error, identification, pairing)
+        columns = [values[parameter.name] for parameter in one.parameters]
+        terms.append(one.log_likelihood(np.array(columns).T))
+    return logsumexp(terms, axis=0)
+
+
+def assert_sums_over_every_pairing(structure, data, error, identification=None, seed=0):
+    identification = identification or bs.IdentificationModel()
+    model = bs.ModelClass(
+        "any", structure, data, error, pairing="any", identification=identification
+    )
+    values = model.values(
+        0.5 * np.random.default_rng(seed).standard_normal((4, len(model.parameters)))
+    )
+    by_name = dict(zip(model.parameter_names, values.T, strict=True))
+    expected = over_every_pairing(structure, data, error, identification, by_name)
+    np.testing.assert_allclose(model.log_likelihood(values), expected, rtol=1e-11)
+
+
+@pytest.fixture
+def partial_data():
+    """Some shapes missing or partial, and identification errors that differ between modes."""
+    modes = (
+        bs.IdentifiedMode("1", 0.98, [0.33, 0.59, NAN], frequency_cov=0.004, shape_sd=0.03),
+        bs.IdentifiedMode("2a", 2.60, [0.67, 0.24, -0.70], shape_sd=0.1),
+        bs.IdentifiedMode("x", 3.0, frequency_cov=0.02),
+        bs.IdentifiedMode("3", 3.98, [NAN, 0.74, NAN]),
+    )
+    return bs.ModalData(modes, (0.5, 4.1), ("floor 1", "floor 2", "floor 3"))
+
+
+@pytest.mark.parametrize("which", ["rigid", "augmented"])
+def test_the_numerical_study(which, request, case_c, fixed_error):
+    assert_sums_over_every_pairing(request.getfixturevalue(which), case_c, fixed_error)
+
+
+@pytest.mark.parametrize("which", ["rigid", "augmented"])
+def test_the_numerical_study_without_shapes(which, request, case_c, fixed_error):
+    structure = request.getfixturevalue(which)
+    assert_sums_over_every_pairing(structure, case_c.without_shapes(), fixed_error)
+
+
+@pytest.mark.parametrize("which", ["rigid", "augmented"])
+def test_inferred_errors(which, request, case_c):
+    first, second = (bs.Parameter(name, bs.LogNormal(1.0, 0.5)) for name in "ab")
+    error = bs.ErrorModel(0.02 * first, 0.06 * second)
+    assert_sums_over_every_pairing(request.getfixturevalue(which), case_c, error)
+
+
+def test_missing_sensors_and_errors_of_identification(rigid, partial_data, fixed_error):
+    assert_sums_over_every_pairing(rigid, partial_data, fixed_error)
+
+
+def test_missing_sensors_with_inferred_errors(augmented, partial_data):
+    assert_sums_over_every_pairing(augmented, partial_data, bs.ErrorModel())
+
+
+@pytest.mark.parametrize(("p_d", "nu"), [(0.5, 3.0), (0.999, 1e-4)])
+def test_other_identification_models(rigid, partial_data, fixed_error, p_d, nu):
+    identification = bs.IdentificationModel(p_d, nu)
+    assert_sums_over_every_pairing(rigid, partial_data, fixed_error, identification)
+
+
+def test_a_clear_case_is_its_one_pairing(model_classes, case_c, augmented, fixed_error):
+    """All other pairings of the correct structure with the data made from it are negligible."""
+    free = bs.ModelClass("any", augmented, case_c, fixed_error, pairing="any")
+    given, all_pairings = (
+        model.log_likelihood(np.ones((1, 4)))[0] for model in (model_classes["3"], free)
+    )
+    assert 0.0 <= all_pairings - given < 1e-4
+
+
+def test_no_explicit_pairing_is_more_likely_than_all(model_classes, rigid, case_c, fixed_error):
+    free = bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any")
+    values = np.random.default_rng(1).lognormal(0.0, 0.1, (20, 3))
+    for name in ("1-a", "1-b", "2"):
+        explicit = model_classes[name].log_likelihood(values)
+        assert (free.log_likelihood(values) >= explicit - 1e-9).all()
+
+
+def test_the_order_of_identified_modes_does_not_matter(augmented, case_c, fixed_error):
+    values = np.random.default_rng(2).lognormal(0.0, 0.1, (5, 4))
+    found = []
+    for order in ([0, 1, 2, 3], [3, 1, 0, 2]):
+        data = bs.ModalData(tuple(case_c.modes[i] for i in order), case_c.band_hz, case_c.sensors)
+        model = bs.ModelClass("any", augmented, data, fixed_error, pairing="any")
+        found.append(model.log_likelihood(values))
+    np.testing.assert_allclose(*found, rtol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1, 2, 7])
+def test_a_row_is_the_same_to_the_last_bit_in_any_batch(augmented, partial_data, size):
+    model = bs.ModelClass("any", augmented, partial_data, pairing="any")
+    z = np.random.default_rng(3).standard_normal((14, len(model.parameters)))
+    parts = [model.log_likelihood_at(z[i : i + size]) for i in range(0, 14, size)]
+    assert np.concatenate(parts).tobytes() == model.log_likelihood_at(z).tobytes()
+
+
+class Crossing(Structure):
+    """Two oscillators that know nothing of each other: one at 2 Hz, the other at f."""
+
+    f = bs.Parameter("f", bs.Uniform(1.0, 3.0))
+    parameters = (f,)
+    degrees_of_freedom = ("x", "y")
+    n_modes = 2
+
+    def modes(self, values):
+        f = values[:, 0]
+        frequencies = np.column_stack([np.full(len(f), 2.0), f])
+        shapes = np.tile(np.eye(2), (len(f), 1, 1))
+        order = np.argsort(frequencies, axis=1)
+        return Modes(
+            np.take_along_axis(frequencies, order, axis=1),
+            np.take_along_axis(shapes, order[:, None, :], axis=2),
+        )
+
+
+@pytest.fixture
+def crossing_data():
+    modes = (
+        bs.IdentifiedMode("of x", 2.0, [1.0, 0.05]),
+        bs.IdentifiedMode("of y", 2.01, [0.05, 1.0]),
+    )
+    return bs.ModalData(modes, (0.0, 4.0), ("x", "y"))
+
+
+def test_modes_may_change_places(crossing_data, fixed_error):
+    """Just below and just above the crossing the structure is the same but for the numbering."""
+    sides = np.array([[2.0 - 1e-9], [2.0 + 1e-9]])
+    free = bs.ModelClass("any", Crossing(), crossing_data, fixed_error, pairing="any")
+    below, above = free.log_likelihood(sides)
+    assert below == pytest.approx(above, abs=1e-5)
+    fixed = bs.ModelClass(
+        "one", Crossing(), crossing_data, fixed_error, pairing={"of x": 1, "of y": 2}
+    )
+    below, above = fixed.log_likelihood(sides)
+    assert above - below > 100.0
+
+
+def test_the_pairing_follows_modes_that_change_places(crossing_data, fixed_error):
+    free = bs.ModelClass("any", Crossing(), crossing_data, fixed_error, pairing="any")
+    for f, expected in ((1.99, {"of x": 2, "of y": 1}), (2.01, {"of x": 1, "of y": 2})):
+        assert infer_pairing(free.likelihood, np.array([[f]])).best == expected
+
+
+def test_where_the_structure_has_no_modes_there_is_no_likelihood(crossing_data, fixed_error):
+    model = bs.ModelClass("any", Crossing(), crossing_data, fixed_error, pairing="any")
+    values = np.array([[2.1], [NAN], [2.2]])
+    assert np.isneginf(model.log_likelihood(values)).tolist() == [False, True, False]
+    assert np.isnan(model.likelihood.log_density(values)).tolist() == [False, True, False]
+
+
+def test_parameters_are_those_of_everything_that_could_be_paired(rigid, case_c, partial_data):
+    size = bs.Parameter("s", bs.LogNormal(0.05, 1.0))
+    error = bs.ErrorModel(0.01, size)
+
+    def names(data):
+        return bs.ModelClass("any", rigid, data, error, pairing="any").parameter_names
+
+    assert names(case_c) == names(partial_data) == ("k1", "k2", "k3", "s")
+    assert names(case_c.without_shapes()) == ("k1", "k2", "k3")
+
+
+def test_summary_says_that_the_pairing_is_inferred(rigid, case_c, fixed_error):
+    summary = class_record(bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any"))
+    assert summary["pairing"] == "any"
+    assert summary["spurious"] is None
+
+
+def test_a_pairing_that_is_neither_any_nor_a_mapping_is_refused(rigid, case_c, fixed_error):
+    with pytest.raises(TypeError, match=r"^model class 'm': pairing must map .*'any', got 'some'"):
+        bs.ModelClass("m", rigid, case_c, fixed_error, pairing="some")
+
+
+def test_a_sensor_off_the_structure_is_refused(rigid, fixed_error):
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0, [1, 2]),), (0.0, 2.0), ("floor 1", "roof"))
+    with pytest.raises(ValueError, match="sensor 'roof': the structure has no such degree of"):
+        bs.ModelClass("m", rigid, data, fixed_error, pairing="any")
+
+
+def test_calibrate_needs_a_pairing(rigid, case_c, fixed_error):
+    model = bs.ModelClass("m", rigid, case_c, fixed_error, pairing="any")
+    with pytest.raises(ValueError, match=r"^model class 'm': its pairing is 'any'; [^\n]*$"):
+        bs.calibrate(model)
+
+
+def test_classes_that_differ_in_their_pairing_alone_become_one(model_classes):
+    study = bs.Study("s", list(model_classes.values()), description="why").with_any_pairing()
+    assert study.names == ("1-a or 1-b or 2", "3")
+    assert [candidate.pairing for candidate in study.model_classes] == ["any", "any"]
+    assert study.prior_weights is None
+    assert (study.name, study.description) == ("s", "why")
+
+
+def test_a_merged_class_has_the_prior_weight_of_all(model_classes):
+    weights = {"1-a": 1.0, "1-b": 2.0, "2": 3.0, "3": 4.0}
+    study = bs.Study("s", list(model_classes.values()), prior_weights=weights)
+    assert study.with_any_pairing().prior_weights == {"1-a or 1-b or 2": 6.0, "3": 4.0}
+
+
+def test_classes_that_differ_in_anything_else_stay_apart(rigid, case_c, fixed_error):
+    pairing = {"1": 1}
+    wide = bs.ErrorModel(0.02, 0.05)
+    alert = bs.IdentificationModel(0.99)
+    classes = [
+        bs.ModelClass("a", rigid, case_c, fixed_error, pairing=pairing),
+        bs.ModelClass("error", rigid, case_c, wide, pairing=pairing),
+        bs.ModelClass("p_D", rigid, case_c, fixed_error, pairing=pairing, identification=alert),
+        bs.ModelClass("data", rigid, case_c.without_shapes(), fixed_error, pairing=pairing),
+        bs.ModelClass("b", rigid, case_c, fixed_error, pairing={"1": 2}),
+    ]
+    names = bs.Study("s", classes).with_any_pairing().names
+    assert names == ("a or b", "error", "p_D", "data")
+
+
+@pytest.fixture
+def near_the_fit(rigid, case_c, fixed_error):
+    """The mass-only structure, and draws about where it fits best."""
+    model = bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any")
+    centre, spread = [0.95, 1.1, 0.92], [0.05, 0.06, 0.04]
+    values = np.random.default_rng(4).normal(centre, spread, (200, 3))
+    return model.likelihood, values
+
+
+def test_probabilities_of_every_identified_mode_add_up_to_one(near_the_fit):
+    inferred = infer_pairing(*near_the_fit)
+    assert tuple(inferred.of_modes) == ("1", "2a", "2b", "3")
+    for probabilities in inferred.of_modes.values():
+        assert sum(probabilities.values()) == pytest.approx(1.0, abs=4 * LEAST_PROBABILITY)
+        assert set(probabilities) <= {0, 1, 2, 3}
+        assert min(probabilities.values()) >= LEAST_PROBABILITY
+
+
+def test_the_probability_of_a_pairing_is_its_share_of_the_likelihood(near_the_fit):
+    likelihood, values = near_the_fit
+    inferred = infer_pairing(likelihood, values)
+    parts = (likelihood.structure, likelihood.data, likelihood.error, likelihood.identification)
+    whole = likelihood.log_likelihood(values)
+    assert len(inferred.pairings) > 1
+    for share in inferred.pairings:
+        one = ModalLikelihood(*parts, share.pairing).log_likelihood(values)
+        assert share.probability == pytest.approx(np.exp(one - whole).mean(), rel=1e-9)
+        assert inferred.probability(share.pairing) == share.probability
+    probabilities = [share.probability for share in inferred.pairings]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert inferred.best == inferred.pairings[0].pairing
+    assert sum(probabilities) <= 1.0 + 1e-12
+
+
+def test_a_pairing_that_is_not_listed_has_no_probability(near_the_fit):
+    assert infer_pairing(*near_the_fit).probability({"1": 3, "3": 1}) == 0.0
+
+
+def test_more_draws_than_serve_are_thinned(near_the_fit):
+    likelihood, values = near_the_fit
+    many = np.tile(values, (2 * MAX_DRAWS // len(values), 1))
+    found = infer_pairing(likelihood, many)
+    assert found.best == infer_pairing(likelihood, values).best
+
+
+def test_data_that_the_structure_cannot_explain_are_spurious(rigid, fixed_error):
+    far_off = bs.ModalData((bs.IdentifiedMode("x", 30.0),), (20.0, 40.0))
+    model = bs.ModelClass("any", rigid, far_off, fixed_error, pairing="any")
+    inferred = infer_pairing(model.likelihood, np.ones((10, 3)))
+    assert inferred.best == {}
+    assert inferred.of_modes == {"x": {0: pytest.approx(1.0)}}
+
+
+@pytest.fixture(scope="module")
+def ranking(tiny_study):
+    """The tiny study's single-stiffness class over all pairings."""
+    return bs.rank(tiny_study.only(["one k"]).with_any_pairing(), seed=7)
+
+
+def test_sampling_infers_the_pairing(ranking, tiny_ranking):
+    (posterior,) = ranking.posteriors
+    assert posterior.pairing == posterior.inferred_pairing.best == {"1": 1, "2": 2}
+    assert posterior.inferred_pairing.probability({"1": 1, "2": 2}) > 0.99
+    given = tiny_ranking.posteriors[0].evidence.log_evidence
+    assert posterior.evidence.log_evidence == pytest.approx(given, abs=0.05)
+
+
+def test_a_given_pairing_is_not_inferred(tiny_ranking):
+    assert tiny_ranking.posteriors[0].inferred_pairing is None
+    assert pairing_notes(tiny_ranking.posteriors[0]) == []
+
+
+def test_an_inferred_pairing_is_stored_and_loaded(ranking, tmp_path):
+    save_result(ranking, tmp_path / "r")
+    (loaded,) = load_result(tmp_path / "r").posteriors
+    (sampled,) = ranking.posteriors
+    assert loaded.inferred_pairing == sampled.inferred_pairing
+    assert loaded.pairing == {"1": 1, "2": 2}
+
+
+def test_notes_say_which_mode_is_which(ranking):
+    (posterior,) = ranking.posteriors
+    notes = pairing_notes(posterior)
+    assert notes[0] == "Modes of 'one k':"
+    assert notes[1].startswith("  identified mode 1 is model mode 1 with probability ")
+    assert notes[2].startswith("  identified mode 2 is model mode 2 with probability ")
+    assert notes[3].startswith("  pairing 1-1, 2-2: probability ")
+
+
+def test_any_pairing_is_a_likelihood_of_its_own(rigid, case_c, fixed_error):
+    model = bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any")
+    assert isinstance(model.likelihood, AnyPairing)

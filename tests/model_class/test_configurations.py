@@ -1,0 +1,386 @@
+"""Model classes of several configurations: one likelihood, one posterior, one result."""
+
+import itertools
+import math
+import pickle
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import bayes_ssi as bs
+from bayes_ssi.appendages.appendage_search import search
+from bayes_ssi.calibration.least_squares import NothingToCalibrateError
+from bayes_ssi.cli import main
+from bayes_ssi.posterior.checks import failed_edge_checks
+from bayes_ssi.results.load import load_result
+from bayes_ssi.results.save import save_result
+from bayes_ssi.tables import calibration_modes_table, pairing_notes
+
+STIFFNESS = (2.0 * math.pi) ** 2  # of a mass of 1, for 1 Hz
+k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+dm = bs.Parameter("dm", bs.LogNormal(0.2, 0.5))
+bare = bs.ShearBuilding((1.0, 1.0), (STIFFNESS * k, STIFFNESS))
+loaded = bare.with_element(bs.AddedMass(dm, ((2, 1.0),)))
+PAIRS = {"1": 1, "2": 2}
+
+
+def modes_of(structure, **values):
+    """Frequencies and shapes of a structure at given parameter values."""
+    row = np.array([[values[p.name] for p in structure.parameters]])
+    frequencies, shapes = structure.modes(row)
+    return frequencies[0], shapes[0]
+
+
+def data_of(structure, factors=(1.0, 1.0), band=(0.0, 3.0), **values):
+    """The modes of a structure, their frequencies multiplied by ``factors``."""
+    frequencies, shapes = modes_of(structure, **values)
+    modes = (
+        bs.IdentifiedMode(str(i + 1), frequencies[i] * factors[i], shapes[:2, i]) for i in range(2)
+    )
+    return bs.ModalData(tuple(modes), band, ("floor 1", "floor 2"))
+
+
+BARE = data_of(bare, (1.004, 0.997), k=1.1)
+LOADED = data_of(loaded, (0.996, 1.006), k=1.1, dm=0.25)
+ERROR = bs.ErrorModel(0.01, 0.05)
+
+
+def state(structure, data, name, pairing=PAIRS):
+    return bs.Configuration(name, structure, data, pairing=pairing)
+
+
+def joint(name="both", error=ERROR, **changes):
+    tests = (state(bare, BARE, "bare"), state(loaded, LOADED, "loaded"))
+    return bs.ModelClass(name, **{"configurations": tests, "error": error, **changes})
+
+
+def columns(model_class, values, of):
+    names = list(of.parameter_names)
+    return values[:, [names.index(name) for name in model_class.parameter_names]]
+
+
+@pytest.fixture
+def draws():
+    z = np.random.default_rng(5).standard_normal((40, 2))
+    return joint().values(z)
+
+
+@pytest.mark.parametrize("pairing", [PAIRS, "any"])
+def test_the_log_likelihood_is_the_sum_of_the_tests(draws, pairing):
+    tests = (state(bare, BARE, "bare", pairing), state(loaded, LOADED, "loaded", pairing))
+    both = joint(configurations=tests)
+    one = bs.ModelClass("bare", bare, BARE, ERROR, pairing=pairing)
+    two = bs.ModelClass("loaded", loaded, LOADED, ERROR, pairing=pairing)
+    apart = one.log_likelihood(columns(one, draws, both))
+    apart = apart + two.log_likelihood(columns(two, draws, both))
+    np.testing.assert_allclose(both.log_likelihood(draws), apart, rtol=1e-12)
+    z = both.coordinates(draws)
+    np.testing.assert_allclose(both.log_likelihood_at(z), apart, rtol=1e-10)
+
+
+def test_the_same_test_twice_counts_twice(draws):
+    once = bs.ModelClass("x", loaded, LOADED, ERROR, pairing=PAIRS)
+    tests = (state(loaded, LOADED, "a"), state(loaded, LOADED, "b"))
+    twice = bs.ModelClass("x", configurations=tests, error=ERROR)
+    assert twice.parameter_names == once.parameter_names
+    np.testing.assert_allclose(
+        twice.log_likelihood(draws), 2.0 * once.log_likelihood(draws), rtol=1e-12
+    )
+
+
+def test_one_configuration_with_a_name_is_the_class_without(draws):
+    named = bs.ModelClass("x", configurations=[state(bare, BARE, "bare")], error=ERROR)
+    without = bs.ModelClass("x", bare, BARE, ERROR, pairing=PAIRS)
+    values = draws[:, :1]
+    np.testing.assert_array_equal(named.log_likelihood(values), without.log_likelihood(values))
+    assert named.structure is without.structure
+    assert named.data_digest != without.data_digest  # a class without names has no 'bare'
+    assert without.data_digest == BARE.digest
+
+
+def test_parameters_of_structures_come_first_each_once():
+    found = joint(error=bs.ErrorModel())
+    assert found.parameter_names == ("k", "dm", "frequency_cov", "shape_sd")
+
+
+def test_every_row_is_by_itself(draws):
+    whole = joint().log_likelihood(draws)
+    rows = [joint().log_likelihood(draws[i : i + 1])[0] for i in range(len(draws))]
+    np.testing.assert_array_equal(whole, rows)
+
+
+def test_model_frequencies_of_all_configurations_in_turn():
+    values = np.array([[1.1, 0.25]])
+    expected = [*modes_of(bare, k=1.1)[0], *modes_of(loaded, k=1.1, dm=0.25)[0]]
+    np.testing.assert_allclose(joint().frequencies_hz(values)[0], expected, rtol=1e-13)
+
+
+def test_pickling(draws):
+    copy = pickle.loads(pickle.dumps(joint()))
+    np.testing.assert_array_equal(copy.log_likelihood(draws), joint().log_likelihood(draws))
+    assert copy.data_digest == joint().data_digest
+
+
+def test_what_is_given_beside_configurations_holds_for_all():
+    every = replace(joint(), pairing="any")
+    assert [c.pairing for c in every.configurations] == ["any", "any"]
+    assert [c.pairing for c in joint().configurations] == [PAIRS, PAIRS]
+
+
+def test_digest_depends_on_names_and_data_but_not_on_order():
+    tests = joint().configurations
+    assert joint(configurations=tests[::-1]).data_digest == joint().data_digest
+    other = (replace(tests[0], name="empty"), tests[1])
+    assert joint(configurations=other).data_digest != joint().data_digest
+    swapped = (replace(tests[0], data=LOADED), replace(tests[1], data=BARE))
+    assert joint(configurations=swapped).data_digest != joint().data_digest
+
+
+def quadrature(model_class):
+    """Log evidence of a class with two parameters, by a grid over z that covers the posterior."""
+    z = np.linspace(-5.0, 5.0, 401)
+    grid = np.array(list(itertools.product(z, z)))
+    log_terms = model_class.log_likelihood_at(grid) - 0.5 * (grid**2).sum(1)
+    log_terms += 2.0 * math.log(z[1] - z[0]) - math.log(2.0 * math.pi)
+    top = log_terms.max()
+    return top + math.log(np.exp(log_terms - top).sum())
+
+
+@pytest.fixture(scope="module")
+def ranking():
+    # The other class does not explain the second mode of the second test.
+    tests = (state(bare, BARE, "bare"), state(loaded, LOADED, "loaded", {"1": 1}))
+    study = bs.Study("Two tests", [joint(), joint("first mode only", configurations=tests)])
+    return bs.rank(study, seed=3)
+
+
+def test_evidence_by_quadrature(ranking):
+    for candidate, posterior in zip(ranking.study.model_classes, ranking.posteriors, strict=True):
+        evidence = posterior.evidence
+        exact = quadrature(candidate)
+        assert evidence.log_evidence == pytest.approx(exact, abs=max(0.01, 4.0 * evidence.error))
+        assert posterior.failed_checks == ()
+
+
+def test_the_second_test_tells_what_the_first_cannot(ranking):
+    summary = {row.name: row for row in ranking.posteriors[0].summary}
+    assert summary["dm"].mean == pytest.approx(0.25, abs=0.05)
+    assert summary["dm"].relative_spread < 0.4
+
+
+def test_a_posterior_knows_its_configurations(ranking):
+    both, first_only = ranking.posteriors
+    assert both.configuration_names == ("bare", "loaded")
+    modes, frequencies = both.configuration("loaded")
+    assert dict(modes.pairing) == PAIRS
+    np.testing.assert_array_equal(frequencies, both.frequencies_hz[..., 2:])
+    np.testing.assert_allclose(np.median(frequencies, axis=(0, 1)), LOADED.frequencies_hz,
+                               rtol=0.015)  # fmt: skip
+    assert dict(first_only.configuration("loaded")[0].pairing) == {"1": 1}
+    with pytest.raises(ValueError, match=r"posterior of 'both': no configuration 'x'; choose from"):
+        both.configuration("x")
+    with pytest.raises(ValueError, match=r"posterior of 'both' has 2 configurations, 'bare', 'loa"):
+        _ = both.pairing
+
+
+def test_save_and_load(ranking, tmp_path):
+    saved = save_result(ranking, tmp_path / "r")
+    loaded_again = load_result(tmp_path / "r")
+    assert {p.name for p in (tmp_path / "r" / "data").iterdir()} == {"bare.csv", "loaded.csv"}
+    assert list(loaded_again.tests) == ["bare", "loaded"]
+    assert loaded_again.tests["loaded"].digest == LOADED.digest
+    assert loaded_again.comparison == ranking.comparison == saved.comparison
+    for one, other in zip(loaded_again.posteriors, ranking.posteriors, strict=True):
+        assert one.configurations == other.configurations
+        np.testing.assert_array_equal(one.frequencies_hz, other.frequencies_hz)
+    with pytest.raises(ValueError, match="r has 2 configurations, 'bare', 'loaded'"):
+        _ = loaded_again.data
+
+
+def test_arviz_sees_the_names_of_modes(ranking, tmp_path):
+    from bayes_ssi.results.draws import load_draws
+
+    save_result(ranking, tmp_path / "r")
+    stored = load_draws(tmp_path / "r" / "posteriors" / "both.nc", ("k", "dm"))
+    assert stored.mode_labels == ("bare: 1", "bare: 2", "loaded: 1", "loaded: 2")
+
+
+def test_a_damaged_or_missing_test_is_refused_in_one_line(ranking, tmp_path):
+    save_result(ranking, tmp_path / "r")
+    (tmp_path / "r" / "data" / "bare.csv").unlink()
+    with pytest.raises(ValueError, match="incomplete or damaged result"):
+        load_result(tmp_path / "r")
+
+
+@pytest.mark.parametrize("shape_weight", [0.0, None])
+def test_calibration_recovers_what_made_both_tests(shape_weight):
+    tests = (
+        state(bare, data_of(bare, k=1.3), "bare"),
+        state(loaded, data_of(loaded, k=1.3, dm=0.37), "loaded"),
+    )
+    found = bs.calibrate(joint(configurations=tests), shape_weight)
+    assert found.parameter_names == ("k", "dm")
+    np.testing.assert_allclose(found.best.values, [1.3, 0.37], rtol=1e-6)
+    assert found.best.objective == pytest.approx(0.0, abs=1e-8)
+    assert [(m.configuration, m.label) for m in found.best.modes] == [
+        ("bare", "1"), ("bare", "2"), ("loaded", "1"), ("loaded", "2"),
+    ]  # fmt: skip
+    assert [m.mac for m in found.best.modes] == pytest.approx([1.0] * 4, abs=1e-9)
+    cells = list(calibration_modes_table(found).columns[0].cells)
+    assert [str(cell) for cell in cells] == ["bare: 1", "bare: 2", "loaded: 1", "loaded: 2"]
+
+
+def test_the_objective_is_over_the_pairs_of_all_tests():
+    # One storey: the residual of a test is known, f_model/f_e - 1, whatever k is.
+    one = bs.ShearBuilding((1.0,), (STIFFNESS * k,))
+    data = [bs.ModalData((bs.IdentifiedMode("1", f),), (0.0, 3.0)) for f in (1.0, 1.25)]
+    tests = [bs.Configuration(str(i), one, d, pairing={"1": 1}) for i, d in enumerate(data)]
+    found = bs.calibrate(bs.ModelClass("x", configurations=tests, error=ERROR), 0.0)
+    # min over f of ½[(f - 1)² + (f/1.25 - 1)²]: f = (1 + 0.8) / (1 + 0.64)
+    f = 1.8 / 1.64
+    expected = math.sqrt(0.5 * ((f - 1.0) ** 2 + (0.8 * f - 1.0) ** 2))
+    assert found.best.objective == pytest.approx(expected, rel=1e-6)
+
+
+def test_an_inferred_pairing_is_told_for_each_configuration():
+    posterior = bs.sample(joint(configurations=[replace(c, pairing="any") for c in
+                                                joint().configurations]))  # fmt: skip
+    assert [c.inferred_pairing.best for c in posterior.configurations] == [PAIRS, PAIRS]
+    notes = pairing_notes(posterior)
+    assert "Modes of 'both' in configuration 'bare':" in notes
+    assert "Modes of 'both' in configuration 'loaded':" in notes
+    with pytest.raises(NothingToCalibrateError, match="its pairing is 'any'"):
+        bs.calibrate(bs.ModelClass("x", configurations=joint().configurations, pairing="any"))
+
+
+def test_a_mode_at_the_edge_of_the_band_is_named_with_its_configuration():
+    top = modes_of(loaded, k=1.1, dm=0.25)[0][1]
+    cut = bs.ModalData(LOADED.modes[:1], (0.0, 1.001 * top), LOADED.sensors)
+    tests = (state(bare, BARE, "bare"), state(loaded, cut, "loaded", {"1": 1}))
+    candidate = joint(configurations=tests)
+    z = candidate.coordinates(np.tile([[1.1, 0.25]], (10, 1)))
+    (failed,) = failed_edge_checks(candidate, z, candidate.frequencies_hz(candidate.values(z)))
+    assert failed.startswith("configuration 'loaded': model mode 2 is paired with nothing")
+
+
+def test_any_pairing_merges_classes_that_differ_in_nothing_else(ranking):
+    study = ranking.study.with_any_pairing()
+    assert study.names == ("both or first mode only",)
+    assert [c.pairing for c in study.model_classes[0].configurations] == ["any", "any"]
+
+
+def test_a_search_says_that_it_needs_one_configuration():
+    with pytest.raises(
+        ValueError,
+        match=r"model class 'both': a search needs a class with one configuration, got 2: 'bare'",
+    ):
+        search(joint())
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: joint(configurations=[state(bare, BARE, "a"), state(loaded, LOADED, "a")]),
+         ValueError, "model class 'both': two configurations are named 'a'"),
+        (lambda: joint(configurations=[state(bare, BARE, ""), state(loaded, LOADED, "a")]),
+         ValueError, "model class 'both': a configuration has no name; where there are several"),
+        (lambda: joint(configurations=[]), ValueError,
+         "model class 'both': configurations is empty"),
+        (lambda: joint(configurations=[bare]), TypeError,
+         "model class 'both': configurations must be Configurations, got ShearBuilding"),
+        (lambda: bs.ModelClass("x", bare, BARE), TypeError, "model class 'x': no pairing; give"),
+        (lambda: bs.ModelClass("x", pairing="any"), TypeError, "model class 'x': no structure;"),
+        (lambda: state(bare, BARE, "a", {"1": 3}), ValueError,
+         "configuration 'a': pairing: identified mode '1' is paired with model mode 3"),
+        (lambda: state(bare, "modes.csv", "a"), TypeError,
+         "configuration 'a': data must be a ModalData, got 'modes.csv'"),
+        (lambda: state(bare, BARE, 3), TypeError, "Configuration: name must be text, got 3"),
+        (lambda: state(bare, BARE, "a\nb"), ValueError, "Configuration: name may not begin"),
+        (lambda: joint().structure, ValueError,
+         "model class 'both' has 2 configurations, 'bare', 'loaded'; ask one of them"),
+        (lambda: joint().data, ValueError, "model class 'both' has 2 configurations"),
+        (lambda: joint().likelihood, ValueError, "model class 'both' has 2 configurations"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused_in_one_line(make, error, message):
+    with pytest.raises(error, match="^" + re.escape(message)) as found:
+        make()
+    assert "\n" not in str(found.value)
+
+
+def test_one_name_for_parameters_with_different_priors_is_refused():
+    other = bs.ShearBuilding(
+        (1.0,) * 2, (STIFFNESS * bs.Parameter("k", bs.LogNormal(1.0, 0.4)),) * 2
+    )
+    tests = (state(bare, BARE, "bare"), state(other, LOADED, "loaded"))
+    with pytest.raises(
+        ValueError, match=r"^model class 'both': two different parameters are named 'k'"
+    ):
+        joint(configurations=tests)
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        (lambda tests: (tests[0], replace(tests[1], data=BARE)), " in configuration 'loaded', so"),
+        (lambda tests: (tests[0], replace(tests[1], name="full")),
+         " (configurations 'bare', 'loaded'; and 'bare', 'full'), so"),
+        (lambda tests: tests[:1], " (configurations 'bare', 'loaded'; and 'bare'), so"),
+    ],
+)  # fmt: skip
+def test_classes_of_different_tests_are_not_compared(change, where):
+    other = joint("other", configurations=change(joint().configurations))
+    study = bs.Study("s", [joint(), other])
+    message = f"model classes 'both' and 'other' explain different data{where}"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        study.require_same_data()
+
+
+STUDY = """\
+import math
+
+import bayes_ssi as bs
+
+K = (2.0 * math.pi) ** 2
+k, dm = bs.Parameter("k", bs.LogNormal(1.0, 0.3)), bs.Parameter("dm", bs.LogNormal(0.2, 0.5))
+frame = bs.ShearBuilding((1.0,), (K * k,))
+
+
+def modes(frequency_hz):
+    return bs.ModalData((bs.IdentifiedMode("1", frequency_hz),), (0.0, 3.0), source="test")
+
+
+def hypothesis(name, structure):
+    tests = [
+        bs.Configuration("bare", frame, modes(1.0), pairing={"1": 1}),
+        bs.Configuration("with/mass", structure, modes(0.9), pairing={"1": 1}),
+    ]
+    return bs.ModelClass(name, configurations=tests, error=bs.ErrorModel(0.01))
+
+
+mass = bs.AddedMass(dm, ((1, 1.0),))
+study = bs.Study("Was a mass added?", [hypothesis("yes", frame.with_element(mass)),
+                                       hypothesis("no", frame)])
+"""
+
+
+def test_a_study_of_two_configurations_from_the_command_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "masses.py").write_text(STUDY, encoding="utf-8")
+    run = CliRunner().invoke(main, ["rank", "masses.py", "--out", "r", "--error", "0.05"])
+    assert run.exit_code == 0, run.output
+    result = load_result("r")
+    assert result.comparison.best.name == "yes"
+    assert list(result.tests) == ["bare", "with/mass"]
+    assert (tmp_path / "r" / "data" / "with_mass.csv").is_file()
+    assert (tmp_path / "r" / "figures" / "frequencies.png").is_file()
+    again = CliRunner().invoke(main, ["calibrate", "masses.py", "--only", "yes"])
+    assert again.exit_code == 0, again.output
+    assert "with/mass: 1" in again.output
+    hidden = CliRunner().invoke(main, ["search", "masses.py", "--out", "s"])
+    assert hidden.exit_code == 2
+    assert "a search needs a class with one configuration, got 2" in hidden.output
+    assert not (tmp_path / "s").exists()

@@ -1,0 +1,156 @@
+"""Figures of stored modes and parameters: what is drawn where, on axes given or new."""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from bayes_ssi.appendages.hypotheses import Place
+from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.plots.changes import plot_mac_change, plot_modes_before_and_after
+from bayes_ssi.plots.corner_plot import plot_corner
+from bayes_ssi.plots.identified_modes import plot_identified_modes, plot_pairing
+from bayes_ssi.plots.mode_shapes import plot_mode_shapes
+from bayes_ssi.plots.place_map import plot_places
+from bayes_ssi.plots.summaries import plot_parameters, plot_sensitivity
+from bayes_ssi.posterior.configuration_modes import configuration_modes
+from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow, sensitivity_of_record
+
+
+@pytest.fixture(autouse=True)
+def _close():
+    import matplotlib.pyplot as plt
+
+    mpl.use("agg")
+    yield
+    plt.close("all")
+
+
+@pytest.fixture
+def updated(model_classes):
+    values = np.exp(0.05 * np.random.default_rng(5).standard_normal((50, 4)))
+    (modes,) = configuration_modes(model_classes["3"], values)
+    return modes.updated
+
+
+def points(ax):
+    """Text of a point → where it is."""
+    found = {}
+    for line in ax.lines:
+        if str(line.get_gid()).startswith("hover: "):
+            found[line.get_gid().removeprefix("hover: ")] = line.get_xydata()[0]
+    return found
+
+
+def test_identified_modes(case_c):
+    figure = plot_identified_modes(case_c)
+    band, *shapes = figure.axes
+    assert [text.get_text() for text in band.texts] == ["1", "2a", "2b", "3"]
+    assert points(band)["mode 2a: 2.6043 Hz"][0] == pytest.approx(2.6042925)
+    assert len(shapes) == 4
+    assert points(shapes[0])["mode 1, floor 3: 0.734"] == pytest.approx([0.7336109, 2])
+
+
+def test_modes_without_shapes(case_c):
+    figure = Figure()
+    assert plot_identified_modes(case_c.without_shapes(), figure) is figure
+    assert len(figure.axes) == 1
+
+
+def test_before_and_after(updated, case_c):
+    ax = Figure().subplots()
+    assert plot_modes_before_and_after(updated, case_c, ax) is ax
+    (before,) = [at for text, at in points(ax).items() if text.startswith("mode 1 before")]
+    assert before == pytest.approx([0.0, 0.0], abs=1e-4)
+    (after,) = [at for text, at in points(ax).items() if text.startswith("mode 3 after")]
+    median = updated.modes[3].after_hz[1]
+    assert after == pytest.approx([100.0 * (median / 3.98405175 - 1.0), 3])
+
+
+def test_macs(updated):
+    ax = plot_mac_change(updated)
+    (after,) = [at for text, at in points(ax).items() if text.startswith("mode 2b after")]
+    assert after == pytest.approx([updated.modes[2].mac_after[1], 2])
+    from dataclasses import replace
+
+    none = replace(updated, modes=tuple(replace(m, mac_after=None) for m in updated.modes))
+    with pytest.raises(ValueError, match="no paired mode has an identified shape"):
+        plot_mac_change(none)
+
+
+def test_shapes_on_floors(updated, case_c):
+    figure = plot_mode_shapes(updated, case_c)
+    assert [ax.get_title().split("\n")[0] for ax in figure.axes] == [
+        "mode 1", "mode 2a", "mode 2b", "mode 3",
+    ]  # fmt: skip
+    (crosses,) = [line for line in figure.axes[0].lines if line.get_marker() == "x"]
+    median = np.array(updated.modes[0].shape_after[1])[:3]
+    np.testing.assert_allclose(crosses.get_xdata(), median, atol=0.02)
+    np.testing.assert_array_equal(crosses.get_ydata(), [1, 2, 3])
+    left, right = (line for line in figure.axes[0].lines if line.get_linestyle() == "--")
+    before = np.array(updated.modes[0].shape_before)[:3]
+    middle = 0.5 * (np.array(left.get_xdata()) + np.array(right.get_xdata()))
+    np.testing.assert_allclose(middle, [0.0, *before], atol=1e-12)
+
+
+def test_shapes_in_several_directions(updated, case_c):
+    from dataclasses import replace
+
+    own = replace(
+        updated,
+        places=("floor 1 x", "floor 1 y", "floor 1 torsion", "infill 1-2"),
+        place_heights=(1.0, 2.0, 3.0, 2.0),
+    )
+    figure = plot_mode_shapes(own, case_c.without_shapes())
+    labels = figure.axes[0].get_legend_handles_labels()[1]
+    assert labels == ["x", "y", "torsion (rad)", "appendage"]
+
+
+def test_pairing():
+    inferred = InferredPairing((PairingShare({"a": 2}, 1.0),), {"a": {2: 0.9, 0: 0.1}})
+    ax = plot_pairing(inferred, 3)
+    assert {text.get_text(): text.get_position() for text in ax.texts} == {
+        "0.900": (2, 0), "0.100": (0, 0),
+    }  # fmt: skip
+
+
+def test_parameters(make_posterior):
+    posterior = make_posterior("a")
+    quantiles = {"k1": (-2.0, 0.0, 4.0), "k2": (-2.0, 0.0, 4.0)}
+    ax = plot_parameters(posterior, quantiles)
+    row = posterior.summary[0]
+    (after,) = [at for text, at in points(ax).items() if text.startswith("k1 after")]
+    expected = row.median / (4.0 if row.median > 0 else 2.0)
+    assert after == pytest.approx([expected, 0])
+
+
+def test_sensitivity():
+    rows = [
+        SensitivityRow("as it is", {}, {"a": 0.75, "b": 0.25}),
+        SensitivityRow("σ_f × 2", {}, {"a": 0.2, "b": 0.8}),
+    ]
+    ax = plot_sensitivity(Sensitivity(tuple(rows)))
+    found = points(ax)
+    assert found["b, as it is: probability 0.2500"] == pytest.approx([-np.log(3.0), 0])
+    assert found["b, σ_f × 2: probability 0.8000"] == pytest.approx([np.log(4.0), 1])
+    with pytest.raises(ValueError, match="no ranking"):
+        sensitivity_of_record([])
+
+
+def test_classes_far_behind_do_not_hide_a_close_one():
+    row = SensitivityRow("as it is", {}, {"a": 0.7, "b": 0.3, "c": 1e-200})
+    assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "symlog"
+    row = SensitivityRow("as it is", {}, {"a": 0.7, "b": 0.3})
+    assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "linear"
+
+
+def test_places_of_a_record():
+    ax = plot_places({Place("pendulum", (2,)): 0.9, Place("infill", (0, 1)): 0.1})
+    assert {"0.9000", "0.1000"} <= {text.get_text() for text in ax.texts}
+
+
+def test_a_corner_plot_of_some_parameters(make_posterior):
+    figure = plot_corner(make_posterior("a", names=("k1", "k2", "k3")), parameters=("k1", "k3"))
+    assert len(figure.axes) == 4
+    with pytest.raises(ValueError, match="no parameter 'k9'; choose from 'k1', 'k2'"):
+        plot_corner(make_posterior("a"), parameters=("k9",))

@@ -1,0 +1,183 @@
+"""Figures: what is drawn where, and with which words."""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+
+import bayes_ssi as bs
+from bayes_ssi.plots.corner_plot import plot_corner
+from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, save_figures, style
+
+PNG = b"\x89PNG\r\n"
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    plt.close("all")
+
+
+@pytest.fixture
+def data():
+    modes = (
+        bs.IdentifiedMode("1", 1.0, frequency_cov=0.01),
+        bs.IdentifiedMode("2", 2.0),
+        bs.IdentifiedMode("x", 2.2),
+    )
+    return bs.ModalData(modes, (0.0, 3.0))
+
+
+@pytest.fixture
+def posteriors(make_posterior):
+    """The model's frequencies are 1.0 and 2.5 Hz, each with a standard deviation of 1 %."""
+    return [make_posterior("a", -3.0, 0.2), make_posterior("b", 1.0, 0.1, pairing={"1": 1})]
+
+
+def texts(legend):
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def points(ax):
+    """x, y of the single points of the error bars, in the order drawn."""
+    return np.array([bars[0].get_xydata()[0] for bars in ax.containers])
+
+
+def test_evidence_has_its_error_bars_and_the_fit(posteriors):
+    ax = plot_evidence(bs.compare(posteriors))
+    errorbars = [c for c in ax.containers if len(c) == 3 and c[0] is not None]
+    assert errorbars[0].get_label().startswith("log evidence")
+    np.testing.assert_allclose([bar[0].get_xdata()[0] for bar in errorbars], [1.0, -3.0])
+    segments = [segment for bar in errorbars for segment in bar[2][0].get_segments()]
+    np.testing.assert_allclose([s[:, 0] for s in segments], [[0.9, 1.1], [-3.2, -2.8]])
+    (fit,) = [line for line in ax.lines if line.get_label().startswith("fit")]
+    np.testing.assert_allclose(fit.get_xdata(), [4.0, 0.0])
+    bars = ax.patches
+    np.testing.assert_allclose([bar.get_x() for bar in bars], [1.0, -3.0])
+    np.testing.assert_allclose([bar.get_width() for bar in bars], [3.0, 3.0])
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["b\n(0.9820)", "a\n(0.0180)"]
+    assert ax.get_xlabel() == "nats"
+    low, high = ax.get_ylim()
+    assert low > high  # the best at the top
+    (legend,) = ax.figure.legends
+    assert len(texts(legend)) == 3
+    assert any("log evidence" in text for text in texts(legend))
+
+
+def test_frequencies_relative_to_the_identified_ones(data, posteriors):
+    ax = plot_frequencies(data, posteriors)
+    found = points(ax)
+    # Class a explains modes 1 and 2, class b only mode 1; 2.5 Hz lies 25 % above 2 Hz.
+    np.testing.assert_allclose(found[:, 0], [-0.3, 0.7, 0.3])
+    np.testing.assert_allclose(found[:, 1], [0.0, 25.0, 0.0], atol=0.2)
+    segments = [bars[2][0].get_segments()[0][:, 1] for bars in ax.containers]
+    np.testing.assert_allclose(np.diff(segments[0]), 2 * 1.96, atol=0.3)  # 95 % of sd 1 %
+    np.testing.assert_allclose(np.diff(segments[1]), 2 * 1.96 * 1.25, atol=0.4)
+    crosses = sorted(float(line.get_xdata()[0]) for line in ax.lines if line.get_marker() == "x")
+    np.testing.assert_allclose(crosses, [1.3, 1.7, 2.3])
+    assert texts(ax.figure.legends[0]) == ["a", "b"]
+    assert [t.get_text() for t in ax.get_xticklabels()] == ["1\n1 Hz", "2\n2 Hz", "x\n2.2 Hz"]
+    assert "%" in ax.get_ylabel()
+
+
+def test_the_band_of_an_identified_mode_is_its_95_per_cent(data, posteriors):
+    ax = plot_frequencies(data, posteriors)
+    (band,) = ax.collections[:1]
+    heights = band.get_paths()[0].vertices[:, 1]
+    assert (heights.min(), heights.max()) == pytest.approx((-1.96, 1.96), abs=0.01)
+
+
+def test_one_class_is_drawn_in_the_middle(data, posteriors):
+    ax = plot_frequencies(data, posteriors[:1])
+    np.testing.assert_allclose(points(ax)[:, 0], [0.0, 1.0])
+
+
+@pytest.mark.parametrize("draw", ["evidence", "frequencies"])
+def test_drawing_on_given_axes(data, posteriors, draw):
+    _, axes = plt.subplots(1, 2)
+    if draw == "evidence":
+        found = plot_evidence(bs.compare(posteriors), axes[1])
+    else:
+        found = plot_frequencies(data, posteriors, ax=axes[1])
+    assert found is axes[1]
+    assert found.has_data()
+    assert not axes[0].has_data()
+    assert len(plt.get_fignums()) == 1
+    found.figure.canvas.draw()
+
+
+def test_corner(make_posterior):
+    posterior = make_posterior("3", names=("k1", "k2", "ks"))
+    figure = plot_corner(posterior)
+    axes = np.array(figure.axes).reshape(3, 3)
+    assert [ax.get_xlabel() for ax in axes[-1]] == ["k1", "k2", "ks"]
+    assert [ax.get_ylabel() for ax in axes[1:, 0]] == ["k2", "ks"]
+    assert figure.get_suptitle().startswith("3\n")
+    median = np.median(posterior.values[:, 2])
+    assert f"{median:.3g}" in axes[2, 2].get_title()
+    figure.canvas.draw()
+
+
+def test_names_fit_the_panels_of_a_corner_plot(make_posterior):
+    figure = plot_corner(make_posterior("3", names=("k", "the mass ratio, infill 1-2")))
+    figure.canvas.draw()
+    first, last = figure.axes[0], figure.axes[3]
+    for ax in (first, last):
+        title, panel = ax.title.get_window_extent(), ax.get_window_extent()
+        assert title.width <= 1.1 * panel.width
+    assert last.title.get_window_extent().x0 > first.get_window_extent().x1
+
+
+def test_corner_of_one_parameter(make_posterior):
+    figure = plot_corner(make_posterior("x", names=("k",)))
+    assert [ax.get_xlabel() for ax in figure.axes] == ["k"]
+
+
+def test_corner_on_a_given_figure(make_posterior):
+    figure = plt.figure()
+    assert plot_corner(make_posterior("x"), figure) is figure
+    assert len(figure.axes) == 4
+    assert len(plt.get_fignums()) == 1
+
+
+def test_the_style_does_not_outlive_its_block():
+    before = dict(mpl.rcParams)
+    with style():
+        assert mpl.rcParams["font.size"] == 9
+    assert dict(mpl.rcParams) == before
+
+
+def test_figures_are_written_and_closed(tmp_path, data, posteriors):
+    comparison = bs.compare(posteriors)
+    paths = save_figures(tmp_path / "figures", data, posteriors[::-1], comparison)
+    assert sorted(path.name for path in paths) == ["corner.png", "evidence.png", "frequencies.png"]
+    for path in paths:
+        assert path.read_bytes()[: len(PNG)] == PNG
+    assert plt.get_fignums() == []
+
+
+def test_figures_are_not_written_over_others(tmp_path, data, posteriors):
+    with pytest.raises(FileExistsError):
+        save_figures(tmp_path, data, posteriors, bs.compare(posteriors))
+
+
+@pytest.mark.parametrize("name", ["k_1 & k^2", "50 %", "cost $5 or $6", "[a]", "_hidden", "θ"])
+def test_names_are_drawn_as_they_are(tmp_path, data, make_posterior, name):
+    posteriors = [make_posterior(name, names=(name, "k2")), make_posterior("b", -2.0)]
+    save_figures(tmp_path / "figures", data, posteriors, bs.compare(posteriors))
+    ax = plot_frequencies(data, posteriors)
+    assert texts(ax.figure.legends[0]) == [name, "b"]
+
+
+def test_many_classes(data, make_posterior):
+    posteriors = [make_posterior(f"class {i}", -i) for i in range(12)]
+    names = [posterior.name for posterior in posteriors]
+    frequencies = plot_frequencies(data, posteriors)
+    frequencies.figure.canvas.draw()
+    assert texts(frequencies.figure.legends[0]) == names
+    evidence = plot_evidence(bs.compare(posteriors))
+    evidence.figure.canvas.draw()
+    assert [tick.get_text().split("\n")[0] for tick in evidence.get_yticklabels()] == names

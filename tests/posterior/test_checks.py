@@ -1,0 +1,303 @@
+"""Checks of a result: each fires when it should and alone, and none where all is well."""
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import ndtr, ndtri
+
+import bayes_ssi as bs
+from bayes_ssi.posterior.checks import failed_checks, failed_edge_checks
+from bayes_ssi.sampling.engine import sample_target
+from bayes_ssi.sampling.regions import Regions
+from bayes_ssi.sampling.target import Target
+
+STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz
+PHI = (1.0 + math.sqrt(5.0)) / 2.0
+
+
+def edge_checks_of(model_class, z):
+    return failed_edge_checks(model_class, z, model_class.frequencies_hz(model_class.values(z)))
+
+
+def two_bumps(z):
+    parts = [
+        math.log(share) - 0.5 * (((z - centre) / 0.1) ** 2).sum(1) - 2.0 * math.log(0.1)
+        for share, centre in ((0.7, 2.0), (0.3, -2.0))
+    ]
+    return np.logaddexp(*parts) + 0.5 * (z**2).sum(1)
+
+
+@pytest.fixture(scope="module")
+def sampled():
+    """A result in which all is well, to be spoilt one thing at a time; two regions."""
+    return sample_target(Target(two_bumps, 2), np.random.SeedSequence(4))
+
+
+def test_nothing_fails_where_all_is_well(sampled):
+    assert sampled.regions.n_regions == 2
+    assert failed_checks(sampled) == []
+
+
+def spoil_length(s):
+    return replace(s, ensembles=tuple(
+        replace(e, autocorrelation_times=np.full(2, e.n_steps / 49.0)) for e in s.ensembles[:1]
+    ) + s.ensembles[1:])  # fmt: skip
+
+
+def spoil_r_hat(s):
+    first, second = s.ensembles
+    return replace(s, ensembles=(first, replace(second, positions=second.positions + 0.7)))
+
+
+def spoil_bridge(s):
+    apart = 5.0 * math.hypot(s.bridge.error, s.evidence.error)
+    bridge = replace(s.bridge, log_evidence=s.evidence.log_evidence + apart)
+    return replace(s, bridge=bridge)
+
+
+def spoil_tempered(s):
+    return replace(s, repeat=replace(s.repeat, log_evidence=s.repeat.log_evidence + 4.0))
+
+
+def spoil_weights(s):
+    # One draw with 3 % of the total weight; everything else agrees to within that.
+    heavy = s.importance.log_likelihoods.copy()
+    total = np.logaddexp.reduce(s.importance.log_weights)
+    heavy[0] += total + math.log(0.03 / 0.97) - s.importance.log_weights[0]
+    return replace(
+        s, wanted_error=math.inf, importance=replace(s.importance, log_likelihoods=heavy)
+    )
+
+
+def spoil_tail(s):
+    # The largest weights exceed the others by quantiles of a Pareto distribution with k = 1.
+    weights = s.importance.weights
+    order = np.argsort(weights)[-int(3.0 * math.sqrt(len(weights))) :]
+    chances = (np.arange(len(order)) + 0.5) / len(order)
+    heavy = weights[order[0]] + 0.15 / len(weights) * chances / (1.0 - chances)
+    log_likelihoods = s.importance.log_likelihoods.copy()
+    log_likelihoods[order] += np.log(heavy / weights[order])
+    return replace(
+        s, wanted_error=math.inf, importance=replace(s.importance, log_likelihoods=log_likelihoods)
+    )
+
+
+def spoil_size(s):
+    # The same draws as of two walkers: long chains, and yet only 4 · 51 independent draws.
+    ensembles = []
+    for ensemble in s.ensembles:
+        positions = ensemble.positions.reshape(-1, 2, 2)
+        times = np.full(2, len(positions) / 51.0)
+        ensembles.append(replace(ensemble, positions=positions, autocorrelation_times=times))
+    return replace(s, ensembles=tuple(ensembles))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (spoil_length, r"^a chain of \d+ steps is shorter than 50 autocorrelation times of \d+"),
+        (spoil_r_hat, r"^the ensembles differ: R-hat is 1\.\d{3}, above 1\.01"),
+        (spoil_bridge, r"importance sampling, -?0\.\d+ ± 0\.\d+, and by bridge sampling, .* dis"),
+        (spoil_tempered, r"importance sampling, .*, and by the tempered start, .*, disagree"),
+        (spoil_weights, r"^one importance draw carries 3 % of the evidence"),
+        (spoil_tail, r"^a few importance draws may carry .* Pareto k is 0\.[89]\d, above 0\.7$"),
+        (spoil_size, r"^the draws are worth only 204 independent ones, fewer than 400$"),
+    ],
+)
+def test_each_check_fires_alone(sampled, spoil, message):
+    (check,) = failed_checks(spoil(sampled))
+    assert re.search(message, check)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_an_estimate_that_is_no_number_disagrees(sampled, value):
+    checks = failed_checks(replace(sampled, bridge=replace(sampled.bridge, log_evidence=value)))
+    assert [check for check in checks if "bridge sampling" in check and "disagree" in check]
+
+
+def in_first_region(sampled, z):
+    return sampled.regions.assign(z) == 0
+
+
+def test_a_region_that_the_tempered_starts_missed_is_reported(sampled):
+    starts = []
+    for start in sampled.starts:
+        kept = start.positions[in_first_region(sampled, start.positions)]
+        starts.append(replace(start, positions=np.resize(kept, start.positions.shape)))
+    (check,) = failed_checks(replace(sampled, starts=tuple(starts)))
+    assert check.startswith(
+        f"a region with {100 * sampled.region_shares[1]:.1f} % of the posterior"
+    )
+    assert "tempered start" in check
+
+
+def test_a_region_that_the_chains_never_visited_is_reported(sampled):
+    ensembles = []
+    for ensemble in sampled.ensembles:
+        kept = ensemble.draws[in_first_region(sampled, ensemble.draws)]
+        ensembles.append(replace(ensemble, positions=np.resize(kept, ensemble.positions.shape)))
+    checks = failed_checks(replace(sampled, ensembles=tuple(ensembles)))
+    assert any(
+        check == f"a region with {100 * sampled.region_shares[1]:.1f} % of the posterior was never "
+        "visited by the chains"
+        for check in checks
+    )
+
+
+def test_a_small_region_may_be_missed(sampled):
+    """Only regions with more than 2 % of the posterior are asked for."""
+    log_likelihoods = sampled.importance.log_likelihoods.copy()
+    groups = sampled.regions.assign(sampled.importance.z)
+    log_likelihoods[groups == 1] -= 6.0
+    small = replace(
+        sampled,
+        importance=replace(sampled.importance, log_likelihoods=log_likelihoods),
+        starts=tuple(
+            replace(s, positions=np.resize(s.positions[in_first_region(sampled, s.positions)],
+                                           s.positions.shape)) for s in sampled.starts
+        ),
+    )  # fmt: skip
+    assert small.region_shares[1] < 0.02
+    assert not [check for check in failed_checks(small) if "region" in check]
+
+
+def test_regions_of_one_are_not_asked_for(sampled):
+    one = Regions(sampled.regions.draws, np.zeros_like(sampled.regions.labels))
+    assert failed_checks(replace(sampled, regions=one)) == []
+
+
+def searched(sampled, found_by_second):
+    """The same result, had only so many searches found the second region."""
+    of_second = sampled.regions.assign(sampled.discovery.maxima.z) == 1
+    found_by = sampled.discovery.found_by.copy()
+    found_by[found_by_second:, of_second] = False
+    return replace(sampled, discovery=replace(sampled.discovery, found_by=found_by))
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_a_region_that_fewer_than_two_searches_found_is_reported(sampled, n):
+    share = 100 * sampled.region_shares[1]
+    assert sampled.searches_of_regions.tolist() == [4, 4]
+    assert failed_checks(searched(sampled, n)) == [
+        f"a region with {share:.1f} % of the posterior was found by {n} of 4 independent searches; "
+        "there may be others"
+    ]
+
+
+def test_a_region_that_two_searches_found_is_let_pass(sampled):
+    assert failed_checks(searched(sampled, 2)) == []
+
+
+def one_mass(prior, error):
+    """A unit mass on a spring; its frequency is √k Hz, and was identified at 1.1 Hz."""
+    k = bs.Parameter("k", prior)
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.1),), band_hz=(0.0, 3.0))
+    building = bs.ShearBuilding((1.0,), (STIFFNESS * k,))
+    return bs.ModelClass("one mass", building, data, bs.ErrorModel(error, 0.05), pairing={"1": 1})
+
+
+def fit(k, error):
+    """The log-likelihood of the one mass, but for a constant."""
+    return -0.5 * ((np.sqrt(k) / 1.1 - 1.0) / error) ** 2
+
+
+def on_grid(log_likelihood):
+    """The posterior on a fine grid of a standard-normal coordinate: the grid, and shares of it."""
+    z = np.linspace(-9.0, 9.0, 400_001)
+    mass = np.exp(log_likelihood(z) - 0.5 * z**2)
+    return z, mass / mass.sum()
+
+
+def draws_of(z, share, n=20_000):
+    """Evenly spread draws (n, 1) of a posterior on a grid."""
+    return np.interp((np.arange(n) + 0.5) / n, np.cumsum(share), z)[:, None]
+
+
+# Priors, the error, and which edge the posterior leans on; k is 1.21 for a perfect fit.
+LEANING = [
+    (2.0, 4.0, 0.01, "lower"),
+    (2.0, 4.0, 0.02, None),
+    (0.2, 0.8, 0.007, "upper"),
+    (0.2, 0.8, 0.01, None),
+    (0.5, 2.0, 0.007, None),
+]
+
+
+@pytest.mark.parametrize(("low", "high", "error", "side"), LEANING)
+def test_a_posterior_at_the_edge_of_a_prior_is_reported(low, high, error, side):
+    z, share = on_grid(lambda z: fit(low + (high - low) * ndtr(z), error))
+    beyond = {"lower": share[z < -3.09].sum(), "upper": share[z > 3.09].sum()}
+    checks = edge_checks_of(one_mass(bs.Uniform(low, high), error), draws_of(z, share))
+    assert checks == [
+        f"parameter 'k': {100 * beyond[name]:.0f} % of the posterior lies at the {name} edge of "
+        f"its prior, Uniform(lower={low}, upper={high}), where only one in a thousand prior draws "
+        "lies"
+        for name in ("lower", "upper")
+        if beyond[name] > 0.5
+    ]
+    assert [name for name in beyond if beyond[name] > 0.5] == ([side] if side else [])
+
+
+def test_the_edge_of_a_prior_is_one_draw_in_a_thousand():
+    just_inside, just_outside = (np.full((10, 1), ndtri(share)) for share in (1.1e-3, 0.9e-3))
+    model_class = one_mass(bs.LogNormal(1.0, 0.3), 0.01)
+    assert edge_checks_of(model_class, just_inside) == []
+    assert edge_checks_of(model_class, -just_inside) == []
+    assert "lower edge" in edge_checks_of(model_class, just_outside)[0]
+    assert "upper edge" in edge_checks_of(model_class, -just_outside)[0]
+
+
+def test_only_half_of_the_posterior_at_an_edge_is_too_much():
+    model_class = one_mass(bs.LogNormal(1.0, 0.3), 0.01)
+    z = np.zeros((100, 1))
+    z[:50] = -4.0
+    assert edge_checks_of(model_class, z) == []
+    z[50] = -4.0
+    assert len(edge_checks_of(model_class, z)) == 1
+
+
+def test_sampling_reports_the_edge_of_a_prior():
+    low, high, error, _ = LEANING[0]
+    z, share = on_grid(lambda z: fit(low + (high - low) * ndtr(z), error))
+    (check,) = bs.sample(one_mass(bs.Uniform(low, high), error)).failed_edge_checks
+    found = re.match(r"parameter 'k': (\d+) % of the posterior lies at the lower edge", check)
+    assert float(found[1]) == pytest.approx(100 * share[z < -3.09].sum(), abs=4.0)
+
+
+def two_storeys(upper_hz):
+    """Frequencies √k/φ and √k φ Hz; the first was identified at 1/φ, the second was not."""
+    k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0 / PHI),), band_hz=(0.0, upper_hz))
+    building = bs.ShearBuilding((1.0, 1.0), (STIFFNESS * k, STIFFNESS * k))
+    error = bs.ErrorModel(frequency_cov=0.02, shape_sd=0.05)
+    return bs.ModelClass("two storeys", building, data, error, pairing={"1": 1})
+
+
+@pytest.mark.parametrize(
+    ("factor", "reported"),
+    [(0.9, False), (0.96, False), (0.97, True), (1.0, True), (1.04, True), (1.2, False)],
+)
+def test_a_mode_at_the_edge_of_the_band_is_reported(factor, reported):
+    """The band ends at this multiple of the second frequency of a building with k = 1."""
+    upper = factor * PHI
+
+    def second(z):
+        return PHI * np.exp(0.5 * math.sqrt(math.log(1.09)) * z)
+
+    def log_likelihood(z):
+        inside = ndtr((upper - second(z)) / (0.02 * second(z)))
+        return -0.5 * ((second(z) / PHI - 1.0) / 0.02) ** 2 + np.log(1.0 - 0.95 * inside)
+
+    z, share = on_grid(log_likelihood)
+    at_edge = share[np.abs(second(z) - upper) < 2.0 * 0.02 * second(z)].sum()
+    assert (at_edge > 0.5) == reported
+    expected = (
+        f"model mode 2 is paired with nothing and lies at the edge of the band 0 to {upper:g} Hz "
+        f"in {100 * at_edge:.0f} % of the posterior: whether it counts as missed depends on where "
+        "the band ends"
+    )
+    found = edge_checks_of(two_storeys(upper), draws_of(z, share))
+    assert found == ([expected] if reported else [])

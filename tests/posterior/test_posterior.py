@@ -1,0 +1,165 @@
+"""Posteriors of model classes: evidence, summaries, and what is said of a model that fails."""
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.modal import Modes
+from bayes_ssi.structures.structure import Structure
+
+STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz
+
+
+def one_mass(name="one mass", prior=None, frequency_hz=1.1, error=0.05):
+    """A unit mass on a spring; its frequency is √k Hz."""
+    k = bs.Parameter("k", prior or bs.LogNormal(1.0, 0.3))
+    data = bs.ModalData((bs.IdentifiedMode("1", frequency_hz),), band_hz=(0.0, 3.0))
+    building = bs.ShearBuilding((1.0,), (STIFFNESS * k,))
+    return bs.ModelClass(name, building, data, bs.ErrorModel(error, 0.05), pairing={"1": 1})
+
+
+@pytest.fixture(scope="module")
+def posterior():
+    return bs.sample(one_mass(), seed=3)
+
+
+def by_quadrature():
+    """Log evidence, mean, sd and quantiles of the one mass on a fine grid."""
+    u = np.linspace(-9.0, 9.0, 200_001)
+    k = np.exp(math.sqrt(math.log(1.09)) * u)
+    residual = np.sqrt(k) / 1.1 - 1.0
+    log_likelihood = -0.1 + math.log(0.95) - math.log(1.1 * 0.05 * math.sqrt(2.0 * math.pi))
+    log_likelihood = log_likelihood - 0.5 * (residual / 0.05) ** 2
+    mass = np.exp(log_likelihood - 0.5 * u**2) / math.sqrt(2.0 * math.pi) * (u[1] - u[0])
+    evidence = mass.sum()
+    share = mass / evidence
+    mean = share @ k
+    quantiles = np.interp([0.05, 0.5, 0.95], np.cumsum(share), k)
+    sd = math.sqrt(share @ (k - mean) ** 2)
+    return math.log(evidence), mean, sd, quantiles, share @ log_likelihood
+
+
+def test_evidence_and_summary_are_those_of_quadrature(posterior):
+    log_evidence, mean, sd, quantiles, fit = by_quadrature()
+    found, (row,) = posterior.evidence, posterior.summary
+    assert found.log_evidence == pytest.approx(log_evidence, abs=4.0 * found.error)
+    assert found.bridge.log_evidence == pytest.approx(log_evidence, abs=4.0 * found.bridge.error)
+    assert found.repeat.log_evidence == pytest.approx(log_evidence, abs=0.3)
+    assert found.laplace == pytest.approx(log_evidence, abs=0.02)
+    assert found.mean_log_likelihood == pytest.approx(fit, abs=0.03)
+    assert row.name == "k"
+    assert row.mean == pytest.approx(mean, abs=4.0 * row.mean_error)
+    assert row.sd == pytest.approx(sd, abs=4.0 * row.sd_error)
+    assert row.mean_error < 0.05 * sd
+    assert row.sd_error < 0.05 * sd
+    found_quantiles = (row.quantile_05, row.median, row.quantile_95)
+    assert found_quantiles == pytest.approx(quantiles, abs=0.1 * sd)
+
+
+def test_information_gained_is_fit_less_evidence(posterior):
+    log_evidence, *_, fit = by_quadrature()
+    assert posterior.evidence.information_gained == pytest.approx(fit - log_evidence, abs=0.03)
+
+
+def test_the_draws_belong_together(posterior):
+    n_chains, n_steps, n_parameters = posterior.draws.shape
+    assert n_parameters == 1
+    assert posterior.log_likelihoods.shape == (n_chains, n_steps)
+    assert posterior.values.shape == (n_chains * n_steps, 1)
+    frequencies = posterior.frequencies_hz.reshape(-1, 1)
+    np.testing.assert_allclose(frequencies, np.sqrt(posterior.values), rtol=1e-12)
+    np.testing.assert_allclose(
+        posterior.log_likelihoods.ravel(), one_mass().log_likelihood(posterior.values), atol=1e-8
+    )
+
+
+def test_what_else_a_posterior_tells(posterior):
+    assert posterior.name == "one mass"
+    assert posterior.data_digest == one_mass().data.digest
+    assert posterior.pairing == {"1": 1}
+    assert posterior.failed_checks == ()
+    assert posterior.r_hat < 1.01
+    assert 0.2 < posterior.acceptance < 1.0
+    assert 1.0 <= posterior.autocorrelation_time < 10.0
+    assert posterior.n_evaluations > posterior.values.size
+    assert posterior.seconds > 0
+    assert 300 < posterior.effective_sample_sizes[0] <= posterior.values.size
+    np.testing.assert_allclose(posterior.maxima[0], 1.1**2, rtol=0.02)
+    (region,) = posterior.regions
+    assert (region.share, region.shares_of_starts) == (1.0, (1.0, 1.0))
+    assert region.mean == pytest.approx((posterior.summary[0].mean,))
+
+
+def test_the_result_follows_from_seed_and_name():
+    def log_evidence(name, seed):
+        return bs.sample(one_mass(name), seed=seed).evidence.log_evidence
+
+    assert log_evidence("a", 0) == log_evidence("a", 0)
+    assert len({log_evidence("a", 0), log_evidence("a", 1), log_evidence("b", 0)}) == 3
+
+
+def test_an_error_names_the_class():
+    impossible = one_mass("far off", bs.Uniform(100.0, 101.0), error=1e-3)
+    impossible = replace(impossible, structure=WithoutModes(impossible.structure.parameters))
+    with pytest.raises(ValueError, match=r"^model class 'far off': the likelihood is zero at all"):
+        bs.sample(impossible)
+
+
+class WithoutModes(Structure):
+    """A structure that has modes only where its parameter exceeds a limit."""
+
+    degrees_of_freedom = ("floor 1",)
+    n_modes = 1
+    parameters = ()
+
+    def __init__(self, parameters, limit=np.inf):
+        self.parameters = parameters
+        self.limit = limit
+
+    def modes(self, values):
+        k = np.where(values[:, :1] > self.limit, values[:, :1], np.nan)
+        return Modes(np.sqrt(k), np.ones((len(k), 1, 1)))
+
+
+def test_a_model_that_breaks_down_in_places_is_reported():
+    whole = one_mass()
+    broken = replace(whole, structure=WithoutModes(whole.parameters, limit=0.9))
+    found = bs.sample(broken, seed=1)
+    (check,) = found.failed_checks
+    number = r"[0-9.e+-]+"
+    assert re.fullmatch(
+        rf"the model failed at \d+ of {found.n_evaluations} evaluations, which count as likelihood "
+        rf"zero; the first time at k = {number}: the answer is NaN",
+        check,
+    )
+    assert found.values.min() > 0.9
+
+
+def test_a_few_failures_in_the_far_tails_of_a_prior_are_let_pass():
+    whole = one_mass()
+    broken = replace(whole, structure=WithoutModes(whole.parameters, limit=0.3))
+    assert bs.sample(broken, seed=1).failed_checks == ()
+
+
+def test_a_chain_that_is_cut_short_is_reported():
+    found = bs.sample(one_mass(), settings=bs.SamplingSettings(max_steps=20))
+    assert found.draws.shape[1] == 20
+    expected = "a chain of 20 steps is shorter than 50 autocorrelation times"
+    assert len([check for check in found.failed_checks if check.startswith(expected)]) == 2
+
+
+def test_the_summary_counts_draws_by_their_effective_number(make_posterior):
+    posterior = make_posterior("x", effective_sample_sizes=np.array([100.0, 25.0]))
+    values = posterior.values
+    for i, (row, size) in enumerate(zip(posterior.summary, (100.0, 25.0), strict=True)):
+        assert row.mean == pytest.approx(values[:, i].mean())
+        assert row.sd == pytest.approx(values[:, i].std())
+        assert row.mean_error == pytest.approx(row.sd / math.sqrt(size))
+        # Of a normal distribution the standard deviation's error is sd / √(2 n).
+        assert row.sd_error == pytest.approx(row.sd / math.sqrt(2.0 * size), rel=0.1)
+        expected = np.quantile(values[:, i], [0.05, 0.5, 0.95])
+        assert (row.quantile_05, row.median, row.quantile_95) == pytest.approx(expected)

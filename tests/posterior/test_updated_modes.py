@@ -1,0 +1,149 @@
+"""Modes before and after updating, against the structure asked again and closed forms."""
+
+import json
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.modal import mac
+from bayes_ssi.model_class.description import described
+from bayes_ssi.posterior.configuration_modes import configuration_modes
+from bayes_ssi.posterior.datum_terms import at_draws, datum_terms
+from bayes_ssi.posterior.updated_modes import MOST_PLACES, UpdatedModes
+from bayes_ssi.results.json_files import plain_record
+
+
+@pytest.fixture
+def values():
+    rng = np.random.default_rng(5)
+    return np.exp(0.1 * rng.standard_normal((150, 4)))
+
+
+@pytest.fixture
+def updated(model_classes, values):
+    (modes,) = configuration_modes(model_classes["3"], values)
+    return modes.updated
+
+
+def test_frequencies_and_macs(model_classes, case_c, values, updated):
+    candidate = model_classes["3"]
+    frequencies, shapes = candidate.structure.modes(values)
+    for i, (label, mode) in enumerate(zip(case_c.labels, updated.modes, strict=True)):
+        assert (mode.label, mode.model_mode) == (label, i + 1)
+        expected = np.quantile(frequencies[:, i], [0.025, 0.5, 0.975])
+        assert mode.after_hz == pytest.approx(expected)
+        found = [
+            mac(shape[:3, i : i + 1], case_c.unit_shapes[:, i : i + 1])[0, 0] for shape in shapes
+        ]
+        assert mode.mac_after == pytest.approx(np.quantile(found, [0.025, 0.5, 0.975]))
+        # At the prior medians this is the model that made the data.
+        assert mode.before_hz == pytest.approx(case_c.modes[i].frequency_hz, rel=1e-6)
+        assert mode.mac_before == pytest.approx(1.0, abs=1e-9)
+
+
+def test_shapes_are_scaled_and_turned_to_the_identified_ones(case_c, updated):
+    for i, mode in enumerate(updated.modes):
+        identified = case_c.unit_shapes[:, i]
+        expected = identified / np.abs(identified).max()
+        np.testing.assert_allclose(mode.shape_before[:3], expected, atol=1e-6)
+        low, median, high = map(np.array, mode.shape_after)
+        assert (low <= median).all()
+        assert (median <= high).all()
+    assert updated.appendages == ("infill 1-2",)
+    assert updated.heights()["infill 1-2"] == 1.5
+    assert updated.has_floors
+
+
+def test_a_record_is_read_back(updated):
+    record = json.loads(json.dumps(plain_record(asdict(updated))))
+    assert UpdatedModes.of_record(record) == updated
+    assert UpdatedModes.of_record(None) is None
+
+
+def test_shapes_of_a_large_structure_are_kept_at_its_sensors():
+    n = MOST_PLACES + 1
+    k = bs.Parameter("k", bs.LogNormal(1000.0, 0.1))
+    data = bs.ModalData(
+        (bs.IdentifiedMode("1", 0.08, np.array([0.5, 1.0])),),
+        band_hz=(0.0, 0.1),
+        sensors=("floor 50", f"floor {n}"),
+    )
+    tower = bs.ShearBuilding((1.0,) * n, (k,) * n)
+    candidate = bs.ModelClass("tower", tower, data, bs.ErrorModel(0.02, 0.05), pairing={"1": 1})
+    (modes,) = configuration_modes(candidate, np.array([[1000.0], [1010.0]]))
+    assert modes.updated.places == ("floor 50", f"floor {n}")
+    # A uniform shear building's first mode: u_i ∝ sin(i π / (2n + 1)).
+    ends = [np.sin(i * np.pi / (2 * n + 1)) for i in (50, n)]
+    np.testing.assert_allclose(modes.updated.modes[0].shape_before, [ends[0] / ends[1], 1.0])
+
+
+@pytest.mark.parametrize("name", ["1-a", "2", "3"])
+def test_log_likelihoods_of_the_data_add_up(model_classes, values, name):
+    candidate = model_classes[name]
+    own = values[:, : len(candidate.parameters)]
+    found = at_draws(candidate, own)
+    np.testing.assert_allclose(found.log_likelihoods.sum(1), candidate.log_likelihood(own))
+    np.testing.assert_array_equal(found.frequencies_hz, candidate.frequencies_hz(own))
+    if name == "2":  # 2a and 2b are spurious: ν over the band and over the half of 4π
+        expected = np.log(0.1 / 6.0) - np.log(4.0 * np.pi)
+        np.testing.assert_allclose(found.log_likelihoods[:, 1:3], expected)
+
+
+def test_of_an_inferred_pairing_there_is_one_datum_a_test(model_classes, values):
+    candidate = model_classes["3"].with_any_pairing("any")
+    found = at_draws(candidate, values)
+    np.testing.assert_allclose(found.log_likelihoods[:, 0], candidate.log_likelihood(values))
+
+
+def test_predicted_frequencies_scatter_as_the_errors_say(model_classes):
+    candidate = model_classes["1-a"]
+    n = 20000
+    found = at_draws(candidate, np.ones((n, 3)))
+    terms = datum_terms(
+        candidate, found, [candidate.pairing], (20, n // 20), np.random.default_rng(1)
+    )
+    assert terms.data == ("1", "2a", "2b", "3", "no other mode")
+    predicted = terms.predicted_hz.reshape(n, 4)
+    model = candidate.structure.modes(np.ones((1, 3))).frequencies_hz[0]
+    identified = candidate.data.frequencies_hz
+    for column, mode in ((0, 0), (1, 1), (3, 2)):
+        sd = 0.01 * identified[column]
+        assert predicted[:, column].mean() == pytest.approx(model[mode], abs=5 * sd / np.sqrt(n))
+        assert predicted[:, column].std() == pytest.approx(sd, rel=0.03)
+    spurious = predicted[:, 2]  # anything in the band from 0 to 6 Hz
+    assert spurious.mean() == pytest.approx(3.0, abs=5 * 6.0 / np.sqrt(12 * n))
+    assert 0.0 <= spurious.min() < 0.1 < 5.9 < spurious.max() <= 6.0
+
+
+def test_a_structure_in_words(augmented):
+    lines = dict(described(augmented))
+    assert lines["shear building"].startswith("A planar shear building on a fixed base")
+    assert lines["masses"] == "1, 1, 1"
+    assert "· k1" in lines["stiffnesses"]
+    infill = "infill 1-2; between 1, 2; mass = 0.15; frequency = 2.80194; stiffness factor = ks"
+    assert lines["out of plane infill"] == infill
+
+
+def test_finite_element_models_are_told_by_their_sizes_and_sums():
+    e, t = (bs.Parameter(name, bs.LogNormal(1.0, 0.2)) for name in ("E", "t"))
+    k = np.diag([2.0, 3.0])
+    terms = [(2.0 * e, k), (t**3, k), k]
+    frame = bs.MatrixStructure(terms, (t, np.eye(2)), sensors={"tip": 1}, n_modes=2)
+    whole, reduced = dict(described(frame)), dict(described(frame.reduced()))
+    assert whole["size"] == "2 degrees of freedom, 1 of them observed"
+    assert whole["stiffness"] == "K0 + E · K1 + t**3 · K2"
+    assert whole["mass"] == "t · M1"
+    assert whole["degrees of freedom"] == "tip"
+    assert reduced["stiffness"] == whole["stiffness"]
+    assert "at most 150 full solutions" in reduced["reduced basis"]
+    assert "MatrixStructure whose modes" in reduced["reduced structure"]
+
+    def beam(stiffness, place):
+        return stiffness * k, place * k
+
+    given = {"stiffness": 5.0 * e, "place": 3}
+    called = dict(described(bs.FunctionStructure(beam, given, n_modes=2)))
+    assert called["function"].endswith("beam")
+    assert called["arguments"] == "stiffness: 5 · E; place: 3"

@@ -1,0 +1,260 @@
+"""Answers from a stored result: tables, CSV files and figures."""
+
+import csv
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from rich.console import Console
+
+from bayes_ssi.plots.prediction_plots import save_prediction_figures
+from bayes_ssi.predictions.defaults import default_damping, default_frequencies, default_output
+from bayes_ssi.predictions.prediction_files import save_predictions
+from bayes_ssi.predictions.response_bands import ResponseRequest, answer
+from bayes_ssi.predictions.stored_predictions import load_predictions
+from bayes_ssi.response.ground_motion import GroundMotion
+from bayes_ssi.response.output import Output
+from bayes_ssi.results.save import save_result
+from bayes_ssi.tables import frequency_table, peak_table, shape_tables
+
+mpl.use("Agg")
+
+OUTPUT = Output("acceleration", ("floor 1", "floor 2"))
+FREQUENCIES = np.linspace(0.2, 2.5, 24)
+
+
+@pytest.fixture
+def predicted(tiny_ranking, tmp_path, tiny_study_file):
+    saved = save_result(tiny_ranking, tmp_path / "result", study_file=str(tiny_study_file))
+    return load_predictions(saved.directory, n_draws=60)
+
+
+@pytest.fixture
+def question():
+    rng = np.random.default_rng(0)
+    motions = tuple(GroundMotion(rng.standard_normal(64), 0.05, name) for name in ("a", "b"))
+    return ResponseRequest(OUTPUT, 0.02, FREQUENCIES, motions=motions, level=0.9)
+
+
+@pytest.fixture
+def answers(predicted, question):
+    return [answer(predicted, name, question) for name in ("average", "one k")]
+
+
+def rows(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def printed(table):
+    console = Console(width=80)
+    with console.capture() as capture:
+        console.print(table)
+    return capture.get()
+
+
+@pytest.fixture
+def out(tmp_path):
+    (tmp_path / "out").mkdir()
+    return tmp_path / "out"
+
+
+def test_answers_hold_the_bands_of_all_places(predicted, question, answers):
+    average = predicted.average()
+    for motion in question.motions:
+        draws = average.time_histories(motion, OUTPUT, 0.02)
+        np.testing.assert_allclose(
+            answers[0].time_histories[motion.name], draws.band(0.9), rtol=1e-9, atol=1e-12
+        )
+        peaks = average.peak_responses(motion, OUTPUT, 0.02).band(0.9)
+        np.testing.assert_allclose(answers[0].peaks[motion.name], peaks, rtol=1e-9)
+    draws = average.transfer_functions(FREQUENCIES, OUTPUT, 0.02)
+    np.testing.assert_allclose(answers[0].transfer_functions, draws.band(0.9), rtol=1e-9)
+    highest = np.quantile(draws.draws.max(-1), [0.05, 0.5, 0.95], axis=0)
+    np.testing.assert_allclose(answers[0].transfer_peaks, highest, rtol=1e-9)
+
+
+def test_transfer_functions_from_a_force(predicted):
+    question = ResponseRequest(OUTPUT, 0.02, FREQUENCIES, force_at="floor 1")
+    found = answer(predicted, "one k", question)
+    own = predicted.of_class("one k")
+    expected = own.transfer_functions(FREQUENCIES, OUTPUT, 0.02, force_at="floor 1")
+    np.testing.assert_allclose(found.transfer_functions, expected.band(0.95), rtol=1e-9)
+    assert question.transfer_name == "acceleration / force at floor 1"
+    assert question.transfer_unit == "1/mass"
+
+
+def test_csv_files_hold_the_bands(predicted, answers, out):
+    save_predictions(out, predicted.data, answers)
+    assert sorted(path.name for path in out.iterdir()) == [
+        "frequencies.csv", "mode_shapes.csv", "peaks.csv", "time_histories.csv",
+        "transfer_functions.csv",
+    ]  # fmt: skip
+    found = rows(out / "transfer_functions.csv")
+    assert len(found) == 2 * 2 * 24
+    second_place = [
+        row for row in found if (row["model_class"], row["place"]) == ("average", "floor 2")
+    ]
+    for column, expected in zip(
+        ("low", "median", "high"), answers[0].transfer_functions, strict=True
+    ):
+        np.testing.assert_allclose(
+            [float(row[column]) for row in second_place], expected[1], rtol=1e-6
+        )
+    found = rows(out / "time_histories.csv")
+    assert len(found) == 2 * 2 * 2 * 64
+    assert [found[i]["record"] for i in (0, -1)] == ["a", "b"]
+    assert float(found[1]["time_s"]) == 0.05
+    peaks = [row for row in rows(out / "peaks.csv") if row["model_class"] == "average"]
+    assert [(row["of"], row["unit"], row["place"]) for row in peaks] == [
+        (of, unit, place)
+        for of, unit in (("transfer function: acceleration / ground acceleration", "-"),
+                         ("time history: a", "m/s²"), ("time history: b", "m/s²"))
+        for place in OUTPUT.places
+    ]  # fmt: skip
+    assert float(peaks[3]["high"]) == pytest.approx(answers[0].peaks["a"].high[1], rel=1e-6)
+    modes = rows(out / "frequencies.csv")
+    assert [(row["model_class"], row["mode"], row["share"]) for row in modes] == [
+        ("average", "1", "1"), ("average", "2", "1"), ("one k", "1", "1"), ("one k", "2", "1"),
+    ]  # fmt: skip
+    # Before updating, at stiffness factors of 1: 1/φ and φ Hz.
+    assert [float(row["before_hz"]) for row in modes[:2]] == pytest.approx([0.6180340, 1.6180340])
+    shapes = [row for row in rows(out / "mode_shapes.csv") if row["model_class"] == "one k"]
+    # The shape (1, φ) at unit length.
+    assert [float(row["median"]) for row in shapes[:2]] == pytest.approx([0.5257311, 0.8506508])
+    with pytest.raises(FileExistsError):
+        save_predictions(out, predicted.data, answers)
+
+
+def test_what_is_not_asked_for_is_not_computed(predicted, out):
+    ground_to_1 = Output("drift", (("ground", "floor 1"),))
+    found = answer(predicted, "each k", ResponseRequest(ground_to_1, 0.02, FREQUENCIES))
+    assert found.time_histories == found.peaks == {}
+    save_predictions(out, predicted.data, [found])
+    assert not (out / "time_histories.csv").exists()
+    assert "ground to floor 1" in printed(peak_table([found]))
+    drawn = save_prediction_figures(out / "figures", predicted.data, [found])
+    assert "time_histories" not in {path.stem for path in drawn}
+    found = answer(predicted, "each k", ResponseRequest(OUTPUT, 0.02))
+    assert found.transfer_functions is found.transfer_peaks is None
+    drawn = save_prediction_figures(out / "again", predicted.data, [found])
+    assert [path.stem for path in drawn] == ["mode_shapes", "mac", "frequency_change"]
+
+
+def test_tables_fit_a_terminal(predicted, answers):
+    frequencies = printed(frequency_table(predicted.data, answers))
+    peaks = printed(peak_table(answers))
+    (table,) = shape_tables(predicted.data, answers[0])
+    assert max(map(len, (frequencies + peaks + printed(table)).splitlines())) <= 80
+    median = predicted.average().frequencies_hz("1").quantile(0.5)
+    assert f"{median:.4g}" in frequencies
+    assert "0.618" in frequencies  # before
+    assert peaks.count("floor 2") == 2 * 3
+    assert "0.851" in printed(table)
+
+
+def test_shapes_of_many_modes_are_several_tables(predicted, answers, monkeypatch):
+    monkeypatch.setattr("bayes_ssi.tables.prediction_tables.WIDTH", 20)
+    tables = [printed(each) for each in shape_tables(predicted.data, answers[0])]
+    assert len(tables) == 2
+    assert all("floor 2" in each for each in tables)
+
+
+def test_figures(predicted, answers, tmp_path):
+    drawn = save_prediction_figures(tmp_path / "figures", predicted.data, answers)
+    assert [path.stem for path in drawn] == [
+        "transfer_functions", "time_histories_1", "time_histories_2", "mode_shapes", "mac",
+        "frequency_change",
+    ]  # fmt: skip
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in drawn)
+    with pytest.raises(FileExistsError):
+        save_prediction_figures(tmp_path / "figures", predicted.data, answers)
+
+
+def test_a_structure_in_several_directions_is_drawn_by_components(predicted, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        "bayes_ssi.plots.prediction_plots.ground_influence", lambda _: np.array([1.0, 0.0])
+    )
+    monkeypatch.setattr(
+        "bayes_ssi.plots.prediction_plots.plot_components",
+        lambda _, places, *__, title: drawn.append((places, title)),
+    )
+    found = answer(predicted, "one k", ResponseRequest(OUTPUT, 0.02))
+    save_prediction_figures(tmp_path / "figures", predicted.data, [found])
+    assert drawn == [(("floor 1", "floor 2"), "mode 1"), (("floor 1", "floor 2"), "mode 2")]
+
+
+def test_defaults(predicted):
+    average = predicted.average()
+    assert default_output(average, "acceleration").places == ("floor 2",)
+    assert default_output(average, "drift").places == (("ground", "floor 2"),)
+    ratio, source = default_damping(predicted.data)
+    assert ratio == 0.02
+    assert "assumed" in source
+    modes = [replace(mode, damping=d) for mode, d in zip(predicted.data.modes, (0.01, 0.03),
+                                                         strict=True)]  # fmt: skip
+    ratio, source = default_damping(replace(predicted.data, modes=tuple(modes)))
+    assert ratio == pytest.approx(0.02)
+    assert "identified" in source
+
+
+def test_the_top_moves_along_with_the_ground(predicted, monkeypatch):
+    structure = type(predicted.model_classes["one k"].structure)
+    plain = structure.modal_model
+
+    def one_direction(self, values):
+        return plain(self, values)._replace(influence=np.array([1.0, 0.0]))
+
+    monkeypatch.setattr(structure, "modal_model", one_direction)
+    assert default_output(predicted.average(), "acceleration").places == ("floor 1",)
+
+    def unknown(*_):
+        raise TypeError("no masses")
+
+    monkeypatch.setattr(structure, "modal_model", unknown)
+    assert default_output(predicted.average(), "acceleration").places == ("floor 2",)
+
+
+def test_default_frequencies_meet_every_peak(predicted):
+    found = default_frequencies(predicted.data, 0.02)
+    assert (found[0], found[-1]) == predicted.data.band_hz
+    # The amplification of an oscillator at the first frequency, between its neighbours, within
+    # 0.2 % of 1/(2ζ).
+    lowest = predicted.data.modes[0].frequency_hz
+    nearest = found[np.abs(found - lowest).argmin()] + 0.5 * (found[1] - found[0])
+    ratio = nearest / lowest
+    assert 0.04 / np.hypot(1 - ratio**2, 0.04 * ratio) > 0.99
+    assert len(default_frequencies(predicted.data, 1e-6)) == 6000
+    for band in ((2.0, 1.0), (-1.0, 1.0), (0.0, np.inf), (np.nan, 1.0)):
+        with pytest.raises(ValueError, match="band: must be two frequencies"):
+            default_frequencies(predicted.data, 0.02, band)
+
+
+@pytest.mark.parametrize(
+    ("damping", "frequencies", "level", "message"),
+    [
+        (0.0, FREQUENCIES, 0.9, "damping must be"),
+        ((0.02, 1.0), FREQUENCIES, 0.9, "damping must be"),
+        (0.02, [], 0.9, "frequencies_hz must be"),
+        (0.02, FREQUENCIES, 1.0, "level must lie"),
+    ],
+)
+def test_questions_that_make_no_sense(damping, frequencies, level, message):
+    with pytest.raises(ValueError, match=message):
+        ResponseRequest(OUTPUT, damping, frequencies, level=level)
+
+
+def test_ground_motions_have_names_of_their_own():
+    motion = GroundMotion([0.0, 1.0], 0.1, "quake")
+    with pytest.raises(ValueError, match="two ground motions are named 'quake'"):
+        ResponseRequest(OUTPUT, 0.02, motions=(motion, motion))
+
+
+def test_unknown_classes_and_places(predicted, question):
+    with pytest.raises(ValueError, match="no model class 'x'; choose from 'one k', 'each k'"):
+        answer(predicted, "x", question)
+    roof = ResponseRequest(Output("displacement", ("roof",)), 0.02, FREQUENCIES)
+    with pytest.raises(ValueError, match=r"place 'roof': .* choose from 'floor 1', 'floor 2'"):
+        answer(predicted, "average", roof)

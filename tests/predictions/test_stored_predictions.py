@@ -1,0 +1,256 @@
+"""Predictions from a result directory and a study file, without sampling."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+import searches
+from conftest import TINY_STUDY
+from searches import INFILL_01, PENDULUM_1
+
+import bayes_ssi as bs
+from bayes_ssi.appendages.appendage_search import search
+from bayes_ssi.appendages.hypotheses import SearchSettings
+from bayes_ssi.appendages.search_result import search_record
+from bayes_ssi.model_class.class_record import class_record
+from bayes_ssi.predictions.class_draws import class_draws
+from bayes_ssi.predictions.stored_predictions import load_predictions
+from bayes_ssi.ranking.study import load_study
+from bayes_ssi.response.output import Output
+from bayes_ssi.results.save import save_result
+
+ROOF = Output("acceleration", ("floor 2",))
+FREQUENCIES = np.linspace(0.2, 2.0, 20)
+
+
+@pytest.fixture
+def saved(tiny_ranking, tmp_path, tiny_study_file):
+    return save_result(tiny_ranking, tmp_path / "result", study_file=str(tiny_study_file)).directory
+
+
+def test_a_stored_result_predicts_without_sampling(saved, tiny_study_file, monkeypatch):
+    def refuse(*_):
+        raise AssertionError("sampled")
+
+    monkeypatch.setattr("bayes_ssi.posterior.to_posterior.sample_target", refuse)
+    by_record = load_predictions(saved, n_draws=50)
+    named = load_predictions(saved, tiny_study_file, n_draws=50)
+    for name in ("one k", "each k"):
+        found = [
+            each.of_class(name).transfer_functions(FREQUENCIES, ROOF, 0.02).draws
+            for each in (by_record, named)
+        ]
+        assert found[0].shape == (50, 1, 20)
+        np.testing.assert_array_equal(*found)
+    average = by_record.average()
+    probabilities = {row.name: row.probability for row in by_record.stored.comparison.classes}
+    assert average.n_draws == 50
+    for each in average.classes:
+        assert len(each.values) == pytest.approx(50 * probabilities[each.name], abs=1)
+    with pytest.raises(ValueError, match="no model class 'two k'; choose from 'one k', 'each k'"):
+        by_record.of_class("two k")
+
+
+def test_classes_whose_pairing_was_inferred(tmp_path, tiny_study_file):
+    text = tiny_study_file.read_text("utf-8")
+    # Two classes that differ in their pairing alone become one when it is inferred.
+    text = text.replace('bs.ShearBuilding((1.0, 1.0), (K * k1, K * k2)), modes, error,\n'
+                        "                      pairing=pairing)",
+                        'bs.ShearBuilding((1.0, 1.0), (K * k, K * k)), modes, error,\n'
+                        '                      pairing={"1": 1})')  # fmt: skip
+    tiny_study_file.write_text(text, "utf-8")
+    study = load_study(tiny_study_file).with_any_pairing()
+    ranking = bs.rank(study, settings=bs.SamplingSettings(log_evidence_error=0.1))
+    assert study.names == ("one k or each k",)
+    save_result(ranking, tmp_path / "any", study_file=str(tiny_study_file))
+    found = load_predictions(tmp_path / "any", n_draws=20).of_class("one k or each k")
+    assert found.frequencies_hz("2").draws.mean() == pytest.approx(1.618, rel=0.02)
+
+
+def test_the_study_file_is_not_there(saved, tiny_study_file):
+    tiny_study_file.unlink()
+    with pytest.raises(ValueError, match=r"result: its study file '.*tiny.py' is not there; say"):
+        load_predictions(saved)
+    with pytest.raises(ValueError, match=r"tiny.py: no such file"):
+        load_predictions(saved, tiny_study_file)
+
+
+def test_the_study_file_defines_other_classes(saved, tiny_study_file):
+    text = tiny_study_file.read_text("utf-8")
+    tiny_study_file.write_text(text.replace('"each k"', '"both k"'), "utf-8")
+    with pytest.raises(
+        ValueError, match=r"no model class 'each k', which .* is of; it defines 'one k', 'both k'"
+    ):
+        load_predictions(saved)
+
+
+def save_search(found, directory, study_file):
+    extra = {"search.json": search_record(found)}
+    return save_result(found.ranking, directory, study_file=str(study_file), extra=extra).directory
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory):
+    """A search on the tiny study's second class, among two places."""
+    directory = tmp_path_factory.mktemp("search")
+    (directory / "tiny.py").write_text(TINY_STUDY, "utf-8")
+    (baseline,) = load_study(directory / "tiny.py").only(["each k"]).model_classes
+    settings = SearchSettings(mass_ratio=bs.LogNormal(0.04, 0.5), number_weights=(1.0, 0.5))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "bayes_ssi.appendages.appendage_search.places_of", lambda _: (PENDULUM_1, INFILL_01)
+        )
+        found = search(baseline, settings, settings=searches.COARSE)
+    save_search(found, directory / "result", directory / "tiny.py")
+    return found, directory / "result"
+
+
+def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
+    found, directory = searched
+    predicted = load_predictions(directory, n_draws=40)
+    assert set(predicted.model_classes) == {"no appendage", "pendulum 1", "infill 0-1"}
+    for name, places in found.places.items():
+        built = predicted.model_classes[name]
+        assert built.structure.appendages == tuple(f"appendage {place.name}" for place in places)
+        (sampled,) = (c for c in found.ranking.study.model_classes if c.name == name)
+        assert class_record(built) == class_record(sampled)
+    average = predicted.average()
+    probabilities = {row.name: row.probability for row in found.ranking.comparison.classes}
+    assert average.n_draws == 40
+    for each in average.classes:
+        assert len(each.values) == pytest.approx(40 * probabilities[each.name], abs=1)
+    draws = predicted.of_class("pendulum 1").transfer_functions(FREQUENCIES, ROOF, 0.02).draws
+    assert draws.shape == (40, 1, 20)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda record: record.clear(), r"search.json: damaged, .* KeyError\('baseline'\)"),
+        (lambda record: record["hypotheses"].pop(), "search.json: damaged, or of an older"),
+        (lambda record: record["search_settings"]["mass_ratio"].update(distribution="None"),
+         "no distribution 'None'"),
+        (lambda record: record.update(baseline="no k"),
+         "lacks the model class that the search was built on: .* 'no k'"),
+        (lambda record: record["hypotheses"][0]["appendages"].append(
+            {"place": {"kind": "pendulum", "floors": [7]}}), "floor"),
+    ],
+)  # fmt: skip
+def test_the_record_of_a_search_is_damaged(searched, tmp_path, change, message):
+    copy = shutil.copytree(searched[1], tmp_path / "copy")
+    record = json.loads((copy / "search.json").read_text("utf-8"))
+    change(record)
+    (copy / "search.json").write_text(json.dumps(record), "utf-8")
+    with pytest.raises(ValueError, match=message):
+        load_predictions(copy)
+
+
+def test_a_hypothesis_on_a_structure_that_has_changed(searched, tmp_path):
+    changed = tmp_path / "changed.py"
+    changed.write_text(TINY_STUDY.replace("(K * k1, K * k2)", "(K * k1, 2 * K * k2)"), "utf-8")
+    predicted = load_predictions(searched[1], changed)
+    with pytest.raises(ValueError, match="'no appendage' is not the one that was sampled"):
+        predicted.of_class("no appendage")
+
+
+@pytest.fixture
+def of_two_tests(tmp_path):
+    """The tiny building bare, and with a known mass of 0.5 on its roof, as two configurations."""
+    path = tmp_path / "two.py"
+    path.write_text(
+        TINY_STUDY.split("study = bs.Study(")[0]
+        + """
+building = bs.ShearBuilding((1.0, 1.0), (K * k1, K * k2))
+heavy = building.with_element(bs.AddedMass(0.5, ((2, 1.0),)))
+heavier = bs.ModalData((bs.IdentifiedMode("1", 0.55), bs.IdentifiedMode("2", 1.5)), (0.0, 3.0))
+study = bs.Study("Two tests", [
+    bs.ModelClass("each k", error=error, configurations=[
+        bs.Configuration("bare", building, modes, pairing=pairing),
+        bs.Configuration("heavy", heavy, heavier, pairing={"1": 1}),
+    ])
+])
+""",
+        "utf-8",
+    )
+    ranking = bs.rank(load_study(path), settings=searches.COARSE)
+    return save_result(ranking, tmp_path / "two", study_file=str(path)).directory, ranking
+
+
+def test_several_configurations_each_predict_their_own(of_two_tests):
+    directory, ranking = of_two_tests
+    (posterior,) = ranking.posteriors
+    rows = np.arange(30) * len(posterior.values) // 30
+    for name, columns, pairing in (
+        ("bare", slice(0, 2), {"1": 1, "2": 2}), ("heavy", slice(2, 4), {"1": 1}),
+    ):  # fmt: skip
+        predicted = load_predictions(directory, n_draws=30, configuration=name)
+        for of in (predicted.of_class("each k"), predicted.average()):
+            (each,) = of.classes
+            assert each.pairing == pairing
+            stored = posterior.frequencies_hz.reshape(-1, 4)[rows, columns]
+            np.testing.assert_allclose(each.frequencies_hz, stored, rtol=1e-9)
+        assert predicted.data.labels == ("1", "2")
+        _, mass = each.structure.matrices(each.values)
+        assert mass.sum() == (2.0 if name == "bare" else 2.5)
+
+
+def test_a_configuration_must_be_chosen(of_two_tests, saved):
+    directory, _ = of_two_tests
+    with pytest.raises(ValueError, match="has 2 configurations; choose one of 'bare', 'heavy'"):
+        load_predictions(directory)
+    with pytest.raises(ValueError, match="no configuration 'x'; choose from 'bare', 'heavy'"):
+        load_predictions(directory, configuration="x")
+    with pytest.raises(ValueError, match="has one configuration, without a name; got 'x'"):
+        load_predictions(saved, configuration="x")
+
+
+def test_configurations_that_have_changed(of_two_tests):
+    directory, ranking = of_two_tests
+    path = directory.with_suffix(".py")
+    text = path.read_text("utf-8")
+    path.write_text(text.replace('"bare"', '"empty"'), "utf-8")
+    with pytest.raises(ValueError, match=r"a configuration 'empty', but .* of 'bare', 'heavy'"):
+        load_predictions(directory, configuration="empty")
+    (model_class,) = load_study(path).model_classes
+    with pytest.raises(ValueError, match="a configuration 'empty', the stored ones are 'bare'"):
+        class_draws(ranking.posteriors[0], model_class, configuration="empty")
+
+
+def test_merged_classes_of_a_part_of_a_study(tmp_path, tiny_study_file):
+    """Of three classes alike, two were ranked, with their pairing inferred."""
+    text = tiny_study_file.read_text("utf-8")
+    one = text[text.index("        bs.ModelClass(") : text.index('        bs.ModelClass("each k"')]
+    several = "".join(one.replace("one k", name) for name in "abc")
+    tiny_study_file.write_text(text.replace(one, several), "utf-8")
+    study = load_study(tiny_study_file).only(["a", "b"]).with_any_pairing()
+    assert study.names == ("a or b",)
+    ranking = bs.rank(study, settings=searches.COARSE)
+    save_result(ranking, tmp_path / "r", study_file=str(tiny_study_file))
+    assert load_predictions(tmp_path / "r", n_draws=5).of_class("a or b").n_draws == 5
+
+
+def test_the_study_file_has_changed(saved, tiny_study_file):
+    text = tiny_study_file.read_text("utf-8")
+    tiny_study_file.write_text(text.replace("(K * k, K * k)", "(K * k, 2 * K * k)"), "utf-8")
+    predicted = load_predictions(saved)
+    with pytest.raises(ValueError, match="model class 'one k' is not the one that was sampled"):
+        predicted.of_class("one k")
+    assert predicted.of_class("each k").n_draws == 1000
+
+
+@pytest.mark.parametrize(
+    "missing", ["result.json", "comparison.json", "data.csv", "posteriors/one_k.nc", "posteriors"]
+)
+def test_a_result_that_is_incomplete(saved, missing):
+    path = saved / missing
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    with pytest.raises(ValueError, match=re.escape(str(saved))) as caught:
+        load_predictions(saved)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_directory_that_is_not_there(tmp_path):
+    with pytest.raises(ValueError, match="none: not a result directory"):
+        load_predictions(tmp_path / "none")

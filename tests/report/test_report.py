@@ -1,0 +1,485 @@
+"""Reports: everything that is stored is told, from stored records alone, and nothing is lost."""
+
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from conftest import assert_one_line_error
+from matplotlib.figure import Figure
+
+import bayes_ssi as bs
+from bayes_ssi.appendages.search_result import search_record
+from bayes_ssi.plots.style import style
+from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow, sensitivity_record
+from bayes_ssi.report import write_report
+from bayes_ssi.report.content import _structure
+from bayes_ssi.report.formats import (
+    error_percent,
+    fixed,
+    heading,
+    interval,
+    markdown,
+    names,
+    number,
+    of_numbers,
+    percent,
+    prior,
+    settings,
+)
+from bayes_ssi.report.picture import saved_figure
+from bayes_ssi.results.save import save_result
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+VOID = {"meta", "img", "br", "input", "link", "hr"}
+
+
+class Page(HTMLParser):
+    """Refuses tags that do not match; collects identities, addresses, headings and texts."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.ids, self.addresses, self.texts = [], [], [], []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        self.ids += [given["id"]] if "id" in given else []
+        self.addresses += [given[k] for k in ("src", "href", "xlink:href") if k in given]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag, f"</{tag}> closes another"
+
+    def handle_data(self, data):
+        if not self.open or self.open[-1] not in ("style", "script"):
+            self.texts.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.texts).split())
+
+
+@pytest.fixture(scope="module")
+def reported(tiny_ranking, tmp_path_factory):
+    """A report of the tiny study, with a sensitivity and predictions beside it."""
+    directory = tmp_path_factory.mktemp("r") / "result"
+    rows = [
+        SensitivityRow("as it is", {}, {"one k": 0.9, "each k": 0.1}),
+        SensitivityRow("σ_f × 2", {}, {"one k": 0.4, "each k": 0.6}, ("each k",)),
+    ]
+    extra = {"sensitivity.json": sensitivity_record(Sensitivity(tuple(rows)))}
+    save_result(tiny_ranking, directory, study_file="tiny.py", extra=extra,
+                command="bayes-ssi rank tiny.py --seed 7")  # fmt: skip
+    predictions = directory / "predictions"
+    predictions.mkdir()
+    record = {"predictions_of": ["average"], "draws": 500, "level": 0.95, "configuration": "",
+              "damping": 0.02}  # fmt: skip
+    (predictions / "predictions.json").write_text(json.dumps(record))
+    (predictions / "peaks.csv").write_text("model_class,place,median\naverage,floor 2,3.25\n")
+    return write_report(directory)
+
+
+@pytest.fixture(scope="module")
+def page(reported):
+    return Page(reported.page.read_text(encoding="utf-8"))
+
+
+def test_the_page_is_whole_and_needs_nothing_else(reported, page):
+    assert len(page.ids) == len(set(page.ids)), "identities are unique"
+    for address in page.addresses:
+        assert address.startswith(("#", "data:image/png;base64,")), address
+        if address.startswith("#"):
+            assert address[1:] in page.ids
+    text = reported.page.read_text(encoding="utf-8")
+    assert "http://www.w3.org" in text  # names of XML, which nothing fetches
+    assert not re.findall(r"(?:src|@import|url\()\s*=?\s*[\"']?https?:", text)
+
+
+def test_remarks_of_a_class_are_told(tiny_ranking, tmp_path):
+    """How far a reduced model may be off, and what it cost, for instance."""
+    remark = "2302 degrees of freedom reduced to 93 by 19 full solutions"
+    first, *others = tiny_ranking.posteriors
+    posteriors = (replace(first, remarks=(remark,)), *others)
+    save_result(replace(tiny_ranking, posteriors=posteriors), tmp_path / "result")
+    written = write_report(tmp_path / "result")
+    assert f"{first.name}: {remark}." in Page(written.page.read_text("utf-8")).text
+    assert (
+        f"- {first.name}: {remark}."
+        in written.page.with_suffix(".md").read_text("utf-8").splitlines()
+    )
+
+
+def test_the_page_tells_what_is_stored(page, tiny_ranking):
+    best = tiny_ranking.comparison.best
+    told = page.text
+    assert "One stiffness or two?" in told
+    for row in tiny_ranking.comparison.classes:
+        assert f"{row.log_evidence:.3f} ± {row.error:.3f}" in told
+        assert row.probability_text in told
+    posterior = next(p for p in tiny_ranking.posteriors if p.name == best.name)
+    for parameter in posterior.summary:
+        ends = f"{parameter.median:.4g} ({parameter.quantile_05:.4g} to {parameter.quantile_95:.4g}"
+        assert ends in told
+    # Quantiles of a lognormal of median 1 and c.o.v. 0.3: exp(±1.645 √ln 1.09).
+    assert "1 (0.617 to 1.62)" in told
+    for words in ("lognormal: median 1, cov 0.3", "bayes-ssi rank tiny.py --seed 7",
+                  "0.618", "two-storey building", tiny_ranking.comparison.data_digest,
+                  "'each k' with σ_f × 2", "floor 2 3.25", "No check failed",
+                  "does not come first under every setting",
+                  f"numpy {np.__version__}"):  # fmt: skip
+        assert words in told, words
+
+
+def test_modes_before_and_after_are_those_of_the_structure(reported, tiny_ranking):
+    """At the prior medians the tiny building has the identified modes: no error, MAC 1."""
+    text = reported.twin.read_text(encoding="utf-8")
+    (row,) = re.findall(r"^\| 2 \| 1\.618 \| 2 \| 1\.618 \| 0\.0 % \| (.*)$", text, re.M)[:1]
+    after, _, before_mac, _ = (cell.strip() for cell in row.split("|")[:4])
+    (updated,) = (m.updated for p in tiny_ranking.posteriors[:1] for m in p.configurations)
+    frequencies = tiny_ranking.posteriors[0].frequencies_hz[..., 1]
+    assert before_mac == "1.0000"
+    assert float(after.split()[0]) == pytest.approx(np.median(frequencies), rel=2e-3)
+    assert [mode.label for mode in updated.modes] == ["1", "2"]
+
+
+def test_the_markdown_twin_tells_the_same(reported, tiny_ranking):
+    text = reported.twin.read_text(encoding="utf-8")
+    for file in re.findall(r"\]\(([^)]+)\)", text):
+        assert (reported.directory / file).is_file()
+    for row in tiny_ranking.comparison.classes:
+        assert f"| {row.name} | {row.log_evidence:.3f} ± {row.error:.3f} |" in text
+    tables = re.findall(r"(?:^\|.*\|\n)+", text, re.M)
+    assert len(tables) >= 6
+    for table in tables:
+        assert len({line.count("|") - line.count(r"\|") for line in table.splitlines()}) == 1, table
+
+
+def test_figures_are_drawings_with_points_that_tell(reported):
+    files = sorted(path.name for path in (reported.directory / "figures").iterdir())
+    assert len(files) == reported.n_figures
+    assert {"corner_1.png", "data_1.svg", "evidence.svg", "sensitivity.svg"} <= set(files)
+    for path in (reported.directory / "figures").glob("*.svg"):
+        ElementTree.parse(path)
+    text = (reported.directory / "figures" / "evidence.svg").read_text(encoding="utf-8")
+    assert 'data-tip="one k: log evidence' in text
+
+
+def test_the_same_result_gives_the_same_report(reported, tmp_path):
+    again = write_report(reported.directory.parent, tmp_path / "again")
+    assert again.page.read_text("utf-8") == reported.page.read_text("utf-8")
+
+
+def test_a_report_is_not_overwritten_unless_told(run, reported, tmp_path):
+    result = reported.directory.parent
+    before = reported.page.read_bytes()
+    assert_one_line_error(run("report", result), "exists already", "--overwrite")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("years of work")
+    assert_one_line_error(
+        run("report", result, "--out", tmp_path / "mine", "--overwrite"), "is not overwritten"
+    )
+    assert (tmp_path / "mine" / "thesis.txt").read_text() == "years of work"
+    assert reported.page.read_bytes() == before
+
+
+def renamed(path):
+    record = json.loads(path.read_text())
+    record["format"] = 2
+    path.write_text(json.dumps(record))
+
+
+def without(*keys):
+    def remove(path):
+        record = json.loads(path.read_text())
+        inner = record
+        for key in keys[:-1]:
+            inner = inner[key]
+        del inner[keys[-1]]
+        path.write_text(json.dumps(record))
+
+    return remove
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[:-200])
+
+
+def set_to(value, *keys):
+    def change(path):
+        record = json.loads(path.read_text())
+        inner = record
+        for key in keys[:-1]:
+            inner = inner[key]
+        inner[keys[-1]] = value
+        path.write_text(json.dumps(record))
+
+    return change
+
+
+def with_text(old, new):
+    def change(path):
+        text = path.read_text("utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new), "utf-8")
+
+    return change
+
+
+def without_the_last_line(path):
+    path.write_text("".join(path.read_text("utf-8").splitlines(keepends=True)[:-1]), "utf-8")
+
+
+def with_half_the_steps(path):
+    import h5py
+
+    with h5py.File(path, "r+") as file:
+        name = next(name for name in file["posterior"] if name.startswith("k"))
+        half = file["posterior"][name][:, ::2]
+        del file["posterior"][name]
+        file["posterior"][name] = half
+
+
+DAMAGES = {
+    "older": ("result.json", renamed, "a result of format 2, this version reads"),
+    "cut": ("result.json", cut, "damaged"),
+    "no result": ("result.json", lambda path: path.unlink(), "no result.json"),
+    "no model classes": ("result.json", without("model_classes"), "damaged"),
+    "no description": ("result.json", without("model_classes", 0, "description"), "description"),
+    "no seed": ("result.json", without("seed"), "no 'seed'"),
+    "no settings": ("result.json", set_to(None, "settings"), "'settings' cannot be None"),
+    "a class less": ("result.json", set_to([], "posteriors"), "not of the same model classes"),
+    "a mode less": ("data.csv", without_the_last_line, "not those that were ranked"),
+    "another label": ("data.csv", with_text("\n2,", "\n2b,"), "pairs '2', which is not among"),
+    "steps lost": ("posteriors/each_k.nc", with_half_the_steps, "posterior"),
+    "other classes": ("comparison.json", set_to("x", "classes", 0, "name"), "comparison.json"),
+    "no data": ("data.csv", lambda path: path.unlink(), "data.csv"),
+    "no comparison": ("comparison.json", lambda path: path.unlink(), "comparison.json"),
+    "draws cut": ("posteriors/one_k.nc", cut, "one_k.nc: not a stored posterior"),
+    "sensitivity cut": ("sensitivity.json", cut, "sensitivity.json: damaged"),
+    "sensitivity empty": ("sensitivity.json", lambda path: path.write_text("[]"), "no ranking"),
+    "predictions cut": ("predictions/predictions.json", cut, "predictions.json: damaged"),
+    "no level": ("predictions/predictions.json", without("level"), "level"),
+}
+
+
+@pytest.mark.usefixtures("no_drawings")
+@pytest.mark.parametrize("case", DAMAGES.values(), ids=DAMAGES)
+def test_a_damaged_result_is_one_line(run, reported, tmp_path, case):
+    file, damage, words = case
+    copy = tmp_path / "copy"
+    shutil.copytree(reported.directory.parent, copy, ignore=shutil.ignore_patterns("report"))
+    damage(copy / file)
+    assert_one_line_error(run("report", copy), str(copy), words)
+    assert not (copy / "report").exists()
+
+
+def _picture(name):
+    from bayes_ssi.report.picture import Picture
+
+    return Picture(name, name, '<svg xmlns="http://www.w3.org/2000/svg"></svg>', 10)
+
+
+@pytest.fixture
+def no_drawings(monkeypatch):
+    """Reports without their figures, which take longest."""
+    for kind in ("svg_figure", "png_figure"):
+        monkeypatch.setattr(f"bayes_ssi.report.pictures.{kind}", lambda name, *_: _picture(name))
+
+
+def two_classes(make_posterior, **changes):
+    """A ranking of two classes of equal evidence, whose names hold markup."""
+    k = bs.Parameter("k<1>", bs.LogNormal(40.0, 0.3))
+    data = bs.ModalData(
+        (bs.IdentifiedMode("a|b", 1.0), bs.IdentifiedMode("2", 2.0)), (0.0, 3.0), source="<b>x</b>"
+    )
+    building = bs.ShearBuilding((1.0, 1.0), (k, k))
+    classes = [
+        bs.ModelClass(name, building, data, bs.ErrorModel(0.02, 0.05), pairing={"a|b": 1})
+        for name in ("<script>alert(1)</script>", "b*c_d")
+    ]
+    posteriors = [
+        make_posterior(each.name, 1.0 + 0.2 * i, names=each.parameter_names,
+                       pairing={"a|b": 1}, data_digest=data.digest, **changes)
+        for i, each in enumerate(classes)
+    ]  # fmt: skip
+    study = bs.Study("A & B", classes, description="<i>which</i>?")
+    from bayes_ssi.ranking.study import Ranking
+
+    comparison = bs.compare(posteriors)
+    return Ranking(study, tuple(posteriors), comparison, 0, bs.SamplingSettings())
+
+
+@pytest.mark.usefixtures("no_drawings")
+def test_classes_that_cannot_be_told_apart_are_said_to_be_so(make_posterior, tmp_path):
+    save_result(two_classes(make_posterior), tmp_path / "r")
+    told = Page(write_report(tmp_path / "r").page.read_text("utf-8")).text
+    assert "The data do not tell 'b*c_d' and '<script>alert(1)</script>' apart" in told
+    assert "calls 2 spurious" in told
+    assert "is the most probable" not in told
+
+
+@pytest.mark.usefixtures("no_drawings")
+def test_names_are_taken_as_they_are(make_posterior, tmp_path):
+    save_result(two_classes(make_posterior), tmp_path / "r")
+    report = write_report(tmp_path / "r")
+    text = report.page.read_text("utf-8")
+    assert "<script>alert" not in text
+    assert "<b>x</b>" not in text
+    assert "k<1>" in Page(text).text
+    twin = report.twin.read_text("utf-8")
+    assert r"b\*c\_d" in twin
+    assert r"a\|b" in twin
+
+
+@pytest.mark.usefixtures("no_drawings")
+def test_failed_checks_stand_at_the_top(make_posterior, tmp_path):
+    ranking = two_classes(make_posterior, failed_checks=("the ensembles differ",))
+    save_result(ranking, tmp_path / "r")
+    report = write_report(tmp_path / "r")
+    told = Page(report.page.read_text("utf-8")).text
+    assert "2 checks failed. Do not trust the ranking" in told
+    assert told.index("b*c_d: the ensembles differ") < told.index("log evidence")
+    assert "No check failed" not in told
+    twin = report.twin.read_text("utf-8")
+    assert twin.index("the ensembles differ") < twin.index("## Ranking")
+
+
+@pytest.mark.usefixtures("no_drawings")
+def test_a_search_tells_what_it_found(found_in_case_c, tmp_path):
+    save_result(found_in_case_c.ranking, tmp_path / "r",
+                extra={"search.json": search_record(found_in_case_c)})  # fmt: skip
+    told = Page(write_report(tmp_path / "r").page.read_text("utf-8")).text
+    assert "Probability that there is at least one appendage" in told
+    best = found_in_case_c.ranking.comparison.best
+    (appendage,) = found_in_case_c.appendages(best.name)
+    assert interval(appendage.frequency_hz, 3) in told
+    assert interval(appendage.mass_ratio, 2) in told
+
+
+def test_a_structure_in_a_later_configuration_is_told_by_what_differs():
+    plain = [["frame", "a frame"], ["masses", "1, 1"], ["sensor", "NE x"], ["sensor", "SW x"]]
+    bare = {"name": "bare", "structure_lines": plain}
+    loaded = {
+        "name": "loaded",
+        "structure_lines": [plain[0], ["masses", "1, 2"], ["block", "on 1"], *plain[2:]],
+    }
+    other = {"name": "other", "structure_lines": [["beam", "a beam"], ["mass", "3"]]}
+    whole = [("frame", ["a frame"]), ("masses", ["1, 1"]), ("sensor", ["NE x", "SW x"])]
+    assert _structure(bare, bare) == {"as_in": None, "lines": whole, "without": []}
+    assert _structure(loaded, bare) == {
+        "as_in": "bare",
+        "lines": [("masses", ["1, 2"]), ("block", ["on 1"])],
+        "without": [("masses", ["1, 1"])],
+    }
+    assert _structure(other, bare)["as_in"] is None
+
+
+def test_a_saved_figure_is_shown_at_its_size(tmp_path):
+    with style():
+        figure = Figure(figsize=(2.5, 1.0))
+        figure.savefig(tmp_path / "drawn.png")
+    assert saved_figure("drawn", "a figure", tmp_path / "drawn.png").width == 240
+    (tmp_path / "drawn.png").write_bytes(b"\x89PNG")
+    with pytest.raises(ValueError, match=r"drawn\.png: damaged: not a PNG file"):
+        saved_figure("drawn", "a figure", tmp_path / "drawn.png")
+
+
+def test_columns_and_settings_as_they_are_written():
+    assert [heading(name) for name in ("identified_hz", "time_s", "model_class")] == [
+        "identified (Hz)", "time (s)", "model class",
+    ]  # fmt: skip
+    assert [of_numbers(name) for name in ("low", "before_hz", "mode")] == [True, True, False]
+    told = settings({"log_evidence_error": 0.01, "particles": None, "economical": False})
+    assert told == "log evidence error 0.01, economical no"
+
+
+def test_numbers_as_they_are_written():
+    assert number(1234.5) == "1234"
+    assert number(None) == number(float("nan")) == "-"
+    assert fixed(-0.001) == "0.00"
+    assert interval((1.0, 2.0, 3.0)) == "2 (1 to 3)"
+    assert interval(None) == percent(None) == "-"
+    assert percent(0.0125) == "1.25 %"
+    assert error_percent(0.9, 1.0) == "-10.0 %"
+    assert error_percent(0.99999, 1.0) == "0.0 %"
+    assert names(["a"]) == "a"
+    assert names(["a", "b", "c"]) == "a, b and c"
+    assert prior({"distribution": "HalfNormal", "scale": 2.0}) == "half-normal: scale 2"
+    assert markdown("a|b\n*c*") == r"a\|b \*c\*"
+
+
+needs_browser = pytest.mark.skipif(
+    CHROMIUM is None, reason="needs Chromium: apt-get install chromium"
+)
+
+
+def browse(page, tmp_path, *options):
+    """The page as a real browser has it after its script ran."""
+    command = [CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+               "--virtual-time-budget=4000", f"--user-data-dir={tmp_path / 'profile'}",
+               *options, page.as_uri()]  # fmt: skip
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
+
+
+SCENES = """
+<script>
+window.addEventListener("load", function () {
+  var told = {};
+  var table = document.getElementById("ranking-table");
+  function first() { return table.tBodies[0].rows[0].cells[0].textContent.trim(); }
+  var button = table.tHead.rows[0].cells[1].querySelector("button");
+  button.click(); told.ascending = first();
+  button.click(); told.descending = first();
+  var folds = Array.from(document.querySelectorAll("details.fold"));
+  told.folds = folds.map(function (each) { return each.open; });
+  document.querySelector("[data-fold=open]").click();
+  told.opened = folds.every(function (each) { return each.open; });
+  document.querySelector("[data-fold=close]").click();
+  told.closed = folds.every(function (each) { return !each.open; });
+  window.dispatchEvent(new Event("beforeprint"));
+  told.printed = folds.every(function (each) { return each.open; });
+  window.dispatchEvent(new Event("afterprint"));
+  told.again = folds.every(function (each) { return !each.open; });
+  var point = document.querySelector("[data-tip]"), tip = document.getElementById("tip");
+  point.dispatchEvent(new MouseEvent("mouseover", { bubbles: true }));
+  told.tip = tip.style.display + "|" + tip.textContent;
+  told.wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+  var told_here = document.createElement("pre");
+  told_here.id = "told"; told_here.textContent = JSON.stringify(told);
+  document.body.appendChild(told_here);
+});
+</script>
+"""
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [1280, 480])
+def test_in_a_browser(reported, tiny_ranking, tmp_path, width):
+    page = tmp_path / "page.html"
+    page.write_text(
+        reported.page.read_text("utf-8").replace("</body>", SCENES + "</body>"), "utf-8"
+    )
+    dom = browse(page, tmp_path, f"--window-size={width},900", "--dump-dom")
+    told = json.loads(re.findall(r'<pre id="told">(.*?)</pre>', dom, re.S)[0].replace("&gt;", ">"))
+    worst, best = (tiny_ranking.comparison.classes[i].name for i in (-1, 0))
+    assert (told["ascending"], told["descending"]) == (worst, best)
+    assert told["folds"] == [True, False]
+    assert told["opened"]
+    assert told["closed"]
+    assert told["printed"]
+    assert told["again"]
+    assert re.match(r"block\|.*: (log evidence|.*Hz)", told["tip"])
+    assert told["wide"] <= 0, "nothing sticks out of the screen"

@@ -1,0 +1,241 @@
+"""Results on disk: read back equal, never overwritten, refused in one line where damaged."""
+
+import csv
+import json
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.results import saving
+from bayes_ssi.results.load import load_result
+from bayes_ssi.results.save import require_new, save_result
+
+
+@pytest.fixture
+def saved(tiny_ranking, tmp_path):
+    return save_result(tiny_ranking, tmp_path / "result", study_file="tiny.py")
+
+
+def ranking_of(prior=None, name="a", **weights):
+    """A study of one class and one parameter, sampled."""
+    k = bs.Parameter("k", prior or bs.LogNormal(40.0, 0.3))
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 3.0))
+    building = bs.ShearBuilding((1.0,), (k,))
+    model_class = bs.ModelClass(name, building, data, bs.ErrorModel(0.02, 0.05), pairing={"1": 1})
+    return bs.rank(bs.Study("s", [model_class], **weights))
+
+
+def assert_equal_posteriors(a, b):
+    for item in fields(a):
+        if item.name == "datum_terms":  # for other packages, not read back
+            continue
+        left, right = getattr(a, item.name), getattr(b, item.name)
+        if isinstance(left, np.ndarray):
+            np.testing.assert_array_equal(left, right, err_msg=item.name)
+        else:
+            assert left == right, item.name
+
+
+def test_round_trip(tiny_ranking, saved):
+    loaded = load_result(saved.directory)
+    for again in (saved, loaded):
+        assert again.comparison == tiny_ranking.comparison
+        for a, b in zip(again.posteriors, tiny_ranking.posteriors, strict=True):
+            assert_equal_posteriors(a, b)
+            assert a.summary == b.summary
+        data = tiny_ranking.study.model_classes[0].data
+        assert again.data.digest == data.digest
+        assert again.data.source == data.source
+
+
+def test_posteriors_by_name_and_by_rank(saved):
+    assert saved.posterior("each k").parameter_names == ("k1", "k2")
+    ranked = [posterior.name for posterior in saved.ranked_posteriors]
+    assert ranked == [row.name for row in saved.comparison.classes]
+    with pytest.raises(ValueError, match="no model class '3'; choose from 'one k', 'each k'"):
+        saved.posterior("3")
+
+
+def test_what_a_directory_holds(saved):
+    found = {p.relative_to(saved.directory).as_posix() for p in saved.directory.rglob("*.*")}
+    assert found == {
+        "result.json", "data.csv", "comparison.json", "comparison.csv",
+        "posteriors/one_k.nc", "posteriors/each_k.nc",
+    }  # fmt: skip
+
+
+def test_the_record_tells_how_the_result_came_about(saved):
+    record = json.loads((saved.directory / "result.json").read_text(encoding="utf-8"))
+    assert record["study"] == "Two storeys"
+    assert record["study_file"] == "tiny.py"
+    assert record["seed"] == 7
+    assert record["settings"]["log_evidence_error"] == 0.01
+    assert record["versions"].keys() >= {"python", "numpy", "scipy", "emcee", "arviz"}
+    assert record["versions"]["numpy"] == np.__version__
+    assert record["data_digest"] == saved.data.digest
+    names = [entry["name"] for entry in record["model_classes"]]
+    assert names == ["one k", "each k"]
+    prior = record["model_classes"][0]["parameters"][0]["prior"]
+    assert prior == {"distribution": "LogNormal", "median": 1.0, "cov": 0.3}
+
+
+def test_the_ranking_as_a_spreadsheet_reads_it(saved):
+    with (saved.directory / "comparison.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == [row.name for row in saved.comparison.classes]
+    for row, expected in zip(rows, saved.comparison.classes, strict=True):
+        assert float(row["log_evidence"]) == expected.log_evidence
+        assert float(row["probability"]) == expected.probability
+
+
+def test_saving_the_same_ranking_twice_gives_the_same_files(tiny_ranking, tmp_path):
+    a, b = (save_result(tiny_ranking, tmp_path / name).directory for name in "ab")
+    for name in ("comparison.json", "comparison.csv", "data.csv"):
+        assert (a / name).read_bytes() == (b / name).read_bytes()
+
+
+def test_a_result_is_never_overwritten(tiny_ranking, saved):
+    before = (saved.directory / "result.json").read_bytes()
+    with pytest.raises(FileExistsError, match="exists already and is not overwritten"):
+        save_result(tiny_ranking, saved.directory)
+    with pytest.raises(FileExistsError, match="--overwrite"):
+        require_new(saved.directory)
+    assert (saved.directory / "result.json").read_bytes() == before
+
+
+def test_a_result_is_overwritten_on_request(tiny_ranking, saved):
+    (saved.directory / "figures").mkdir()
+    again = save_result(replace(tiny_ranking, seed=8), saved.directory, overwrite=True)
+    assert again.record["seed"] == 8
+    assert not (saved.directory / "figures").exists()
+
+
+def test_overwriting_spares_a_directory_that_is_no_result(tiny_ranking, tmp_path):
+    precious = tmp_path / "measurements" / "test_1.dat"
+    precious.parent.mkdir()
+    precious.write_text("weeks of work")
+    with pytest.raises((ValueError, OSError), match="measurements"):
+        save_result(tiny_ranking, precious.parent, overwrite=True)
+    assert precious.read_text() == "weeks of work"
+
+
+def test_parent_directories_are_made(tiny_ranking, tmp_path):
+    save_result(tiny_ranking, tmp_path / "runs" / "results" / "x")
+    assert load_result(tmp_path / "runs" / "results" / "x").record["seed"] == 7
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_nothing_is_left_behind_when_writing_fails(tiny_ranking, tmp_path, monkeypatch, overwrite):
+    directory = tmp_path / "result"
+    if overwrite:
+        save_result(tiny_ranking, directory)
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*.*") if p.is_file()}
+
+    def disk_full(*_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(saving, "_write_comparison_csv", disk_full)
+    with pytest.raises(OSError, match="no space left"):
+        save_result(tiny_ranking, directory, overwrite=overwrite)
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*.*") if p.is_file()} == before
+    assert len(list(tmp_path.iterdir())) == (1 if overwrite else 0)
+
+
+def test_class_names_need_not_be_file_names():
+    names = ["a/b", "a:b", "A?B", "..", "θ", "a_b"]
+    files = saving._file_names(names)
+    assert len({file.lower() for file in files.values()}) == len(names)
+    for file in files.values():
+        assert file.endswith(".nc")
+        assert not set(file) & set('/\\:*?"<>|')
+        assert not file.startswith("..")
+
+
+@pytest.mark.parametrize(
+    "prior",
+    [
+        bs.Normal(40.0, 2.0),
+        bs.Uniform(20.0, 60.0),
+        bs.LogUniform(20.0, 60.0),
+        bs.HalfNormal(60.0),
+        bs.TruncatedNormal(40.0, 5.0),
+        bs.TruncatedNormal(40.0, 5.0, lower=30.0, upper=50.0),
+        bs.LogNormal(np.float32(40.0), 0.3),
+        bs.LogNormal(np.int64(40), 0.3),
+    ],
+    ids=repr,
+)
+def test_a_result_can_be_saved_whatever_the_prior(tmp_path, prior):
+    ranking = ranking_of(prior)
+    assert save_result(ranking, tmp_path / "r").comparison == ranking.comparison
+
+
+def test_prior_weights_are_recorded(tmp_path):
+    saved = save_result(ranking_of(prior_weights={"a": 2.0}), tmp_path / "r")
+    assert saved.record["prior_weights"] == {"a": 2.0}
+
+
+@pytest.mark.parametrize("r_hat", [np.inf, np.nan])
+def test_a_result_with_a_diagnostic_that_is_no_number_can_be_saved(tiny_ranking, tmp_path, r_hat):
+    """That is when the failed check must reach the user."""
+    posteriors = tuple(replace(p, r_hat=r_hat) for p in tiny_ranking.posteriors)
+    saved = save_result(replace(tiny_ranking, posteriors=posteriors), tmp_path / "r")
+    np.testing.assert_equal(saved.posteriors[0].r_hat, r_hat)
+
+
+def edit_json(path, change):
+    record = json.loads(path.read_text(encoding="utf-8"))
+    change(record)
+    path.write_text(json.dumps(record), encoding="utf-8")
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+DAMAGES = {
+    "no result.json": lambda d: (d / "result.json").unlink(),
+    "half a result.json": lambda d: cut(d / "result.json"),
+    "binary result.json": lambda d: (d / "result.json").write_bytes(b"\xff\xfe\0"),
+    "a list": lambda d: (d / "result.json").write_text("[1, 2]"),
+    "no posteriors": lambda d: edit_json(d / "result.json", lambda r: r.pop("posteriors")),
+    "posteriors are text": lambda d: edit_json(
+        d / "result.json", lambda r: r.update(posteriors=["one k"])
+    ),
+    "no evidence": lambda d: edit_json(
+        d / "result.json", lambda r: r["posteriors"][0].pop("evidence")
+    ),
+    "unknown field": lambda d: edit_json(
+        d / "result.json", lambda r: r["posteriors"][0]["evidence"].update(extra=1)
+    ),
+    "another parameter": lambda d: edit_json(
+        d / "result.json", lambda r: r["posteriors"][0].update(parameter_names=["x"])
+    ),
+    "no comparison": lambda d: (d / "comparison.json").unlink(),
+    "empty comparison": lambda d: (d / "comparison.json").write_text("{}"),
+    "no draws": lambda d: (d / "posteriors" / "one_k.nc").unlink(),
+    "half the draws": lambda d: cut(d / "posteriors" / "each_k.nc"),
+    "no data": lambda d: (d / "data.csv").unlink(),
+    "empty data": lambda d: (d / "data.csv").write_text(""),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES.keys())
+def test_a_damaged_directory_is_refused_in_one_line(saved, damage):
+    damage(saved.directory)
+    with pytest.raises(ValueError, match=str(saved.directory)) as caught:
+        load_result(saved.directory)
+    assert "\n" not in str(caught.value)
+
+
+def test_another_format_is_refused(saved):
+    edit_json(saved.directory / "result.json", lambda r: r.update(format=99))
+    with pytest.raises(ValueError, match=r"a result of format 99, this version reads format 5"):
+        load_result(saved.directory)
+
+
+def test_no_such_directory(tmp_path):
+    with pytest.raises(ValueError, match=r"nowhere: not a result directory: no result\.json"):
+        load_result(tmp_path / "nowhere")

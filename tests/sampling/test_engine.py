@@ -1,0 +1,254 @@
+"""The five steps together, on targets with known answers."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bayes_ssi.posterior.checks import failed_checks
+from bayes_ssi.sampling import engine as sampling
+from bayes_ssi.sampling.engine import sample_target
+from bayes_ssi.sampling.ensembles import Ensemble, run_ensemble
+from bayes_ssi.sampling.importance import FIRST_BATCH, first_draws
+from bayes_ssi.sampling.maxima import find_maxima
+from bayes_ssi.sampling.mixture import StudentMixture
+from bayes_ssi.sampling.result import SamplingSettings
+from bayes_ssi.sampling.target import Target
+
+
+def one_observation(z):
+    """Prior N(0, 1), one observation 1.5 ~ N(z, 0.25) of the first coordinate."""
+    return -0.5 * ((1.5 - z[:, 0]) / 0.5) ** 2 - math.log(0.5 * math.sqrt(2.0 * math.pi))
+
+
+EXACT = -0.5 * 1.5**2 / 1.25 - 0.5 * math.log(2.0 * math.pi * 1.25)
+
+
+def two_bumps(z):
+    """Likelihood times prior: a tenth of the mass at -2, the rest at 2 (in each coordinate)."""
+    parts = [
+        math.log(share) - 0.5 * (((z - centre) / 0.1) ** 2).sum(1) - 2.0 * math.log(0.1)
+        for share, centre in ((0.9, 2.0), (0.1, -2.0))
+    ]
+    return np.logaddexp(*parts) + 0.5 * (z**2).sum(1)
+
+
+def run(function, d=2, seed=0, **kwargs):
+    return sample_target(Target(function, d), np.random.SeedSequence(seed), **kwargs)
+
+
+def test_a_gaussian_target():
+    found = run(one_observation)
+    assert found.evidence.log_evidence == pytest.approx(EXACT, abs=4.0 * found.evidence.error)
+    assert found.evidence.error <= 0.01
+    assert failed_checks(found) == []
+    assert found.region_shares.tolist() == [1.0]
+    assert found.maxima.log_evidence == pytest.approx(EXACT, abs=0.01)
+    weights = found.importance.weights
+    assert weights @ found.importance.z[:, 0] == pytest.approx(1.2, abs=0.02)
+
+
+def test_far_regions_keep_their_shares():
+    found = run(two_bumps)
+    assert found.regions.n_regions == 2
+    order = np.argsort(-found.region_shares)
+    assert (found.region_errors < 0.02).all()
+    np.testing.assert_array_less(
+        np.abs(found.region_shares[order] - [0.9, 0.1]), 4.0 * found.region_errors[order]
+    )
+    assert found.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * found.evidence.error)
+
+
+def test_the_seed_decides_everything():
+    a, b, c = (run(two_bumps, seed=seed) for seed in (1, 1, 2))
+    for name in ("log_evidence", "error"):
+        assert getattr(a.evidence, name) == getattr(b.evidence, name)
+    assert a.bridge == b.bridge
+    np.testing.assert_array_equal(a.ensembles[1].positions, b.ensembles[1].positions)
+    np.testing.assert_array_equal(a.importance.z, b.importance.z)
+    assert a.evidence.log_evidence != c.evidence.log_evidence
+
+
+def test_the_global_random_state_is_left_alone():
+    np.random.seed(3)  # noqa: NPY002
+    expected = np.random.random()  # noqa: NPY002
+    np.random.seed(3)  # noqa: NPY002
+    run(one_observation)
+    assert np.random.random() == expected  # noqa: NPY002
+
+
+def test_starts_and_ensembles_are_independent():
+    found = run(one_observation)
+    assert len(found.starts) == len(found.ensembles) == 2
+    assert found.starts[0].log_evidence != found.starts[1].log_evidence
+    n = min(e.n_steps for e in found.ensembles)
+    assert not np.array_equal(found.ensembles[0].positions[:n], found.ensembles[1].positions[:n])
+
+
+def test_evaluations_are_counted():
+    calls = []
+
+    def counting(z):
+        calls.append(len(z))
+        return one_observation(z)
+
+    assert run(counting).n_evaluations == sum(calls)
+
+
+@pytest.mark.parametrize("wanted", [0.05, 0.001])
+def test_the_wanted_error_is_reached(wanted):
+    found = run(two_bumps, settings=SamplingSettings(log_evidence_error=wanted))
+    assert found.evidence.error <= wanted
+    assert (len(found.importance.z) > 2 * FIRST_BATCH) == (wanted < 0.01)
+
+
+def test_the_longest_chain_is_kept_to():
+    found = run(one_observation, settings=SamplingSettings(max_steps=30))
+    assert [ensemble.n_steps for ensemble in found.ensembles] == [30, 30]
+
+
+def test_progress_covers_every_step_in_order():
+    seen = []
+    run(one_observation, progress=lambda step, done: seen.append((step, done)))
+    assert list(dict.fromkeys(step for step, _ in seen)) == [
+        "searches", "tempered start", "ensembles", "evidence",
+    ]  # fmt: skip
+    assert all(0.0 <= done <= 1.0 for _, done in seen)
+    for step in ("searches", "tempered start", "ensembles", "evidence"):
+        of_step = [done for name, done in seen if name == step]
+        assert of_step == sorted(of_step)
+        assert of_step[-1] == 1.0
+
+
+def test_points_at_which_the_model_fails_are_counted():
+    target = Target(lambda z: np.where(z[:, 1] > 3.0, np.nan, one_observation(z)), 2)
+    found = sample_target(target, np.random.SeedSequence(0))
+    assert target.n_failed > 0
+    assert found.evidence.log_evidence == pytest.approx(EXACT - 0.00135, abs=0.04)
+
+
+def test_an_impossible_likelihood():
+    with pytest.raises(ValueError, match="the likelihood is zero at all of 16000 draws"):
+        run(lambda z: np.full(len(z), -np.inf))
+
+
+@pytest.mark.parametrize("name", ["log_evidence_error", "particles", "searches", "max_steps"])
+@pytest.mark.parametrize("value", [0, -1, math.nan])
+def test_settings_that_are_not_positive_are_refused(name, value):
+    with pytest.raises(ValueError, match=f"SamplingSettings: {name} must be positive, got {value}"):
+        SamplingSettings(**{name: value})
+
+
+def test_particles_follow_the_number_of_parameters():
+    assert SamplingSettings().n_particles(20) > SamplingSettings().n_particles(2) > 100
+    assert SamplingSettings(particles=64).n_particles(2) == 64
+
+
+def test_too_few_particles_are_refused():
+    with pytest.raises(ValueError, match="particles must be at least 40 for 10 parameters, got 39"):
+        SamplingSettings(particles=39).n_particles(10)
+
+
+@pytest.mark.parametrize(
+    "settings", [{"particles": 8}, {"particles": 20}, {"searches": 1}, {"max_steps": 1}]
+)
+def test_the_least_settings_that_are_accepted_work(settings):
+    found = run(one_observation, settings=SamplingSettings(**settings))
+    assert found.evidence.log_evidence == pytest.approx(EXACT, abs=0.1)
+
+
+def test_a_likelihood_that_is_zero_in_places():
+    found = run(lambda z: np.where(z[:, 0] > 0.0, 0.0, -np.inf))
+    assert found.evidence.log_evidence == pytest.approx(
+        math.log(0.5), abs=4.0 * found.evidence.error
+    )
+
+
+def test_importance_draws_take_the_place_of_chains_that_are_too_short(monkeypatch):
+    """N(0.9, 0.1²) from a prior N(0, 1) and one datum; chains of 20 steps never suffice."""
+    variance = 1.0 / 99.0
+    target = Target(lambda z: -0.5 * (z[:, 0] - 0.909) ** 2 / variance, 1)
+    monkeypatch.setattr(sampling, "FEW_STEPS", 20)
+    found = sample_target(target, np.random.SeedSequence(3))
+    assert not any(ensemble.is_long_enough for ensemble in found.ensembles)
+    assert found.draws == found.resampled
+    exact = 0.909 / (1.0 + variance)
+    for part in found.draws:
+        draws = part.draws[:, 0]
+        independent = len(draws) / float(part.autocorrelation_times[0])
+        assert independent > 1000
+        assert draws.mean() == pytest.approx(exact, abs=4.0 * 0.1 / np.sqrt(independent))
+        assert draws.std() == pytest.approx(0.1, rel=4.0 / np.sqrt(2.0 * independent))
+    assert failed_checks(found) == []
+
+
+def test_chains_that_suffice_are_the_draws():
+    found = sample_target(Target(lambda z: -2.0 * z[:, 0] ** 2, 1), np.random.SeedSequence(3))
+    assert found.resampled == ()
+    assert found.draws == found.ensembles
+
+
+def two_places(z):
+    """Likelihood times prior: equal Gaussians of width 0.2 at ±6, where no prior draw comes."""
+    squares = [((z - [sign * 6.0, 0.0]) ** 2).sum(1) for sign in (1.0, -1.0)]
+    return np.logaddexp(*(-0.5 * each / 0.04 for each in squares)) + 0.5 * (z**2).sum(1)
+
+
+def mixture_at(*places):
+    means = np.array([[place, 0.0] for place in places])
+    k = len(means)
+    choleskys = np.tile(0.2 * np.eye(2), (k, 1, 1))
+    return StudentMixture(np.full(k, 1.0 / k), means, choleskys, np.full(k, 30.0))
+
+
+def ensemble_at(*places, n=1500):
+    """Independent draws of narrow Gaussians at the places on the first axis."""
+    rng = np.random.default_rng(len(places))
+    positions = 0.2 * rng.standard_normal((n, 1, 2))
+    positions[:, 0, 0] += np.resize(places, n)
+    heights = two_places(positions[:, 0])[:, None]
+    return Ensemble(positions, heights, np.ones(2), 0.5)
+
+
+def refitted(mixture, *ensembles):
+    target, rng = Target(two_places, 2), np.random.default_rng(0)
+    trial = first_draws(target, mixture, rng)
+    one_maximum = find_maxima(target, np.array([[5.9, 0.1]]))
+    found = sampling._refitted(target, ensembles, one_maximum, mixture, trial, rng)
+    return trial, found
+
+
+def test_a_refit_covers_what_the_mixture_before_it_lacked():
+    """Importance draws of the mixture in one place are worth most, and see nothing of the other."""
+    lacking, there = mixture_at(6.0), np.array([[-6.0, 0.0]])
+    both = ensemble_at(6.0, -6.0)
+    trial, (found, again) = refitted(lacking, both, both)
+    assert trial.effective_share > 0.9
+    assert found.log_pdf(there)[0] > lacking.log_pdf(there)[0] + 5.0
+    assert (again.z[:, 0] < 0.0).mean() == pytest.approx(0.5, abs=0.15)
+
+
+def test_a_refit_to_draws_that_lost_a_region_is_not_taken():
+    good = mixture_at(6.0, -6.0)
+    trial, (found, again) = refitted(good, ensemble_at(6.0), ensemble_at(6.0, -6.0))
+    assert found is good
+    assert again is trial
+
+
+def test_proposals_are_refitted_only_while_that_pays(monkeypatch):
+    """No mixture fits a thin shell well: the second one is not much better than the first."""
+
+    def shell(z):
+        return -0.5 * ((np.linalg.norm(z, axis=1) - 2.0) / 0.08) ** 2
+
+    runs = []
+
+    def counted(*arguments):
+        runs.append(arguments[-1])
+        return run_ensemble(*arguments)
+
+    monkeypatch.setattr(sampling, "run_ensemble", counted)
+    target = Target(shell, 4)
+    result = sample_target(target, np.random.SeedSequence(0), SamplingSettings(0.05))
+    assert not failed_checks(result)
+    assert runs == [sampling.SLOW] * 2 + [math.inf] * 2

@@ -1,0 +1,379 @@
+"""Importance and bridge sampling on posteriors whose evidence is known."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayes_ssi.sampling.ensembles import Ensemble
+from bayes_ssi.sampling.importance import (
+    FIRST_BATCH,
+    PARETO_K_LIMIT,
+    PRIOR_SHARE,
+    Estimate,
+    ImportanceSample,
+    bridge_sampling,
+    first_draws,
+    pareto_shape,
+    refined,
+    tempered_estimate,
+)
+from bayes_ssi.sampling.mixture import StudentMixture
+from bayes_ssi.sampling.target import Target, log_standard_normal
+from bayes_ssi.sampling.tempering import TemperedStart
+
+LOG_EVIDENCE = -3.25
+MEAN, SD = np.array([0.4, -0.2]), np.array([0.3, 0.5])
+
+
+def gaussian(z):
+    """Likelihood times prior is e^LOG_EVIDENCE times N(MEAN, SD²)."""
+    away = (z - MEAN) / SD
+    log_density = -0.5 * (away**2).sum(1) - np.log(2.0 * math.pi * SD.prod())
+    return log_density + LOG_EVIDENCE - log_standard_normal(z)
+
+
+@pytest.fixture
+def target():
+    return Target(gaussian, 2)
+
+
+@pytest.fixture
+def mixture():
+    """Two components around the posterior, neither of which is it."""
+    return StudentMixture(
+        np.array([0.6, 0.4]),
+        np.array([MEAN + 0.1, MEAN - 0.2]),
+        np.array([np.diag(SD * 1.2), np.diag(SD * 0.9)]),
+        np.array([5.0, 30.0]),
+    )
+
+
+def importance(target, mixture, seed, wanted_error=0.01):
+    rng = np.random.default_rng(seed)
+    return refined(target, first_draws(target, mixture, rng), wanted_error, rng)
+
+
+def weighted(log_weights, strata=None, log_likelihoods=None):
+    """A hand-made importance sample of the given log weights."""
+    n = len(log_weights)
+    z = np.zeros((n, 1))
+    log_likelihoods = np.zeros(n) if log_likelihoods is None else np.array(log_likelihoods)
+    log_proposals = log_likelihoods + log_standard_normal(z) - np.array(log_weights)
+    strata = np.zeros(n, dtype=int) if strata is None else np.array(strata)
+    return ImportanceSample(None, z, log_likelihoods, log_proposals, strata)
+
+
+def exact_ensemble(seed, n_steps=200, n_walkers=32):
+    """Independent draws of the posterior in the form of an ensemble."""
+    rng = np.random.default_rng(seed)
+    z = MEAN + SD * rng.standard_normal((n_steps, n_walkers, 2))
+    heights = Target(gaussian, 2).log_posterior(z.reshape(-1, 2)).reshape(n_steps, n_walkers)
+    return Ensemble(z, heights, np.ones(2), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("weights", "size"), [([1.0] * 8, 8.0), ([1.0, 0.0, 0.0], 1.0), ([3.0, 1.0], 1.6)]
+)
+def test_kish_effective_sample_size(weights, size):
+    with np.errstate(divide="ignore"):
+        sample = weighted(np.log(weights))
+    assert sample.effective_sample_size == pytest.approx(size, rel=1e-12)
+
+
+def test_the_estimate_is_the_log_of_the_mean_weight():
+    sample = weighted(np.log([1.0, 2.0, 6.0]))
+    assert sample.estimate.log_evidence == pytest.approx(math.log(3.0), rel=1e-12)
+    # Variance of three draws with ddof 1 is 7, of their mean 7/3, relative to the mean 3.
+    assert sample.estimate.error == pytest.approx(math.sqrt(7.0 / 3.0) / 3.0, rel=1e-12)
+    np.testing.assert_allclose(sample.weights, [1 / 9, 2 / 9, 6 / 9])
+
+
+def test_only_the_spread_within_strata_counts():
+    sample = weighted(np.log([1.0, 3.0] * 10 + [10.0] * 20), strata=[0] * 20 + [1] * 20)
+    # Stratum 0 has variance 20/19 and stratum 1 none: √(20 · 20/19) / 40 relative to the mean 6.
+    assert sample.estimate.error == pytest.approx(20.0 / np.sqrt(19.0) / 40.0 / 6.0, rel=1e-12)
+
+
+def test_a_draw_alone_in_its_stratum_counts():
+    strata = [0] * 40 + [1, 2, 3]
+    weights = np.array([1.0] * 40 + [0.0, 0.0, 5.0])
+    with np.errstate(divide="ignore"):
+        sample = weighted(np.log(weights), strata=strata)
+    # The three are one stratum of variance 25/3: √(3 · 25/3) relative to the sum 45.
+    assert sample.estimate.error == pytest.approx(5.0 / 45.0, rel=1e-12)
+
+
+def test_mean_log_likelihood_is_weighted():
+    sample = weighted(np.log([1.0, 3.0]), log_likelihoods=[-5.0, -1.0])
+    assert sample.log_likelihood_mean == pytest.approx(-2.0)
+
+
+def test_a_draw_of_likelihood_zero_has_no_part_in_the_mean():
+    with np.errstate(divide="ignore"):
+        sample = ImportanceSample(
+            None, np.zeros((2, 1)), np.array([-1.0, -np.inf]), np.zeros(2), np.zeros(2, dtype=int)
+        )
+    assert sample.log_likelihood_mean == -1.0
+    assert sample.weights.tolist() == [1.0, 0.0]
+
+
+def test_errors_of_shares_with_equal_weights_are_binomial():
+    sample = weighted(np.zeros(400))
+    groups = np.repeat([0, 1], [100, 300])
+    errors = sample.share_errors(groups, 2)
+    # 400 / 399 as the variance is estimated from the draws.
+    np.testing.assert_allclose(errors, math.sqrt(0.25 * 0.75 / 400 * 400 / 399), rtol=1e-12)
+
+
+def test_importance_sampling_reaches_the_wanted_error(target, mixture):
+    found = [importance(target, mixture, seed, wanted_error=0.004) for seed in range(20)]
+    errors = np.array([sample.estimate.error for sample in found])
+    off = np.array([sample.estimate.log_evidence for sample in found]) - LOG_EVIDENCE
+    assert errors.max() <= 0.004
+    assert errors.min() > 0.002  # no more draws than it takes
+    assert (np.abs(off) < 4.0 * errors).all()
+    assert 0.6 < off.std(ddof=1) / errors.mean() < 1.5
+
+
+def test_a_coarse_error_takes_the_first_batch_only(target, mixture):
+    sample = first_draws(target, mixture, np.random.default_rng(0))
+    assert len(sample.z) == target.n_evaluations == FIRST_BATCH
+
+
+def test_importance_sampling_from_the_posterior_itself_has_no_error(target):
+    exact = StudentMixture(np.ones(1), MEAN[None], np.diag(SD)[None], np.array([1e9]))
+    sample = importance(target, exact, 0)
+    assert sample.estimate.log_evidence == pytest.approx(LOG_EVIDENCE, abs=0.005)
+    assert sample.effective_sample_size > 0.95 * len(sample.z)
+
+
+def test_every_component_draws_in_proportion_to_its_weight(target, mixture):
+    sample = first_draws(target, mixture, np.random.default_rng(0))
+    counts = np.bincount(sample.strata, minlength=3)
+    expected = len(sample.z) * sample.mixture.all_weights
+    np.testing.assert_array_less(np.abs(counts - expected), 1.0 + 1e-9)
+    # The last stratum is the prior: there the draws are standard normal.
+    assert sample.mixture.prior_share > 0
+    assert counts[2] > 0
+
+
+def test_the_posterior_moments_follow_from_the_weights(target, mixture):
+    sample = importance(target, mixture, 3, wanted_error=0.003)
+    mean = sample.weights @ sample.z
+    tolerance = 4.0 / math.sqrt(sample.effective_sample_size)
+    np.testing.assert_array_less(np.abs(mean - MEAN) / SD, tolerance)
+    sd = np.sqrt(sample.weights @ (sample.z - mean) ** 2)
+    np.testing.assert_allclose(sd, SD, rtol=tolerance)
+
+
+@pytest.mark.parametrize("shift", [1000.0, -1000.0])
+def test_a_constant_moves_every_estimate_by_exactly_that(target, mixture, shift):
+    moved = Target(lambda z: gaussian(z) + shift, 2)
+    here, there = importance(target, mixture, 1), importance(moved, mixture, 1)
+    assert there.estimate.log_evidence - here.estimate.log_evidence == pytest.approx(
+        shift, abs=1e-9
+    )
+    assert there.estimate.error == pytest.approx(here.estimate.error, rel=1e-9)
+    ensemble = exact_ensemble(2)
+    raised = Ensemble(ensemble.positions, ensemble.log_posteriors + shift, np.ones(2), 0.5)
+    a, b = bridge_sampling(ensemble, here), bridge_sampling(raised, there)
+    assert b.log_evidence - a.log_evidence == pytest.approx(shift, abs=1e-7)
+
+
+N_TAIL = 164  # of 3000 weights: 3 √3000
+
+
+@pytest.mark.parametrize("k", [0.2, 0.5, 0.9])
+def test_the_tail_of_pareto_distributed_weights(k):
+    """Maximum likelihood has a standard error of (1 + k)/√n; a prior worth ten draws is at 1/2."""
+    rng = np.random.default_rng(1)
+    found = [pareto_shape(stats.genpareto(k).rvs(3000, random_state=rng)) for _ in range(200)]
+    shrunk = N_TAIL / (N_TAIL + 10.0)
+    assert np.mean(found) == pytest.approx(shrunk * k + (1.0 - shrunk) * 0.5, abs=0.05)
+    assert 0.75 < np.std(found) / (shrunk * (1.0 + k) / math.sqrt(N_TAIL)) < 1.25
+
+
+@pytest.mark.parametrize("k", [-0.3, 0.2, 0.9])
+@pytest.mark.parametrize("n", [30, 100, 400, 2500, 10_000])
+def test_the_tail_is_that_of_arviz(n, k):
+    weights = 1.0 + stats.genpareto(k).rvs(n, random_state=np.random.default_rng(n))
+    assert pareto_shape(weights) == pytest.approx(shape_by_arviz(np.log(weights)), rel=1e-7)
+
+
+def shape_by_arviz(log_weights):
+    """The same shape by arviz's Pareto-smoothed importance sampling."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import arviz
+    if hasattr(arviz, "psislw"):
+        return float(arviz.psislw(log_weights)[1])
+    stats_of_arviz = pytest.importorskip("arviz_stats.base")
+    return float(stats_of_arviz.array_stats.psislw(-log_weights)[1])
+
+
+@pytest.mark.parametrize("factor", [1e-200, 0.3, 1e200])
+def test_the_scale_of_weights_does_not_matter_to_their_tail(factor):
+    weights = stats.genpareto(0.4).rvs(3000, random_state=np.random.default_rng(3))
+    assert pareto_shape(factor * weights) == pytest.approx(pareto_shape(weights), rel=1e-9)
+
+
+def test_the_order_of_weights_does_not_matter_to_their_tail():
+    weights = stats.genpareto(0.4).rvs(3000, random_state=np.random.default_rng(3))
+    assert pareto_shape(weights[::-1]) == pareto_shape(weights)
+
+
+@pytest.mark.parametrize("n", [1, 5, 24])
+def test_a_few_weights_have_no_tail(n):
+    assert math.isnan(pareto_shape(np.arange(1.0, n + 1.0)))
+
+
+def test_twenty_five_weights_have_a_tail():
+    assert math.isfinite(pareto_shape(np.arange(1.0, 26.0)))
+
+
+def test_constant_weights_have_a_flat_tail():
+    assert pareto_shape(np.full(3000, 1.0 / 3000.0)) == -math.inf
+
+
+@pytest.mark.parametrize("size", [3e-16, 1e-15, 1e-14])
+def test_constant_weights_have_a_flat_tail_though_they_are_rounded(size):
+    rng = np.random.default_rng(0)
+    weights = np.full(3000, 1.0 / 3000.0) * (1.0 + size * rng.standard_normal(3000))
+    assert pareto_shape(weights) < PARETO_K_LIMIT
+
+
+@pytest.mark.parametrize("others", [0.0, 1e-300, 1e-307, 1e-310, 1e-323])
+@pytest.mark.parametrize("spread", [False, True])
+def test_one_huge_weight_is_a_heavy_tail(others, spread):
+    rng = np.random.default_rng(0)
+    weights = others * (rng.random(3000) if spread else np.ones(3000))
+    weights[7] = 1.0
+    assert pareto_shape(weights) > 5.0
+
+
+SHARE_MISSED, AT, WIDTH = 0.3, np.array([[1.0, 1.0], [-1.0, -1.0]]), 0.3
+
+
+def two_bumps(z):
+    """Likelihood times prior is e^LOG_EVIDENCE times a mixture of two normals."""
+    away = ((z - AT[:, None]) ** 2).sum(-1) / WIDTH**2
+    log_shares = np.log([[1.0 - SHARE_MISSED], [SHARE_MISSED]])
+    log_parts = log_shares - 0.5 * away - math.log(2.0 * math.pi * WIDTH**2)
+    return np.logaddexp(*log_parts) + LOG_EVIDENCE - log_standard_normal(z)
+
+
+@pytest.fixture
+def first_bump():
+    """A mixture that knows nothing of the second bump: only the prior's draws get there."""
+    return StudentMixture(np.ones(1), AT[:1], 1.1 * WIDTH * np.eye(2)[None], np.full(1, 5.0))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_bump_that_the_mixture_misses_gets_a_component(first_bump, seed):
+    target = Target(two_bumps, 2)
+    first = first_draws(target, first_bump, np.random.default_rng(seed))
+    assert first.pareto_k > PARETO_K_LIMIT
+    sample = importance(target, first_bump, seed)
+    assert sample.pareto_k < PARETO_K_LIMIT
+    assert sample.mixture.n_components > 1
+    assert np.linalg.norm(sample.mixture.means[1] - AT[1]) < 4.0 * WIDTH
+    assert len(sample.z) >= FIRST_BATCH + FIRST_BATCH // 6
+    found = sample.estimate
+    assert found.error <= 0.01
+    assert found.log_evidence == pytest.approx(LOG_EVIDENCE, abs=4.0 * found.error)
+    assert sample.weights @ (sample.z[:, 0] < 0) == pytest.approx(SHARE_MISSED, abs=0.03)
+
+
+def test_components_are_not_added_without_need(target, mixture):
+    sample = importance(target, mixture, 2)
+    assert sample.pareto_k < PARETO_K_LIMIT
+    assert sample.mixture.n_components == mixture.n_components
+
+
+def test_draws_densities_and_strata_are_of_one_mixture(first_bump):
+    sample = importance(Target(two_bumps, 2), first_bump, 0)
+    mixture = sample.mixture
+    np.testing.assert_allclose(sample.log_proposals, mixture.log_pdf(sample.z), rtol=1e-12)
+    np.testing.assert_allclose(sample.log_likelihoods, two_bumps(sample.z), rtol=1e-12)
+    assert mixture.all_weights.sum() == pytest.approx(1.0, rel=1e-12)
+    assert 0.5 * PRIOR_SHARE < mixture.prior_share < PRIOR_SHARE
+    # Every batch gives each component its share of draws to within one.
+    counts = np.bincount(sample.strata, minlength=mixture.n_components + 1)
+    np.testing.assert_allclose(counts, len(sample.z) * mixture.all_weights, atol=3.0)
+
+
+def test_each_stratum_has_the_draws_of_its_own_component(first_bump):
+    """Also of the components added later, and of the prior, whose stratum stays the last."""
+    sample = importance(Target(two_bumps, 2), first_bump, 0)
+    mixture = sample.mixture
+    distances = mixture.squared_distances(sample.z) / 2.0
+    for k in range(mixture.n_components):
+        of_component = stats.f(2, mixture.dof[k]).cdf
+        assert stats.kstest(distances[k][sample.strata == k], of_component).pvalue > 1e-3
+    of_prior = sample.z[sample.strata == mixture.n_components]
+    assert stats.kstest(of_prior.ravel(), stats.norm.cdf).pvalue > 1e-3
+
+
+def test_evidence_is_unbiased_and_its_error_honest_where_components_were_added(first_bump):
+    found = [importance(Target(two_bumps, 2), first_bump, seed).estimate for seed in range(100)]
+    errors = np.array([estimate.error for estimate in found])
+    off = np.array([estimate.log_evidence for estimate in found]) - LOG_EVIDENCE
+    ratios = np.exp(off)
+    assert ratios.mean() == pytest.approx(1.0, abs=3.0 * ratios.std(ddof=1) / 10.0)
+    assert (np.abs(off) < 4.0 * errors).all()
+    assert 0.7 < off.std(ddof=1) / errors.mean() < 1.5
+
+
+def test_bridge_sampling_recovers_the_evidence_within_its_error(target, mixture):
+    found = []
+    for seed in range(30):
+        sample = importance(target, mixture, 100 + seed, wanted_error=np.inf)
+        found.append(bridge_sampling(exact_ensemble(seed), sample))
+    errors = np.array([estimate.error for estimate in found])
+    off = np.array([estimate.log_evidence for estimate in found]) - LOG_EVIDENCE
+    assert errors.max() < 0.02
+    assert (np.abs(off) < 4.0 * errors).all()
+    assert 0.7 < off.std(ddof=1) / errors.mean() < 1.5
+
+
+def test_the_bridge_gets_by_with_a_proposal_that_misses_the_tails(target):
+    """Importance sampling from half the posterior's width is poor; the bridge repairs it."""
+    narrow = StudentMixture(np.ones(1), MEAN[None] + 0.2, 0.5 * np.diag(SD)[None], np.full(1, 30.0))
+    sample = first_draws(target, narrow, np.random.default_rng(4))
+    found = bridge_sampling(exact_ensemble(4), sample)
+    assert found.error < sample.estimate.error
+    assert found.log_evidence == pytest.approx(LOG_EVIDENCE, abs=4.0 * found.error)
+
+
+def test_correlated_chains_widen_the_error_of_the_bridge(target, mixture):
+    sample = first_draws(target, mixture, np.random.default_rng(5))
+    ensemble = exact_ensemble(6)
+    repeated = Ensemble(
+        ensemble.positions.repeat(10, axis=0),
+        ensemble.log_posteriors.repeat(10, axis=0),
+        np.full(2, 10.0),
+        0.5,
+    )
+    a, b = bridge_sampling(ensemble, sample), bridge_sampling(repeated, sample)
+    assert b.log_evidence == pytest.approx(a.log_evidence, abs=1e-6)
+    assert b.error == pytest.approx(a.error, rel=0.1)
+
+
+def tempered(log_evidence, error):
+    return TemperedStart(np.zeros((4, 1)), np.zeros(4), log_evidence, error, (0.0, 1.0), (2,))
+
+
+@pytest.mark.parametrize(
+    ("starts", "log_evidence", "error"),
+    [
+        ([(2.0, 0.3)], 2.0, 0.3),
+        ([(2.0, 0.3), (2.0, 0.4)], 2.0, 0.25),  # √(0.09 + 0.16) / 2
+        ([(math.log(1.0), 0.01), (math.log(3.0), 0.01)], math.log(2.0), math.log(3.0) / 2.0),
+    ],
+)
+def test_tempered_estimates_are_averaged_with_the_larger_error(starts, log_evidence, error):
+    found = tempered_estimate([tempered(*start) for start in starts])
+    assert found == Estimate(pytest.approx(log_evidence), pytest.approx(error))

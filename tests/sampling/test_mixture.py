@@ -1,0 +1,203 @@
+"""Student-t mixtures against scipy, and what fitting them recovers."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayes_ssi.sampling.mixture import LEAST_SHARE, StudentMixture, choose_mixture, fit_mixture
+
+MEANS = np.array([[0.5, -1.0], [3.0, 2.0]])
+SCALES = np.array([[[0.5, 0.2], [0.2, 0.4]], [[1.0, -0.3], [-0.3, 0.3]]])
+DOF = np.array([5.0, 30.0])
+
+
+@pytest.fixture
+def mixture():
+    return StudentMixture(np.array([0.3, 0.7]), MEANS, np.linalg.cholesky(SCALES), DOF)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20)
+
+
+def two_clusters(rng, n):
+    """Draws of 0.3 N(MEANS[0], SCALES[0]) + 0.7 N(MEANS[1] + 5, SCALES[1])."""
+    of_first = rng.multivariate_normal(MEANS[0], SCALES[0], int(0.3 * n))
+    return np.concatenate(
+        [of_first, rng.multivariate_normal(MEANS[1] + 5.0, SCALES[1], n - len(of_first))]
+    )
+
+
+def test_components_are_those_of_scipy(mixture, rng):
+    z = 4.0 * rng.standard_normal((50, 2))
+    for k in range(2):
+        of_scipy = stats.multivariate_t(MEANS[k], SCALES[k], df=DOF[k]).logpdf(z)
+        expected = of_scipy + np.log(mixture.weights[k])
+        np.testing.assert_allclose(mixture.log_components(z)[k], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("prior_share", [0.0, 0.2])
+def test_density_is_that_of_scipy(mixture, rng, prior_share):
+    z = 4.0 * rng.standard_normal((50, 2))
+    parts = [stats.multivariate_t(MEANS[k], SCALES[k], df=DOF[k]).pdf(z) for k in range(2)]
+    expected = (1.0 - prior_share) * (0.3 * parts[0] + 0.7 * parts[1])
+    expected += prior_share * stats.multivariate_normal(np.zeros(2)).pdf(z)
+    mixture = mixture.with_prior_component(prior_share)
+    np.testing.assert_allclose(mixture.log_pdf(z), np.log(expected), rtol=1e-11)
+    assert mixture.all_weights == pytest.approx(
+        [0.3 * (1 - prior_share), 0.7 * (1 - prior_share), prior_share]
+    )
+
+
+def test_squared_distances(mixture):
+    z = np.array([[1.0, 2.0]])
+    for k in range(2):
+        away = z[0] - MEANS[k]
+        expected = away @ np.linalg.solve(SCALES[k], away)
+        assert mixture.squared_distances(z)[k, 0] == pytest.approx(expected, rel=1e-12)
+
+
+def test_far_away_the_density_stays_finite(mixture):
+    assert np.isfinite(mixture.log_pdf(np.full((1, 2), 1e8)))
+
+
+def test_draws_have_the_moments_of_their_component(mixture, rng):
+    counts = np.array([40_000, 60_000, 50_000])
+    draws = mixture.draw(counts, rng)
+    assert draws.shape == (150_000, 2)
+    means = [*MEANS, np.zeros(2)]
+    covariances = [SCALES[k] * DOF[k] / (DOF[k] - 2.0) for k in range(2)] + [np.eye(2)]
+    for own, mean, covariance in zip(
+        np.split(draws, np.cumsum(counts)[:2]), means, covariances, strict=True
+    ):
+        np.testing.assert_allclose(own.mean(0), mean, atol=0.02)
+        np.testing.assert_allclose(np.cov(own.T), covariance, atol=0.05)
+
+
+def test_draws_have_the_tails_of_their_component(mixture, rng):
+    draws = mixture.draw(np.array([20_000, 0, 0]), rng)
+    distances = mixture.squared_distances(draws)[0] / 2.0
+    # Mahalanobis distance squared over d is F-distributed with d and ν degrees of freedom.
+    assert stats.kstest(distances, stats.f(2, DOF[0]).cdf).pvalue > 1e-3
+
+
+def test_importance_weights_average_to_one(mixture, rng):
+    mixture = mixture.with_prior_component(0.1)
+    z = mixture.draw(rng.multinomial(20_000, mixture.all_weights), rng)
+    normal = stats.multivariate_normal([1.0, 0.0], [[0.5, 0.1], [0.1, 0.3]])
+    weights = np.exp(normal.logpdf(z) - mixture.log_pdf(z))
+    assert weights.mean() == pytest.approx(1.0, abs=4.0 * weights.std() / len(z) ** 0.5)
+
+
+def test_joined_mixtures(mixture, rng):
+    other = StudentMixture(np.ones(1), MEANS[:1] - 4.0, np.linalg.cholesky(SCALES[:1]), DOF[:1])
+    joined = mixture.mixed_with(other, 0.1)
+    z = 4.0 * rng.standard_normal((20, 2))
+    expected = np.logaddexp(
+        np.log(0.9) + mixture.log_pdf(z),
+        np.log(0.1) + stats.multivariate_t(MEANS[0] - 4.0, SCALES[0], df=5.0).logpdf(z),
+    )
+    np.testing.assert_allclose(joined.log_pdf(z), expected, rtol=1e-11)
+    assert joined.n_components == 3
+
+
+def test_widened_mixtures(mixture, rng):
+    """Nine tenths as before, and a tenth with scale matrices 2.5² times as large."""
+    z = 4.0 * rng.standard_normal((50, 2))
+    expected = sum(
+        share * stats.multivariate_t(MEANS[k], factor**2 * SCALES[k], df=DOF[k]).pdf(z)
+        for k, weight in enumerate((0.3, 0.7))
+        for factor, share in ((1.0, 0.9 * weight), (2.5, 0.1 * weight))
+    )
+    widened = mixture.widened(2.5, 0.1)
+    np.testing.assert_allclose(widened.log_pdf(z), np.log(expected), rtol=1e-11)
+    assert widened.weights == pytest.approx([0.27, 0.63, 0.03, 0.07])
+    assert widened.n_components == 4
+    assert widened.prior_share == 0.0
+
+
+def test_weights_against_a_widened_mixture_are_bounded(mixture):
+    """The mixture itself keeps nine tenths: no weight of a draw exceeds 1/0.9."""
+    z = np.linspace(-30.0, 30.0, 201)[:, None] * np.array([1.0, -0.5])
+    log_ratio = mixture.log_pdf(z) - mixture.widened(2.0, 0.1).log_pdf(z)
+    assert log_ratio.max() <= np.log(1.0 / 0.9)
+    assert log_ratio[[0, -1]].max() < np.log(1.0 / 0.9) - 0.5  # in the tails the wider ones lead
+
+
+def test_reweighting_finds_the_shares_of_weighted_draws(mixture, rng):
+    far_apart = StudentMixture(mixture.weights, MEANS * 20.0, mixture.choleskys, DOF)
+    draws = far_apart.draw(np.array([500, 500, 0]), rng)
+    weights = np.repeat([0.9, 0.1], 500) / 500.0
+    np.testing.assert_allclose(far_apart.reweighted(draws, weights).weights, [0.9, 0.1], atol=1e-6)
+
+
+def test_a_component_without_weight_is_kept(mixture, rng):
+    far_apart = StudentMixture(mixture.weights, MEANS * 20.0, mixture.choleskys, DOF)
+    draws = far_apart.draw(np.array([500, 0, 0]), rng)
+    weights = far_apart.reweighted(draws, np.full(500, 1.0 / 500.0)).weights
+    assert weights.sum() == pytest.approx(1.0)
+    assert weights[1] == pytest.approx(LEAST_SHARE / (1.0 + LEAST_SHARE))
+
+
+def test_fitting_recovers_a_mixture(rng):
+    fitted = fit_mixture(two_clusters(rng, 4000), 2, 100.0, rng)
+    order = np.argsort(fitted.means[:, 0])
+    np.testing.assert_allclose(fitted.weights[order], [0.3, 0.7], atol=1e-3)
+    np.testing.assert_allclose(fitted.means[order], [MEANS[0], MEANS[1] + 5.0], atol=0.06)
+    scales = fitted.choleskys @ fitted.choleskys.transpose(0, 2, 1)
+    np.testing.assert_allclose(scales[order], SCALES, atol=0.08)
+
+
+def test_fitting_recovers_the_scale_under_heavy_tails(rng):
+    draws = stats.multivariate_t(MEANS[0], SCALES[0], df=5.0, seed=1).rvs(20_000)
+    fitted = fit_mixture(draws, 1, 5.0, rng)
+    np.testing.assert_allclose(fitted.means[0], MEANS[0], atol=0.03)
+    scale = fitted.choleskys[0] @ fitted.choleskys[0].T
+    np.testing.assert_allclose(scale, SCALES[0], atol=0.03)
+
+
+def test_fitting_works_in_one_dimension(rng):
+    fitted = fit_mixture(3.0 + 0.1 * rng.standard_normal((2000, 1)), 1, 30.0, rng)
+    assert fitted.means[0, 0] == pytest.approx(3.0, abs=0.01)
+    assert fitted.choleskys[0, 0, 0] == pytest.approx(0.1, rel=0.1)
+
+
+def test_components_without_draws_are_dropped(rng):
+    draws = np.repeat(rng.standard_normal((2, 2)), 50, axis=0)  # two points only
+    fitted = fit_mixture(draws + 1e-9 * rng.standard_normal(draws.shape), 5, 5.0, rng)
+    assert 1 <= fitted.n_components <= 5
+    assert fitted.weights.sum() == pytest.approx(1.0)
+    assert np.isfinite(fitted.log_pdf(draws)).all()
+
+
+def test_identical_draws_can_be_fitted(rng):
+    fitted = fit_mixture(np.ones((50, 2)), 3, 5.0, rng)
+    np.testing.assert_allclose(fitted.means, 1.0)
+    assert np.isfinite(fitted.log_pdf(np.ones((1, 2)))).all()
+
+
+@pytest.mark.parametrize(("make", "n_components"), [("one", 1), ("two", 2)])
+def test_the_number_of_components_follows_the_draws(rng, make, n_components):
+    if make == "one":
+        draws, held_out = rng.standard_normal((2, 2000, 3))
+    else:
+        draws, held_out = two_clusters(rng, 2000), two_clusters(rng, 2000)
+    assert choose_mixture(draws, held_out, (1, 2, 3, 4), rng).n_components == n_components
+
+
+@pytest.mark.parametrize(("dof", "chosen"), [(4.0, 5.0), (np.inf, 30.0)])
+def test_the_tails_follow_the_draws(rng, dof, chosen):
+    of_scipy = stats.multivariate_t(np.zeros(3), np.eye(3), df=dof, seed=2)
+    mixture = choose_mixture(of_scipy.rvs(3000), of_scipy.rvs(3000), (1,), rng)
+    assert mixture.dof.tolist() == [chosen]
+
+
+def test_few_draws_allow_few_components(rng):
+    draws = two_clusters(rng, 39)  # below 2 components x 2 dimensions x 10
+    assert choose_mixture(draws, draws, (1, 2), rng).n_components == 1
+
+
+def test_nothing_to_choose_from(rng):
+    with pytest.raises(ValueError, match="no number of components to choose from"):
+        choose_mixture(np.zeros((5, 1)), np.zeros((5, 1)), (), rng)

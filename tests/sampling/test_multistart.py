@@ -1,0 +1,295 @@
+"""Searches for maxima: what one finds, when several agree, and how long they go on."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.special import ndtr, ndtri
+
+from bayes_ssi.sampling import discovery
+from bayes_ssi.sampling.maxima import Maxima
+from bayes_ssi.sampling.multistart import (
+    DRAWS,
+    DRAWS_IN_MANY_DIMENSIONS,
+    PATIENCE,
+    MultistartSearch,
+    discover,
+)
+from bayes_ssi.sampling.target import Target, log_standard_normal
+
+# One search of a well-behaved posterior climbs from a few draws: this many evaluations suffice.
+ASCENTS = 4000
+
+
+def peaks(centres, sd, shares):
+    """Likelihood times prior is a mixture of normals: their shares are the maxima's masses."""
+    d = centres.shape[1]
+
+    def log_likelihood(z):
+        away = ((z[None] - centres[:, None]) ** 2).sum(-1) / sd**2
+        parts = np.log(shares)[:, None] - 0.5 * away - 0.5 * d * math.log(2.0 * math.pi * sd**2)
+        return np.logaddexp.reduce(parts, axis=0) - log_standard_normal(z)
+
+    return log_likelihood
+
+
+def peaks_on_axes(d):
+    """Peaks at ±1.8 on the first two axes, or the only one, and their shares."""
+    axes = 1.8 * np.eye(d)[:2]
+    shares = np.arange(2.0 * len(axes), 0.0, -1.0)
+    return np.concatenate([axes, -axes]), shares / shares.sum()
+
+
+A, B = np.array([1.8, 0.0]), np.array([-1.8, 0.0])
+
+
+def two_peaks(share_of_b):
+    return Target(peaks(np.array([A, B]), 0.15, np.array([1.0 - share_of_b, share_of_b])), 2)
+
+
+def searches(target, n_searches=4, seed=0, **kwargs):
+    return discover(target, n_searches, np.random.SeedSequence(seed), **kwargs)
+
+
+def one_search(target, seed):
+    effort = discovery.Effort.usual(target.n_dimensions)
+    return discovery._search(target, effort, np.random.default_rng(seed))
+
+
+def finds(maxima, points):
+    """Whether each point is a maximum, to within one standard deviation a coordinate."""
+    return maxima.squared_distances(points).min(axis=0) < points.shape[1]
+
+
+def scripted(monkeypatch, script):
+    """Searches that find what the script says, "A", "B" or "AB", the last over and over."""
+    told = iter(script)
+    last = ["A"]
+
+    def search(target, effort, rng):  # noqa: ARG001
+        last[0] = next(told, last[0])
+        z = np.array([{"A": A, "B": B}[name] for name in last[0]])
+        return Maxima(z, target.log_posterior(z), np.tile(np.eye(2) / 0.15**2, (len(z), 1, 1)))
+
+    monkeypatch.setattr(discovery, "_search", search)
+
+
+def maxima_of_shares(*shares):
+    """Maxima far apart whose masses are these shares of the posterior."""
+    m = len(shares)
+    precisions = np.full((m, 1, 1), 2.0 * math.pi)  # mass is then height
+    return Maxima(10.0 * np.arange(m)[:, None], np.log(shares), precisions)
+
+
+def of_four_regions(seed):
+    """Four normals in a box of side 10, the narrowest with most of the posterior; their centres."""
+    centres = np.random.default_rng(seed).uniform(-3.0, 3.0, (4, 4))
+    weights, sds = np.array([0.6, 0.25, 0.1, 0.05]), np.array([0.1, 0.2, 0.15, 0.3])
+
+    def parts(z):
+        squares = ((-5.0 + 10.0 * ndtr(z)[:, None] - centres) ** 2).sum(-1)
+        return np.log(weights) - 2.0 * np.log(2.0 * math.pi * sds**2) - 0.5 * squares / sds**2
+
+    return parts, ndtri((centres + 5.0) / 10.0)
+
+
+@pytest.mark.parametrize("d", [1, 2, 4, 10])
+def test_all_tops_are_found_by_every_search(d):
+    centres, shares = peaks_on_axes(d)
+    found = searches(Target(peaks(centres, 0.3, shares), d))
+    np.testing.assert_allclose(found.maxima.z, centres, atol=0.01)  # the highest first
+    np.testing.assert_allclose(np.exp(found.maxima.log_masses), shares, rtol=1e-2)
+    assert found.found_by.shape == (4, len(centres))
+    assert found.found_by.all()
+    assert found.converged
+
+
+@pytest.mark.parametrize("seed", [7, 27])
+def test_a_narrow_basin_is_found_by_most_searches(seed):
+    parts, centres = of_four_regions(seed)
+    prior = np.random.default_rng(1).standard_normal((100_000, 4))
+    in_basin = np.mean(parts(prior).argmax(axis=1) == 0)
+    assert 0.002 < in_basin < 0.004  # of 4000 draws a dozen
+    target = Target(lambda z: np.logaddexp.reduce(parts(z), axis=1), 4)
+    hits = [finds(one_search(target, own), centres) for own in range(20)]
+    assert np.mean(hits, axis=0)[0] > 0.7
+    assert np.mean(hits, axis=0)[1:].min() > 0.9
+
+
+def test_who_found_what(monkeypatch):
+    scripted(monkeypatch, ["A", "AB", "B", "BA"])
+    found = searches(two_peaks(0.3), 4)
+    np.testing.assert_allclose(found.maxima.z, [A, B], atol=0.01)
+    assert found.found_by.tolist() == [[True, False], [True, True], [False, True], [True, True]]
+    assert found.n_searches == 4
+
+
+def test_searches_go_on_until_a_second_one_finds_what_only_one_found(monkeypatch):
+    scripted(monkeypatch, ["A", "A", "AB", "A", "AB", "A"])
+    found = searches(two_peaks(0.3), 3)
+    assert found.found_by.sum(axis=0).tolist() == [5, 2]
+    assert found.converged
+
+
+@pytest.mark.parametrize("n_searches", [1, 2, 4])
+def test_patience_ends(monkeypatch, n_searches):
+    scripted(monkeypatch, ["AB", "A"])
+    found = searches(two_peaks(0.3), n_searches)
+    assert found.n_searches == PATIENCE * n_searches
+    assert found.found_by.sum(axis=0).tolist() == [PATIENCE * n_searches, 1]
+    assert not found.converged
+
+
+def test_a_single_search_is_repeated(monkeypatch):
+    scripted(monkeypatch, ["A"])
+    found = searches(two_peaks(0.3), 1)
+    assert found.n_searches == 2
+    assert found.converged
+
+
+@pytest.mark.parametrize(("share_of_b", "n_searches"), [(5e-4, 3), (2e-3, 3 * PATIENCE)])
+def test_only_a_maximum_that_matters_is_waited_for(monkeypatch, share_of_b, n_searches):
+    scripted(monkeypatch, ["AB", "A"])
+    assert searches(two_peaks(share_of_b), 3).n_searches == n_searches
+
+
+@pytest.mark.parametrize(
+    ("shares", "found_by", "converged"),
+    [
+        ([1.0], [[True], [True]], True),
+        ([1.0], [[True], [False], [False]], False),
+        ([0.7, 0.3], [[True, True], [True, True]], True),
+        ([0.7, 0.3], [[True, True], [True, False]], False),
+        ([0.7, 0.3], [[True, False], [True, True], [False, True]], True),
+        ([0.9995, 0.0005], [[True, True], [True, False]], True),
+        ([0.9985, 0.0015], [[True, True], [True, False]], False),
+    ],
+)
+def test_settled_is_twice_found(shares, found_by, converged):
+    assert MultistartSearch(maxima_of_shares(*shares), np.array(found_by)).converged is converged
+
+
+@pytest.mark.parametrize("d", [1, 3])
+def test_a_flat_likelihood_has_the_maximum_of_the_prior(d):
+    found = searches(Target(lambda z: np.full(len(z), -7.0), d))
+    np.testing.assert_allclose(found.maxima.z, np.zeros((1, d)), atol=0.1)
+    np.testing.assert_allclose(found.maxima.precisions, np.eye(d)[None], atol=1e-3)
+    assert found.maxima.log_evidence == pytest.approx(-7.0, abs=2e-3)
+    assert found.converged
+
+
+def test_a_likelihood_that_is_zero_nearly_everywhere():
+    """A normal cut off three of its standard deviations away, with two prior draws in 1000."""
+    centre, sd = np.array([1.5, -1.0]), 0.06
+
+    def cut_off(z):
+        away = ((z - centre) ** 2).sum(1) / sd**2
+        return np.where(away < 9.0, -0.5 * away, -np.inf)
+
+    draws = np.random.default_rng(2).standard_normal((100_000, 2))
+    assert 5e-4 < np.isfinite(cut_off(draws)).mean() < 4e-3
+    found = searches(Target(cut_off, 2))
+    # Prior and likelihood are normal, so their product is: precision 1 + 1/sd².
+    np.testing.assert_allclose(found.maxima.z, [centre / (1.0 + sd**2)], atol=0.05 * sd)
+    precision = 1.0 + sd**-2
+    np.testing.assert_allclose(
+        found.maxima.precisions[0], precision * np.eye(2), atol=1e-3 * precision
+    )
+    assert found.found_by.all()
+
+
+@pytest.mark.parametrize("n", [1, 2, 8, 9, 10])
+def test_the_highest_of_a_few_draws_is_a_top(n):
+    draws = np.random.default_rng(n).standard_normal((n, 2))
+    tops = discovery._tops(draws, -np.arange(float(n)))
+    np.testing.assert_array_equal(tops[0], draws[0])
+    # Nine draws are all neighbours of one another.
+    assert len(tops) == 1 or n == 10
+
+
+def test_fewer_possible_draws_than_neighbours():
+    """One prior draw in a thousand has z > 3.09, four of a search."""
+
+    def far_out(z):
+        return np.where(z[:, 0] > 3.09, -0.5 * ((z[:, 0] - 3.4) / 0.1) ** 2, -np.inf)
+
+    found = searches(Target(far_out, 1), 2)
+    assert found.maxima.z[0, 0] == pytest.approx(3.4 / 1.01, abs=0.01)
+
+
+def test_tops_are_higher_than_their_neighbours_and_sorted():
+    rng = np.random.default_rng(4)
+    draws = rng.standard_normal((300, 2))
+    heights = rng.standard_normal(300)
+    tops = discovery._tops(draws, heights)
+    expected = []
+    for i, point in enumerate(draws):
+        nearest = np.argsort(((draws - point) ** 2).sum(1))[: discovery.NEIGHBOURS + 1]
+        if heights[nearest].max() == heights[i]:
+            expected.append(i)
+    expected.sort(key=lambda i: -heights[i])
+    assert len(expected) > 10
+    np.testing.assert_array_equal(tops, draws[expected][: discovery.MAX_ASCENTS])
+
+
+@pytest.mark.parametrize(("d", "n"), [(2, DRAWS), (6, DRAWS), (7, DRAWS_IN_MANY_DIMENSIONS)])
+def test_an_impossible_likelihood_is_reported(d, n):
+    target = Target(lambda z: np.full(len(z), -np.inf), d)
+    with pytest.raises(ValueError, match=f"^the likelihood is zero at all of {4 * n} draws from"):
+        searches(target)
+    assert target.n_evaluations == 4 * n
+
+
+def test_a_model_that_fails_everywhere_is_impossible():
+    with pytest.raises(ValueError, match="are the priors, the pairing and the units those of the"):
+        searches(Target(lambda z: np.full(len(z), np.nan), 2))
+
+
+def test_the_seed_decides():
+    centres, shares = peaks_on_axes(2)
+    target = Target(peaks(centres, 0.3, shares), 2)
+    a, b, c = (searches(target, seed=seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(a.maxima.z, b.maxima.z)
+    assert not np.array_equal(a.maxima.z, c.maxima.z)
+
+
+def test_searches_are_independent(monkeypatch):
+    firsts = []
+    whole = discovery._search
+
+    def watched(target, effort, rng):
+        firsts.append(rng.random())
+        return whole(target, effort, rng)
+
+    monkeypatch.setattr(discovery, "_search", watched)
+    searches(two_peaks(0.3))
+    assert len(set(firsts)) == 4
+
+
+def test_progress_ends_at_one_and_stays_there(monkeypatch):
+    scripted(monkeypatch, ["AB", "A"])
+    seen = []
+    searches(two_peaks(0.3), 2, progress=seen.append)
+    assert seen == [0.5] + [1.0] * (2 * PATIENCE - 1)
+
+
+@pytest.mark.parametrize(("d", "draws"), [(2, DRAWS), (4, DRAWS), (10, DRAWS_IN_MANY_DIMENSIONS)])
+def test_ascents_cost_less_than_the_draws(d, draws):
+    centres, shares = peaks_on_axes(d)
+    target = Target(peaks(centres, 0.3, shares), d)
+    searches(target)
+    assert 4 * draws < target.n_evaluations < 4 * (draws + ASCENTS)
+
+
+def test_the_number_of_evaluations_is_bounded():
+    """A posterior with a thousand tops, of which no two searches find the same."""
+
+    def rough(z):
+        return 8.0 * np.sin(40.0 * z).sum(axis=1)
+
+    target = Target(rough, 2)
+    found = searches(target, 2)
+    assert not found.converged
+    # At most 40 ascents of 60 steps with four tries and a gradient each, and some to gather up.
+    of_ascents = 40 * 60 * (4 + 2) * 2
+    assert target.n_evaluations < 2 * PATIENCE * (DRAWS + 2 * of_ascents)

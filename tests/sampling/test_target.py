@@ -1,0 +1,145 @@
+"""The target: what it counts, and what it refuses."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayes_ssi.execution.journal import Journal
+from bayes_ssi.sampling.target import FAILURES_SHOWN, POINTS_TO_CHECK, Target, log_standard_normal
+
+
+class Fragile:
+    """A model that raises below zero and has no answer beyond ten; it notes what it is asked."""
+
+    def __init__(self):
+        self.asked = []
+
+    def __call__(self, z):
+        self.asked.append(len(z))
+        if (z[:, 0] < 0).any():
+            raise ArithmeticError("no equilibrium")
+        return np.where(z[:, 0] > 10.0, np.nan, z[:, 0])
+
+
+def column(*values):
+    return np.array(values, dtype=float)[:, None]
+
+
+def reasons(target):
+    return [(failure.z.tolist(), failure.reason) for failure in target.failures]
+
+
+def test_log_standard_normal():
+    z = np.random.default_rng(1).standard_normal((6, 3))
+    expected = stats.multivariate_normal(np.zeros(3)).logpdf(z)
+    np.testing.assert_allclose(log_standard_normal(z), expected, rtol=1e-13)
+
+
+def test_log_posterior_adds_the_prior():
+    target = Target(lambda z: 2.0 * z[:, 0], 2)
+    assert target.log_posterior(np.array([[3.0, 4.0]]))[0] == pytest.approx(
+        6.0 - 12.5 - np.log(2.0 * np.pi), rel=1e-14
+    )
+
+
+def test_evaluations_and_failures_are_counted():
+    target = Target(lambda z: np.where(z[:, 0] > 0, z[:, 0], np.nan), 1)
+    values = target.log_likelihood(np.array([[1.0], [-1.0], [2.0], [-2.0], [-3.0]]))
+    np.testing.assert_array_equal(values, [1.0, -np.inf, 2.0, -np.inf, -np.inf])
+    target.log_likelihood(np.array([[1.0]]))
+    assert (target.n_evaluations, target.n_failed) == (6, 3)
+
+
+def test_likelihood_zero_is_no_failure():
+    target = Target(lambda z: np.full(len(z), -np.inf), 1)
+    target.log_likelihood(np.zeros((4, 1)))
+    assert target.n_failed == 0
+
+
+def test_failures_keep_where_and_why():
+    target = Target(Fragile(), 1)
+    values = target.log_likelihood(column(1.0, -2.0, 3.0, 40.0, 5.0))
+    np.testing.assert_array_equal(values, [1.0, -np.inf, 3.0, -np.inf, 5.0])
+    assert reasons(target) == [
+        ([-2.0], "ArithmeticError: no equilibrium"),
+        ([40.0], "the answer is NaN"),
+    ]
+    assert (target.n_evaluations, target.n_failed) == (5, 2)
+
+
+def test_a_batch_in_which_every_row_raises():
+    target = Target(Fragile(), 1)
+    assert (target.log_likelihood(column(*[-1.0] * 9)) == -np.inf).all()
+    assert (target.n_evaluations, target.n_failed) == (9, 9)
+
+
+@pytest.mark.parametrize("sizes", [(12,), (3, 9), (1,) * 12, (5, 7)])
+def test_the_first_five_failures_are_kept_and_all_are_counted(sizes):
+    target = Target(Fragile(), 1)
+    each = np.array([-1.0, 20.0] * 6) * np.arange(1, 13)
+    for part in np.split(each, np.cumsum(sizes)[:-1]):
+        target.log_likelihood(column(*part))
+    assert [failure.z[0] for failure in target.failures] == each[:FAILURES_SHOWN].tolist()
+    assert [failure.reason[:10] for failure in target.failures] == (
+        ["Arithmetic", "the answer", "Arithmetic", "the answer", "Arithmetic"]
+    )
+    assert (target.n_evaluations, target.n_failed) == (12, 12)
+
+
+def test_where_it_failed_is_kept_though_the_batch_is_overwritten():
+    target, batch = Target(Fragile(), 1), column(20.0, 1.0)
+    target.log_likelihood(batch)
+    batch[:] = 0.0
+    assert reasons(target)[0][0] == [20.0]
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, SystemExit])
+def test_an_interruption_is_no_failure_of_the_model(stop):
+    def stopped(z):  # noqa: ARG001
+        raise stop
+
+    target = Target(stopped, 1)
+    with pytest.raises(stop):
+        target.log_likelihood(column(0.0, 1.0))
+    assert target.n_failed == 0
+
+
+def test_infinite_likelihood_is_refused_though_others_failed():
+    target = Target(lambda z: np.where(z[:, 0] > 0, np.inf, np.nan), 1)
+    with pytest.raises(ValueError, match=r"\+inf at coordinates \[2\.\]"):
+        target.log_likelihood(column(-1.0, 2.0))
+
+
+def test_a_repeated_run_counts_what_its_journal_recalls(tmp_path):
+    batches = [column(1.0, 2.0, -3.0, 30.0, 4.0), column(5.0, 6.0), column(7.0)]
+    model, again = Fragile(), Fragile()
+    with Journal(tmp_path / "x", {}) as journal:
+        first = Target(model, 1, journal=journal)
+        values = [first.log_likelihood(batch) for batch in batches[:2]]
+    with Journal(tmp_path / "x", {}) as journal:
+        second = Target(again, 1, journal=journal)
+        for batch, expected in zip(batches, [*values, [7.0]], strict=True):
+            np.testing.assert_array_equal(second.log_likelihood(batch), expected)
+    assert (second.n_evaluations, second.n_failed) == (8, 2)
+    assert reasons(second) == reasons(first)
+    # Not counted: the first points, to see that the model is still the same, in halves down to
+    # the one that raises; the one that is NaN, for a reason. Then what the journal does not have.
+    assert again.asked == [POINTS_TO_CHECK, 1, 2, 1, 1, 1, len(batches[2])]
+
+
+def test_an_empty_batch_does_not_reach_the_function():
+    target = Target(lambda _: 1 / 0, 2)
+    assert target.log_likelihood(np.empty((0, 2))).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda z: z, r"expected one value for each of 3 points, got shape \(3, 2\)"),
+        (lambda z: z.sum(), r"expected one value for each of 3 points, got shape \(\)"),
+        (lambda z: np.where(z[:, 0] > 1, np.inf, 0.0), r"\+inf at coordinates \[2\. 0\.\]"),
+    ],
+)
+def test_wrong_likelihoods_are_refused(function, message):
+    with pytest.raises(ValueError, match=message):
+        Target(function, 2).log_likelihood(np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 1.0]]))

@@ -1,0 +1,133 @@
+"""Tables and notes for a terminal of 80 columns."""
+
+import io
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import bayes_ssi as bs
+from bayes_ssi.posterior.posterior import Region
+from bayes_ssi.tables import (
+    calibration_modes_table,
+    calibration_table,
+    comparison_notes,
+    evidence_table,
+    modes_table,
+    parameter_table,
+    ranking_table,
+    region_notes,
+)
+
+
+def lines(table, width=80):
+    file = io.StringIO()
+    Console(file=file, width=width).print(table)
+    return [line.rstrip() for line in file.getvalue().splitlines()]
+
+
+def cells(table, row):
+    """The words of the row that begins with ``row``."""
+    (found,) = [line.split() for line in lines(table) if line.split()[: len(row)] == row]
+    return found[len(row) :]
+
+
+def test_ranking(make_posterior):
+    found = bs.compare([make_posterior("1-a", 0.248, 0.003), make_posterior("3", 16.067, 0.004)])
+    table = ranking_table(found, "Case (c)")
+    assert lines(table)[0] == "Case (c)"
+    assert cells(table, ["3"]) == ["16.067", "±", "0.004", "0.00", ">", "0.9999", "best"]
+    expected = ["0.248", "±", "0.003", "-15.82", "<", "0.0001", "very", "strong"]
+    assert cells(table, ["1-a"]) == expected
+
+
+def test_a_failed_check_marks_its_class(make_posterior):
+    doubtful = make_posterior("b", -1.0, failed_checks=("the ensembles differ",))
+    found = bs.compare([make_posterior("a"), doubtful])
+    assert [line for line in lines(ranking_table(found)) if "b (!)" in line]
+    assert "  (!) b: the ensembles differ" in comparison_notes(found)
+
+
+def test_notes_name_the_scale_and_what_cannot_be_told_apart(make_posterior):
+    found = bs.compare([make_posterior("a"), make_posterior("b", -0.1), make_posterior("c", -9.0)])
+    assert comparison_notes(found) == [
+        "Words for Bayes factors: Kass and Raftery (1995).",
+        "The data do not tell 'b' from 'a'.",
+    ]
+
+
+def test_evidence_and_its_checks(make_posterior):
+    table = evidence_table([make_posterior("x", 1.5)])
+    assert cells(table, ["x"]) == ["4.50", "3.00", "1.500", "1.5", "1.50"]
+
+
+def test_parameters(make_posterior):
+    posterior = make_posterior("x", names=("k1",))
+    (row,) = posterior.summary
+    numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)
+    expected = [f"{number:.4g}" for number in numbers]
+    assert cells(parameter_table(posterior), ["k1"]) == [*expected, "0.25"]
+    assert lines(parameter_table(posterior))[0] == "Parameters of 'x'"
+
+
+def test_regions(make_posterior):
+    regions = (
+        Region(0.75, 0.01, 4, (0.7, 0.8), (1.0, 2.0)),
+        Region(0.25, 0.01, 4, (0.3, 0.2), (3.0, 4.0)),
+    )
+    assert region_notes(make_posterior("x")) == []
+    notes = region_notes(make_posterior("x", regions=regions))
+    assert "'x' has 2 separate regions" in notes[0]
+    assert notes[1].strip() == "75.0 ± 1.0 % around k1 = 1, k2 = 2"
+    assert notes[2].strip() == "25.0 ± 1.0 % around k1 = 3, k2 = 4"
+
+
+def test_calibration(model_classes):
+    found = bs.calibrate(model_classes["1-a"], shape_weight=0.0)
+    table = calibration_table(found)
+    assert "'1-a'" in lines(table)[0]
+    assert cells(table, ["before"])[:3] == ["1", "1", "1"]
+    assert cells(table, ["1"])[-2:] == ["0.000", "13.0"]
+    modes = calibration_modes_table(found)
+    row = cells(modes, ["2a", "2"])
+    assert row[:3] == ["2.604", "2.737", "2.604"]
+    assert float(row[3]) == pytest.approx(found.before.modes[1].mac, abs=5e-5)
+
+
+def test_identified_modes(case_c):
+    first = replace(case_c.mode("1"), frequency_cov=0.002, damping=0.015)
+    bare = replace(case_c.mode("3"), shape=None)
+    part = replace(case_c.mode("2a"), shape=np.array([1.0, math.nan, 1.0j]))
+    table = modes_table(replace(case_c, modes=(first, bare, part), source="test of May"))
+    assert lines(table)[0] == "test of May"
+    assert cells(table, ["1"]) == ["0.98276", "0.2", "1.5", "3", "of", "3", "0.0"]
+    assert cells(table, ["2a"]) == ["2.6043", "-", "-", "2", "of", "3", "45.0"]
+    assert cells(table, ["3"]) == ["3.9841", "-", "-", "-", "-"]
+
+
+@pytest.mark.parametrize("name", ["k[east]", "[bold]", "[/]"])
+def test_names_with_brackets_are_shown_as_they_are(make_posterior, case_c, name):
+    """Square brackets are no markup."""
+    posterior = make_posterior(name, names=(name,))
+    label = replace(case_c.mode("1"), label=name)
+    for table in (
+        ranking_table(bs.compare([posterior]), name),
+        evidence_table([posterior]),
+        parameter_table(posterior),
+        modes_table(replace(case_c, modes=(label,), source=name)),
+    ):
+        shown = [line for line in lines(table) if name in line]
+        assert len(shown) >= 1
+        assert all("\x1b" not in line for line in shown)
+
+
+def test_no_table_is_wider_than_80_columns(make_posterior):
+    names = [f"a model class with a long name, number {i}" for i in range(3)]
+    posteriors = [make_posterior(name, -1234.5678 * i) for i, name in enumerate(names)]
+    posteriors[0] = replace(posteriors[0], failed_checks=("x",))
+    for table in (ranking_table(bs.compare(posteriors), "t"), evidence_table(posteriors)):
+        text = lines(table)
+        assert max(map(len, text)) <= 80
+        assert not any("…" in line for line in text)
