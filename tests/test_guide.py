@@ -74,7 +74,7 @@ def test_finite_elements(told):
 
 def test_reading_a_report(told):
     assert told("reading_a_report").strip().endswith("report.html")
-    assert Path("result/report/report.md").is_file()
+    assert Path("result/report/report.html").is_file()
 
 
 @pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::UserWarning")

@@ -1,4 +1,4 @@
-"""Numbers as a report writes them, and names as Markdown has them."""
+"""How a report writes numbers, lists and names."""
 
 from __future__ import annotations
 
@@ -79,12 +79,6 @@ def replaced(items: Sequence[Any], old: str, new: str) -> list[Any]:
     return [new if item == old else item for item in items]
 
 
-def markdown(value: Any) -> str:
-    """A name as it is: nothing in it is taken for markup, or for the end of a table's cell."""
-    flat = " ".join(str(value).split())
-    return re.sub(r"([\\`*_\[\]<>|#~$])", r"\\\1", flat)
-
-
 def settings(record: Mapping[str, Any]) -> str:
     """Settings in a line; those that leave a choice to the sampling are left out."""
     words = {True: "yes", False: "no"}
@@ -119,7 +113,6 @@ FILTERS = {
     "names": names,
     "quoted": quoted,
     "replaced": replaced,
-    "md": markdown,
     "settings": settings,
     "heading": heading,
 }

@@ -1,4 +1,4 @@
-"""One figure of a report: a drawing that a page holds, or a file that Markdown points to."""
+"""One figure of a report, as part of its page."""
 
 from __future__ import annotations
 
@@ -40,10 +40,6 @@ class Picture:
     width: int
 
     @property
-    def file_name(self) -> str:
-        return f"{self.name}.{'svg' if isinstance(self.content, str) else 'png'}"
-
-    @property
     def inline(self) -> str:
         """The figure as a part of a page; names and texts in it are escaped."""
         alt = escape(self.alt, quote=True)
@@ -52,13 +48,6 @@ class Picture:
             return f'<img alt="{alt}" width="{self.width}" src="data:image/png;base64,{data}">'
         svg = self.content[self.content.index("<svg") :]
         return svg.replace("<svg", f'<svg role="img" aria-label="{alt}"', 1)
-
-    def save(self, directory: Path) -> None:
-        path = directory / self.file_name
-        if isinstance(self.content, str):
-            path.write_text(self.content, encoding="utf-8")
-        else:
-            path.write_bytes(self.content)
 
 
 def svg_figure(

@@ -1,4 +1,4 @@
-"""The figures of a report: drawings that a page holds, and files that Markdown points to."""
+"""The figures of a report."""
 
 from __future__ import annotations
 
@@ -56,12 +56,6 @@ class Pictures:
 
     def of_class(self, name: str) -> list[Picture]:
         return self.classes.get(name, [])
-
-    @property
-    def all(self) -> list[Picture]:
-        single = [each for each in (self.evidence, self.sensitivity, self.places) if each]
-        groups = [*self.tests.values(), *self.classes.values(), self.predictions]
-        return [*single, *(picture for group in groups for picture in group)]
 
 
 def draw(

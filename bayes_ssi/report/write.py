@@ -1,9 +1,8 @@
-"""Writing a report: templates filled, files put where they belong."""
+"""Writing the report of a stored result."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from bayes_ssi.report.content import content
@@ -13,28 +12,11 @@ from bayes_ssi.report.stored_extras import load_beside
 from bayes_ssi.results.new_directory import new_directory, require_new
 from bayes_ssi.versions import versions
 
-__all__ = ["Report", "write_report"]
+__all__ = ["write_report"]
 
-PAGE, TWIN = "report.html", "report.md"
+PAGE = "report.html"
 # Model classes told in full; a search may have sampled dozens.
 MOST_LISTED = 8
-
-
-@dataclass(frozen=True)
-class Report:
-    """The files of a report.
-
-    Attributes:
-        directory: holds them.
-        page: HTML that needs no other file and no network.
-        twin: the same in Markdown, its figures in ``figures``.
-        n_figures: how many there are.
-    """
-
-    directory: Path
-    page: Path
-    twin: Path
-    n_figures: int
 
 
 def write_report(
@@ -43,14 +25,19 @@ def write_report(
     *,
     overwrite: bool = False,
     progress: Callable[[str, float], None] | None = None,
-) -> Report:
-    """Write the report of a stored result; nothing is sampled, and no study is needed.
+) -> Path:
+    """Write the report of a stored result as one HTML page that needs no other file.
+
+    Nothing is sampled, and the study file is not needed.
 
     Args:
         result: the result directory.
         directory: where to; ``report`` in the result directory if None.
         overwrite: replace a report that exists.
         progress: called with the name of a step and the share of all that is done.
+
+    Returns:
+        The path of the page, ``report.html`` in the directory.
 
     Raises:
         FileExistsError: the directory exists and ``overwrite`` is false, or holds no report.
@@ -81,15 +68,11 @@ def write_report(
         tell("pages", 0.9)
         told = content(stored, beside, pictures, MOST_LISTED)
         told |= {"page_versions": versions(), "result": str(stored.directory)}
-        pages = {name: environment.get_template(f"{name}.j2").render(told) for name in (PAGE, TWIN)}
+        page = environment.get_template(f"{PAGE}.j2").render(told)
     except (LookupError, TypeError, AttributeError, jinja2.UndefinedError) as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())
         raise ValueError(f"{stored.directory}: incomplete or damaged result: {what}") from error
     with new_directory(directory, marker=PAGE, overwrite=overwrite) as partial:
-        (partial / "figures").mkdir()
-        for picture in pictures.all:
-            picture.save(partial / "figures")
-        for name, text in pages.items():
-            (partial / name).write_text(text.rstrip() + "\n", encoding="utf-8")
+        (partial / PAGE).write_text(page.rstrip() + "\n", encoding="utf-8")
     tell("pages", 1.0)
-    return Report(directory, directory / PAGE, directory / TWIN, len(pictures.all))
+    return directory / PAGE
