@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
-from bayes_ssi.priors import LogNormal, LogUniform, Prior, prior_from_dict
+from bayes_ssi.priors import LogNormal, LogUniform, Prior
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.lumped import LumpedStructure
 
@@ -87,26 +86,6 @@ class SearchSettings:
             prior = getattr(self, name)
             if not isinstance(prior, Prior) and not (name == "frequency" and prior is None):
                 raise TypeError(f"SearchSettings: {name} must be a prior, got {prior!r}")
-
-    def as_dict(self) -> dict[str, Any]:
-        """The settings, for a JSON record."""
-        return {
-            "mass_ratio": self.mass_ratio.as_dict(),
-            "frequency": None if self.frequency is None else self.frequency.as_dict(),
-            "number_weights": list(self.number_weights),
-            "branches": self.branches,
-        }
-
-    @classmethod
-    def from_dict(cls, record: Mapping[str, Any]) -> SearchSettings:
-        """The settings of a record that :meth:`as_dict` made; KeyError where it lacks one."""
-        frequency = record["frequency"]
-        return cls(
-            mass_ratio=prior_from_dict(record["mass_ratio"]),
-            frequency=None if frequency is None else prior_from_dict(frequency),
-            number_weights=tuple(record["number_weights"]),
-            branches=record["branches"],
-        )
 
 
 def places_of(structure: LumpedStructure) -> tuple[Place, ...]:

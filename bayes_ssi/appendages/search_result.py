@@ -16,6 +16,7 @@ from bayes_ssi.appendages.hypotheses import (
     frequency_name,
     mass_name,
 )
+from bayes_ssi.codec import to_record
 from bayes_ssi.ranking.averages import AveragedParameter, averaged_parameters
 from bayes_ssi.ranking.study import Ranking
 
@@ -132,7 +133,7 @@ def search_record(found: AppendageSearch) -> dict[str, Any]:
     """What a search found, for a JSON record."""
     return {
         "baseline": found.baseline,
-        "search_settings": found.search_settings.as_dict(),
+        "search_settings": to_record(found.search_settings),
         "mass_scale": found.mass_scale,
         "probability_of_any": found.probability_of_any,
         "places": [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from bayes_ssi.codec import to_record
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.description import described, in_words
 from bayes_ssi.model_class.model_class import ModelClass
@@ -30,7 +31,7 @@ def class_record(model_class: ModelClass) -> dict[str, Any]:
             {
                 "name": p.name,
                 "unit": p.unit,
-                "prior": p.prior.as_dict(),
+                "prior": to_record(p.prior),
                 "prior_quantiles": [p.prior.quantile(share) for share in (0.05, 0.5, 0.95)],
             }
             for p in model_class.parameters

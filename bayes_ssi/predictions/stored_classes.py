@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bayes_ssi.appendages.hypotheses import Place, SearchSettings, hypothesis
+from bayes_ssi.codec import from_record
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.ranking.study import Study
 from bayes_ssi.results.load import StoredResult
@@ -61,7 +62,7 @@ def _of_search(
     try:
         record = json.loads(file.read_text(encoding="utf-8"))
         baseline = record["baseline"]
-        settings = SearchSettings.from_dict(record["search_settings"])
+        settings = from_record(SearchSettings, record["search_settings"], "search_settings")
         places = {
             row["name"]: [
                 Place(each["place"]["kind"], tuple(each["place"]["floors"]))

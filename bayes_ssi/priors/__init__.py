@@ -13,7 +13,7 @@ from bayes_ssi.priors.families import (
     TruncatedNormal,
     Uniform,
 )
-from bayes_ssi.priors.prior import Prior, prior_from_dict
+from bayes_ssi.priors.prior import Prior
 
 __all__ = [
     "HalfNormal",
@@ -23,5 +23,4 @@ __all__ = [
     "Prior",
     "TruncatedNormal",
     "Uniform",
-    "prior_from_dict",
 ]

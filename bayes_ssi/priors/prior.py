@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import fields
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +14,6 @@ from bayes_ssi.arrays import FloatArray
 
 __all__ = [
     "Prior",
-    "prior_from_dict",
     "require_finite",
     "require_ordered",
     "require_positive",
@@ -29,6 +26,9 @@ class Prior(ABC):
     Subclasses give the map from a standard-normal coordinate to a value and back; the rest
     follows from it.
     """
+
+    # Where a stored record names the family.
+    record_tag = "distribution"
 
     @abstractmethod
     def from_normal(self, z: ArrayLike) -> FloatArray:
@@ -63,29 +63,6 @@ class Prior(ABC):
         if value >= high:
             return 1.0
         return float(ndtr(self.to_normal(value)))
-
-    def as_dict(self) -> dict[str, Any]:
-        """The distribution's name and numbers, for a JSON record."""
-        numbers = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        return {"distribution": type(self).__name__, **numbers}
-
-
-def prior_from_dict(record: Mapping[str, Any]) -> Prior:
-    """The prior of a record that :meth:`Prior.as_dict` made.
-
-    Raises:
-        ValueError: no distribution is called so.
-        TypeError: the numbers are not those of the distribution.
-    """
-    # Infinite bounds are text in a record.
-    numbers = {key: float(value) for key, value in record.items() if key != "distribution"}
-    known = {kind.__name__: kind for kind in Prior.__subclasses__()}
-    name = record.get("distribution")
-    if name not in known:
-        raise ValueError(
-            f"prior: no distribution {name!r}; choose from {', '.join(map(repr, known))}"
-        )
-    return known[name](**numbers)
 
 
 def require_finite(prior: Prior, **numbers: float) -> None:

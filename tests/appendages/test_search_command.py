@@ -7,6 +7,7 @@ from conftest import assert_one_line_error
 from searches import INFILL_01, INFILL_12, PENDULUM_1, by_count
 
 import bayes_ssi as bs
+from bayes_ssi.codec import to_record
 from bayes_ssi.ranking.checkpoint import Checkpoint
 from bayes_ssi.results.load import load_result
 
@@ -101,8 +102,8 @@ def test_priors_of_the_command_line_are_used(run, tiny_study_file, tmp_path, fak
     classes = json.loads(text)["model_classes"]
     (one,) = [c for c in classes if c["name"] == "pendulum 1"]
     priors = {p["name"]: p["prior"] for p in one["parameters"]}
-    assert priors["mass ratio, pendulum 1"] == bs.LogNormal(0.2, 0.5).as_dict()
-    assert priors["frequency, pendulum 1"] == bs.LogUniform(1.5, 2.5).as_dict()
+    assert priors["mass ratio, pendulum 1"] == to_record(bs.LogNormal(0.2, 0.5))
+    assert priors["frequency, pendulum 1"] == to_record(bs.LogUniform(1.5, 2.5))
 
 
 def stop(*_):
