@@ -22,7 +22,7 @@ from bayes_ssi.execution.workers import local_workers
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.ranking.study import load_study
-from bayes_ssi.sampling.importance import Estimate
+from bayes_ssi.sampling.estimates import EvidenceEstimate
 
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
 SECOND_FREQUENCY = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
@@ -157,7 +157,7 @@ def make_posterior():
     ):  # fmt: skip
         rng = np.random.default_rng(3)
         draws = rng.standard_normal((4, 250, len(names)))
-        estimate = Estimate(log_evidence, error)
+        check = EvidenceEstimate("bridge sampling", log_evidence, error)
         fields = {
             "name": name,
             "parameter_names": tuple(names),
@@ -167,8 +167,7 @@ def make_posterior():
             "relative_spreads": (0.25,) * len(names),
             "effective_sample_sizes": np.full(len(names), 400.0),
             "evidence": Evidence(
-                log_evidence, error, 1500.0, 0.2, 2000, estimate, estimate, log_evidence,
-                mean_log_likelihood=log_evidence + 3.0,
+                log_evidence, error, 1500.0, 0.2, 2000, log_evidence + 3.0, (check,)
             ),
             "regions": (Region(1.0, 0.0, 4, (1.0, 1.0), (0.0,) * len(names)),),
             "maxima": np.zeros((1, len(names))),

@@ -7,8 +7,6 @@ can be had.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
@@ -18,7 +16,7 @@ from bayes_ssi.sampling.ensembles import (
     effective_sample_size,
     r_hat,
 )
-from bayes_ssi.sampling.importance import LARGEST_WEIGHT, PARETO_K_LIMIT, Estimate
+from bayes_ssi.sampling.importance import LARGEST_WEIGHT, PARETO_K_LIMIT
 from bayes_ssi.sampling.result import SamplingResult
 
 __all__ = ["failed_checks", "failed_edge_checks"]
@@ -27,10 +25,6 @@ R_HAT_LIMIT, R_HAT_SCATTER = 1.01, 10.0
 LEAST_EFFECTIVE_SAMPLES = 400
 # An error this many times the wanted one is not what was wanted.
 REACHED = 1.5
-# Estimates that differ by more than this many of their standard errors disagree.
-DISAGREEMENT = 4.0
-# The tempered start's estimate is coarse: smaller differences from it mean nothing.
-TEMPERED_TOLERANCE = 1.0
 # A region with less of the posterior than this need not be found by every part of the sampling.
 SMALL_SHARE = 0.02
 # Independent searches that must have found a region.
@@ -117,7 +111,7 @@ def _check_chains(sampled: SamplingResult) -> list[str]:
 
 def _check_evidence(sampled: SamplingResult) -> list[str]:
     failed = []
-    quoted, bridge, repeat = sampled.evidence, sampled.bridge, sampled.repeat
+    quoted = sampled.evidence
     if quoted.error > REACHED * sampled.wanted_error:
         failed.append(
             f"the log evidence's error is {quoted.error:.3f}, after {len(sampled.importance.z)} "
@@ -132,23 +126,11 @@ def _check_evidence(sampled: SamplingResult) -> list[str]:
             f"a few importance draws may carry the evidence: Pareto k is {tail:.2f}, above "
             f"{PARETO_K_LIMIT}"
         )
-    apart = abs(bridge.log_evidence - quoted.log_evidence)
-    if not apart <= DISAGREEMENT * math.hypot(bridge.error, quoted.error):
-        failed.append(
-            f"log evidence by importance sampling, {_plus_minus(quoted)}, and by bridge "
-            f"sampling, {_plus_minus(bridge)}, disagree"
-        )
-    apart = abs(repeat.log_evidence - quoted.log_evidence)
-    if sampled.starts:
-        how = "by the tempered start"
-        tolerance = max(DISAGREEMENT * repeat.error, TEMPERED_TOLERANCE)
-    else:
-        how, tolerance = "a second time", DISAGREEMENT * math.hypot(repeat.error, quoted.error)
-    if not apart <= tolerance:
-        failed.append(
-            f"log evidence by importance sampling, {_plus_minus(quoted)}, and {how}, "
-            f"{_plus_minus(repeat)}, disagree"
-        )
+    failed += [
+        f"importance sampling and {check.name} disagree on the log evidence: {quoted} and {check}"
+        for check in sampled.evidence_checks
+        if not check.agrees_with(quoted)
+    ]
     return failed
 
 
@@ -185,7 +167,3 @@ def _check_regions(sampled: SamplingResult) -> list[str]:
         if of_chains[region] == 0:
             failed.append(f"{name} was never visited by the chains")
     return failed
-
-
-def _plus_minus(estimate: Estimate) -> str:
-    return f"{estimate.log_evidence:.3f} ± {estimate.error:.3f}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,9 +13,9 @@ from bayes_ssi.identification.inferred_pairing import InferredPairing
 from bayes_ssi.model_class.configuration import only_one
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.datum_terms import DatumTerms
-from bayes_ssi.sampling.importance import Estimate
+from bayes_ssi.sampling.estimates import EvidenceEstimate
 
-__all__ = ["Evidence", "ParameterSummary", "Posterior", "Region"]
+__all__ = ["Evidence", "ParameterSummary", "Posterior", "Region", "check_names"]
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,8 @@ class Evidence:
         effective_sample_size: of the importance draws.
         pareto_k: shape of the tail of their weights; the error is to be trusted below 0.7.
         n_draws: number of importance draws.
-        bridge: bridge sampling's estimate.
-        repeat: an estimate by other means: the tempered starts', which is coarse, or on the
-            economical path that of importance sampling done a second time.
-        laplace: Laplace's approximation, summed over the maxima found; a quick look.
         mean_log_likelihood: posterior mean of the log-likelihood, how well the class fits.
+        checks: estimates of the log evidence by other methods.
     """
 
     log_evidence: float
@@ -40,10 +37,12 @@ class Evidence:
     effective_sample_size: float
     pareto_k: float
     n_draws: int
-    bridge: Estimate
-    repeat: Estimate
-    laplace: float
     mean_log_likelihood: float
+    checks: tuple[EvidenceEstimate, ...]
+
+    def check(self, name: str) -> EvidenceEstimate | None:
+        """The estimate by the method of that name; None if there is none."""
+        return next((check for check in self.checks if check.name == name), None)
 
     @property
     def information_gained(self) -> float:
@@ -215,3 +214,9 @@ class Posterior:
             )
             for i, name in enumerate(self.parameter_names)
         )
+
+
+def check_names(posteriors: Iterable[Posterior]) -> list[str]:
+    """Methods that check the log evidence of any of the posteriors, each once."""
+    names = (check.name for posterior in posteriors for check in posterior.evidence.checks)
+    return list(dict.fromkeys(names))

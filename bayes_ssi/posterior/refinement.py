@@ -28,7 +28,6 @@ from bayes_ssi.modal import mac
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
-from bayes_ssi.sampling.importance import Estimate
 from bayes_ssi.sampling.maxima import find_maxima
 from bayes_ssi.sampling.result import Progress, SamplingSettings
 from bayes_ssi.sampling.target import Target
@@ -200,18 +199,12 @@ def _confirmed(model_class: ModelClass, posterior: Posterior) -> Posterior:
             evidence,
             log_evidence=evidence.log_evidence + correction,
             error=math.hypot(evidence.error, error),
-            bridge=_moved(evidence.bridge, correction, error),
-            repeat=_moved(evidence.repeat, correction, error),
-            laplace=evidence.laplace + correction,
             mean_log_likelihood=evidence.mean_log_likelihood + float(change.mean()),
+            checks=tuple(check.shifted(correction, error) for check in evidence.checks),
         ),
         failed_checks=failed,
         remarks=(*posterior.remarks, remark),
     )
-
-
-def _moved(estimate: Estimate, correction: float, error: float) -> Estimate:
-    return Estimate(estimate.log_evidence + correction, math.hypot(estimate.error, error))
 
 
 def _differences(

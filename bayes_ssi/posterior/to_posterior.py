@@ -133,10 +133,8 @@ def _evidence(sampled: SamplingResult) -> Evidence:
         effective_sample_size=sampled.importance.effective_sample_size,
         pareto_k=sampled.importance.pareto_k,
         n_draws=len(sampled.importance.z),
-        bridge=sampled.bridge,
-        repeat=sampled.repeat,
-        laplace=sampled.maxima.log_evidence,
         mean_log_likelihood=sampled.importance.log_likelihood_mean,
+        checks=sampled.evidence_checks,
     )
 
 

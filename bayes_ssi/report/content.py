@@ -13,7 +13,7 @@ import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
-from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.report.picture import Picture
 from bayes_ssi.report.pictures import Pictures
@@ -49,6 +49,7 @@ def content(
     places = [
         _Place(stored.posterior(row.name), records[row.name], row) for row in comparison.classes
     ]
+    methods = check_names(stored.posteriors)
     return {
         "title": record["study"],
         "question": record["description"],
@@ -67,7 +68,8 @@ def content(
             for place in places[:most_listed]
         ],
         "n_more": max(0, len(places) - most_listed),
-        "checks": [_checks(place) for place in places],
+        "checks": [_checks(place, methods) for place in places],
+        "check_names": methods,
         "search": beside.search,
         "sensitivity": beside.sensitivity,
         "turning": beside.sensitivity.turning if beside.sensitivity else (),
@@ -238,7 +240,7 @@ def _configuration(
     }
 
 
-def _checks(place: _Place) -> dict[str, Any]:
+def _checks(place: _Place, methods: Sequence[str]) -> dict[str, Any]:
     posterior = place.posterior
     evidence = posterior.evidence
     return {
@@ -253,9 +255,7 @@ def _checks(place: _Place) -> dict[str, Any]:
         "acceptance": posterior.acceptance,
         "quoted": evidence.log_evidence,
         "error": evidence.error,
-        "bridge": evidence.bridge,
-        "repeat": evidence.repeat,
-        "laplace": evidence.laplace,
+        "estimates": [evidence.check(name) for name in methods],
         "pareto_k": evidence.pareto_k,
         "importance_samples": evidence.effective_sample_size,
         "n_regions": len(posterior.regions),

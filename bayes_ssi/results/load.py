@@ -25,7 +25,7 @@ from bayes_ssi.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.results.consistency import require_record, require_whole
 from bayes_ssi.results.draws import load_draws
 from bayes_ssi.results.json_files import read_json
-from bayes_ssi.sampling.importance import Estimate
+from bayes_ssi.sampling.estimates import EvidenceEstimate
 
 __all__ = ["StoredResult", "load_result"]
 
@@ -117,8 +117,15 @@ def _posterior(directory: Path, entry: Mapping[str, Any]) -> Posterior:
     names = tuple(entry["parameter_names"])
     stored = load_draws(directory / "posteriors" / entry["file"], names)
     evidence = dict(entry["evidence"])
-    for check in ("bridge", "repeat"):
-        evidence[check] = Estimate(**{k: float(v) for k, v in evidence[check].items()})
+    evidence["checks"] = tuple(
+        EvidenceEstimate(
+            check["name"],
+            float(check["log_evidence"]),
+            None if check["error"] is None else float(check["error"]),
+            float(check["tolerance"]),
+        )
+        for check in evidence["checks"]
+    )
     for number, value in evidence.items():
         if isinstance(value, str):  # an infinity or NaN
             evidence[number] = float(value)

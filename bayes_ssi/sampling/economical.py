@@ -14,13 +14,15 @@ there are, and fail the checks of the importance weights.
 from __future__ import annotations
 
 import math
+from dataclasses import astuple
 
 import numpy as np
 
+from bayes_ssi.sampling.bridge import bridge_sampling
 from bayes_ssi.sampling.ensembles import Ensemble
+from bayes_ssi.sampling.estimates import EvidenceEstimate
 from bayes_ssi.sampling.importance import (
     ImportanceSample,
-    bridge_sampling,
     extended,
     first_draws,
     refined,
@@ -84,15 +86,18 @@ def sample_economically(
         samples.append(sample)
         ensembles.append(draws)
         _tell(progress, "evidence", (i + 1) / len(ERRORS))
-    importance, repeat = samples
+    importance, second = samples
     return SamplingResult(
         discovery=discovery,
         starts=(),
         maxima=discovery.maxima,
         ensembles=tuple(ensembles),
         importance=importance,
-        bridge=bridge_sampling(ensembles[1], importance),
-        repeat=repeat.estimate,
+        evidence_checks=(
+            bridge_sampling(ensembles[1], importance),
+            EvidenceEstimate("second importance sample", *astuple(second.estimate)),
+            discovery.maxima.laplace_estimate,
+        ),
         regions=_regions(target, discovery.maxima, importance),
         wanted_error=settings.log_evidence_error,
         n_evaluations=target.n_evaluations,

@@ -25,18 +25,17 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.sampling.bridge import bridge_sampling
 from bayes_ssi.sampling.economical import sample_economically
 from bayes_ssi.sampling.ensembles import Ensemble, Proposal, Walkers, first_walkers, run_ensemble
 from bayes_ssi.sampling.importance import (
     PARETO_K_LIMIT,
     ImportanceSample,
-    bridge_sampling,
     extended,
     first_draws,
     halves,
     refined,
     resampled,
-    tempered_estimate,
 )
 from bayes_ssi.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.sampling.mixture import StudentMixture, choose_mixture
@@ -44,7 +43,7 @@ from bayes_ssi.sampling.multistart import discover
 from bayes_ssi.sampling.regions import Regions, find_regions
 from bayes_ssi.sampling.result import Progress, SamplingResult, SamplingSettings
 from bayes_ssi.sampling.target import Target
-from bayes_ssi.sampling.tempering import TemperedStart, tempered_start
+from bayes_ssi.sampling.tempering import TemperedStart, tempered_estimate, tempered_start
 
 __all__ = ["sample_target"]
 
@@ -148,8 +147,11 @@ def _sample(
         maxima=maxima,
         ensembles=tuple(ensembles),
         importance=importance,
-        bridge=bridge_sampling(ensembles[1], importance),
-        repeat=tempered_estimate(starts),
+        evidence_checks=(
+            bridge_sampling(ensembles[1], importance),
+            tempered_estimate(starts),
+            maxima.laplace_estimate,
+        ),
         regions=regions,
         wanted_error=settings.log_evidence_error,
         n_evaluations=target.n_evaluations,

@@ -1,16 +1,8 @@
-"""The evidence p(data | model class): mixture importance sampling, and what checks it.
-
-* Importance sampling from a Student-t mixture fitted to the draws is the quoted value.
-* Bridge sampling (Meng and Wong 1996) and the tempered start's own estimate are the checks.
-* Laplace's approximation, summed over maxima, is a quick look.
-
-All is in log space.
-"""
+"""Mixture importance sampling: the quoted evidence p(data | model class), in log space."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,22 +11,19 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.sampling.ensembles import Ensemble, autocorrelation_times
+from bayes_ssi.sampling.ensembles import Ensemble
+from bayes_ssi.sampling.estimates import Estimate
 from bayes_ssi.sampling.mixture import StudentMixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
-from bayes_ssi.sampling.tempering import TemperedStart
 
 __all__ = [
-    "Estimate",
     "ImportanceSample",
-    "bridge_sampling",
     "extended",
     "first_draws",
     "halves",
     "pareto_shape",
     "refined",
     "resampled",
-    "tempered_estimate",
 ]
 
 PRIOR_SHARE = 0.02
@@ -52,14 +41,6 @@ MAX_ADDED_COMPONENTS = 12
 FLAT = 1e-10
 # Share of the draws whose spread gives an added component its shape.
 NEIGHBOURHOOD = 0.05
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A log evidence with its standard error, in nats."""
-
-    log_evidence: float
-    error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,58 +311,3 @@ def halves(sample: ImportanceSample, rng: np.random.Generator) -> list[Importanc
         )
         for part in parts
     ]
-
-
-def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> Estimate:
-    """Bridge sampling between the posterior draws of an ensemble and those from a mixture.
-
-    The optimal bridge of Meng and Wong (1996); error after Frühwirth-Schnatter (2004), with the
-    chain's autocorrelation.
-
-    Args:
-        ensemble: posterior draws.
-        sample: draws from a mixture fitted without ``ensemble``; their likelihoods serve a
-            second time.
-    """
-    log_proposals = sample.mixture.log_pdf(ensemble.draws)
-    posterior = ensemble.log_posteriors - log_proposals.reshape(ensemble.log_posteriors.shape)
-    proposal = sample.log_weights
-    n_posterior = posterior.size / float(ensemble.autocorrelation_times.max())
-    log_s1 = math.log(n_posterior / (n_posterior + proposal.size))
-    log_s2 = math.log(proposal.size / (n_posterior + proposal.size))
-    log_evidence = sample.estimate.log_evidence
-    for _ in range(200):
-        from_proposal = proposal - np.logaddexp(log_s1 + proposal, log_s2 + log_evidence)
-        from_posterior = -np.logaddexp(log_s1 + posterior, log_s2 + log_evidence)
-        updated = float(
-            logsumexp(from_proposal)
-            - math.log(proposal.size)
-            - logsumexp(from_posterior)
-            + math.log(posterior.size)
-        )
-        settled = abs(updated - log_evidence) < 1e-9
-        log_evidence = updated
-        if settled:
-            break
-    f1, f2 = (
-        np.exp(from_proposal - from_proposal.max()),
-        np.exp(from_posterior - from_posterior.max()),
-    )
-    time = float(autocorrelation_times(f2[..., None])[0])
-    relative_variance = f1.var() / (f1.mean() ** 2 * f1.size) + time * f2.var() / (
-        f2.mean() ** 2 * f2.size
-    )
-    return Estimate(log_evidence, float(np.sqrt(relative_variance)))
-
-
-def tempered_estimate(starts: Sequence[TemperedStart]) -> Estimate:
-    """The tempered starts' evidence, averaged, with the larger of its two errors.
-
-    One error follows from the weights of every stage and leaves out what the stages share; the
-    other is the scatter of the starts.
-    """
-    each = np.array([start.log_evidence for start in starts])
-    log_evidence = float(logsumexp(each)) - math.log(len(each))
-    by_weights = math.sqrt(sum(s.log_evidence_error**2 for s in starts)) / len(starts)
-    by_scatter = float(each.std(ddof=1)) / math.sqrt(len(each)) if len(each) > 1 else 0.0
-    return Estimate(log_evidence, max(by_weights, by_scatter))

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.sampling.estimates import EvidenceEstimate
 from bayes_ssi.sampling.mixture import StudentMixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
@@ -67,9 +68,9 @@ class Maxima:
         return self.log_posteriors + 0.5 * d * math.log(2.0 * math.pi) - 0.5 * log_determinants
 
     @property
-    def log_evidence(self) -> float:
+    def laplace_estimate(self) -> EvidenceEstimate:
         """Laplace's approximation of the log evidence, summed over the maxima."""
-        return float(logsumexp(self.log_masses))
+        return EvidenceEstimate("Laplace", float(logsumexp(self.log_masses)))
 
     def as_mixture(self, beta: float = 1.0, dof: float = 5.0) -> StudentMixture:
         """One component a maximum, weighted by its mass, for likelihood^beta · prior.

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.ensembles import Ensemble
-from bayes_ssi.sampling.importance import Estimate, ImportanceSample
+from bayes_ssi.sampling.estimates import Estimate, EvidenceEstimate
+from bayes_ssi.sampling.importance import ImportanceSample
 from bayes_ssi.sampling.maxima import Maxima
 from bayes_ssi.sampling.multistart import MultistartSearch
 from bayes_ssi.sampling.regions import Regions
@@ -78,9 +79,7 @@ class SamplingResult:
         resampled: posterior draws made of the importance draws instead, where ensembles mix too
             slowly and these draws are many; else empty.
         importance: what the evidence and the regions' shares come from.
-        bridge: bridge sampling's estimate of the log evidence.
-        repeat: an estimate by other means: of the tempered starts; on the economical path, of
-            importance sampling done a second time.
+        evidence_checks: estimates of the log evidence by other methods.
         regions: separate regions of the posterior.
         wanted_error: of the log evidence.
         n_evaluations: of the log-likelihood.
@@ -91,8 +90,7 @@ class SamplingResult:
     maxima: Maxima
     ensembles: tuple[Ensemble, ...]
     importance: ImportanceSample
-    bridge: Estimate
-    repeat: Estimate
+    evidence_checks: tuple[EvidenceEstimate, ...]
     regions: Regions
     wanted_error: float
     n_evaluations: int

@@ -11,18 +11,19 @@ particles would otherwise be lost by chance.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.sampling.estimates import EvidenceEstimate
 from bayes_ssi.sampling.maxima import Maxima
 from bayes_ssi.sampling.mixture import fit_mixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
-__all__ = ["TemperedStart", "tempered_start"]
+__all__ = ["TemperedStart", "tempered_estimate", "tempered_start"]
 
 EFFECTIVE_SHARE = 0.5
 # Moves go on until positions have lost this much of their correlation with where they began.
@@ -39,6 +40,8 @@ EM_STEPS = 8
 PRIOR_SHARE = 0.05
 MIXTURE_MOVES = 0.7  # share of the moves that the mixture proposes
 MAXIMA_SHARE = 0.3
+# The starts' estimate is coarse: smaller differences from it, in nats, mean nothing.
+TOLERANCE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,3 +248,17 @@ def _correlation(before: FloatArray, after: FloatArray) -> float:
     """The mean over dimensions of the correlation between positions before and after."""
     a, b = before - before.mean(0), after - after.mean(0)
     return float(np.mean((a * b).sum(0) / np.sqrt((a * a).sum(0) * (b * b).sum(0))))
+
+
+def tempered_estimate(starts: Sequence[TemperedStart]) -> EvidenceEstimate:
+    """The tempered starts' evidence, averaged, with the larger of its two errors.
+
+    One error follows from the weights of every stage and leaves out what the stages share; the
+    other is the scatter of the starts.
+    """
+    each = np.array([start.log_evidence for start in starts])
+    log_evidence = float(logsumexp(each) - np.log(len(each)))
+    by_weights = np.sqrt(sum(s.log_evidence_error**2 for s in starts)) / len(starts)
+    by_scatter = float(each.std(ddof=1)) / np.sqrt(len(each)) if len(each) > 1 else 0.0
+    error = float(max(by_weights, by_scatter))
+    return EvidenceEstimate("tempered starts", log_evidence, error, TOLERANCE)

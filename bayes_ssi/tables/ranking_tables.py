@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from rich.table import Table
 
 from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
-from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.ranking.averages import AveragedParameter
 from bayes_ssi.ranking.comparison import Comparison, probability_text
 from bayes_ssi.tables.layout import add_row, new_table
@@ -48,8 +48,9 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
     """What each log evidence is made of, and the estimates that check it, in nats."""
     table = new_table("Log evidence = fit - information gained, and its checks (nats)")
     table.add_column("model class", overflow="fold")
-    for heading in ("fit", "information", "bridge", "repeat", "Laplace"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    methods = check_names(posteriors)
+    for heading in ("fit", "information", *methods):
+        table.add_column(heading.replace(" ", "\n"), justify="right", no_wrap=True)
     for posterior in posteriors:
         evidence = posterior.evidence
         add_row(
@@ -57,9 +58,7 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
             posterior.name,
             f"{evidence.mean_log_likelihood:.2f}",
             f"{round(evidence.information_gained, 2) + 0.0:.2f}",  # not -0.00
-            f"{evidence.bridge.log_evidence:.3f}",
-            f"{evidence.repeat.log_evidence:.1f}",
-            f"{evidence.laplace:.2f}",
+            *("" if check is None else str(check) for check in map(evidence.check, methods)),
         )
     return table
 

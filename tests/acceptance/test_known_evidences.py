@@ -168,7 +168,7 @@ def test_log_evidence(name, seed, samples):
     _, _, log_evidence, rounding = PROBLEMS[name]
     found = samples[name, seed]
     assert found.evidence.error <= 0.02
-    for estimate in (found.evidence, found.bridge):
+    for estimate in (found.evidence, found.evidence_checks[0]):
         off = abs(estimate.log_evidence - log_evidence)
         assert off <= 4.0 * estimate.error + rounding
     assert failed_checks(found) == []
@@ -178,7 +178,7 @@ def test_log_evidence(name, seed, samples):
 def test_log_evidence_of_larger_problems(name, samples):
     _, _, log_evidence, rounding = LARGER_PROBLEMS[name]
     found = samples[name, 0]
-    for estimate in (found.evidence, found.bridge):
+    for estimate in (found.evidence, found.evidence_checks[0]):
         off = abs(estimate.log_evidence - log_evidence)
         assert off <= min(4.0 * estimate.error, 0.06) + rounding
     assert failed_checks(found) == []

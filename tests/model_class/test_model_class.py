@@ -270,5 +270,5 @@ def test_a_class_that_pairs_nothing_is_sampled():
     data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
     for seed in range(4):
         found = bs.sample(bs.ModelClass("none", building, data, pairing={}), seed)
-        assert np.isfinite(found.evidence.repeat.error)
+        assert np.isfinite(found.evidence.check("tempered starts").error)
         assert found.failed_checks == ()

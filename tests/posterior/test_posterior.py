@@ -47,9 +47,10 @@ def test_evidence_and_summary_are_those_of_quadrature(posterior):
     log_evidence, mean, sd, quantiles, fit = by_quadrature()
     found, (row,) = posterior.evidence, posterior.summary
     assert found.log_evidence == pytest.approx(log_evidence, abs=4.0 * found.error)
-    assert found.bridge.log_evidence == pytest.approx(log_evidence, abs=4.0 * found.bridge.error)
-    assert found.repeat.log_evidence == pytest.approx(log_evidence, abs=0.3)
-    assert found.laplace == pytest.approx(log_evidence, abs=0.02)
+    bridge, tempered, laplace = found.checks
+    assert bridge.log_evidence == pytest.approx(log_evidence, abs=4.0 * bridge.error)
+    assert tempered.log_evidence == pytest.approx(log_evidence, abs=0.3)
+    assert laplace.log_evidence == pytest.approx(log_evidence, abs=0.02)
     assert found.mean_log_likelihood == pytest.approx(fit, abs=0.03)
     assert row.name == "k"
     assert row.mean == pytest.approx(mean, abs=4.0 * row.mean_error)

@@ -19,7 +19,7 @@ from bayes_ssi.ranking.sensitivity import (
     sensitivity,
     sensitivity_record,
 )
-from bayes_ssi.sampling.importance import Estimate
+from bayes_ssi.sampling.estimates import Estimate
 from bayes_ssi.tables import sensitivity_notes, sensitivity_table
 
 

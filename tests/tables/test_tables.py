@@ -60,7 +60,7 @@ def test_notes_name_the_scale_and_what_cannot_be_told_apart(make_posterior):
 
 def test_evidence_and_its_checks(make_posterior):
     table = evidence_table([make_posterior("x", 1.5)])
-    assert cells(table, ["x"]) == ["4.50", "3.00", "1.500", "1.5", "1.50"]
+    assert cells(table, ["x"]) == ["4.50", "3.00", "1.500", "±", "0.010"]
 
 
 def test_parameters(make_posterior):

@@ -1,0 +1,61 @@
+"""Estimates of a log evidence: the quoted value, and the named ones that check it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+__all__ = ["Estimate", "EvidenceEstimate"]
+
+# Estimates that differ by more than this many standard errors of their difference disagree: by
+# chance once in 16,000 times.
+STANDARD_ERRORS = 4.0
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A log evidence with its standard error, in nats."""
+
+    log_evidence: float
+    error: float
+
+    def __str__(self) -> str:
+        return f"{self.log_evidence:.3f} ± {self.error:.3f}"
+
+
+@dataclass(frozen=True)
+class EvidenceEstimate:
+    """An estimate of the log evidence by one method, which checks the quoted one.
+
+    Attributes:
+        name: of the method.
+        log_evidence: in nats.
+        error: its standard error; None where it is unknown and nothing is judged by the estimate.
+        tolerance: a smaller difference from the quoted value is no disagreement, whatever the
+            errors.
+    """
+
+    name: str
+    log_evidence: float
+    error: float | None = None
+    tolerance: float = 0.0
+
+    def agrees_with(self, quoted: Estimate) -> bool:
+        """Whether the difference from the quoted value is within the errors or the tolerance."""
+        if self.error is None:
+            return True
+        allowed = max(STANDARD_ERRORS * math.hypot(self.error, quoted.error), self.tolerance)
+        return abs(self.log_evidence - quoted.log_evidence) <= allowed
+
+    def shifted(self, correction: float, error: float) -> EvidenceEstimate:
+        """This estimate plus a correction that has a standard error of its own."""
+        return replace(
+            self,
+            log_evidence=self.log_evidence + correction,
+            error=None if self.error is None else math.hypot(self.error, error),
+        )
+
+    def __str__(self) -> str:
+        if self.error is None:
+            return f"{self.log_evidence:.3f}"
+        return str(Estimate(self.log_evidence, self.error))
