@@ -114,7 +114,7 @@ class SavedRun:
         overwrite = self.overwrite or checkpoint.is_saving
         require_new(directory, overwrite=overwrite)
         if not self.economical and not is_quiet():
-            _advise(study)
+            _print_performance_hints(study)
         try:
             with (
                 nullcontext(self.workers) if self.dask is None else dask_workers(self.dask) as pool,
@@ -186,17 +186,19 @@ class SavedRun:
             sys.exit(FAILED_CHECK)
 
 
-def _advise(study: Study) -> None:
+def _print_performance_hints(study: Study) -> None:
     """Say before a long run where it need not be long, once for structures that are alike."""
-    told: dict[str, list[str]] = {}
+    from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
+
+    names_by_hint: dict[str, list[str]] = {}
     for candidate in study.model_classes:
         for configuration in candidate.configurations:
-            told.setdefault(configuration.structure.performance_hint, []).append(
-                repr(candidate.name)
-            )
-    for advice, names in told.items():
-        if advice:
-            click.echo(f"Slow: {', '.join(dict.fromkeys(names))}: {advice}", err=True)
+            structure = configuration.structure
+            if isinstance(structure, ReducibleStructure) and structure.performance_hint:
+                names = names_by_hint.setdefault(structure.performance_hint, [])
+                names.append(repr(candidate.name))
+    for hint, names in names_by_hint.items():
+        click.echo(f"Slow: {', '.join(dict.fromkeys(names))}: {hint}", err=True)
 
 
 def run_options(command: Callable[..., None]) -> Callable[..., None]:

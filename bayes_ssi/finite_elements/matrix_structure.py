@@ -11,17 +11,19 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from numbers import Integral
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.affine_matrix import AffineMatrix
 from bayes_ssi.finite_elements.matrix_files import Matrix
 from bayes_ssi.finite_elements.named_rows import Sensors, named_rows
 from bayes_ssi.finite_elements.one_by_one import OneByOne, Solved
+from bayes_ssi.finite_elements.reduced_structure import ReducedStructure
+from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure, System
 from bayes_ssi.finite_elements.sparse_factors import (
     NoModesError,
     count_below,
@@ -39,38 +41,18 @@ from bayes_ssi.finite_elements.sparse_modes import (
 from bayes_ssi.modal import ModalModel, Modes
 from bayes_ssi.parameters import Parameter, collect_parameters
 
-if TYPE_CHECKING:
-    from bayes_ssi.finite_elements.reduced_structure import ReducedStructure
-
-__all__ = ["MatrixStructure", "System"]
+__all__ = ["MatrixStructure"]
 
 # How far above the highest frequency of interest modes are computed: they come down from there
 # as parameters change.
 MARGIN = 0.2
 # Structures with fewer degrees of freedom are solved a batch at a time.
 AT_ONCE_BELOW = 40
-# From so many degrees of freedom sampling with full solutions takes minutes and more.
-LARGE = 300
 # Of the largest eigenvalue: smaller ones may be no more than rounding.
 ROUNDING = 1e-12
 
 
-class System(NamedTuple):
-    """The matrices with their rows in an order that keeps factors sparse.
-
-    Attributes:
-        stiffness, mass: in that order.
-        rows: of the sensors.
-        influence: (n,), or None where it is not known.
-    """
-
-    stiffness: AffineMatrix
-    mass: AffineMatrix
-    rows: NDArray[np.intp]
-    influence: FloatArray | None
-
-
-class MatrixStructure(OneByOne):
+class MatrixStructure(OneByOne, ReducibleStructure):
     """A finite-element model whose matrices are sums of fixed ones times products of parameters.
 
     Every set of parameter values costs a full eigen-solution, milliseconds for thousands of
@@ -127,8 +109,6 @@ class MatrixStructure(OneByOne):
             options: those of
                 :class:`~bayes_ssi.finite_elements.reduced_structure.ReducedStructure`.
         """
-        from bayes_ssi.finite_elements.reduced_structure import ReducedStructure
-
         return ReducedStructure(self, **options)
 
     @property
@@ -141,17 +121,7 @@ class MatrixStructure(OneByOne):
         return self._names
 
     @property
-    def performance_hint(self) -> str:
-        if self.size < LARGE:
-            return ""
-        return (
-            f"{self.size} degrees of freedom, solved in full tens of thousands of times; "
-            "MatrixStructure.reduced() needs dozens of full solutions"
-        )
-
-    @property
     def size(self) -> int:
-        """How many degrees of freedom the matrices have."""
         return self._stiffness.size
 
     @cached_property
@@ -195,7 +165,7 @@ class MatrixStructure(OneByOne):
         if not np.all(eigenvalues[:, 0] > ROUNDING * eigenvalues[:, -1]):
             return None
         n = self.n_modes
-        shapes = (transposed @ vectors)[:, self.system.rows, :n]
+        shapes = (transposed @ vectors)[:, self.system.sensor_rows, :n]
         return Modes(frequencies_hz(eigenvalues[:, :n]), shapes)
 
     def solved(self, values: FloatArray) -> Solved:
@@ -207,7 +177,7 @@ class MatrixStructure(OneByOne):
             stiffness = np.tensordot(of_stiffness, self.system.stiffness.dense, 1)
             modes = dense_modes(stiffness, np.tensordot(of_mass, self.system.mass.dense, 1), n)
             require_held(stiffness, modes.vectors[:, 0])
-        return frequencies_hz(modes.eigenvalues[:n]), modes.vectors[self.system.rows, :n]
+        return frequencies_hz(modes.eigenvalues[:n]), modes.vectors[self.system.sensor_rows, :n]
 
     def full_modes(self, values: FloatArray, extra: int = 0) -> SparseModes:
         """A full solution at ``values`` (n_parameters,), rows as in :attr:`system`.
@@ -240,22 +210,8 @@ class MatrixStructure(OneByOne):
             np.array([frequencies for frequencies, _, _ in found]),
             np.array([shapes for _, shapes, _ in found]),
             np.array([participation for _, _, participation in found]),
-            influence[self.system.rows],
+            influence[self.system.sensor_rows],
         )
-
-    def require_influence(self) -> FloatArray:
-        """How degrees of freedom follow the ground, rows as in :attr:`system`.
-
-        Raises:
-            TypeError: it was not given.
-        """
-        if self.system.influence is None:
-            raise TypeError(
-                "MatrixStructure: how its degrees of freedom follow the ground is not known, so "
-                "its response cannot be computed; give influence=, one number a degree of freedom "
-                "(1 for a displacement in the direction of the ground motion, else 0)"
-            )
-        return self.system.influence
 
     def matrices(self, values: FloatArray) -> tuple[Matrix, Matrix]:
         """K and M at ``values`` (n_parameters,), rows as in :attr:`system`.
@@ -316,7 +272,7 @@ class MatrixStructure(OneByOne):
         modes, n = self.full_modes(values), self.n_modes
         _, mass = self.matrices(values)
         participation = modes.vectors[:, :n].T @ (mass @ self.require_influence())
-        shapes = modes.vectors[self.system.rows, :n]
+        shapes = modes.vectors[self.system.sensor_rows, :n]
         return frequencies_hz(modes.eigenvalues[:n]), shapes, participation
 
     def __repr__(self) -> str:

@@ -7,18 +7,19 @@ from collections.abc import Mapping
 from contextlib import suppress
 from copy import copy
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.finite_elements.matrix_structure import MatrixStructure
+from bayes_ssi.finite_elements.approximate_structure import Accuracy, ApproximateStructure
 from bayes_ssi.finite_elements.reduced_basis import (
     Bounds,
     Coefficients,
     ReducedBasis,
     Reference,
 )
+from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 from bayes_ssi.finite_elements.sparse_factors import NoModesError
 from bayes_ssi.finite_elements.sparse_modes import (
     SMALL,
@@ -28,7 +29,6 @@ from bayes_ssi.finite_elements.sparse_modes import (
 )
 from bayes_ssi.modal import ModalModel, Modes
 from bayes_ssi.parameters import Parameter
-from bayes_ssi.structures.structure import Accuracy, Structure
 
 __all__ = ["ReducedStructure"]
 
@@ -42,8 +42,8 @@ NEGLIGIBLE = 0.15
 BAD_ENOUGH = 0.7
 
 
-class ReducedStructure(Structure):
-    """A :class:`MatrixStructure` whose modes are sought in the span of some of its full solutions.
+class ReducedStructure(ApproximateStructure):
+    """A finite-element model whose modes are sought in the span of some of its full solutions.
 
     The basis is made when modes are first asked for. Full solutions are placed one after the other
     where the certified error is largest among points of the prior (a greedy reduced basis), until
@@ -56,7 +56,7 @@ class ReducedStructure(Structure):
 
     def __init__(
         self,
-        full: MatrixStructure,
+        full: ReducibleStructure,
         *,
         frequency_error: float = 1e-3,
         shape_error: float = 0.1,
@@ -72,9 +72,9 @@ class ReducedStructure(Structure):
 
         Raises:
             ValueError: one of them is not positive.
-            TypeError: ``full`` is no MatrixStructure.
+            TypeError: ``full`` cannot be reduced.
         """
-        if not isinstance(full, MatrixStructure):
+        if not isinstance(full, ReducibleStructure):
             raise TypeError(f"ReducedStructure: full must be a MatrixStructure, got {full!r}")
         for name, value in (
             ("frequency_error", frequency_error),
@@ -102,7 +102,7 @@ class ReducedStructure(Structure):
         return self.full.n_modes
 
     @property
-    def exact(self) -> Structure:
+    def exact(self) -> ReducibleStructure:
         return self.full
 
     @property
@@ -137,7 +137,7 @@ class ReducedStructure(Structure):
             frequencies_hz(eigenvalues),
             self.basis.at_sensors @ y,
             np.einsum("bt,tk,bkm->bm", of_mass, np.array(pushed), y),
-            influence[self.full.system.rows],
+            influence[self.full.system.sensor_rows],
         )
 
     def description(self) -> Mapping[str, Any]:
@@ -158,9 +158,7 @@ class ReducedStructure(Structure):
             np.array([one.shape for one in of_rows]) if of_rows else empty,
         )
 
-    def accurate_at(
-        self, values: FloatArray, frequency_error: float, shape_error: float
-    ) -> ReducedStructure:
+    def accurate_at(self, values: FloatArray, frequency_error: float, shape_error: float) -> Self:
         """This structure if it is so accurate at all ``values``, or one with a larger basis.
 
         ``most_full_solutions`` is the limit of both together.
@@ -251,7 +249,7 @@ class ReducedStructure(Structure):
     def _reference(self) -> Reference:
         (medians,) = self._at(self.full.prior_medians())
         system = self.full.system
-        return Reference(system.stiffness, system.mass, system.rows, medians)
+        return Reference(system.stiffness, system.mass, system.sensor_rows, medians)
 
     def _coefficients(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         system = self.full.system

@@ -1,11 +1,10 @@
-"""Sampling with structures that approximate others: accurate where it matters, and confirmed.
+"""Sampling with approximate structures: accurate where the posterior lies, and corrected.
 
-A reduced model is made accurate over the prior as far as searches need, which is about as far as
-the data's own errors. Where the posterior lies it must do better: its error, certified against the
-full model, is to be below a tenth of the identification and prediction errors at the draws. Where
-it is not, the reduced model is improved there and the class is sampled again, which costs little.
-In the end full solutions at some draws tell how far the likelihood is off, and correct the
-evidence:
+A reduced model is accurate over the prior to about the data's own errors, which is all that
+searches need. Where the posterior lies its certified error is to be a small share of the
+identification and prediction errors. Where it is not, the reduced model is refined there and the
+class is sampled again, which costs little. Finally, full solutions at some draws show how far the
+likelihood is off, and correct the evidence:
 
     p(D | full) = p(D | reduced) · E[p(D | θ, full) / p(D | θ, reduced)]
 
@@ -16,118 +15,136 @@ a result depends on nothing but the seed.
 from __future__ import annotations
 
 import math
-from concurrent.futures import Executor
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.execution.journal import Journal
-from bayes_ssi.execution.workers import Workers, as_workers
+from bayes_ssi.execution.workers import Workers
+from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure, exact_structure
 from bayes_ssi.modal import mac
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.posterior.to_posterior import sample_as_it_is
 from bayes_ssi.sampling.maxima import find_maxima
-from bayes_ssi.sampling.result import Progress, SamplingSettings
 from bayes_ssi.sampling.target import Target
+from bayes_ssi.structures.structure import Structure
 
-__all__ = ["sample"]
-
-# The approximation's error may be this share of the data's and the model's own errors.
-SHARE = 0.1
-# At a few draws errors may be smaller still.
-ERROR_QUANTILE = 0.05
-DRAWS_TO_CERTIFY = 200
-# Prior draws of a quick search, and how many of the best ones it climbs from.
-DRAWS_TO_SEARCH, SEARCHES = 1000, 16
-DRAWS_TO_CONFIRM = 16
-MOST_ROUNDS = 4
-# A larger correction of the log evidence cannot be trusted to a few draws.
-LARGE_CORRECTION = 0.3
+__all__ = ["RefinementSettings", "is_approximate", "refined"]
 
 
-def sample(
+@dataclass(frozen=True)
+class RefinementSettings:
+    """How accurate approximate structures are made where the posterior lies.
+
+    Attributes:
+        error_share: of the data's and the model's own errors that the approximation's error may
+            be: added in quadrature, a tenth widens them by half a per cent.
+        error_quantile: of the own errors at the draws, that counts as their size.
+        n_certified: draws at which errors are certified.
+        n_searched: prior draws of the quick search that precedes sampling.
+        n_climbs: how many of the best of these it climbs from.
+        n_confirmed: draws at which full solutions correct the evidence.
+        most_rounds: of sampling and refining.
+        largest_correction: of the log evidence, that so few draws can be trusted with.
+    """
+
+    error_share: float = 0.1
+    error_quantile: float = 0.05
+    n_certified: int = 200
+    n_searched: int = 1000
+    n_climbs: int = 16
+    n_confirmed: int = 16
+    most_rounds: int = 4
+    largest_correction: float = 0.3
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Largest errors that the structure of a configuration may have.
+
+    Attributes:
+        frequency: relative error of frequencies.
+        shape: error of shapes at unit length.
+    """
+
+    frequency: float
+    shape: float
+
+
+def is_approximate(model_class: ModelClass) -> bool:
+    """Whether any of its structures approximates another."""
+    return any(isinstance(c.structure, ApproximateStructure) for c in model_class.configurations)
+
+
+def refined(
     model_class: ModelClass,
-    seed: int = 0,
-    settings: SamplingSettings | None = None,
-    progress: Progress | None = None,
-    *,
-    workers: int | Executor | Workers | None = None,
-    journal: Journal | None = None,
+    sample_class: Callable[[ModelClass], Posterior],
+    seed: int,
+    workers: Workers | None = None,
+    settings: RefinementSettings | None = None,
 ) -> Posterior:
-    """Sample the posterior of a model class and estimate its evidence.
-
-    Structures that approximate others are made accurate where the posterior lies, and the evidence
-    is corrected by solutions of the others; ``remarks`` of the result tell how far.
+    """The posterior of a class with approximate structures, refined, certified and corrected.
 
     Args:
-        model_class: what is sampled.
-        seed: the result follows from it and from the class's name alone.
-        settings: how precisely.
-        progress: called with the name of a step and the share of it that is done.
-        workers: where the model is evaluated; in this process if None. The result is the same.
-        journal: of an earlier run with the same arguments that was stopped; its evaluations are
-            used, and the new ones are added.
-
-    Raises:
-        ValueError: the likelihood is zero at every draw from the prior, or the model cannot be
-            evaluated by the workers, or is not that of the journal.
+        model_class: the class.
+        sample_class: samples it with its structures unchanged.
+        seed: of the quick search.
+        workers: where that evaluates the model; in this process if None.
+        settings: how accurate structures are made.
     """
-    with as_workers(workers) as pool:
-        approximate = _exact(model_class) is not model_class
-        if approximate:
-            model_class.check_structure()
-            model_class = _improved(model_class, _near_maxima(model_class, seed, pool))
-        for _ in range(MOST_ROUNDS):
-            posterior = sample_as_it_is(
-                model_class, seed, settings, progress, workers=pool, journal=journal
-            )
-            if not approximate:
-                return posterior
-            better = _improved(model_class, _thinned(posterior, DRAWS_TO_CERTIFY))
-            if better is model_class:
-                break
-            model_class = better
-    return _confirmed(model_class, _certified(model_class, posterior))
+    settings = settings or RefinementSettings()
+    model_class.check_structure()
+    values = _near_maxima(model_class, seed, workers, settings)
+    model_class = _more_accurate(model_class, values, settings)
+    for _ in range(settings.most_rounds):
+        posterior = sample_class(model_class)
+        values = _evenly_spaced_draws(posterior, settings.n_certified)
+        better = _more_accurate(model_class, values, settings)
+        if better is model_class:
+            break
+        model_class = better
+    return _corrected(model_class, _certified(model_class, posterior, settings), settings)
 
 
-def _exact(model_class: ModelClass) -> ModelClass:
-    """The class with the structures that its own approximate; itself if they are exact."""
-    return model_class.with_structures(lambda structure, _: structure.exact)
-
-
-def _near_maxima(model_class: ModelClass, seed: int, pool: Workers | None) -> FloatArray:
-    """Parameter values where the posterior lies, as far as a quick search tells."""
+def _near_maxima(
+    model_class: ModelClass, seed: int, workers: Workers | None, settings: RefinementSettings
+) -> FloatArray:
+    """Parameter values where a quick search expects the posterior."""
     rng = np.random.default_rng([seed, 1])
     n = len(model_class.parameters)
-    target = Target(model_class.log_likelihood_at, n, pool)
-    z = rng.standard_normal((DRAWS_TO_SEARCH, n))
-    best = np.argsort(-target.log_likelihood(z), kind="stable")[:SEARCHES]
+    target = Target(model_class.log_likelihood_at, n, workers)
+    z = rng.standard_normal((settings.n_searched, n))
+    best = np.argsort(-target.log_likelihood(z), kind="stable")[: settings.n_climbs]
     try:
         mixture = find_maxima(target, z[best]).as_mixture()
-    except ValueError:  # zero everywhere: sampling will say so
+    except ValueError:  # the likelihood is zero everywhere, which sampling reports
         return model_class.values(z[best])
-    draws = mixture.draw(rng.multinomial(DRAWS_TO_CERTIFY, mixture.all_weights), rng)
+    draws = mixture.draw(rng.multinomial(settings.n_certified, mixture.all_weights), rng)
     return model_class.values(draws)
 
 
-def _thinned(posterior: Posterior, n: int) -> FloatArray:
-    """``n`` draws, evenly spaced."""
+def _evenly_spaced_draws(posterior: Posterior, n: int) -> FloatArray:
+    """Parameter values (n, n_parameters)."""
     at = (np.arange(n) + 0.5) * len(posterior.values) / n
     return posterior.values[at.astype(np.intp)]
 
 
-def _tolerances(model_class: ModelClass, values: FloatArray) -> list[tuple[float, float]]:
-    """Largest errors of frequency and shape that a structure may have, in each configuration."""
-    found = []
+def _tolerances(
+    model_class: ModelClass, values: FloatArray, settings: RefinementSettings
+) -> list[Tolerance]:
+    """Of every configuration's structure, from the own errors at ``values``."""
+    tolerances = []
     for _, likelihood, own in model_class.parts(values):
-        errors = [np.quantile(each, ERROR_QUANTILE) for each in likelihood.least_errors(own)]
-        found.append((SHARE * float(errors[0]), SHARE * float(errors[1])))
-    return found
+        frequency, shape = (
+            settings.error_share * float(np.quantile(each, settings.error_quantile))
+            for each in likelihood.least_errors(own)
+        )
+        tolerances.append(Tolerance(frequency, shape))
+    return tolerances
 
 
-def _own_values(model_class: ModelClass, values: FloatArray) -> list[FloatArray]:
+def _structural_values(model_class: ModelClass, values: FloatArray) -> list[FloatArray]:
     """The columns of each structure's own parameters."""
     return [
         own[:, : len(configuration.structure.parameters)]
@@ -135,34 +152,45 @@ def _own_values(model_class: ModelClass, values: FloatArray) -> list[FloatArray]
     ]
 
 
-def _improved(model_class: ModelClass, values: FloatArray) -> ModelClass:
+def _more_accurate(
+    model_class: ModelClass, values: FloatArray, settings: RefinementSettings
+) -> ModelClass:
     """The class with structures accurate enough at all ``values``; itself if they are already."""
-    wanted, own = _tolerances(model_class, values), _own_values(model_class, values)
-    return model_class.with_structures(
-        lambda structure, i: structure.accurate_at(own[i], *wanted[i])
-    )
+    tolerances = _tolerances(model_class, values, settings)
+    own = _structural_values(model_class, values)
+
+    def accurate(structure: Structure, i: int) -> Structure:
+        if not isinstance(structure, ApproximateStructure):
+            return structure
+        return structure.accurate_at(own[i], tolerances[i].frequency, tolerances[i].shape)
+
+    return model_class.with_structures(accurate)
 
 
-def _certified(model_class: ModelClass, posterior: Posterior) -> Posterior:
+def _certified(
+    model_class: ModelClass, posterior: Posterior, settings: RefinementSettings
+) -> Posterior:
     """The posterior with remarks on how accurate the structures are at its draws."""
-    values = _thinned(posterior, DRAWS_TO_CERTIFY)
+    values = _evenly_spaced_draws(posterior, settings.n_certified)
     remarks, failed = [], []
-    for configuration, own, wanted in zip(
+    for configuration, own, tolerance in zip(
         model_class.configurations,
-        _own_values(model_class, values),
-        _tolerances(model_class, values),
+        _structural_values(model_class, values),
+        _tolerances(model_class, values, settings),
         strict=True,
     ):
+        if not isinstance(configuration.structure, ApproximateStructure):
+            continue
         where = f"configuration {configuration.name!r}: " if configuration.name else ""
-        known = configuration.structure.accuracy(own)
-        if configuration.structure.exact is not configuration.structure:
-            remarks.append(where + known.told)
-        # Errors inferred anew at every round move the limit a little.
-        if known.frequency > 2.0 * wanted[0] or known.shape > 2.0 * wanted[1]:
+        accuracy = configuration.structure.accuracy(own)
+        remarks.append(where + accuracy.statement)
+        # Inferred errors differ a little from round to round, and tolerances with them.
+        if accuracy.frequency > 2.0 * tolerance.frequency or accuracy.shape > 2.0 * tolerance.shape:
             failed.append(
-                f"{where}the approximate structure is certified only to {known.frequency:.1g} of "
-                f"the frequency and {known.shape:.1g} of a shape, not to {wanted[0]:.1g} and "
-                f"{wanted[1]:.1g}, a tenth of the errors; let it take more full solutions"
+                f"{where}the approximate structure is certified only to {accuracy.frequency:.1g} "
+                f"of the frequency and {accuracy.shape:.1g} of a shape, not to "
+                f"{tolerance.frequency:.1g} and {tolerance.shape:.1g}, {settings.error_share:g} of "
+                "the data's and model's errors; allow it more full solutions"
             )
     return replace(
         posterior,
@@ -171,10 +199,12 @@ def _certified(model_class: ModelClass, posterior: Posterior) -> Posterior:
     )
 
 
-def _confirmed(model_class: ModelClass, posterior: Posterior) -> Posterior:
+def _corrected(
+    model_class: ModelClass, posterior: Posterior, settings: RefinementSettings
+) -> Posterior:
     """The posterior with its evidence corrected by full solutions at some draws."""
-    exact = _exact(model_class)
-    values = _thinned(posterior, DRAWS_TO_CONFIRM)
+    exact = model_class.with_structures(lambda structure, _: exact_structure(structure))
+    values = _evenly_spaced_draws(posterior, settings.n_confirmed)
     change = exact.log_likelihood(values) - model_class.log_likelihood(values)
     weights = np.exp(change - change.max())
     correction = float(change.max() + math.log(weights.mean()))
@@ -186,7 +216,7 @@ def _confirmed(model_class: ModelClass, posterior: Posterior) -> Posterior:
         f"evidence was corrected by {correction:+.4f} ± {error:.4f}"
     )
     failed = posterior.failed_checks
-    if not abs(correction) <= LARGE_CORRECTION:
+    if not abs(correction) <= settings.largest_correction:
         failed = (
             *failed,
             f"full solutions at draws change the log evidence by {correction:+.2f}: the "
@@ -224,6 +254,6 @@ def _differences(
 
 
 def _just_below_one(number: float) -> str:
-    """With enough digits to tell it from one."""
+    """With enough digits to show that it is not one."""
     digits = min(max(4, 1 - math.floor(math.log10(max(1.0 - number, 1e-9)))), 9)
     return f"{math.floor(number * 10**digits) / 10**digits:.{digits}f}"

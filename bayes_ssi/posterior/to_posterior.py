@@ -43,7 +43,7 @@ def sample_as_it_is(
 ) -> Posterior:
     """Sample a model class with its structures as they are.
 
-    Arguments and errors as those of :func:`bayes_ssi.posterior.refinement.sample`.
+    Arguments and errors as those of :func:`bayes_ssi.posterior.sample.sample`.
     """
     started = perf_counter()
     model_class.check_structure()

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
@@ -128,9 +129,10 @@ def class_draws(
     stored = frequencies_hz.reshape(len(posterior.values), -1)[at[:CHECKED_DRAWS]]
     test.check_structure()
     # Sampling made an approximate structure accurate at its draws, and so is it made here.
-    structure = structure.accurate_at(values, *ACCURATE)
-    approximate = structure.exact is not structure
-    same = ACCURATE[0] if approximate else SAME_FREQUENCY
+    same = SAME_FREQUENCY
+    if isinstance(structure, ApproximateStructure):
+        structure = structure.accurate_at(values, *ACCURATE)
+        same = ACCURATE[0]
     found = structure.modes(values[:CHECKED_DRAWS]).frequencies_hz
     if found.shape != stored.shape or not np.allclose(found, stored, rtol=same, atol=0):
         raise ValueError(

@@ -19,7 +19,7 @@ import numpy as np
 from bayes_ssi.execution.workers import Workers
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.posterior.refinement import sample
+from bayes_ssi.posterior.sample import sample
 from bayes_ssi.ranking.checkpoint import Checkpoint, as_checkpoint
 from bayes_ssi.ranking.progress_files import ProgressFile, ProgressReader
 from bayes_ssi.sampling.result import SamplingSettings

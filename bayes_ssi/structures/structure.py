@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,21 +13,7 @@ from bayes_ssi.modal import ModalModel, Modes
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.structures.sensors import Sensor, SensorMatrix
 
-__all__ = ["Accuracy", "Structure"]
-
-
-class Accuracy(NamedTuple):
-    """How far the modes of a structure may be from those of the one that it approximates.
-
-    Attributes:
-        frequency: as a fraction of the frequency.
-        shape: of shapes at unit length.
-        told: a sentence for reports: how it is known, and what it cost.
-    """
-
-    frequency: float
-    shape: float
-    told: str
+__all__ = ["Structure"]
 
 
 # Valid choices that a message lists.
@@ -87,35 +73,6 @@ class Structure(ABC):
             "response cannot be computed; give it a method modal_model(values), as described in "
             "bayes_ssi.structures.Structure"
         )
-
-    @property
-    def exact(self) -> Structure:
-        """The structure that this one approximates; itself where it approximates none."""
-        return self
-
-    def accurate_at(
-        self,
-        values: FloatArray,  # noqa: ARG002 - one that approximates nothing is accurate everywhere
-        frequency_error: float,  # noqa: ARG002
-        shape_error: float,  # noqa: ARG002
-    ) -> Structure:
-        """This structure if it is accurate enough, or else a better one; itself if it is exact.
-
-        Args:
-            values: (B, n_parameters), where it is to be.
-            frequency_error: largest relative error of frequencies.
-            shape_error: largest error of shapes at unit length.
-        """
-        return self
-
-    def accuracy(self, values: FloatArray) -> Accuracy:
-        """How accurate it is known to be at all of ``values`` (B, n_parameters)."""
-        return Accuracy(0.0, 0.0, f"exact at {len(values)} sets of values")
-
-    @property
-    def performance_hint(self) -> str:
-        """How it would be sampled much faster, as a sentence; empty where it is fast enough."""
-        return ""
 
     @property
     def sensors(self) -> Sequence[Sensor]:

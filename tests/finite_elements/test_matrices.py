@@ -341,8 +341,7 @@ class TestFiles:
 
 def test_large_structures_are_better_reduced():
     small, large = (
-        bs.MatrixStructure((factor("k"), chain(n)), sp.eye_array(n), n_modes=2) for n in (299, 300)
+        bs.MatrixStructure((factor("k"), chain(n)), sp.eye_array(n), n_modes=2) for n in (150, 151)
     )
     assert small.performance_hint == ""
-    assert large.performance_hint.startswith("300 degrees of freedom, solved in full")
-    assert large.reduced().performance_hint == ""
+    assert large.performance_hint.startswith("151 degrees of freedom, solved in full")

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.finite_elements.approximate_structure import Accuracy, ApproximateStructure
 from bayes_ssi.modal import Modes
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
 from bayes_ssi.structures import Structure
-from bayes_ssi.structures.structure import Accuracy
 
 SETTINGS = bs.SamplingSettings(log_evidence_error=0.02)
 
 
 @dataclass(frozen=True)
-class Stiff(Structure):
+class Stiff(ApproximateStructure):
     """A structure whose frequencies are too high by a known share."""
 
     right: Structure

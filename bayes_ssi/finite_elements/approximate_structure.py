@@ -1,0 +1,57 @@
+"""Structures that approximate others, and know how accurately."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import NamedTuple, Self
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.structures.structure import Structure
+
+__all__ = ["Accuracy", "ApproximateStructure", "exact_structure"]
+
+
+class Accuracy(NamedTuple):
+    """How far the modes of an approximate structure may be from the exact ones.
+
+    Attributes:
+        frequency: relative error of frequencies.
+        shape: error of shapes at unit length.
+        statement: a sentence for reports: how the errors are known, and what that cost.
+    """
+
+    frequency: float
+    shape: float
+    statement: str
+
+
+class ApproximateStructure(Structure):
+    """A structure whose modes approximate those of another one with the same parameters.
+
+    Sampling refines it where the posterior lies, and corrects the evidence by exact solutions
+    (:mod:`bayes_ssi.posterior.refinement`).
+    """
+
+    @property
+    @abstractmethod
+    def exact(self) -> Structure:
+        """The structure that this one approximates."""
+
+    @abstractmethod
+    def accurate_at(self, values: FloatArray, frequency_error: float, shape_error: float) -> Self:
+        """This structure if it is accurate enough, or else a more accurate one.
+
+        Args:
+            values: (B, n_parameters), where it is to be accurate.
+            frequency_error: largest relative error of frequencies.
+            shape_error: largest error of shapes at unit length.
+        """
+
+    @abstractmethod
+    def accuracy(self, values: FloatArray) -> Accuracy:
+        """The largest errors at all of ``values`` (B, n_parameters)."""
+
+
+def exact_structure(structure: Structure) -> Structure:
+    """What an approximate structure approximates; any other structure itself."""
+    return structure.exact if isinstance(structure, ApproximateStructure) else structure
