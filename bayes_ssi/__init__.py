@@ -22,7 +22,7 @@ from bayes_ssi.ranking.comparison import compare
 from bayes_ssi.ranking.study import Study, rank
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.output import Output
-from bayes_ssi.sampling.result import SamplingSettings
+from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.structures import (
     AddedMass,
     FloorBlock,

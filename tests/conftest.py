@@ -290,7 +290,7 @@ def run(tmp_path, monkeypatch):
 def coarse_command(monkeypatch):
     """Commands sample coarsely."""
     coarse = partial(bs.SamplingSettings, particles=60, searches=1, max_steps=400)
-    monkeypatch.setattr("bayes_ssi.sampling.result.SamplingSettings", coarse)
+    monkeypatch.setattr("bayes_ssi.sampling.settings.SamplingSettings", coarse)
 
 
 @pytest.fixture

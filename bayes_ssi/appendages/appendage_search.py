@@ -30,7 +30,7 @@ from bayes_ssi.ranking.checkpoint import Checkpoint
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.comparison import compare
 from bayes_ssi.ranking.study import Ranking, Study
-from bayes_ssi.sampling.result import SamplingSettings
+from bayes_ssi.sampling.settings import SamplingSettings
 
 __all__ = ["search"]
 

@@ -97,7 +97,7 @@ class SavedRun:
         from bayes_ssi.ranking.checkpoint import Checkpoint, name_of_run
         from bayes_ssi.ranking.sensitivity import sensitivity_record
         from bayes_ssi.results.save import require_new, save_result
-        from bayes_ssi.sampling.result import SamplingSettings
+        from bayes_ssi.sampling.settings import SamplingSettings
 
         if self.workers is not None and self.dask is not None:
             raise ValueError("--workers and --dask: give one of them")

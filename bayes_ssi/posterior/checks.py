@@ -11,12 +11,8 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.sampling.ensembles import (
-    LENGTH_IN_AUTOCORRELATION_TIMES,
-    effective_sample_size,
-    r_hat,
-)
-from bayes_ssi.sampling.importance import LARGEST_WEIGHT, PARETO_K_LIMIT
+from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, PARETO_K_LIMIT
+from bayes_ssi.sampling.importance import LARGEST_WEIGHT
 from bayes_ssi.sampling.result import SamplingResult
 
 __all__ = ["failed_checks", "failed_edge_checks"]
@@ -95,13 +91,13 @@ def _check_chains(sampled: SamplingResult) -> list[str]:
                 f"a chain of {ensemble.n_steps} steps is shorter than {wanted} autocorrelation "
                 f"times of {ensemble.autocorrelation_times.max():.0f} steps"
             )
-    fewest = float(effective_sample_size(sampled.draws).min())
+    fewest = float(sampled.effective_sample_sizes.min())
     if fewest < LEAST_EFFECTIVE_SAMPLES:
         failed.append(
             f"the draws are worth only {fewest:.0f} independent ones, fewer than "
             f"{LEAST_EFFECTIVE_SAMPLES}"
         )
-    largest = float(r_hat(sampled.draws).max())
+    largest = sampled.r_hat
     # Between a few hundred independent draws R-hat exceeds 1 by chance.
     limit = max(R_HAT_LIMIT, 1.0 + R_HAT_SCATTER / fewest)
     if not largest <= limit:

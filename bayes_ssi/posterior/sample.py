@@ -11,7 +11,7 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.refinement import RefinementSettings, is_approximate, refined
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
-from bayes_ssi.sampling.result import Progress, SamplingSettings
+from bayes_ssi.sampling.settings import Progress, SamplingSettings
 
 __all__ = ["sample"]
 

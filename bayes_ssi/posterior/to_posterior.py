@@ -20,8 +20,8 @@ from bayes_ssi.posterior.configuration_modes import configuration_modes
 from bayes_ssi.posterior.datum_terms import AtDraws, at_draws, datum_terms
 from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.sampling.engine import sample_target
-from bayes_ssi.sampling.ensembles import effective_sample_size, r_hat
-from bayes_ssi.sampling.result import Progress, SamplingResult, SamplingSettings
+from bayes_ssi.sampling.result import SamplingResult
+from bayes_ssi.sampling.settings import Progress, SamplingSettings
 from bayes_ssi.sampling.target import Target
 
 __all__ = ["sample_as_it_is"]
@@ -69,11 +69,11 @@ def sample_as_it_is(
         draws=values,
         log_likelihoods=log_likelihoods,
         frequencies_hz=found.frequencies_hz.reshape(*z.shape[:2], -1),
-        effective_sample_sizes=effective_sample_size(sampled.draws),
+        effective_sample_sizes=sampled.effective_sample_sizes,
         evidence=_evidence(sampled),
         regions=_regions(sampled, z, values),
         maxima=model_class.values(sampled.maxima.z),
-        r_hat=float(r_hat(sampled.draws).max()),
+        r_hat=sampled.r_hat,
         autocorrelation_time=max(float(e.autocorrelation_times.max()) for e in sampled.draws),
         acceptance=float(np.mean([e.acceptance for e in sampled.draws])),
         n_evaluations=sampled.n_evaluations,

@@ -18,7 +18,7 @@ import numpy as np
 from bayes_ssi.execution.journal import Journal, JournalInUseError, run_of_journal
 from bayes_ssi.model_class.class_record import class_record
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.sampling.result import SamplingSettings
+from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.versions import versions
 
 __all__ = ["Checkpoint", "as_checkpoint", "name_of_run"]

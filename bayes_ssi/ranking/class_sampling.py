@@ -22,7 +22,7 @@ from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.sample import sample
 from bayes_ssi.ranking.checkpoint import Checkpoint, as_checkpoint
 from bayes_ssi.ranking.progress_files import ProgressFile, ProgressReader
-from bayes_ssi.sampling.result import SamplingSettings
+from bayes_ssi.sampling.settings import SamplingSettings
 
 __all__ = ["Report", "sample_all", "sample_one"]
 

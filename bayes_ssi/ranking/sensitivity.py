@@ -29,9 +29,9 @@ from bayes_ssi.parameters import as_product
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.study import Ranking
+from bayes_ssi.sampling.diagnostics import pareto_shape
 from bayes_ssi.sampling.estimates import Estimate
-from bayes_ssi.sampling.importance import pareto_shape
-from bayes_ssi.sampling.result import SamplingSettings
+from bayes_ssi.sampling.settings import SamplingSettings
 
 __all__ = [
     "Sensitivity",

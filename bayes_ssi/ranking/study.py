@@ -19,7 +19,7 @@ from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.checkpoint import Checkpoint
 from bayes_ssi.ranking.class_sampling import Report, sample_all
 from bayes_ssi.ranking.comparison import Comparison, checked_weights, compare
-from bayes_ssi.sampling.result import SamplingSettings
+from bayes_ssi.sampling.settings import SamplingSettings
 
 __all__ = ["Ranking", "Study", "load_study", "rank"]
 

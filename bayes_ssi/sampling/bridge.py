@@ -7,7 +7,8 @@ import math
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_ssi.sampling.ensembles import Ensemble, autocorrelation_times
+from bayes_ssi.sampling.diagnostics import autocorrelation_times
+from bayes_ssi.sampling.ensembles import Ensemble
 from bayes_ssi.sampling.estimates import EvidenceEstimate
 from bayes_ssi.sampling.importance import ImportanceSample
 

@@ -32,7 +32,8 @@ from bayes_ssi.sampling.maxima import Maxima
 from bayes_ssi.sampling.mixture import StudentMixture, choose_mixture
 from bayes_ssi.sampling.multistart import Effort, discover
 from bayes_ssi.sampling.regions import Regions, find_regions
-from bayes_ssi.sampling.result import Progress, SamplingResult, SamplingSettings
+from bayes_ssi.sampling.result import SamplingResult
+from bayes_ssi.sampling.settings import Progress, SamplingSettings
 from bayes_ssi.sampling.target import Target
 
 __all__ = ["sample_economically"]

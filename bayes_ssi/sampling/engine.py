@@ -26,10 +26,10 @@ from threadpoolctl import threadpool_limits
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.bridge import bridge_sampling
+from bayes_ssi.sampling.diagnostics import PARETO_K_LIMIT
 from bayes_ssi.sampling.economical import sample_economically
 from bayes_ssi.sampling.ensembles import Ensemble, Proposal, Walkers, first_walkers, run_ensemble
 from bayes_ssi.sampling.importance import (
-    PARETO_K_LIMIT,
     ImportanceSample,
     extended,
     first_draws,
@@ -41,7 +41,8 @@ from bayes_ssi.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.sampling.mixture import StudentMixture, choose_mixture
 from bayes_ssi.sampling.multistart import discover
 from bayes_ssi.sampling.regions import Regions, find_regions
-from bayes_ssi.sampling.result import Progress, SamplingResult, SamplingSettings
+from bayes_ssi.sampling.result import SamplingResult
+from bayes_ssi.sampling.settings import Progress, SamplingSettings
 from bayes_ssi.sampling.target import Target
 from bayes_ssi.sampling.tempering import TemperedStart, tempered_estimate, tempered_start
 

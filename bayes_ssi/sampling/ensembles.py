@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, autocorrelation_times
 from bayes_ssi.sampling.mixture import StudentMixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
 from bayes_ssi.sampling.tempering import TemperedStart
@@ -18,16 +19,9 @@ __all__ = [
     "Ensemble",
     "Proposal",
     "Walkers",
-    "autocorrelation_times",
-    "effective_sample_size",
     "first_walkers",
-    "r_hat",
     "run_ensemble",
 ]
-
-# A chain is long enough at this many of the autocorrelation times that it measures.
-LENGTH_IN_AUTOCORRELATION_TIMES = 50
-SOKAL_WINDOW = 5.0
 
 
 class Proposal(NamedTuple):
@@ -84,6 +78,11 @@ class Ensemble:
     def walkers(self) -> Walkers:
         """Where the ensemble ended."""
         return Walkers(self.positions[-1], self.log_posteriors[-1])
+
+    @property
+    def effective_sample_sizes(self) -> FloatArray:
+        """How many independent draws would estimate the mean of each coordinate as well, (d,)."""
+        return self.log_posteriors.size / self.autocorrelation_times
 
     @property
     def needed_steps(self) -> int:
@@ -150,45 +149,3 @@ def first_walkers(start: TemperedStart, n: int, rng: np.random.Generator) -> Wal
     chosen = rng.choice(len(start.positions), size=n, replace=scarce)
     positions = start.positions[chosen]
     return Walkers(positions, start.log_likelihoods[chosen] + log_standard_normal(positions))
-
-
-def autocorrelation_times(chain: FloatArray) -> FloatArray:
-    """Integrated autocorrelation times in steps of a chain (n_steps, n_walkers, k), (k,).
-
-    The autocovariance is averaged over the walkers before it is normalised, and taken about the
-    mean of all of them: a walker that stays where it is then lengthens the time, while emcee's
-    estimate, normalised walker by walker, is not defined for it. Summed over Sokal's window, the
-    first M that exceeds five times the estimate.
-    """
-    n = len(chain)
-    centred = chain - chain.mean(axis=(0, 1))
-    transformed = np.fft.rfft(centred, n=2 * n, axis=0)
-    covariance = np.fft.irfft(np.abs(transformed) ** 2, axis=0)[:n].mean(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        times = 2.0 * np.cumsum(covariance / covariance[0], axis=0) - 1.0
-    beyond = np.arange(n)[:, None] > SOKAL_WINDOW * times
-    last = np.where(beyond.any(axis=0), beyond.argmax(axis=0), n - 1)
-    found = times[last, np.arange(chain.shape[-1])]
-    return np.where(np.isfinite(found), np.maximum(found, 1.0), 1.0)
-
-
-def effective_sample_size(ensembles: Sequence[Ensemble]) -> FloatArray:
-    """Effective number of independent draws of each coordinate, (d,), over all ensembles."""
-    return np.sum([e.positions[..., 0].size / e.autocorrelation_times for e in ensembles], axis=0)
-
-
-def r_hat(ensembles: Sequence[Ensemble]) -> FloatArray:
-    """Potential scale reduction of each coordinate, (d,) (Gelman and Rubin 1992).
-
-    The chains compared are the halves of each ensemble, all walkers together: walkers of one
-    ensemble are not independent of one another, the ensembles are.
-    """
-    n = min(e.n_steps for e in ensembles) // 2
-    halves = [half for e in ensembles for half in (e.positions[:n], e.positions[-n:])]
-    chains = [half.reshape(-1, half.shape[-1]) for half in halves]
-    within = np.mean([chain.var(axis=0, ddof=1) for chain in chains], axis=0)
-    between = np.var([chain.mean(axis=0) for chain in chains], axis=0, ddof=1)
-    size = len(chains[0])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.sqrt((size - 1) / size + between / within)
-    return np.where(within > 0, ratio, np.where(between > 0, np.inf, 1.0))

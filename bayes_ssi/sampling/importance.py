@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.sampling.diagnostics import PARETO_K_LIMIT, pareto_shape
 from bayes_ssi.sampling.ensembles import Ensemble
 from bayes_ssi.sampling.estimates import Estimate
 from bayes_ssi.sampling.mixture import StudentMixture
@@ -21,7 +22,6 @@ __all__ = [
     "extended",
     "first_draws",
     "halves",
-    "pareto_shape",
     "refined",
     "resampled",
 ]
@@ -34,11 +34,7 @@ MAX_DRAWS = 200_000
 MAX_RESAMPLED = 5000
 # No draw should carry more of the evidence than this.
 LARGEST_WEIGHT = 0.02
-# The tail of the weights is to be lighter than this; where it is not, components are added.
-PARETO_K_LIMIT = 0.7
 MAX_ADDED_COMPONENTS = 12
-# Weights that differ by less than this are equal, but for rounding.
-FLAT = 1e-10
 # Share of the draws whose spread gives an added component its shape.
 NEIGHBOURHOOD = 0.05
 
@@ -122,33 +118,6 @@ class ImportanceSample:
         member = groups == np.arange(n_groups)[:, None]
         terms = weights * (member - shares[:, None])
         return np.array([self._error_of_sum(of_group) for of_group in terms])
-
-
-def pareto_shape(weights: FloatArray) -> float:
-    """The shape k of the tail of positive weights (n,), by the fit of Zhang and Stephens (2009).
-
-    The tail is the largest min(n/5, 3√n) weights, as for Pareto-smoothed importance sampling,
-    whose weak prior, 10 draws at k = 1/2, steadies short tails. -inf where the tail is flat.
-    """
-    n = len(weights)
-    n_tail = int(min(0.2 * n, 3.0 * math.sqrt(n)))
-    if n_tail < 5:
-        return math.nan
-    largest = np.sort(weights)[-n_tail - 1 :]
-    excess = largest[1:] - largest[0]
-    if not excess[-1] > FLAT * largest[-1]:
-        return -math.inf
-    n_trials = 30 + int(math.sqrt(n_tail))
-    quartile = excess[int(n_tail / 4 + 0.5) - 1]
-    if not quartile > 1e-290 * excess[-1]:
-        return math.inf  # so few weights count that their tail cannot be told
-    trials = 1.0 - np.sqrt(n_trials / (np.arange(1, n_trials + 1) - 0.5))
-    trials = 1.0 / excess[-1] + trials / (3.0 * quartile)
-    shapes = np.log1p(-trials[:, None] * excess).mean(axis=1)
-    log_profile = n_tail * (np.log(-trials / shapes) - shapes - 1.0)
-    chances = np.exp(log_profile - logsumexp(log_profile))
-    k = float(np.log1p(-(chances @ trials) * excess).mean())
-    return (n_tail * k + 5.0) / (n_tail + 10.0)
 
 
 def first_draws(

@@ -1,14 +1,14 @@
-"""How to sample, and everything that sampling one target gives."""
+"""Everything that sampling one target produces."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.sampling.diagnostics import r_hat
 from bayes_ssi.sampling.ensembles import Ensemble
 from bayes_ssi.sampling.estimates import Estimate, EvidenceEstimate
 from bayes_ssi.sampling.importance import ImportanceSample
@@ -17,54 +17,7 @@ from bayes_ssi.sampling.multistart import MultistartSearch
 from bayes_ssi.sampling.regions import Regions
 from bayes_ssi.sampling.tempering import TemperedStart
 
-__all__ = ["Progress", "SamplingResult", "SamplingSettings"]
-
-# Called with the name of a step and the share of it that is done.
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class SamplingSettings:
-    """How precisely to sample.
-
-    Attributes:
-        log_evidence_error: wanted standard error of the log evidence, in nats.
-        particles: of each tempered start; None chooses by the number of parameters.
-        searches: least number of independent searches for maxima.
-        max_steps: longest chain of an ensemble, in steps.
-        economical: by importance sampling around the maxima alone, with tens of times fewer
-            evaluations; for models that take long, and posteriors of a few plain regions.
-
-    Raises:
-        ValueError: a setting is not positive, or there are fewer particles than 4 a parameter.
-    """
-
-    log_evidence_error: float = 0.01
-    particles: int | None = None
-    searches: int = 4
-    max_steps: int = 5000
-    economical: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("log_evidence_error", "particles", "searches", "max_steps"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ValueError(f"SamplingSettings: {name} must be positive, got {value!r}")
-
-    def n_particles(self, n_dimensions: int) -> int:
-        """How many particles sample so many parameters.
-
-        Raises:
-            ValueError: fewer were asked for than these need.
-        """
-        if self.particles is None:
-            return max(500, 100 * n_dimensions)
-        if self.particles < 4 * n_dimensions:
-            raise ValueError(
-                f"SamplingSettings: particles must be at least {4 * n_dimensions} for "
-                f"{n_dimensions} parameters, got {self.particles!r}"
-            )
-        return self.particles
+__all__ = ["SamplingResult"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +53,16 @@ class SamplingResult:
     def draws(self) -> tuple[Ensemble, ...]:
         """The posterior draws, in two independent parts."""
         return self.resampled or self.ensembles
+
+    @property
+    def effective_sample_sizes(self) -> FloatArray:
+        """Effective sample size of the draws, coordinate by coordinate, (d,)."""
+        return np.sum([part.effective_sample_sizes for part in self.draws], axis=0)
+
+    @property
+    def r_hat(self) -> float:
+        """The largest potential scale reduction of any coordinate."""
+        return float(r_hat([part.positions for part in self.draws]).max())
 
     @property
     def evidence(self) -> Estimate:

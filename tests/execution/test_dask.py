@@ -192,7 +192,7 @@ def test_an_address_that_is_none_is_refused(address):
 def test_the_command_gives_the_same_with_dask(
     run, address, tmp_path, tiny_study_file, tiny_study, monkeypatch
 ):
-    monkeypatch.setattr("bayes_ssi.sampling.result.SamplingSettings", lambda **_: COARSE)
+    monkeypatch.setattr("bayes_ssi.sampling.settings.SamplingSettings", lambda **_: COARSE)
     # A batch in fewer parts is there sooner: these take Dask longer than the model.
     monkeypatch.setattr(dispatch, "PARTS_PER_WORKER", 1)
     result = run(

@@ -104,7 +104,7 @@ def test_failures_in_workers_are_told(two_workers, tiny_study):
 @pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
 @pytest.mark.usefixtures("no_figures")
 def test_the_command_gives_the_same_with_workers(run, tiny_study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.sampling.result.SamplingSettings", lambda **_: COARSE)
+    monkeypatch.setattr("bayes_ssi.sampling.settings.SamplingSettings", lambda **_: COARSE)
     arguments = ("rank", tiny_study_file, "--only", "one k", "--accept-failed-checks", "--out")
     assert run(*arguments, tmp_path / "here").exit_code == 0
     assert run(*arguments, tmp_path / "there", "--workers", 2).exit_code == 0

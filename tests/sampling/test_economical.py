@@ -16,7 +16,7 @@ from bayes_ssi.posterior.checks import failed_checks
 from bayes_ssi.results.load import load_result
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.importance import ImportanceSample, resampled
-from bayes_ssi.sampling.result import SamplingSettings
+from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
 ECONOMICAL = SamplingSettings(log_evidence_error=0.05, economical=True)

@@ -12,7 +12,7 @@ from bayes_ssi.sampling.ensembles import Ensemble, run_ensemble
 from bayes_ssi.sampling.importance import FIRST_BATCH, first_draws
 from bayes_ssi.sampling.maxima import find_maxima
 from bayes_ssi.sampling.mixture import StudentMixture
-from bayes_ssi.sampling.result import SamplingSettings
+from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.sampling.target import Target
 
 

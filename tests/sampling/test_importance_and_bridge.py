@@ -1,26 +1,23 @@
 """Importance and bridge sampling on posteriors whose evidence is known."""
 
 import math
-import warnings
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from bayes_ssi.sampling.bridge import bridge_sampling
+from bayes_ssi.sampling.diagnostics import PARETO_K_LIMIT
 from bayes_ssi.sampling.ensembles import Ensemble
 from bayes_ssi.sampling.importance import (
     FIRST_BATCH,
-    PARETO_K_LIMIT,
     PRIOR_SHARE,
     ImportanceSample,
     first_draws,
-    pareto_shape,
     refined,
 )
 from bayes_ssi.sampling.mixture import StudentMixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
-from bayes_ssi.sampling.tempering import TemperedStart, tempered_estimate
 
 LOG_EVIDENCE = -3.25
 MEAN, SD = np.array([0.4, -0.2]), np.array([0.3, 0.5])
@@ -181,77 +178,6 @@ def test_a_constant_moves_every_estimate_by_exactly_that(target, mixture, shift)
     assert b.log_evidence - a.log_evidence == pytest.approx(shift, abs=1e-7)
 
 
-N_TAIL = 164  # of 3000 weights: 3 √3000
-
-
-@pytest.mark.parametrize("k", [0.2, 0.5, 0.9])
-def test_the_tail_of_pareto_distributed_weights(k):
-    """Maximum likelihood has a standard error of (1 + k)/√n; a prior worth ten draws is at 1/2."""
-    rng = np.random.default_rng(1)
-    found = [pareto_shape(stats.genpareto(k).rvs(3000, random_state=rng)) for _ in range(200)]
-    shrunk = N_TAIL / (N_TAIL + 10.0)
-    assert np.mean(found) == pytest.approx(shrunk * k + (1.0 - shrunk) * 0.5, abs=0.05)
-    assert 0.75 < np.std(found) / (shrunk * (1.0 + k) / math.sqrt(N_TAIL)) < 1.25
-
-
-@pytest.mark.parametrize("k", [-0.3, 0.2, 0.9])
-@pytest.mark.parametrize("n", [30, 100, 400, 2500, 10_000])
-def test_the_tail_is_that_of_arviz(n, k):
-    weights = 1.0 + stats.genpareto(k).rvs(n, random_state=np.random.default_rng(n))
-    assert pareto_shape(weights) == pytest.approx(shape_by_arviz(np.log(weights)), rel=1e-7)
-
-
-def shape_by_arviz(log_weights):
-    """The same shape by arviz's Pareto-smoothed importance sampling."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import arviz
-    if hasattr(arviz, "psislw"):
-        return float(arviz.psislw(log_weights)[1])
-    stats_of_arviz = pytest.importorskip("arviz_stats.base")
-    return float(stats_of_arviz.array_stats.psislw(-log_weights)[1])
-
-
-@pytest.mark.parametrize("factor", [1e-200, 0.3, 1e200])
-def test_the_scale_of_weights_does_not_matter_to_their_tail(factor):
-    weights = stats.genpareto(0.4).rvs(3000, random_state=np.random.default_rng(3))
-    assert pareto_shape(factor * weights) == pytest.approx(pareto_shape(weights), rel=1e-9)
-
-
-def test_the_order_of_weights_does_not_matter_to_their_tail():
-    weights = stats.genpareto(0.4).rvs(3000, random_state=np.random.default_rng(3))
-    assert pareto_shape(weights[::-1]) == pareto_shape(weights)
-
-
-@pytest.mark.parametrize("n", [1, 5, 24])
-def test_a_few_weights_have_no_tail(n):
-    assert math.isnan(pareto_shape(np.arange(1.0, n + 1.0)))
-
-
-def test_twenty_five_weights_have_a_tail():
-    assert math.isfinite(pareto_shape(np.arange(1.0, 26.0)))
-
-
-def test_constant_weights_have_a_flat_tail():
-    assert pareto_shape(np.full(3000, 1.0 / 3000.0)) == -math.inf
-
-
-@pytest.mark.parametrize("size", [3e-16, 1e-15, 1e-14])
-def test_constant_weights_have_a_flat_tail_though_they_are_rounded(size):
-    rng = np.random.default_rng(0)
-    weights = np.full(3000, 1.0 / 3000.0) * (1.0 + size * rng.standard_normal(3000))
-    assert pareto_shape(weights) < PARETO_K_LIMIT
-
-
-@pytest.mark.parametrize("others", [0.0, 1e-300, 1e-307, 1e-310, 1e-323])
-@pytest.mark.parametrize("spread", [False, True])
-def test_one_huge_weight_is_a_heavy_tail(others, spread):
-    rng = np.random.default_rng(0)
-    weights = others * (rng.random(3000) if spread else np.ones(3000))
-    weights[7] = 1.0
-    assert pareto_shape(weights) > 5.0
-
-
 SHARE_MISSED, AT, WIDTH = 0.3, np.array([[1.0, 1.0], [-1.0, -1.0]]), 0.3
 
 
@@ -358,20 +284,3 @@ def test_correlated_chains_widen_the_error_of_the_bridge(target, mixture):
     a, b = bridge_sampling(ensemble, sample), bridge_sampling(repeated, sample)
     assert b.log_evidence == pytest.approx(a.log_evidence, abs=1e-6)
     assert b.error == pytest.approx(a.error, rel=0.1)
-
-
-def tempered(log_evidence, error):
-    return TemperedStart(np.zeros((4, 1)), np.zeros(4), log_evidence, error, (0.0, 1.0), (2,))
-
-
-@pytest.mark.parametrize(
-    ("starts", "log_evidence", "error"),
-    [
-        ([(2.0, 0.3)], 2.0, 0.3),
-        ([(2.0, 0.3), (2.0, 0.4)], 2.0, 0.25),  # √(0.09 + 0.16) / 2
-        ([(math.log(1.0), 0.01), (math.log(3.0), 0.01)], math.log(2.0), math.log(3.0) / 2.0),
-    ],
-)
-def test_tempered_estimates_are_averaged_with_the_larger_error(starts, log_evidence, error):
-    found = tempered_estimate([tempered(*start) for start in starts])
-    assert (found.log_evidence, found.error) == pytest.approx((log_evidence, error))

@@ -7,7 +7,7 @@ import pytest
 
 from bayes_ssi.sampling.maxima import find_maxima
 from bayes_ssi.sampling.target import Target
-from bayes_ssi.sampling.tempering import tempered_start
+from bayes_ssi.sampling.tempering import TemperedStart, tempered_estimate, tempered_start
 
 OBSERVED, SD = np.array([1.0, -0.5, 2.0]), np.array([0.1, 0.3, 1.0])
 # Prior N(0, I), one observation of each coordinate.
@@ -121,3 +121,20 @@ def test_a_likelihood_that_is_zero_in_places():
     exact = 0.5 + math.log(0.5 * math.erfc(math.sqrt(0.5)))  # e^(1/2) P(normal > 1)
     assert particles.positions[:, 0].min() > 0
     assert particles.log_evidence == pytest.approx(exact, abs=4.0 * particles.log_evidence_error)
+
+
+def tempered(log_evidence, error):
+    return TemperedStart(np.zeros((4, 1)), np.zeros(4), log_evidence, error, (0.0, 1.0), (2,))
+
+
+@pytest.mark.parametrize(
+    ("starts", "log_evidence", "error"),
+    [
+        ([(2.0, 0.3)], 2.0, 0.3),
+        ([(2.0, 0.3), (2.0, 0.4)], 2.0, 0.25),  # √(0.09 + 0.16) / 2
+        ([(math.log(1.0), 0.01), (math.log(3.0), 0.01)], math.log(2.0), math.log(3.0) / 2.0),
+    ],
+)
+def test_tempered_estimates_are_averaged_with_the_larger_error(starts, log_evidence, error):
+    found = tempered_estimate([tempered(*start) for start in starts])
+    assert (found.log_evidence, found.error) == pytest.approx((log_evidence, error))

@@ -1,0 +1,97 @@
+"""Diagnostics of chains and importance weights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_ssi.arrays import FloatArray
+
+__all__ = [
+    "LENGTH_IN_AUTOCORRELATION_TIMES",
+    "PARETO_K_LIMIT",
+    "autocorrelation_times",
+    "pareto_shape",
+    "r_hat",
+]
+
+# A chain is long enough at this many of the autocorrelation times that it measures: shorter ones
+# underestimate them (Foreman-Mackey et al. 2013).
+LENGTH_IN_AUTOCORRELATION_TIMES = 50
+# Sums of autocorrelations end at this many autocorrelation times (Sokal 1996).
+SOKAL_WINDOW = 5.0
+# With a heavier tail of the weights, the error of an importance estimate cannot be trusted
+# (Vehtari et al. 2024).
+PARETO_K_LIMIT = 0.7
+# Weights that differ by less than this are equal but for rounding.
+FLAT = 1e-10
+
+
+def autocorrelation_times(chain: FloatArray) -> FloatArray:
+    """Integrated autocorrelation times in steps of a chain (n_steps, n_walkers, k), (k,).
+
+    The autocovariance is averaged over the walkers before it is normalised, and taken about the
+    mean of all of them: a walker that stays where it is then lengthens the time, while emcee's
+    estimate, normalised walker by walker, is not defined for it. Summed over Sokal's window, the
+    first M that exceeds five times the estimate.
+    """
+    n = len(chain)
+    centred = chain - chain.mean(axis=(0, 1))
+    transformed = np.fft.rfft(centred, n=2 * n, axis=0)
+    covariance = np.fft.irfft(np.abs(transformed) ** 2, axis=0)[:n].mean(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        times = 2.0 * np.cumsum(covariance / covariance[0], axis=0) - 1.0
+    beyond = np.arange(n)[:, None] > SOKAL_WINDOW * times
+    last = np.where(beyond.any(axis=0), beyond.argmax(axis=0), n - 1)
+    found = times[last, np.arange(chain.shape[-1])]
+    return np.where(np.isfinite(found), np.maximum(found, 1.0), 1.0)
+
+
+def r_hat(chains: Sequence[FloatArray]) -> FloatArray:
+    """Potential scale reduction of each coordinate, (d,) (Gelman and Rubin 1992).
+
+    What is compared are the first and second halves of each chain, with all its walkers together:
+    walkers of one ensemble depend on one another, ensembles do not.
+
+    Args:
+        chains: of independent ensembles, each (n_steps, n_walkers, d).
+    """
+    n = min(len(chain) for chain in chains) // 2
+    parts = [part for chain in chains for part in (chain[:n], chain[-n:])]
+    flat = [part.reshape(-1, part.shape[-1]) for part in parts]
+    within = np.mean([part.var(axis=0, ddof=1) for part in flat], axis=0)
+    between = np.var([part.mean(axis=0) for part in flat], axis=0, ddof=1)
+    size = len(flat[0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.sqrt((size - 1) / size + between / within)
+    return np.where(within > 0, ratio, np.where(between > 0, np.inf, 1.0))
+
+
+def pareto_shape(weights: FloatArray) -> float:
+    """The shape k of the tail of positive weights (n,), by the fit of Zhang and Stephens (2009).
+
+    The tail is the largest min(n/5, 3√n) weights, as for Pareto-smoothed importance sampling,
+    whose weak prior, 10 draws at k = 1/2, steadies short tails. -inf where the tail is flat.
+    """
+    n = len(weights)
+    n_tail = int(min(0.2 * n, 3.0 * math.sqrt(n)))
+    if n_tail < 5:
+        return math.nan
+    largest = np.sort(weights)[-n_tail - 1 :]
+    excess = largest[1:] - largest[0]
+    if not excess[-1] > FLAT * largest[-1]:
+        return -math.inf
+    n_trials = 30 + int(math.sqrt(n_tail))
+    quartile = excess[int(n_tail / 4 + 0.5) - 1]
+    if not quartile > 1e-290 * excess[-1]:
+        return math.inf  # so few weights count that their tail cannot be told
+    trials = 1.0 - np.sqrt(n_trials / (np.arange(1, n_trials + 1) - 0.5))
+    trials = 1.0 / excess[-1] + trials / (3.0 * quartile)
+    shapes = np.log1p(-trials[:, None] * excess).mean(axis=1)
+    log_profile = n_tail * (np.log(-trials / shapes) - shapes - 1.0)
+    chances = np.exp(log_profile - logsumexp(log_profile))
+    k = float(np.log1p(-(chances @ trials) * excess).mean())
+    return (n_tail * k + 5.0) / (n_tail + 10.0)

@@ -1,0 +1,55 @@
+"""How to sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+__all__ = ["Progress", "SamplingSettings"]
+
+# Called with the name of a step and the share of it that is done.
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class SamplingSettings:
+    """How precisely to sample.
+
+    Attributes:
+        log_evidence_error: wanted standard error of the log evidence, in nats.
+        particles: of each tempered start; None chooses by the number of parameters.
+        searches: least number of independent searches for maxima.
+        max_steps: longest chain of an ensemble, in steps.
+        economical: by importance sampling around the maxima alone, with tens of times fewer
+            evaluations; for models that take long, and posteriors of a few plain regions.
+
+    Raises:
+        ValueError: a setting is not positive, or there are fewer particles than 4 a parameter.
+    """
+
+    log_evidence_error: float = 0.01
+    particles: int | None = None
+    searches: int = 4
+    max_steps: int = 5000
+    economical: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("log_evidence_error", "particles", "searches", "max_steps"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ValueError(f"SamplingSettings: {name} must be positive, got {value!r}")
+
+    def n_particles(self, n_dimensions: int) -> int:
+        """How many particles sample so many parameters.
+
+        Raises:
+            ValueError: fewer were asked for than these need.
+        """
+        if self.particles is None:
+            return max(500, 100 * n_dimensions)
+        if self.particles < 4 * n_dimensions:
+            raise ValueError(
+                f"SamplingSettings: particles must be at least {4 * n_dimensions} for "
+                f"{n_dimensions} parameters, got {self.particles!r}"
+            )
+        return self.particles
