@@ -17,7 +17,14 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.sample import sample
-from bayes_ssi.priors import HalfNormal, LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
+from bayes_ssi.priors.families import (
+    HalfNormal,
+    LogNormal,
+    LogUniform,
+    Normal,
+    TruncatedNormal,
+    Uniform,
+)
 from bayes_ssi.ranking.comparison import compare
 from bayes_ssi.ranking.study import Study, rank
 from bayes_ssi.response.ground_motion import GroundMotion

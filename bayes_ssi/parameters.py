@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.priors import Prior
+from bayes_ssi.priors.prior import Prior
 
 __all__ = ["Parameter", "Product", "ProductTable", "Value", "as_product", "collect_parameters"]
 
@@ -51,7 +51,7 @@ class Parameter(_Multiplies):
     Two objects of the same name, prior and unit are the same parameter.
 
     Raises:
-        TypeError: the name is not text or the prior is not a :class:`~bayes_ssi.priors.Prior`.
+        TypeError: the name is not text, or the prior is no prior distribution.
         ValueError: the name is empty.
     """
 

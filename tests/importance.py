@@ -5,6 +5,12 @@ import math
 import numpy as np
 
 
+def coordinates(candidate, values):
+    """Standard-normal coordinates (n, d) of parameter values (n, d)."""
+    columns = zip(candidate.parameters, np.transpose(values), strict=True)
+    return np.column_stack([parameter.prior.to_normal(column) for parameter, column in columns])
+
+
 def log_evidence(candidate, posterior):
     """Log evidence in nats and its standard error.
 
@@ -15,8 +21,8 @@ def log_evidence(candidate, posterior):
     rng = np.random.default_rng(1)
     means, sds = np.array([posterior[name] for name in candidate.parameter_names]).T
     d, freedom = len(means), 6.0
-    centre = candidate.coordinates(means[None])[0]
-    steps = candidate.coordinates((means + 0.3 * sds)[None])[0] - centre
+    centre = coordinates(candidate, means[None])[0]
+    steps = coordinates(candidate, (means + 0.3 * sds)[None])[0] - centre
     root = np.diag(np.abs(steps) / 0.3)
     for n in (3000, 3000, 3000, 8000):
         t = rng.standard_normal((n, d)) * np.sqrt(freedom / rng.chisquare(freedom, (n, 1)))

@@ -12,7 +12,7 @@ import pytest
 import bayes_ssi as bs
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.codec import from_record, to_record
-from bayes_ssi.priors import Prior
+from bayes_ssi.priors.prior import Prior
 
 
 class Estimate(NamedTuple):

@@ -13,7 +13,7 @@ from bayes_ssi.parameters import (
     as_product,
     collect_parameters,
 )
-from bayes_ssi.priors import HalfNormal, LogNormal, Normal, Uniform
+from bayes_ssi.priors.families import HalfNormal, LogNormal, Normal, Uniform
 
 a = Parameter("a", LogNormal(2.0, 0.3))
 b = Parameter("b", LogNormal(3.0, 0.3))

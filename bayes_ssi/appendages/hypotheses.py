@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
-from bayes_ssi.priors import LogNormal, LogUniform, Prior
+from bayes_ssi.priors.families import LogNormal, LogUniform
+from bayes_ssi.priors.prior import Prior
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.lumped import LumpedStructure
 

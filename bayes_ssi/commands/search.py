@@ -61,7 +61,7 @@ def search(
     from bayes_ssi.appendages.appendage_search import search as search_appendages
     from bayes_ssi.appendages.hypotheses import SearchSettings
     from bayes_ssi.appendages.search_result import AppendageSearch, search_record
-    from bayes_ssi.priors import LogNormal, LogUniform
+    from bayes_ssi.priors.families import LogNormal, LogUniform
 
     loaded = load(study)
     if baseline is not None:

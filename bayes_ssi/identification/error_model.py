@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from bayes_ssi.parameters import Parameter, Value, as_product
-from bayes_ssi.priors import LogNormal
+from bayes_ssi.priors.families import LogNormal
 
 __all__ = ["ErrorModel", "IdentificationModel"]
 

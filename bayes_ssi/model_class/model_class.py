@@ -17,7 +17,7 @@ from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.model_class.configuration import Configuration, joint_digest, only_one
 from bayes_ssi.parameters import Parameter, collect_parameters
-from bayes_ssi.priors import Prior
+from bayes_ssi.priors.prior import Prior
 from bayes_ssi.structures.structure import Structure
 
 __all__ = ["ModelClass"]
@@ -180,13 +180,6 @@ class ModelClass:
         for column, parameter in enumerate(self.parameters):
             values[:, column] = parameter.prior.from_normal(z[:, column])
         return values
-
-    def coordinates(self, values: FloatArray) -> FloatArray:
-        """Standard-normal coordinates of parameter values; the inverse of :meth:`values`."""
-        z = np.empty(values.shape)
-        for column, parameter in enumerate(self.parameters):
-            z[:, column] = parameter.prior.to_normal(values[:, column])
-        return z
 
     def parts(
         self, values: FloatArray

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -14,10 +14,6 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.priors.prior import Prior, require_finite, require_ordered, require_positive
 
 __all__ = ["HalfNormal", "LogNormal", "LogUniform", "Normal", "TruncatedNormal", "Uniform"]
-
-
-def _gaussian_log_pdf(x: FloatArray) -> FloatArray:
-    return -0.5 * x * x - 0.5 * math.log(2.0 * math.pi)
 
 
 @dataclass(frozen=True)
@@ -44,12 +40,6 @@ class Normal(Prior):
 
     def to_normal(self, value: ArrayLike) -> FloatArray:
         return (np.asarray(value, dtype=float) - self.mean) / self.sd
-
-    def log_pdf(self, value: ArrayLike) -> FloatArray:
-        return _gaussian_log_pdf(self.to_normal(value)) - math.log(self.sd)
-
-    def widened(self, factor: float) -> Self:
-        return replace(self, sd=factor * self.sd)
 
 
 @dataclass(frozen=True)
@@ -84,22 +74,12 @@ class LogNormal(Prior):
         """Standard deviation of the parameter's natural logarithm."""
         return math.sqrt(math.log1p(self.cov * self.cov))
 
-    def widened(self, factor: float) -> Self:
-        return type(self).from_logarithm(math.log(self.median), factor * self.log_sd)
-
     def from_normal(self, z: ArrayLike) -> FloatArray:
         return self.median * np.exp(self.log_sd * np.asarray(z, dtype=float))
 
     def to_normal(self, value: ArrayLike) -> FloatArray:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.log(np.asarray(value, dtype=float) / self.median) / self.log_sd
-
-    def log_pdf(self, value: ArrayLike) -> FloatArray:
-        value = np.asarray(value, dtype=float)
-        inside = value > 0
-        safe = np.where(inside, value, 1.0)
-        log_pdf = _gaussian_log_pdf(self.to_normal(safe)) - np.log(safe * self.log_sd)
-        return np.where(inside, log_pdf, -np.inf)
 
 
 @dataclass(frozen=True)
@@ -133,19 +113,6 @@ class Uniform(Prior):
         below, above = (value - self.lower) / width, (self.upper - value) / width
         return np.where(below < above, ndtri(below), -ndtri(above))
 
-    def log_pdf(self, value: ArrayLike) -> FloatArray:
-        value = np.asarray(value, dtype=float)
-        inside = (value >= self.lower) & (value <= self.upper)
-        return np.where(inside, -math.log(self.upper - self.lower), -np.inf)
-
-    def widened(self, factor: float) -> Self:
-        middle, half = 0.5 * (self.lower + self.upper), 0.5 * factor * (self.upper - self.lower)
-        lower = middle - half
-        # What cannot be negative, such as a stiffness, cannot be so in a wider prior.
-        if self.lower >= 0.0:
-            lower = max(lower, 0.5 * self.lower)
-        return replace(self, lower=lower, upper=middle + half)
-
 
 @dataclass(frozen=True)
 class LogUniform(Prior):
@@ -177,16 +144,6 @@ class LogUniform(Prior):
     def to_normal(self, value: ArrayLike) -> FloatArray:
         with np.errstate(divide="ignore", invalid="ignore"):
             return self._exponent.to_normal(np.log(np.asarray(value, dtype=float)))
-
-    def log_pdf(self, value: ArrayLike) -> FloatArray:
-        value = np.asarray(value, dtype=float)
-        inside = (value >= self.lower) & (value <= self.upper)
-        safe = np.where(inside, value, 1.0)
-        return np.where(inside, -np.log(safe * math.log(self.upper / self.lower)), -np.inf)
-
-    def widened(self, factor: float) -> Self:
-        middle, half = math.sqrt(self.lower * self.upper), math.sqrt(self.upper / self.lower)
-        return replace(self, lower=middle / half**factor, upper=middle * half**factor)
 
 
 @dataclass(frozen=True)
@@ -254,15 +211,6 @@ class TruncatedNormal(Prior):
         log_above = _log_difference(log_ndtr(b), log_ndtr(x)) - self._log_mass
         return sign * np.where(log_below < log_above, ndtri_exp(log_below), -ndtri_exp(log_above))
 
-    def log_pdf(self, value: ArrayLike) -> FloatArray:
-        value = np.asarray(value, dtype=float)
-        inside = (value >= self.lower) & (value <= self.upper)
-        log_pdf = _gaussian_log_pdf((value - self.mean) / self.sd) - math.log(self.sd)
-        return np.where(inside, log_pdf - self._log_mass, -np.inf)
-
-    def widened(self, factor: float) -> Self:
-        return replace(self, sd=factor * self.sd)
-
 
 @dataclass(frozen=True)
 class HalfNormal(Prior):
@@ -292,14 +240,6 @@ class HalfNormal(Prior):
             log_above = log_ndtr(-x) + math.log(2.0)
             log_below = np.log(erf(x / math.sqrt(2.0)))
         return np.where(log_below < log_above, ndtri_exp(log_below), -ndtri_exp(log_above))
-
-    def log_pdf(self, value: ArrayLike) -> FloatArray:
-        value = np.asarray(value, dtype=float)
-        log_pdf = _gaussian_log_pdf(value / self.scale) - math.log(self.scale / 2.0)
-        return np.where(value >= 0, log_pdf, -np.inf)
-
-    def widened(self, factor: float) -> Self:
-        return replace(self, scale=factor * self.scale)
 
 
 def _log_difference(log_a: ArrayLike, log_b: ArrayLike) -> FloatArray:

@@ -1,10 +1,10 @@
-"""What a prior distribution answers, and the checks of its numbers."""
+"""The base class of prior distributions, and the checks of their numbers."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,7 @@ from bayes_ssi.arrays import FloatArray
 
 __all__ = [
     "Prior",
+    "Widened",
     "require_finite",
     "require_ordered",
     "require_positive",
@@ -23,8 +24,8 @@ __all__ = [
 class Prior(ABC):
     """A proper distribution of one parameter.
 
-    Subclasses give the map from a standard-normal coordinate to a value and back; the rest
-    follows from it.
+    Subclasses give the map from a standard-normal coordinate to a value and its inverse; all else
+    follows from these.
     """
 
     # Where a stored record names the family.
@@ -38,18 +39,16 @@ class Prior(ABC):
     def to_normal(self, value: ArrayLike) -> FloatArray:
         """Standard-normal coordinates of ``value`` (any shape); the inverse of ``from_normal``."""
 
-    @abstractmethod
-    def log_pdf(self, value: ArrayLike) -> FloatArray:
-        """Natural logarithm of the normalised density; ``-inf`` outside the support."""
+    def widened(self, factor: float) -> Prior:
+        """This prior, ``factor`` times as wide in standard-normal coordinates.
 
-    @abstractmethod
-    def widened(self, factor: float) -> Self:
-        """The same distribution with ``factor`` times the width about its middle.
+        The median and the support stay; every other quantile moves to where this prior has it
+        at ``factor`` times the standard-normal coordinate. A factor below one narrows.
 
-        That is the standard deviation (of a lognormal, of the logarithm), or the distance between
-        the bounds (of a log-uniform, of their logarithms). A lower bound of a uniform that is not
-        negative stays so: at most half of it is given up.
+        Raises:
+            ValueError: ``factor`` is not positive and finite.
         """
+        return Widened(self, factor)
 
     def quantile(self, probability: float) -> float:
         """The value below which the parameter lies with ``probability``."""
@@ -63,6 +62,34 @@ class Prior(ABC):
         if value >= high:
             return 1.0
         return float(ndtr(self.to_normal(value)))
+
+
+@dataclass(frozen=True)
+class Widened(Prior):
+    """Another prior, widened in standard-normal coordinates.
+
+    Attributes:
+        prior: the prior that is widened.
+        factor: on its standard-normal coordinates; below one, the prior is narrowed.
+
+    Raises:
+        TypeError: ``prior`` is not a prior distribution.
+        ValueError: ``factor`` is not positive and finite.
+    """
+
+    prior: Prior
+    factor: float
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.prior, Prior):
+            raise TypeError(f"Widened: prior must be a prior distribution, got {self.prior!r}")
+        require_positive(self, factor=self.factor)
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        return self.prior.from_normal(self.factor * np.asarray(z, dtype=float))
+
+    def to_normal(self, value: ArrayLike) -> FloatArray:
+        return self.prior.to_normal(value) / self.factor
 
 
 def require_finite(prior: Prior, **numbers: float) -> None:

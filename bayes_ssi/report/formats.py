@@ -58,7 +58,11 @@ def probability(value: float) -> str:
 
 def prior(record: Mapping[str, Any]) -> str:
     """A prior's record as it is written in a study."""
-    numbers = [f"{key} {number(v)}" for key, v in record.items() if key != "distribution"]
+    numbers = [
+        prior(v) if isinstance(v, Mapping) else f"{key} {number(v)}"
+        for key, v in record.items()
+        if key != "distribution"
+    ]
     name = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", str(record["distribution"])).lower()
     return f"{name.replace('log-normal', 'lognormal')}: {', '.join(numbers)}"
 

@@ -2,6 +2,7 @@
 
 import math
 
+import importance
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -150,7 +151,7 @@ def test_errors_and_nan_of_a_function_are_reported_from_workers(workers):
         "f", structure(modes, ("x", "y")), data,
         bs.ErrorModel(0.01, 0.05), pairing={"1": 1},
     )  # fmt: skip
-    z = candidate.coordinates(np.array([[1.0, 1.0], [4.0, 1.0], [1.0, 4.0]]))
+    z = importance.coordinates(candidate, [[1.0, 1.0], [4.0, 1.0], [1.0, 4.0]])
     with as_workers(workers) as pool:
         target = Target(candidate.log_likelihood_at, 2, pool)
         found = target.log_likelihood(z)

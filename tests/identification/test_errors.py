@@ -6,7 +6,7 @@ import pytest
 
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.parameters import Parameter
-from bayes_ssi.priors import HalfNormal, LogNormal, Normal
+from bayes_ssi.priors.families import HalfNormal, LogNormal, Normal
 
 
 def test_both_prediction_errors_are_inferred_by_default():

@@ -6,6 +6,7 @@ import pickle
 import re
 from dataclasses import replace
 
+import importance
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -77,7 +78,7 @@ def test_the_log_likelihood_is_the_sum_of_the_tests(draws, pairing):
     apart = one.log_likelihood(columns(one, draws, both))
     apart = apart + two.log_likelihood(columns(two, draws, both))
     np.testing.assert_allclose(both.log_likelihood(draws), apart, rtol=1e-12)
-    z = both.coordinates(draws)
+    z = importance.coordinates(both, draws)
     np.testing.assert_allclose(both.log_likelihood_at(z), apart, rtol=1e-10)
 
 
@@ -261,7 +262,7 @@ def test_a_mode_at_the_edge_of_the_band_is_named_with_its_configuration():
     cut = bs.ModalData(LOADED.modes[:1], (0.0, 1.001 * top), LOADED.sensors)
     tests = (state(bare, BARE, "bare"), state(loaded, cut, "loaded", {"1": 1}))
     candidate = joint(configurations=tests)
-    z = candidate.coordinates(np.tile([[1.1, 0.25]], (10, 1)))
+    z = importance.coordinates(candidate, [[1.1, 0.25]] * 10)
     (failed,) = failed_edge_checks(candidate, z, candidate.frequencies_hz(candidate.values(z)))
     assert failed.startswith("configuration 'loaded': model mode 2 is paired with nothing")
 

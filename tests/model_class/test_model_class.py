@@ -90,7 +90,6 @@ def test_values_at_normal_coordinates(model_classes):
     z = np.random.default_rng(4).standard_normal((5, 4))
     values = model_classes["3"].values(z)
     np.testing.assert_allclose(values, np.exp(LOG_SD * z), rtol=1e-13)
-    np.testing.assert_allclose(model_classes["3"].coordinates(values), z, atol=1e-13)
 
 
 def test_each_parameter_has_its_own_prior(case_c):
@@ -102,7 +101,6 @@ def test_each_parameter_has_its_own_prior(case_c):
     assert found.parameter_names == ("k", "m", "e")
     expected = [[52.0, math.exp(LOG_SD), 0.01 + 0.02 * 0.8413447460685429]]
     np.testing.assert_allclose(found.values(np.ones((1, 3))), expected, rtol=1e-12)
-    np.testing.assert_allclose(found.coordinates(np.array(expected)), np.ones((1, 3)), rtol=1e-12)
 
 
 def test_likelihood_at_coordinates_is_that_of_the_values(model_classes):
