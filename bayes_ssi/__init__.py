@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any
 from bayes_ssi.calibration.calibration import calibrate
 from bayes_ssi.calibration.least_squares import rms_distance
 from bayes_ssi.data.identified_mode import IdentifiedMode
+from bayes_ssi.data.modal_csv import write_modal_data
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.data.modal_files import read_modal_data
+from bayes_ssi.data.modal_pyoma2 import modal_data_from_pyoma2
 from bayes_ssi.finite_elements import FunctionStructure, MatrixStructure, read_matrix
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.model_class.configuration import Configuration
@@ -28,6 +31,7 @@ from bayes_ssi.priors.families import (
 from bayes_ssi.ranking.comparison import compare
 from bayes_ssi.ranking.study import Study, rank
 from bayes_ssi.response.ground_motion import GroundMotion
+from bayes_ssi.response.ground_motion_files import read_ground_motion
 from bayes_ssi.response.output import Output
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.structures import (
@@ -82,10 +86,14 @@ __all__ = [
     "compare",
     "floor_sensor",
     "load_predictions",
+    "modal_data_from_pyoma2",
     "rank",
+    "read_ground_motion",
     "read_matrix",
+    "read_modal_data",
     "rms_distance",
     "sample",
+    "write_modal_data",
 ]
 
 

@@ -27,7 +27,7 @@ study = bs.Study(
         bs.ModelClass(
             "bare frame",
             frame,
-            bs.ModalData.load(DATA),
+            bs.read_modal_data(DATA),
             bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05),
             pairing="any",
             description="three storeys, nothing on them",

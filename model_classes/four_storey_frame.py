@@ -25,7 +25,7 @@ factor_each = bs.ShearBuilding(
     masses=[FLOOR_MASS] * N_STOREYS, stiffnesses=[NOMINAL_STIFFNESS * k for k in k_each]
 )
 
-modes = bs.ModalData.load(DATA)
+modes = bs.read_modal_data(DATA)
 fixed = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
 inferred = bs.ErrorModel()
 pairing = {"1": 1, "2": 2, "3": 3, "4": 4}

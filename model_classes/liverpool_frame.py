@@ -19,8 +19,8 @@ from pathlib import Path
 import bayes_ssi as bs
 
 DATA = Path(__file__).parent / "data"
-bare_modes = bs.ModalData.load(DATA / "liverpool_bare.csv")
-blade_modes = bs.ModalData.load(DATA / "liverpool_with_blade.csv")
+bare_modes = bs.read_modal_data(DATA / "liverpool_bare.csv")
+blade_modes = bs.read_modal_data(DATA / "liverpool_with_blade.csv")
 
 # Nominal frequencies (Hz) of the bare frame: the means of the pairs of bending modes, as the
 # scale of the priors. A uniform frame has f_1 = (1/π) √(k/m) sin(π/14).

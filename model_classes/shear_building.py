@@ -35,7 +35,7 @@ infill = bs.OutOfPlaneInfill(
 rigid = frame.with_element(infill.as_mass())
 augmented = frame.with_element(infill)
 
-modes = bs.ModalData.load(DATA)
+modes = bs.read_modal_data(DATA)
 error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
 
 study = bs.Study(

@@ -97,7 +97,7 @@ def model_class(approach, name, pairing):
             bs.Configuration(
                 test,
                 frame(test, updated, braces),
-                bs.ModalData.load(DATA / f"steel_frame_{test}.csv"),
+                bs.read_modal_data(DATA / f"steel_frame_{test}.csv"),
                 pairing=pairing,
             )
             for test in BLOCKS

@@ -26,6 +26,7 @@ from scipy.constants import g
 
 from bayes_ssi.plots.style import BLUE, GREY, style
 from bayes_ssi.response.ground_motion import GroundMotion, along_azimuth
+from bayes_ssi.response.ground_motion_files import read_ground_motion
 from bayes_ssi.response.modal_response import time_histories
 from bayes_ssi.response.output import Output
 
@@ -66,7 +67,7 @@ def main() -> None:
               "give yours with --record FILE.")  # fmt: skip
     else:
         try:
-            own = GroundMotion.load(options.record, unit=options.unit, dt=options.dt)
+            own = read_ground_motion(options.record, unit=options.unit, dt=options.dt)
         except (OSError, ValueError) as error:
             print(f"Error: {error}", file=sys.stderr)
             sys.exit(2)

@@ -32,7 +32,7 @@ def main() -> None:
         for i, label in enumerate(["1", "2a", "2b", "3"])
     ]
     source = "simulated: shear building with a resonant infill, Case (c), no noise"
-    bs.ModalData(tuple(modes), (0.0, 6.0), tuple(floors), source).save(path)
+    bs.write_modal_data(bs.ModalData(tuple(modes), (0.0, 6.0), tuple(floors), source), path)
     print(f"wrote {path}")
 
 

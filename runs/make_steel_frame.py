@@ -62,7 +62,7 @@ def main() -> None:
     rng = np.random.default_rng(SEED)
     for configuration in augmented.configurations:
         path = directory / f"steel_frame_{configuration.name}.csv"
-        simulated(configuration, rng).save(path)
+        bs.write_modal_data(simulated(configuration, rng), path)
         print(f"wrote {path}")
 
 

@@ -241,7 +241,7 @@ def found_in_case_c(request, two_workers):
     frame = bs.ShearBuilding((1.0, 1.0, 1.0), [one * x for x in k])
     path = request.config.rootpath / "model_classes" / "data" / "case_c.csv"
     error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
-    baseline = bs.ModelClass("bare", frame, bs.ModalData.load(path), error, pairing={})
+    baseline = bs.ModelClass("bare", frame, bs.read_modal_data(path), error, pairing={})
     return search(baseline, searches.ONE, settings=searches.COARSE, workers=two_workers)
 
 

@@ -77,13 +77,11 @@ def test_the_example_of_a_prediction_runs_as_it_stands(tmp_path, monkeypatch, ca
 
 
 def test_the_example_of_a_data_file_is_read(tmp_path):
-    from bayes_ssi import ModalData
-
     (example,) = re.findall(
         r"```\n(# source.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
     )
     (tmp_path / "modes.csv").write_text(example, "utf-8")
-    data = ModalData.load(tmp_path / "modes.csv")
+    data = bs.read_modal_data(tmp_path / "modes.csv")
     assert data.labels == ("1", "2a", "2b")
     assert data.band_hz == (0.0, 6.0)
     assert [mode.n_measured for mode in data.modes] == [3, 2, 0]

@@ -10,7 +10,7 @@ import click
 from bayes_ssi.commands.terminal import console, json_option, say, tell_record
 
 if TYPE_CHECKING:
-    from bayes_ssi.data.modal_csv import ModalCsv
+    from bayes_ssi.data.modal_data import ModalData
 
 __all__ = ["check"]
 
@@ -20,26 +20,25 @@ __all__ = ["check"]
 @json_option
 def check(data: Path) -> None:
     """Say what was read from the identified modes in DATA (CSV) and what is odd."""
-    from bayes_ssi.data.modal_csv import read_modal_csv
+    from bayes_ssi.data.modal_files import read_modal_data
     from bayes_ssi.tables import modes_table
 
-    read = read_modal_csv(data)
-    low, high = read.data.band_hz
+    modes = read_modal_data(data)
+    low, high = modes.band_hz
     where = console()
-    where.print(modes_table(read.data))
-    tell_record(lambda: _record(read))
-    sensors = ", ".join(read.data.sensors) or "none"
-    remarks = [*read.remarks, *read.data.warnings()]
+    where.print(modes_table(modes))
+    tell_record(lambda: _record(modes))
+    sensors = ", ".join(modes.sensors) or "none"
+    remarks = modes.warnings()
     say(
         where,
-        f"Band: {low:g} to {high:g} Hz. Sensors: {sensors}. Digest: {read.data.digest}.",
+        f"Band: {low:g} to {high:g} Hz. Sensors: {sensors}. Digest: {modes.digest}.",
         *(f"(!) {remark}" for remark in remarks),
         *([] if remarks else ["Nothing odd."]),
     )
 
 
-def _record(read: ModalCsv) -> dict[str, Any]:
-    data = read.data
+def _record(data: ModalData) -> dict[str, Any]:
     return {
         "source": data.source,
         "band_hz": data.band_hz,
@@ -55,5 +54,5 @@ def _record(read: ModalCsv) -> dict[str, Any]:
             }
             for mode in data.modes
         ],
-        "remarks": [*read.remarks, *data.warnings()],
+        "remarks": data.warnings(),
     }

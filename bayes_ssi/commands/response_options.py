@@ -38,7 +38,8 @@ def question_of(
         default_output,
     )
     from bayes_ssi.predictions.response_bands import ResponseRequest
-    from bayes_ssi.response.ground_motion import UNITS, GroundMotion
+    from bayes_ssi.response.ground_motion import UNITS
+    from bayes_ssi.response.ground_motion_files import read_ground_motion
     from bayes_ssi.response.modal_response import ground_influence
     from bayes_ssi.response.output import GROUND, damping_ratios
 
@@ -73,7 +74,7 @@ def question_of(
             )
     elif band is not None:
         raise ValueError("--band: says something of transfer functions, but --transfer is none")
-    motions = tuple(GroundMotion.load(file, unit=unit, dt=dt) for file in records)
+    motions = tuple(read_ground_motion(file, unit=unit, dt=dt) for file in records)
     remarks += [
         f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
         f"{motion.peak_acceleration / UNITS['g']:.3g} g."

@@ -29,7 +29,7 @@ Run it with: bayes-ssi rank {stem}.py
 import bayes_ssi as bs
 
 # The identified modes; `bayes-ssi check {stem}.csv` says how they are read.
-modes = bs.ModalData.load(Path(__file__).with_suffix(".csv"))
+modes = bs.read_modal_data(Path(__file__).with_suffix(".csv"))
 
 # What is to be inferred: factors on nominal stiffnesses, about 1 and known to 30 %.
 prior = bs.LogNormal(median=1.0, cov=0.3)

@@ -1,4 +1,4 @@
-"""The CSV file of identified modes: one row a mode, as a spreadsheet saves it.
+"""The CSV file of identified modes: one row per mode, as a spreadsheet saves it.
 
 ::
 
@@ -9,7 +9,7 @@
     2a,    2.604,        ,              ,        0.674,   0.240,
 
 Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
-the search, required) and ``source`` (text); anything else there is a remark. Then a row of column
+the search, required) and ``source`` (text); anything else there is a comment. Then a row of column
 names: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd`` and ``damping``
 (fractions) are optional, and **every other column is a sensor**, named as the structure's degree
 of freedom. An empty cell is a value not measured. Complex components are written ``0.3+0.1j``
@@ -22,105 +22,98 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
-from bayes_ssi.data.identified_mode import RESERVED_NAMES, IdentifiedMode, checked_band
+from bayes_ssi.data.identified_mode import RESERVED_NAMES, IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
 
-__all__ = ["ModalCsv", "read_modal_csv", "write_modal_csv"]
+__all__ = ["read_modal_csv", "write_modal_data"]
+
+T = TypeVar("T", float, complex)
 
 REQUIRED_COLUMNS = ("label", "frequency_hz")
 NUMBER_COLUMNS = RESERVED_NAMES[1:]
 
 
 @dataclass(frozen=True)
-class ModalCsv:
-    """A file's data and what was noticed while reading it."""
-
-    data: ModalData
-    remarks: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class _Line:
-    """The cells of one line of the file, and where it is."""
+    """One line of the file that is not blank."""
 
     path: Path
     number: int
     cells: list[str]
+    decimal_comma: bool
 
     @property
-    def is_remark(self) -> bool:
+    def is_comment(self) -> bool:
         return self.cells[0].startswith("#")
 
     def error(self, message: str) -> ValueError:
         return ValueError(f"{self.path}, line {self.number}: {message}")
 
+    def parse(self, kind: Callable[[str], T], text: str, column: str) -> T:
+        try:
+            if "_" in text:  # Python would accept the underscore, a typing error here
+                raise ValueError
+            return kind(text.replace(",", ".") if self.decimal_comma else text)
+        except ValueError:
+            raise self.error(f"{column}: {text!r} is not a number") from None
 
-def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) -> ModalCsv:
-    """Read identified modes from a CSV file (see the module's text for its form).
+
+def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) -> ModalData:
+    """Read identified modes from a CSV file (see the module's docstring for its form).
 
     Args:
         path: the file.
-        band_hz: the band, where the file names none or another is wanted.
+        band_hz: lowest and highest frequency (Hz) of the search, in place of the file's own.
 
     Raises:
         OSError: the file cannot be read.
         ValueError: the content is not understood; the message names file, line and column.
     """
     path = Path(path)
-    delimiter, lines = _split(path)
-    n_head = next((i for i, line in enumerate(lines) if not line.is_remark), len(lines))
+    lines = _split(path)
+    n_head = next((i for i, line in enumerate(lines) if not line.is_comment), len(lines))
     head, body = lines[:n_head], lines[n_head:]
     if not body:
         raise ValueError(f"{path}: the file holds no table of modes")
     for line in body:
-        if line.is_remark:
+        if line.is_comment:
             raise line.error(
-                "a row that begins with '#' stands below the column names; remarks and keys "
-                "belong above them, and no mode's label may begin with '#'"
+                "a row beginning with '#' below the column names; comments and keys belong above "
+                "them, and no mode's label may begin with '#'"
             )
     columns = _column_names(body[0])
-    decimal_comma = delimiter != ","
-    modes = [_mode(line, columns, decimal_comma) for line in body[1:]]
+    modes = tuple(_mode(line, columns) for line in body[1:])
     if not modes:
         raise ValueError(f"{path}: no mode below the column names")
 
-    source, file_band = _read_head(head, decimal_comma)
+    source, file_band = _read_head(head)
     band = band_hz if band_hz is not None else file_band
     if band is None:
         raise ValueError(
             f"{path}: no band; add a line such as '# band_hz, 0, 6' above the column names: the "
             "lowest and highest frequency (Hz) in which modes were sought"
         )
-    try:
-        low, high = checked_band(band)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    _check_labels(body[1:], modes)
-    for line, mode in zip(body[1:], modes, strict=True):
-        if not low <= mode.frequency_hz <= high:
-            raise line.error(
-                f"mode {mode.label!r}: frequency_hz {mode.frequency_hz!r} lies outside the band "
-                f"{low!r} to {high!r} Hz"
-            )
+    low, high = band
     sensors = tuple(c for c in columns if c not in REQUIRED_COLUMNS and c not in NUMBER_COLUMNS)
     try:
-        data = ModalData(modes=tuple(modes), band_hz=(low, high), sensors=sensors, source=source)
+        return ModalData(modes, (low, high), sensors, source)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    remarks = []
-    if [mode.label for mode in modes] != list(data.labels):
-        remarks.append("the modes were not in ascending order of frequency; they are now")
-    return ModalCsv(data, tuple(remarks))
 
 
-def write_modal_csv(data: ModalData, path: str | Path) -> None:
-    """Write ``data`` to a new CSV file that :func:`read_modal_csv` reads back.
+def write_modal_data(data: ModalData, path: str | Path) -> None:
+    """Write identified modes to a new CSV file.
+
+    Args:
+        data: the modes; :func:`bayes_ssi.read_modal_data` reads the same again.
+        path: of the file.
 
     Raises:
         FileExistsError: the file exists.
@@ -154,8 +147,8 @@ def _component_text(component: complex) -> str:
     return repr(float(component))
 
 
-def _split(path: Path) -> tuple[str, list[_Line]]:
-    """The file's delimiter and its lines that are not blank."""
+def _split(path: Path) -> list[_Line]:
+    """The lines that are not blank, at the delimiter that gives the required columns."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
@@ -163,10 +156,10 @@ def _split(path: Path) -> tuple[str, list[_Line]]:
     if not text.strip():
         raise ValueError(f"{path}: the file is empty")
     candidates = {delimiter: _lines(path, text, delimiter) for delimiter in (",", ";", "\t")}
-    for delimiter, lines in candidates.items():
+    for lines in candidates.values():
         if any(set(REQUIRED_COLUMNS) <= set(line.cells) for line in lines):
-            return delimiter, lines
-    return ",", candidates[","]
+            return lines
+    return candidates[","]
 
 
 def _lines(path: Path, text: str, delimiter: str) -> list[_Line]:
@@ -176,7 +169,7 @@ def _lines(path: Path, text: str, delimiter: str) -> list[_Line]:
     try:
         for row in reader:
             if any(cell.strip() for cell in row):
-                lines.append(_Line(path, number, [cell.strip() for cell in row]))
+                lines.append(_Line(path, number, [cell.strip() for cell in row], delimiter != ","))
             number = reader.line_num + 1  # a quoted cell may run over several lines
     except csv.Error as error:
         raise ValueError(f"{path}, line {number}: not CSV: {error}") from None
@@ -191,8 +184,8 @@ def _column_names(line: _Line) -> list[str]:
         if required not in names:
             raise line.error(
                 f"no column {required!r} among {', '.join(map(repr, names))}; the columns are "
-                "label, frequency_hz, optionally frequency_cov, shape_sd and damping, and one a "
-                "sensor"
+                "label, frequency_hz, optionally frequency_cov, shape_sd and damping, and one for "
+                "each sensor"
             )
     for name in names:
         if not name:
@@ -202,7 +195,8 @@ def _column_names(line: _Line) -> list[str]:
     return names
 
 
-def _read_head(head: list[_Line], decimal_comma: bool) -> tuple[str, tuple[float, float] | None]:
+def _read_head(head: list[_Line]) -> tuple[str, tuple[float, float] | None]:
+    """The source and the band that the lines above the column names give."""
     source, band = "", None
     for line in head:
         cells = [line.cells[0].lstrip("# ").strip(), *line.cells[1:]]
@@ -214,59 +208,37 @@ def _read_head(head: list[_Line], decimal_comma: bool) -> tuple[str, tuple[float
         if cells[0].lower() == "source":
             source = ", ".join(values)
         elif cells[0].lower() == "band_hz":
-            values = (
-                [part for value in values for part in re.split(r"[,\s]+", value) if part]
-                if not decimal_comma
-                else values
-            )
+            if not line.decimal_comma:
+                values = [part for value in values for part in re.split(r"[,\s]+", value) if part]
             if len(values) != 2:
                 raise line.error(f"band_hz needs two frequencies in Hz, got {values!r}")
-            low, high = (_number(value, "band_hz", line, decimal_comma) for value in values)
+            low, high = (line.parse(float, value, "band_hz") for value in values)
             band = (low, high)
     return source, band
 
 
-def _number(text: str, column: str, line: _Line, decimal_comma: bool) -> float:
-    try:
-        return float(_plain(text, decimal_comma))
-    except ValueError:
-        raise line.error(f"{column}: {text!r} is not a number") from None
-
-
-def _plain(text: str, decimal_comma: bool) -> str:
-    """A number as Python reads it; Python would also read underscores, a typing error here."""
-    if "_" in text:
-        raise ValueError(text)
-    return text.replace(",", ".") if decimal_comma else text
-
-
-def _component(text: str, column: str, line: _Line, decimal_comma: bool) -> complex:
+def _component(text: str, column: str, line: _Line) -> complex:
     if not text:
         return complex("nan")
     # Space around the sign, as in "0.3 + 0.1i", is how people write complex numbers.
     written = re.sub(r"(?<=[\dji])\s*([+-])\s*(?=[\d.])", r"\1", text).replace("i", "j")
-    try:
-        value = complex(_plain(written, decimal_comma))
-    except ValueError:
-        raise line.error(f"sensor {column!r}: {text!r} is not a number") from None
+    value = line.parse(complex, written, f"sensor {column!r}")
     if not np.isfinite(value):
         raise line.error(f"sensor {column!r}: {text!r} is not finite; leave a missing value empty")
     return value
 
 
-def _mode(line: _Line, columns: list[str], decimal_comma: bool) -> IdentifiedMode:
+def _mode(line: _Line, columns: list[str]) -> IdentifiedMode:
     if any(line.cells[len(columns) :]):
         raise line.error(f"{len(line.cells)} cells for {len(columns)} columns")
     cells = dict(zip(columns, line.cells + [""] * len(columns), strict=False))
     numbers = {
-        name: _number(cells[name], name, line, decimal_comma)
-        for name in NUMBER_COLUMNS
-        if cells.get(name)
+        name: line.parse(float, cells[name], name) for name in NUMBER_COLUMNS if cells.get(name)
     }
     if "frequency_hz" not in numbers:
         raise line.error("frequency_hz: the cell is empty")
     components = [
-        _component(text, name, line, decimal_comma)
+        _component(text, name, line)
         for name, text in cells.items()
         if name not in REQUIRED_COLUMNS and name not in NUMBER_COLUMNS
     ]
@@ -280,11 +252,3 @@ def _mode(line: _Line, columns: list[str], decimal_comma: bool) -> IdentifiedMod
         )
     except ValueError as error:
         raise line.error(str(error)) from None
-
-
-def _check_labels(lines: list[_Line], modes: list[IdentifiedMode]) -> None:
-    first: dict[str, _Line] = {}
-    for line, mode in zip(lines, modes, strict=True):
-        known = first.setdefault(mode.label, line)
-        if known is not line:
-            raise line.error(f"label {mode.label!r} is that of line {known.number} already")

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -195,63 +192,3 @@ class ModalData:
                         "a mode like this"
                     )
         return found
-
-    @classmethod
-    def load(cls, path: str | Path, *, band_hz: Sequence[float] | None = None) -> ModalData:
-        """Read a CSV file.
-
-        Args:
-            path: the file.
-            band_hz: lowest and highest frequency (Hz) of the search, in place of the file's own.
-
-        Raises:
-            OSError: the file cannot be read.
-            ValueError: it is not as :mod:`bayes_ssi.data.modal_csv` describes; the message names
-                the file, the line and the column.
-        """
-        from bayes_ssi.data.modal_csv import read_modal_csv
-
-        return read_modal_csv(path, band_hz=band_hz).data
-
-    @classmethod
-    def from_uff(
-        cls,
-        path: str | Path,
-        *,
-        band_hz: Sequence[float],
-        sensors: Mapping[str, tuple[int, str]] | None = None,
-    ) -> ModalData:
-        """Read the modes (data sets 55) of a universal file, with pyuff.
-
-        Arguments and errors as those of :func:`bayes_ssi.data.modal_uff.read_modal_uff`.
-        """
-        from bayes_ssi.data.modal_uff import read_modal_uff
-
-        return read_modal_uff(path, band_hz=band_hz, sensors=sensors)
-
-    @classmethod
-    def from_pyoma2(
-        cls,
-        result: Any,
-        *,
-        band_hz: Sequence[float],
-        sensors: Sequence[str] | None = None,
-        source: str = "",
-    ) -> ModalData:
-        """The modes of a result of pyOMA2, in which modes were selected.
-
-        Arguments and errors as those of :func:`bayes_ssi.data.modal_pyoma2.modes_of_pyoma2`.
-        """
-        from bayes_ssi.data.modal_pyoma2 import modes_of_pyoma2
-
-        return modes_of_pyoma2(result, band_hz=band_hz, sensors=sensors, source=source)
-
-    def save(self, path: str | Path) -> None:
-        """Write a CSV file that :meth:`load` reads back to the same data.
-
-        Raises:
-            FileExistsError: the file exists.
-        """
-        from bayes_ssi.data.modal_csv import write_modal_csv
-
-        write_modal_csv(self, path)

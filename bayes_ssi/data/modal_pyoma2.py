@@ -10,10 +10,10 @@ import numpy as np
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
 
-__all__ = ["modes_of_pyoma2"]
+__all__ = ["modal_data_from_pyoma2"]
 
 
-def modes_of_pyoma2(
+def modal_data_from_pyoma2(
     result: Any,
     *,
     band_hz: Sequence[float],
@@ -41,22 +41,26 @@ def modes_of_pyoma2(
     """
     if not (hasattr(result, "Fn") and hasattr(result, "Phi")):
         raise TypeError(
-            "from_pyoma2: result must be an algorithm's result with Fn and Phi, got "
+            "modal_data_from_pyoma2: result must be an algorithm's result with Fn and Phi, got "
             f"{type(result).__name__}"
         )
     if result.Fn is None or result.Phi is None:
-        raise ValueError("from_pyoma2: no modes were selected; call mpe of the algorithm first")
+        raise ValueError(
+            "modal_data_from_pyoma2: no modes were selected; call mpe of the algorithm first"
+        )
     frequencies = np.atleast_1d(np.asarray(result.Fn, dtype=float)).ravel()
     shapes = np.asarray(result.Phi)
     if shapes.ndim != 2 or shapes.shape[1] != len(frequencies):
         raise ValueError(
-            f"from_pyoma2: Phi must be (channels, {len(frequencies)}), one column for each of Fn, "
-            f"got shape {shapes.shape}"
+            f"modal_data_from_pyoma2: Phi must be (channels, {len(frequencies)}), "
+            f"one column for each of Fn, got shape {shapes.shape}"
         )
     n_channels = len(shapes)
     names = [f"channel {i}" for i in range(1, n_channels + 1)] if sensors is None else list(sensors)
     if len(names) != n_channels:
-        raise ValueError(f"from_pyoma2: {len(names)} sensors for {n_channels} channels of Phi")
+        raise ValueError(
+            f"modal_data_from_pyoma2: {len(names)} sensors for {n_channels} channels of Phi"
+        )
     damping = _column(result, "Xi", len(frequencies))
     spread = _column(result, "Fn_std", len(frequencies))
     order = np.argsort(frequencies, kind="stable")
@@ -82,5 +86,5 @@ def _column(result: Any, name: str, n: int) -> np.ndarray:
         return np.full(n, np.nan)
     found = np.atleast_1d(np.asarray(values, dtype=float)).ravel()
     if len(found) != n:
-        raise ValueError(f"from_pyoma2: {name} holds {len(found)} numbers for {n} modes")
+        raise ValueError(f"modal_data_from_pyoma2: {name} holds {len(found)} numbers for {n} modes")
     return found

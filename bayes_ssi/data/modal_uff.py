@@ -12,40 +12,41 @@ import numpy as np
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
 
-__all__ = ["read_modal_uff"]
+__all__ = ["is_universal_file", "read_modal_uff"]
 
 DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
 MODES = 55
 NORMAL, COMPLEX, COMPLEX_SECOND_ORDER = 2, 3, 7
 
 
+def is_universal_file(path: Path) -> bool:
+    """Whether the file begins as universal files do, with the delimiter -1 of a data set.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    with path.open("rb") as file:
+        return file.read(80).split()[:1] == [b"-1"]
+
+
 def read_modal_uff(
-    path: str | Path,
+    path: Path,
     *,
     band_hz: Sequence[float],
     sensors: Mapping[str, tuple[int, str]] | None = None,
 ) -> ModalData:
     """Read the modes of a universal file.
 
-    Args:
-        path: the file.
-        band_hz: lowest and highest frequency in which modes were sought.
-        sensors: name → (node, direction), the direction being x, y or z, or -x, -y or -z where
-            the sensor points the other way; all nodes and directions that move, named ``12 x``,
-            if None.
+    Arguments as those of :func:`bayes_ssi.data.modal_files.read_modal_data`.
 
     Returns:
         Modes labelled 1, 2, … in ascending order of frequency. A complex mode's frequency is
         |λ|/2π and its damping -Re λ/|λ|, λ being its eigenvalue in rad/s.
 
     Raises:
-        OSError: there is no such file.
-        ValueError: pyuff is not installed; the file is damaged or holds no modes; or a sensor is
-            at no node of it.
+        ValueError: pyuff is not installed, the file is damaged or holds no modes, or it lacks the
+            node of a sensor.
     """
-    path = Path(path)
-    with path.open("rb"):  # pyuff says less of a file that is not there
-        pass
     try:
         import pyuff
     except ImportError:
@@ -57,15 +58,15 @@ def read_modal_uff(
         kinds = np.atleast_1d(file.get_set_types()).astype(int)
         sets = [file.read_sets(int(i)) for i in np.flatnonzero(kinds == MODES)]
     except Exception as error:  # a damaged file may raise anything there
-        told = " ".join(str(error).split())
+        reason = " ".join(str(error).split())
         raise ValueError(
-            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {told}"
+            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
         ) from error
     sets = [s for s in sets if s["analysis_type"] in (NORMAL, COMPLEX, COMPLEX_SECOND_ORDER)]
     if not sets:
         raise ValueError(f"{path}: no data set 55 with a normal or complex mode")
     modes = sorted((_frequency_and_damping(s), i) for i, s in enumerate(sets))
-    named = dict(sensors) if sensors is not None else _moving(sets)
+    named = dict(sensors) if sensors is not None else _moving_sensors(sets)
     low, high = (float(bound) for bound in band_hz)
     try:
         return ModalData(
@@ -93,15 +94,15 @@ def _frequency_and_damping(one: Mapping[str, Any]) -> tuple[float, float]:
     return float(size / (2.0 * math.pi)), float(-np.real(one["eig"]) / size) if size else 0.0
 
 
-def _moving(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
+def _moving_sensors(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
     """All nodes and directions in which some mode moves."""
-    found: dict[str, tuple[int, str]] = {}
-    for one in sets:
-        for i, node in enumerate(one["node_nums"]):
-            for direction, key in DIRECTIONS.items():
-                if one[key][i] != 0:
-                    found[f"{int(node)} {direction}"] = (int(node), direction)
-    return dict(sorted(found.items(), key=lambda item: item[1]))
+    moving = {
+        (int(node), direction)
+        for one in sets
+        for direction, key in DIRECTIONS.items()
+        for node in np.asarray(one["node_nums"])[np.asarray(one[key]) != 0]
+    }
+    return {f"{node} {direction}": (node, direction) for node, direction in sorted(moving)}
 
 
 def _component(one: Mapping[str, Any], name: str, node: int, direction: str) -> complex:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from scipy import constants
@@ -93,27 +92,6 @@ class GroundMotion:
         scale = UNITS[checked_unit(unit)]
         plain = cls(samples, dt, name)  # type: ignore[arg-type]
         return cls(scale * plain.acceleration, dt, name)
-
-    @classmethod
-    def load(
-        cls, path: str | Path, *, unit: str | None = None, dt: float | None = None
-    ) -> GroundMotion:
-        """Read a record from a file: PEER's AT2, or plain columns.
-
-        Args:
-            path: the file, as :mod:`bayes_ssi.response.ground_motion_files` describes it.
-            unit: of the accelerations, where the file does not say: ``"g"``, ``"m/s2"`` or
-                ``"cm/s2"``.
-            dt: time between samples in s, where the file does not say.
-
-        Raises:
-            OSError: the file cannot be read.
-            ValueError: it is not as described, or what is given and what it says differ; the
-                message names the file and the line.
-        """
-        from bayes_ssi.response.ground_motion_files import read_ground_motion
-
-        return read_ground_motion(path, unit=unit, dt=dt)
 
     def __len__(self) -> int:
         return len(self.acceleration)

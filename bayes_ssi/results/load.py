@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_ssi.data.modal_csv import read_modal_csv
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
 from bayes_ssi.model_class.configuration import only_one
@@ -98,7 +99,7 @@ def load_result(directory: str | Path) -> StoredResult:
         posteriors = tuple(_posterior(directory, entry) for entry in record["posteriors"])
         comparison = _comparison(read_json(directory / "comparison.json"))
         tests = {
-            test["configuration"]: ModalData.load(directory / test["file"])
+            test["configuration"]: read_modal_csv(directory / test["file"])
             for test in record["data"]
         }
     except OSError as error:

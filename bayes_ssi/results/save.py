@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_ssi.data.modal_csv import write_modal_data
 from bayes_ssi.model_class.class_record import class_record
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.model_class.model_class import ModelClass
@@ -93,7 +94,7 @@ def _save_tests(study: Study, directory: Path) -> list[dict[str, str]]:
         names = _file_names([configuration.name for configuration in configurations], "csv")
         files = {name: f"data/{file}" for name, file in names.items()}
     for configuration in configurations:
-        configuration.data.save(directory / files[configuration.name])
+        write_modal_data(configuration.data, directory / files[configuration.name])
     return [
         {"configuration": c.name, "file": files[c.name], "source": c.data.source}
         for c in configurations

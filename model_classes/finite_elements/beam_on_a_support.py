@@ -81,7 +81,7 @@ def structure(support, place):
 support = bs.Parameter("support", bs.LogUniform(100.0, 100_000.0), unit="N/m")
 place = bs.Parameter("place", bs.Uniform(0.0, LENGTH), unit="m")
 bent = bs.Parameter("young", bs.LogNormal(median=1.0, cov=0.05))
-modes = bs.ModalData.load(Path(__file__).parents[1] / "data" / "beam_on_a_support.csv")
+modes = bs.read_modal_data(Path(__file__).parents[1] / "data" / "beam_on_a_support.csv")
 error = bs.ErrorModel(shape_sd=0.02)
 pairing = {str(i): i for i in range(1, N_MODES + 1)}
 

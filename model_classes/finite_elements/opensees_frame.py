@@ -64,7 +64,7 @@ def structure(columns, beams):
 
 prior = bs.LogNormal(median=1.0, cov=0.3)
 both, columns, beams = (bs.Parameter(name, prior) for name in ("both", "columns", "beams"))
-modes = bs.ModalData.load(Path(__file__).parents[1] / "data" / "opensees_frame.csv")
+modes = bs.read_modal_data(Path(__file__).parents[1] / "data" / "opensees_frame.csv")
 error = bs.ErrorModel(frequency_cov=0.005, shape_sd=0.02)
 
 study = bs.Study(

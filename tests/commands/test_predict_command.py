@@ -10,7 +10,7 @@ import pytest
 from conftest import TINY_STUDY, assert_one_line_error
 
 from bayes_ssi.predictions.stored_predictions import load_predictions
-from bayes_ssi.response.ground_motion import GroundMotion
+from bayes_ssi.response.ground_motion_files import read_ground_motion
 from bayes_ssi.response.output import Output
 from bayes_ssi.results.save import save_result
 
@@ -98,7 +98,7 @@ def test_all_options(predict, saved, tmp_path):
         assert words in done.stdout
     output = Output("drift", (("ground", "floor 1"), ("floor 1", "floor 2")))
     own = load_predictions(saved, n_draws=40).of_class("one k")
-    expected = own.peak_responses(GroundMotion.load(files[0]), output, (0.01, 0.03)).band(0.8)
+    expected = own.peak_responses(read_ground_motion(files[0]), output, (0.01, 0.03)).band(0.8)
     found = [row for row in rows(tmp_path / "out" / "peaks.csv")
              if (row["model_class"], row["of"]) == ("one k", "time history: first")]  # fmt: skip
     assert [row["place"] for row in found] == list(output.labels)

@@ -36,7 +36,7 @@ def write(path, sets):
 
 def test_normal_modes_of_a_universal_file(tmp_path):
     sets = [normal_mode(2, 2.76, SHAPES[1]), normal_mode(1, 0.96, SHAPES[0])]
-    data = bs.ModalData.from_uff(write(tmp_path / "modes.uff", sets), band_hz=(0, 6))
+    data = bs.read_modal_data(write(tmp_path / "modes.uff", sets), band_hz=(0, 6))
     assert data.sensors == ("11 x", "12 x", "13 x")
     np.testing.assert_allclose(data.frequencies_hz, [0.96, 2.76], rtol=1e-5)
     expected = SHAPES / np.linalg.norm(SHAPES, axis=1, keepdims=True)
@@ -50,7 +50,7 @@ def test_complex_modes_and_named_sensors(tmp_path):
     turned = SHAPES[0] * np.exp(1j * np.pi / 6)
     path = write(tmp_path / "modes.uff", [complex_mode(1, eigenvalue, turned)])
     sensors = {"roof": (13, "x"), "floor 1": (11, "-x")}
-    (mode,) = bs.ModalData.from_uff(path, band_hz=(0, 6), sensors=sensors).modes
+    (mode,) = bs.read_modal_data(path, band_hz=(0, 6), sensors=sensors).modes
     assert mode.frequency_hz == pytest.approx(6.0 / (2 * np.pi), rel=1e-5)
     assert mode.damping == pytest.approx(0.02, rel=1e-4)
     expected = np.array([0.74, -0.3]) / np.hypot(0.74, 0.3)
@@ -60,15 +60,15 @@ def test_complex_modes_and_named_sensors(tmp_path):
 def test_what_is_wrong_with_a_universal_file_is_said(tmp_path):
     path = write(tmp_path / "modes.uff", [normal_mode(1, 0.96, SHAPES[0])])
     with pytest.raises(ValueError, match="sensor 'a': no node 99; nodes are 11, 12, 13"):
-        bs.ModalData.from_uff(path, band_hz=(0, 6), sensors={"a": (99, "x")})
+        bs.read_modal_data(path, band_hz=(0, 6), sensors={"a": (99, "x")})
     with pytest.raises(ValueError, match="direction must be x, y or z"):
-        bs.ModalData.from_uff(path, band_hz=(0, 6), sensors={"a": (11, "w")})
+        bs.read_modal_data(path, band_hz=(0, 6), sensors={"a": (11, "w")})
     with pytest.raises(FileNotFoundError):
-        bs.ModalData.from_uff(tmp_path / "none.uff", band_hz=(0, 6))
+        bs.read_modal_data(tmp_path / "none.uff", band_hz=(0, 6))
     damaged = tmp_path / "damaged.uff"
     damaged.write_text(path.read_text()[:700])
     with pytest.raises(ValueError, match=r"damaged\.uff"):
-        bs.ModalData.from_uff(damaged, band_hz=(0, 6))
+        bs.read_modal_data(damaged, band_hz=(0, 6))
 
 
 def test_a_result_of_pyoma2():
@@ -82,7 +82,7 @@ def test_a_result_of_pyoma2():
         Fn_std=np.array([0.0276, 0.0048]),
     )
     names = ("floor 1", "floor 2", "floor 3")
-    modes = bs.ModalData.from_pyoma2(result, band_hz=(0, 6), sensors=names)
+    modes = bs.modal_data_from_pyoma2(result, band_hz=(0, 6), sensors=names)
     np.testing.assert_allclose(modes.frequencies_hz, [0.96, 2.76])
     assert [mode.frequency_cov for mode in modes.modes] == pytest.approx([0.005, 0.01])
     assert [mode.damping for mode in modes.modes] == [0.01, 0.02]
@@ -90,11 +90,11 @@ def test_a_result_of_pyoma2():
     signs = np.sign(modes.unit_shapes[2])
     np.testing.assert_allclose(modes.unit_shapes * signs, expected.T, atol=1e-12)
     with pytest.raises(ValueError, match="2 sensors for 3 channels"):
-        bs.ModalData.from_pyoma2(result, band_hz=(0, 6), sensors=names[:2])
+        bs.modal_data_from_pyoma2(result, band_hz=(0, 6), sensors=names[:2])
     with pytest.raises(ValueError, match="call mpe of the algorithm first"):
-        bs.ModalData.from_pyoma2(data.SSIResult(), band_hz=(0, 6))
+        bs.modal_data_from_pyoma2(data.SSIResult(), band_hz=(0, 6))
     with pytest.raises(TypeError, match="got dict"):
-        bs.ModalData.from_pyoma2({}, band_hz=(0, 6))
+        bs.modal_data_from_pyoma2({}, band_hz=(0, 6))
 
 
 def identified_by_pyoma2():
@@ -127,7 +127,7 @@ def identified_by_pyoma2():
 @pytest.mark.filterwarnings("ignore")  # whatever pyOMA2 and its libraries warn of
 def test_modes_that_pyoma2_identified():
     result, shapes = identified_by_pyoma2()
-    data = bs.ModalData.from_pyoma2(result, band_hz=(0, 10), sensors=("a", "b"))
+    data = bs.modal_data_from_pyoma2(result, band_hz=(0, 10), sensors=("a", "b"))
     np.testing.assert_allclose(data.frequencies_hz, [2.0, 5.0], atol=0.05)
     unit = shapes.T / np.linalg.norm(shapes, axis=1)
     assert np.all(np.abs((data.unit_shapes * unit).sum(axis=0)) > 0.99)

@@ -1,0 +1,46 @@
+"""Files of identified modes, of any form that the package reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from bayes_ssi.data.modal_csv import read_modal_csv
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.data.modal_uff import is_universal_file, read_modal_uff
+
+__all__ = ["read_modal_data"]
+
+
+def read_modal_data(
+    path: str | Path,
+    *,
+    band_hz: Sequence[float] | None = None,
+    sensors: Mapping[str, tuple[int, str]] | None = None,
+) -> ModalData:
+    """Read identified modes from a CSV file, or from the data sets 55 of a universal file.
+
+    A universal file is recognised by its first line; :mod:`bayes_ssi.data.modal_csv` describes
+    the CSV file.
+
+    Args:
+        path: the file.
+        band_hz: lowest and highest frequency (Hz) in which modes were sought. A CSV file can
+            state them itself, a universal file cannot.
+        sensors: of a universal file, name → (node, direction), the direction being x, y or z, or
+            -x, -y or -z where the sensor points the other way. If None, every node and direction
+            that moves is a sensor, named ``12 x``. The columns of a CSV file name its own.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the content is not understood, the band is missing, or sensors are given for
+            a CSV file; the message names the file and, for CSV, the line and the column.
+    """
+    path = Path(path)
+    if is_universal_file(path):
+        if band_hz is None:
+            raise ValueError(f"{path}: give band_hz; a universal file does not state the band")
+        return read_modal_uff(path, band_hz=band_hz, sensors=sensors)
+    if sensors is not None:
+        raise ValueError(f"{path}: sensors are given, but the columns of a CSV file name its own")
+    return read_modal_csv(path, band_hz=band_hz)
