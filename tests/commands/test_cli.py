@@ -161,9 +161,9 @@ BAD_CSV = {
     "frequency NaN": (CSV.replace("0.618", "nan"), "line 4", "frequency_hz"),
     "frequency text": (CSV.replace("1.618", "fast"), "line 5", "frequency_hz", "'fast'"),
     "no frequency": (CSV.replace("1.618", ""), "line 5", "frequency_hz"),
-    "duplicate labels": (CSV.replace("\n2,", "\n1,"), "line 5", "'1'"),
+    "duplicate labels": (CSV.replace("\n2,", "\n1,"), "two modes have the label '1'"),
     "shape of zeros": (CSV.replace("0.5257,0.8507", "0,0"), "line 4", "zero at every sensor"),
-    "outside the band": (CSV.replace("0, 3", "0, 1"), "line 5", "outside the band"),
+    "outside the band": (CSV.replace("0, 3", "0, 1"), "mode '2'", "outside the band"),
     "no band": (CSV.replace("# band_hz, 0, 3\n", ""), "band_hz"),
 }  # fmt: skip
 
