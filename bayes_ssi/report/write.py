@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from bayes_ssi.report.content import content
 from bayes_ssi.report.formats import FILTERS, TESTS
 from bayes_ssi.report.pictures import draw
 from bayes_ssi.report.stored_extras import load_beside
@@ -44,6 +43,8 @@ def write_report(
         ValueError: the result is none, damaged, or another version's.
     """
     import jinja2
+
+    from bayes_ssi.report.content import content  # it loads rich
 
     def tell(step: str, done: float) -> None:
         if progress is not None:
