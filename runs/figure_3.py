@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from bayes_ssi.plots.style import BLUE, GREY, style
+from bayes_ssi.plots.figure_style import BLUE, GREY, style
 from bayes_ssi.response.modal_response import largest_over_places, transfer_functions
 from bayes_ssi.response.output import Output
 

@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from bayes_ssi.modal import mac
-from bayes_ssi.plots.responses import plot_mac
-from bayes_ssi.plots.style import BLUE, VERMILION, style
+from bayes_ssi.plots.figure_style import BLUE, VERMILION, style
+from bayes_ssi.plots.matrix_plots import plot_mac
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "model_classes" / "non_structural_elements.py"

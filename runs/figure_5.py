@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.constants import g
 
-from bayes_ssi.plots.style import BLUE, GREY, style
+from bayes_ssi.plots.figure_style import BLUE, GREY, style
 from bayes_ssi.response.ground_motion import GroundMotion, along_azimuth
 from bayes_ssi.response.ground_motion_files import read_ground_motion
 from bayes_ssi.response.modal_response import time_histories

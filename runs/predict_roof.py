@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_ssi.plots.responses import plot_transfer_functions
-from bayes_ssi.plots.style import style
+from bayes_ssi.plots.figure_style import style
+from bayes_ssi.plots.response_plots import plot_transfer_functions
 from bayes_ssi.predictions.bands import Band
 from bayes_ssi.predictions.stored_predictions import load_predictions
 from bayes_ssi.response.modal_response import transfer_functions

@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 import bayes_ssi as bs
-from bayes_ssi.plots.ranking_plots import save_figures
+from bayes_ssi.plots.result_figures import save_figures
 from bayes_ssi.ranking.study import load_study
 from bayes_ssi.results.save import require_new, save_result
 from bayes_ssi.tables import comparison_notes, ranking_table

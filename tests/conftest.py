@@ -297,7 +297,7 @@ def coarse_command(monkeypatch):
 def no_figures(monkeypatch):
     """Saves results without their figures, which take longest."""
     monkeypatch.setattr(
-        "bayes_ssi.plots.ranking_plots.save_figures", lambda directory, *_: directory.mkdir()
+        "bayes_ssi.plots.result_figures.save_figures", lambda directory, *_: directory.mkdir()
     )
 
 

@@ -34,18 +34,13 @@ ORDER = {
     "commands": FREE,
     "cli": (),
 }  # fmt: skip
-HEAVY = {"matplotlib", "arviz", "corner", "emcee", "jinja2", "h5py", "rich"}
+HEAVY = {"matplotlib", "arviz", "emcee", "jinja2", "h5py", "rich"}
 LIST = [
     layer
     for package, modules in ORDER.items()
     for layer in ([f"{package}.{module}" for module in modules] if modules else [package])
 ]
-# What builds the guide is run by Sphinx and Hatchling, and is no part of the package.
-SOURCES = sorted(
-    path
-    for path in PACKAGE.rglob("*.py")
-    if path.stem != "__init__" and path.parent.name != "guide"
-)
+SOURCES = sorted(p for p in PACKAGE.rglob("*.py") if p.stem != "__init__")
 
 
 def layer(path):

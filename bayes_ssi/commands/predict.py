@@ -118,7 +118,7 @@ def predict(
     Frequencies and mode shapes, transfer functions, and time histories and peaks under records,
     all with credible bands.
     """
-    from bayes_ssi.plots.prediction_plots import save_prediction_figures
+    from bayes_ssi.plots.prediction_figures import save_prediction_figures
     from bayes_ssi.predictions.prediction_files import save_predictions
     from bayes_ssi.predictions.predictions import AVERAGE
     from bayes_ssi.predictions.response_bands import answer

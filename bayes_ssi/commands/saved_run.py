@@ -93,7 +93,7 @@ class SavedRun:
                 no more.
         """
         from bayes_ssi.execution.workers import dask_workers
-        from bayes_ssi.plots.ranking_plots import save_figures
+        from bayes_ssi.plots.result_figures import save_figures
         from bayes_ssi.ranking.checkpoint import Checkpoint, name_of_run
         from bayes_ssi.ranking.sensitivity import sensitivity_record
         from bayes_ssi.results.save import require_new, save_result

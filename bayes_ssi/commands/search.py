@@ -73,9 +73,11 @@ def search(
     )
 
     def draw(found: AppendageSearch, directory: Path) -> None:
-        from bayes_ssi.plots.place_map import save_places
+        from bayes_ssi.plots.appendage_places import plot_places
+        from bayes_ssi.plots.figure_style import figures_for_files, save_figure
 
-        save_places(found, directory / "places.png")
+        with figures_for_files():
+            save_figure(plot_places(found.place_probabilities), directory / "places.png")
 
     saved = run.sample_and_save(
         partial(search_appendages, loaded.model_classes[0], options),

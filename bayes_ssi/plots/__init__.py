@@ -1,25 +1,27 @@
-"""Figures, by functions that draw on given axes or on new ones and return them.
+"""Figures of stored records, posteriors and predictions; nothing here samples.
 
-None of them samples: they draw stored records, posteriors and predictions.
+Every function draws on given axes, or on those of a new figure, and returns them.
 """
 
-from bayes_ssi.plots.changes import (
+from bayes_ssi.plots.appendage_places import plot_places
+from bayes_ssi.plots.before_and_after import (
     plot_frequency_change,
     plot_mac_change,
-    plot_modes_before_and_after,
+    plot_parameters,
 )
 from bayes_ssi.plots.corner_plot import plot_corner
-from bayes_ssi.plots.identified_modes import plot_identified_modes, plot_pairing
-from bayes_ssi.plots.mode_shapes import plot_mode_shapes
-from bayes_ssi.plots.place_map import plot_places
-from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
-from bayes_ssi.plots.responses import plot_mac, plot_time_history, plot_transfer_functions
-from bayes_ssi.plots.shapes import plot_components, plot_shape
-from bayes_ssi.plots.style import style
-from bayes_ssi.plots.summaries import plot_parameters, plot_sensitivity
+from bayes_ssi.plots.evidence_plot import plot_evidence
+from bayes_ssi.plots.figure_style import style
+from bayes_ssi.plots.identified_modes import plot_identified_modes
+from bayes_ssi.plots.matrix_plots import plot_mac, plot_pairing
+from bayes_ssi.plots.model_frequencies import plot_frequencies
+from bayes_ssi.plots.response_plots import plot_time_history, plot_transfer_functions
+from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
+from bayes_ssi.plots.shape_plots import plot_building_shape, plot_shape_components
+from bayes_ssi.plots.updated_shapes import plot_mode_shapes
 
 __all__ = [
-    "plot_components",
+    "plot_building_shape",
     "plot_corner",
     "plot_evidence",
     "plot_frequencies",
@@ -28,12 +30,11 @@ __all__ = [
     "plot_mac",
     "plot_mac_change",
     "plot_mode_shapes",
-    "plot_modes_before_and_after",
     "plot_pairing",
     "plot_parameters",
     "plot_places",
     "plot_sensitivity",
-    "plot_shape",
+    "plot_shape_components",
     "plot_time_history",
     "plot_transfer_functions",
     "style",

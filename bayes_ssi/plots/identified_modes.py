@@ -1,7 +1,4 @@
-"""Figures of identified modes, and of model modes before and after updating, from stored records.
-
-Every function draws on given axes or figures, or on new ones, and never samples.
-"""
+"""The identified modes: frequencies in their band, and shapes at the sensors."""
 
 from __future__ import annotations
 
@@ -11,36 +8,29 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.identification.inferred_pairing import InferredPairing
 from bayes_ssi.model_class.configuration import label_in
-from bayes_ssi.plots.style import (
-    BLUE,
-    GREY,
-    axes_of,
-    draw_as_they_are,
-    figure_of,
-    hover,
-)
+from bayes_ssi.plots.figure_style import BLUE, GREY, figure_of, hover, without_math
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["data_size", "plot_identified_modes", "plot_pairing"]
+__all__ = ["PANELS_ACROSS", "plot_identified_modes"]
 
+# Panels of mode shapes that are legible next to one another on a page.
 PANELS_ACROSS = 4
 
 
 def plot_identified_modes(
     data: ModalData, figure: Figure | None = None, configuration: str = ""
 ) -> Figure:
-    """The data: the band with every identified frequency in it, and the shapes at the sensors.
+    """The band with every identified frequency in it, and the shapes at the sensors.
 
     Components are those of unit shapes; a grey bar is the identification's own 95 % interval.
     """
     with_shape = [mode for mode in data.modes if mode.unit_shape is not None]
     n_rows = -(-len(with_shape) // PANELS_ACROSS)
-    figure = figure_of(figure, data_size(data))
+    figure = figure_of(figure, (6.8, 1.5 + (0.7 + 0.22 * len(data.sensors)) * n_rows))
     ratios = [1.0, *[1.0 + 0.25 * len(data.sensors)] * n_rows]
     grid = figure.add_gridspec(1 + n_rows, PANELS_ACROSS, height_ratios=ratios)
     _band(figure.add_subplot(grid[0, :]), data, configuration)
@@ -56,17 +46,11 @@ def plot_identified_modes(
         ax.set_xlim(-1.1, 1.1)
         ax.set_ylim(-0.6, len(y) - 0.4)
         ax.set_yticks(y, data.sensors if i % PANELS_ACROSS == 0 else [""] * len(y))
-        draw_as_they_are(ax.get_yticklabels())
         ax.set_xticks([-1, 0, 1])
         ax.tick_params(labelsize=7)
-        draw_as_they_are([ax.set_title(f"mode {mode.label}", fontsize=8)])
+        title = ax.set_title(f"mode {mode.label}", fontsize=8)
+        without_math(title, *ax.get_yticklabels())
     return figure
-
-
-def data_size(data: ModalData) -> tuple[float, float]:
-    """Width and height, in inches, of :func:`plot_identified_modes`."""
-    n_rows = -(-sum(mode.unit_shape is not None for mode in data.modes) // PANELS_ACROSS)
-    return 6.8, 1.5 + (0.7 + 0.22 * len(data.sensors)) * n_rows
 
 
 def _band(ax: Axes, data: ModalData, configuration: str) -> None:
@@ -82,42 +66,19 @@ def _band(ax: Axes, data: ModalData, configuration: str) -> None:
         label = ax.text(mode.frequency_hz, height + 0.04, mode.label, ha="center", va="bottom",
                         fontsize=8, bbox={"facecolor": "white", "edgecolor": "none",
                                           "alpha": 0.8, "pad": 0.5})  # fmt: skip
-        draw_as_they_are([label])
+        without_math(label)
     ax.set_xlim(low - 0.02 * (high - low), high + 0.02 * (high - low))
     ax.set_ylim(0.0, 1.3)
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
     ax.set_xlabel("identified frequency (Hz); grey: the band")
-    draw_as_they_are([ax.set_title(label_in(configuration, "identified modes"))])
+    without_math(ax.set_title(label_in(configuration, "identified modes")))
 
 
 def _levels(frequencies_hz: FloatArray, width: float) -> list[float]:
-    """Heights of the lines such that labels of close modes stand above one another."""
+    """Heights of the lines, such that the labels of close modes do not overlap."""
     levels: list[float] = []
     for i, frequency in enumerate(frequencies_hz):
         close = i and frequency - frequencies_hz[i - 1] < 0.05 * width
         levels.append({0.9: 0.6, 0.6: 0.3, 0.3: 0.9}[levels[-1]] if close else 0.9)
     return levels
-
-
-def plot_pairing(inferred: InferredPairing, n_modes: int, ax: Axes | None = None) -> Axes:
-    """How probable it is that each identified mode is each model mode, or spurious."""
-    labels = list(inferred.of_modes)
-    columns = ["spurious", *(str(number) for number in range(1, n_modes + 1))]
-    ax = axes_of(ax, (1.6 + 0.62 * len(columns), 1.1 + 0.34 * len(labels)))
-    shares = np.array(
-        [[inferred.of_modes[label].get(i, 0.0) for i in range(n_modes + 1)] for label in labels]
-    )
-    ax.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
-    for (i, k), share in np.ndenumerate(shares):
-        if share >= 0.0005:
-            ax.text(k, i, f"{share:.3f}", ha="center", va="center", fontsize=7,
-                    color="white" if share > 0.6 else "black")  # fmt: skip
-    ax.set_xticks(range(len(columns)), columns)
-    ax.set_yticks(range(len(labels)), labels)
-    draw_as_they_are(ax.get_yticklabels())
-    ax.set_xlabel("model mode")
-    ax.set_ylabel("identified mode")
-    ax.spines[:].set_visible(False)
-    ax.tick_params(length=0)
-    return ax

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from bayes_ssi.report.formats import FILTERS, TESTS
-from bayes_ssi.report.pictures import draw
+from bayes_ssi.report.page_content import page_content
+from bayes_ssi.report.report_figures import draw_figures
 from bayes_ssi.report.stored_extras import load_beside
+from bayes_ssi.report.template_filters import FILTERS, TESTS
 from bayes_ssi.results.new_directory import new_directory, require_new
 from bayes_ssi.versions import versions
 
 __all__ = ["write_report"]
 
 PAGE = "report.html"
-# Model classes told in full; a search may have sampled dozens.
+# Model classes that are described in full; a search may have sampled dozens.
 MOST_LISTED = 8
 
 
@@ -44,14 +45,12 @@ def write_report(
     """
     import jinja2
 
-    from bayes_ssi.report.content import content  # it loads rich
-
     def tell(step: str, done: float) -> None:
         if progress is not None:
             progress(step, done)
 
     tell("reading", 0.0)
-    stored, beside = load_beside(result)
+    stored, extras = load_beside(result)
     directory = Path(directory) if directory is not None else stored.directory / "report"
     require_new(directory, marker=PAGE, overwrite=overwrite)
     environment = jinja2.Environment(
@@ -65,15 +64,17 @@ def write_report(
     environment.tests.update(TESTS)
     try:
         tell("figures", 0.1)
-        pictures = draw(stored, beside, lambda share: tell("figures", 0.1 + 0.8 * share))
-        tell("pages", 0.9)
-        told = content(stored, beside, pictures, MOST_LISTED)
-        told |= {"page_versions": versions(), "result": str(stored.directory)}
-        page = environment.get_template(f"{PAGE}.j2").render(told)
+        figures = draw_figures(stored, extras, lambda done: tell("figures", 0.1 + 0.8 * done))
+        tell("page", 0.9)
+        page = environment.get_template(f"{PAGE}.j2").render(
+            page_content(stored, extras, figures, MOST_LISTED),
+            page_versions=versions(),
+            result=str(stored.directory),
+        )
     except (LookupError, TypeError, AttributeError, jinja2.UndefinedError) as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())
         raise ValueError(f"{stored.directory}: incomplete or damaged result: {what}") from error
     with new_directory(directory, marker=PAGE, overwrite=overwrite) as partial:
         (partial / PAGE).write_text(page.rstrip() + "\n", encoding="utf-8")
-    tell("pages", 1.0)
+    tell("page", 1.0)
     return directory / PAGE

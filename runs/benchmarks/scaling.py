@@ -20,7 +20,7 @@ from time import process_time
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.plots.style import BLUE, VERMILION, style
+from bayes_ssi.plots.figure_style import BLUE, VERMILION, style
 
 SIZES = (1_000, 10_000, 100_000)
 N_STRIPS, N_MODES = 5, 6

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("coarse_command")
 @pytest.fixture
 def no_figures(no_figures, monkeypatch):
     del no_figures  # those of a ranking
-    monkeypatch.setattr("bayes_ssi.plots.place_map.save_places", lambda *_: None)
+    monkeypatch.setattr("bayes_ssi.plots.figure_style.save_figure", lambda *_: None)
 
 
 @pytest.fixture

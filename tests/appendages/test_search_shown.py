@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
-from bayes_ssi.plots.place_map import plot_places, save_places
-from bayes_ssi.plots.ranking_plots import save_figures
+from bayes_ssi.plots.appendage_places import plot_places
+from bayes_ssi.plots.result_figures import save_figures
 from bayes_ssi.tables import averaged_table, search_notes, search_table
 
 
@@ -74,18 +74,13 @@ def test_notes_name_the_places_by_probability(found_in_case_c):
 
 
 def test_the_figure_has_every_place_at_its_height(found_in_case_c):
-    ax = plot_places(found_in_case_c, Figure().subplots())
+    ax = plot_places(found_in_case_c.place_probabilities, Figure().subplots())
     places = found_in_case_c.place_probabilities
     heights = sorted(float(c.get_offsets()[0][1]) for c in ax.collections)
     assert heights == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
     said = {text.get_position(): text.get_text() for text in ax.texts}
     assert said[(0.2, 1.5)].replace("> ", "")[:3] in ("0.9", "1.0")
     assert len([text for text in said.values() if not text.startswith("floor")]) == len(places)
-
-
-def test_the_figure_of_a_tall_building_is_written(of_a_tall_building, tmp_path):
-    path = save_places(of_a_tall_building, tmp_path / "places.png")
-    assert path.read_bytes().startswith(b"\x89PNG\r\n")
 
 
 def test_figures_have_room_for_many_hypotheses(of_a_tall_building, tmp_path):

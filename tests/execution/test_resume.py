@@ -111,9 +111,9 @@ MOMENTS = {
 # xarray imports distributed, where that is installed, when it writes a file.
 forks = multiprocessing.get_context("forkserver")
 forks.set_forkserver_preload(
-    ["pytest", "arviz", "corner", "dask.array", "distributed", "emcee", "h5netcdf.legacyapi",
+    ["pytest", "arviz", "dask.array", "distributed", "emcee", "h5netcdf.legacyapi",
      "matplotlib.backends.backend_agg", "matplotlib.pyplot", "rich.progress",
-     "bayes_ssi.sampling.moves", "bayes_ssi.plots.ranking_plots",
+     "bayes_ssi.sampling.moves", "bayes_ssi.plots.result_figures",
      "bayes_ssi.results.load", "bayes_ssi.tables"]
 )  # fmt: skip
 

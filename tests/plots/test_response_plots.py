@@ -8,10 +8,13 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 
-from bayes_ssi.plots.changes import plot_frequency_change
-from bayes_ssi.plots.responses import plot_mac, plot_time_history, plot_transfer_functions
-from bayes_ssi.plots.shapes import plot_components, plot_shape
+import bayes_ssi as bs
+from bayes_ssi.plots.before_and_after import plot_frequency_change
+from bayes_ssi.plots.matrix_plots import plot_mac
+from bayes_ssi.plots.response_plots import plot_time_history, plot_transfer_functions
+from bayes_ssi.plots.shape_plots import plot_building_shape, plot_shape_components
 from bayes_ssi.predictions.bands import Band
+from bayes_ssi.predictions.predicted_modes import PredictedMode
 
 X = np.linspace(0.5, 2.5, 5)
 
@@ -72,7 +75,7 @@ def test_bands_differ_in_colour_and_line_and_are_four_at_most():
 def test_a_shape_is_a_building_with_its_appendage(augmented):
     places = augmented.degrees_of_freedom
     shape = band([0.3, 0.6, 0.7, -0.4], 0.05)
-    ax = plot_shape(
+    ax = plot_building_shape(
         augmented, places, shape, reference=("test", places[:3], np.array([0.2, 0.5, 0.8])),
         title="mode $1$",
     )  # fmt: skip
@@ -90,7 +93,9 @@ def test_a_shape_is_a_building_with_its_appendage(augmented):
 
 
 def test_an_appendage_that_moves_far_is_an_arrow_with_its_numbers(augmented):
-    ax = plot_shape(augmented, augmented.degrees_of_freedom, band([0.7, 0.2, -0.7, -3.4], 0.5))
+    ax = plot_building_shape(
+        augmented, augmented.degrees_of_freedom, band([0.7, 0.2, -0.7, -3.4], 0.5)
+    )
     appendage = line(ax, "appendage")
     assert appendage.get_marker() == "<"
     assert ax.get_xlim()[0] < appendage.get_xdata()[0] < -1.5
@@ -100,7 +105,7 @@ def test_an_appendage_that_moves_far_is_an_arrow_with_its_numbers(augmented):
 def test_components_reach_as_far_as_the_main_structure(augmented):
     places = augmented.degrees_of_freedom
     shape = band([0.7, 0.2, -0.7, -3.4], 0.1)
-    ax = plot_components(augmented, places, shape, title="mode $1$")
+    ax = plot_shape_components(augmented, places, shape, title="mode $1$")
     assert [bar.get_width() for bar in ax.patches] == [0.7, 0.2, -0.7, -3.4]
     assert ax.get_xlim() == pytest.approx((-1.15 * 0.8, 1.15 * 0.8))
     assert ax.get_xlabel() == "infill 1-2: -3.4\n(-3.5 to -3.3)"
@@ -118,10 +123,12 @@ def test_the_mac_matrix_is_written_out():
 
 
 def test_frequencies_before_and_after():
-    identified = np.array([1.0, 4.0])
-    ax = plot_frequency_change(
-        ["1", "2"], identified, np.array([0.9, 4.4]), band(identified, [0.01, 0.08])
-    )
+    data = bs.ModalData([bs.IdentifiedMode("1", 1.0), bs.IdentifiedMode("2", 4.0)], (0.0, 5.0))
+    modes = [
+        PredictedMode("1", 1.0, 0.9, Band(0.99, 1.0, 1.01), 1.0),
+        PredictedMode("2", 4.0, 4.4, Band(3.92, 4.0, 4.08), 1.0),
+    ]
+    ax = plot_frequency_change(modes, data)
     before = [own.get_xydata()[0] for own in ax.lines if own.get_markerfacecolor() == "white"]
     np.testing.assert_allclose(before, [[-10.0, 0], [10.0, 1]])
     assert line(ax, "before: prior medians").get_markerfacecolor() == "white"

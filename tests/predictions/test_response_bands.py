@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bayes_ssi.plots.prediction_plots import save_prediction_figures
+from bayes_ssi.plots.prediction_figures import save_prediction_figures
 from bayes_ssi.predictions.defaults import default_damping, default_frequencies, default_output
 from bayes_ssi.predictions.prediction_files import save_predictions
 from bayes_ssi.predictions.response_bands import ResponseRequest, answer
@@ -175,10 +175,10 @@ def test_figures(predicted, answers, tmp_path):
 def test_a_structure_in_several_directions_is_drawn_by_components(predicted, tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(
-        "bayes_ssi.plots.prediction_plots.ground_influence", lambda _: np.array([1.0, 0.0])
+        "bayes_ssi.plots.prediction_figures.ground_influence", lambda _: np.array([1.0, 0.0])
     )
     monkeypatch.setattr(
-        "bayes_ssi.plots.prediction_plots.plot_components",
+        "bayes_ssi.plots.prediction_figures.plot_shape_components",
         lambda _, places, *__, title: drawn.append((places, title)),
     )
     found = answer(predicted, "one k", ResponseRequest(OUTPUT, 0.02))

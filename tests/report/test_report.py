@@ -13,11 +13,13 @@ from matplotlib.figure import Figure
 
 import bayes_ssi as bs
 from bayes_ssi.appendages.search_result import search_record
-from bayes_ssi.plots.style import style
+from bayes_ssi.plots.figure_style import style
 from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow, sensitivity_record
 from bayes_ssi.report import write_report
-from bayes_ssi.report.content import _structure
-from bayes_ssi.report.formats import (
+from bayes_ssi.report.embedded_figure import embedded_file
+from bayes_ssi.report.page_content import _structure
+from bayes_ssi.report.report_figures import ReportFigures
+from bayes_ssi.report.template_filters import (
     error_percent,
     fixed,
     heading,
@@ -29,7 +31,6 @@ from bayes_ssi.report.formats import (
     prior,
     settings,
 )
-from bayes_ssi.report.picture import saved_figure
 from bayes_ssi.results.save import save_result
 
 VOID = {"meta", "img", "br", "input", "link", "hr"}
@@ -264,17 +265,14 @@ def test_a_damaged_result_is_one_line(run, reported, tmp_path, case):
     assert not (copy / "report").exists()
 
 
-def _picture(name):
-    from bayes_ssi.report.picture import Picture
-
-    return Picture(name, name, '<svg xmlns="http://www.w3.org/2000/svg"></svg>', 10)
-
-
 @pytest.fixture
 def no_drawings(monkeypatch):
     """Reports without their figures, which take longest."""
-    for kind in ("svg_figure", "png_figure"):
-        monkeypatch.setattr(f"bayes_ssi.report.pictures.{kind}", lambda name, *_: _picture(name))
+
+    def none(stored, *_):
+        return ReportFigures(tests={name: [] for name in stored.tests})
+
+    monkeypatch.setattr("bayes_ssi.report.write.draw_figures", none)
 
 
 def two_classes(make_posterior, **changes):
@@ -364,10 +362,10 @@ def test_a_saved_figure_is_shown_at_its_size(tmp_path):
     with style():
         figure = Figure(figsize=(2.5, 1.0))
         figure.savefig(tmp_path / "drawn.png")
-    assert saved_figure("drawn", "a figure", tmp_path / "drawn.png").width == 240
+    assert 'width="240"' in embedded_file(tmp_path / "drawn.png", "a figure").html
     (tmp_path / "drawn.png").write_bytes(b"\x89PNG")
     with pytest.raises(ValueError, match=r"drawn\.png: damaged: not a PNG file"):
-        saved_figure("drawn", "a figure", tmp_path / "drawn.png")
+        embedded_file(tmp_path / "drawn.png", "a figure")
 
 
 def test_columns_and_settings_as_they_are_written():

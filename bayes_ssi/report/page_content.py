@@ -1,4 +1,4 @@
-"""What a report says, from stored records only: plain numbers and names for the templates."""
+"""What a report says, from stored records only: numbers and names for the template."""
 
 from __future__ import annotations
 
@@ -15,84 +15,87 @@ from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
-from bayes_ssi.report.picture import Picture
-from bayes_ssi.report.pictures import Pictures
+from bayes_ssi.report.embedded_figure import EmbeddedFigure
+from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.report.stored_extras import StoredExtras
 from bayes_ssi.results.load import StoredResult
 from bayes_ssi.tables import pairing_notes, region_notes
 
-__all__ = ["content"]
+__all__ = ["page_content"]
 
 
 @dataclass(frozen=True)
-class _Place:
-    """Where to find one class in the stored result."""
+class _StoredClass:
+    """What is stored of one model class: its posterior, its record, its row of the ranking."""
 
     posterior: Posterior
     record: Mapping[str, Any]
     row: RankedClass
 
 
-def content(
-    stored: StoredResult, beside: StoredExtras, pictures: Pictures, most_listed: int
+def page_content(
+    stored: StoredResult, extras: StoredExtras, figures: ReportFigures, most_listed: int
 ) -> dict[str, Any]:
-    """Everything that the templates ask for.
+    """The variables of the template.
 
     Args:
         stored: the ranking.
-        beside: what lies beside it.
-        pictures: its figures.
-        most_listed: model classes that are told in full, the best first.
+        extras: what is stored with it.
+        figures: of the report.
+        most_listed: model classes that are described in full, the best first.
     """
     record, comparison = stored.record, stored.comparison
     records = {each["name"]: each for each in record["model_classes"]}
-    places = [
-        _Place(stored.posterior(row.name), records[row.name], row) for row in comparison.classes
+    ranked = [
+        _StoredClass(stored.posterior(row.name), records[row.name], row)
+        for row in comparison.classes
     ]
     methods = check_names(stored.posteriors)
     return {
         "title": record["study"],
         "question": record["description"],
         "record": record,
-        "rows": [_ranked(place, comparison, record) for place in places],
+        "rows": [_ranked(each, comparison, record) for each in ranked],
         "best": comparison.best,
         "runner_up": comparison.classes[1] if len(comparison.classes) > 1 else None,
         "alike": comparison.not_distinguishable,
         "failed": comparison.failed_checks,
         "scale": comparison.scale,
-        "tests": [_test(name, data, pictures.of_test(name)) for name, data in stored.tests.items()],
+        "tests": [_test(name, data, figures.tests[name]) for name, data in stored.tests.items()],
         "several": len(stored.tests) > 1,
         "classes": [
             # A hypothesis of a search carries the description of the class that it was built on.
-            _class(place, stored, pictures, described=beside.search is None)
-            for place in places[:most_listed]
+            _class(each, stored, figures, described=extras.search is None)
+            for each in ranked[:most_listed]
         ],
-        "n_more": max(0, len(places) - most_listed),
-        "checks": [_checks(place, methods) for place in places],
+        "n_more": max(0, len(ranked) - most_listed),
+        "checks": [_checks(each, methods) for each in ranked],
         "check_names": methods,
-        "search": beside.search,
-        "sensitivity": beside.sensitivity,
-        "turning": beside.sensitivity.turning if beside.sensitivity else (),
-        "predictions": beside.predictions,
-        "pictures": pictures,
+        "search": extras.search,
+        "sensitivity": extras.sensitivity,
+        "turning": extras.sensitivity.turning if extras.sensitivity else (),
+        "predictions": extras.predictions,
+        "figures": figures,
         "command": record.get("command") or _command(record),
-        "sampled_seconds": sum(place.posterior.seconds for place in places),
+        "sampled_seconds": sum(each.posterior.seconds for each in ranked),
     }
 
 
-def _ranked(place: _Place, comparison: Comparison, record: Mapping[str, Any]) -> dict[str, Any]:
-    row = place.row
+def _ranked(
+    each: _StoredClass, comparison: Comparison, record: Mapping[str, Any]
+) -> dict[str, Any]:
+    row = each.row
     weights = record.get("prior_weights") or {}
     total = sum(weights.values()) or len(comparison.classes)
     return {
         **asdict(row),
-        "description": place.record["description"],
+        "description": each.record["description"],
         "prior_probability": weights.get(row.name, 1.0) / total,
         "best": row is comparison.best,
     }
 
 
-def _test(name: str, data: ModalData, drawn: list[Picture]) -> dict[str, Any]:
+def _test(name: str, data: ModalData, figures: list[EmbeddedFigure]) -> dict[str, Any]:
     return {
         "name": name,
         "source": data.source,
@@ -113,19 +116,19 @@ def _test(name: str, data: ModalData, drawn: list[Picture]) -> dict[str, Any]:
             }
             for mode in data.modes
         ],
-        "pictures": drawn,
+        "figures": figures,
     }
 
 
 def _class(
-    place: _Place, stored: StoredResult, pictures: Pictures, *, described: bool
+    each: _StoredClass, stored: StoredResult, figures: ReportFigures, *, described: bool
 ) -> dict[str, Any]:
-    posterior, record = place.posterior, place.record
+    posterior, record = each.posterior, each.record
     tests = record.get("configurations") or [{**record, "name": ""}]
     records = {test["name"]: test for test in tests}
     return {
-        "name": place.row.name,
-        "row": place.row,
+        "name": each.row.name,
+        "row": each.row,
         "description": record["description"] if described else "",
         "error_sizes": record["error_sizes"],
         "detection_probability": record["detection_probability"],
@@ -140,8 +143,8 @@ def _class(
         ],
         "pairings": _nested(pairing_notes(posterior)),
         "regions": _nested(region_notes(posterior)),
-        "pictures": pictures.of_class(place.row.name),
-        "failed_checks": place.row.failed_checks,
+        "figures": figures.classes.get(each.row.name, []),
+        "failed_checks": each.row.failed_checks,
     }
 
 
@@ -240,12 +243,12 @@ def _configuration(
     }
 
 
-def _checks(place: _Place, methods: Sequence[str]) -> dict[str, Any]:
-    posterior = place.posterior
+def _checks(each: _StoredClass, methods: Sequence[str]) -> dict[str, Any]:
+    posterior = each.posterior
     evidence = posterior.evidence
     return {
-        "name": place.row.name,
-        "failed": place.row.failed_checks,
+        "name": each.row.name,
+        "failed": each.row.failed_checks,
         "remarks": posterior.remarks,
         "r_hat": posterior.r_hat,
         "effective_samples": float(posterior.effective_sample_sizes.min()),

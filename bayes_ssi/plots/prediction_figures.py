@@ -1,4 +1,4 @@
-"""Figures of predictions, written as PNG files."""
+"""The figures of predictions, written as PNG files."""
 
 from __future__ import annotations
 
@@ -11,10 +11,18 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.modal import mac
-from bayes_ssi.plots.changes import plot_frequency_change
-from bayes_ssi.plots.responses import plot_mac, plot_time_history, plot_transfer_functions
-from bayes_ssi.plots.shapes import plot_components, plot_shape
-from bayes_ssi.plots.style import draw_as_they_are, legend_of_figure, style
+from bayes_ssi.plots.before_and_after import plot_frequency_change
+from bayes_ssi.plots.figure_style import (
+    WIDTH,
+    figure_of,
+    figures_for_files,
+    legend_of_figure,
+    save_figure,
+    without_math,
+)
+from bayes_ssi.plots.matrix_plots import plot_mac
+from bayes_ssi.plots.response_plots import plot_time_history, plot_transfer_functions
+from bayes_ssi.plots.shape_plots import plot_building_shape, plot_shape_components
 from bayes_ssi.predictions.bands import Band
 from bayes_ssi.predictions.predicted_modes import predicted_modes, shown_places
 from bayes_ssi.predictions.predictions import Predictions
@@ -28,10 +36,8 @@ if TYPE_CHECKING:
 
 __all__ = ["save_prediction_figures"]
 
-# Figures of transfer functions and histories hold so many bands at most.
-MOST_DRAWN = 3
-# Mode shapes stand in rows of so many.
-MODES_ACROSS = 6
+# Bands that one panel, and mode shapes that one row, can show legibly.
+MOST_DRAWN, MODES_ACROSS = 3, 6
 
 
 def save_prediction_figures(
@@ -52,15 +58,16 @@ def save_prediction_figures(
         FileExistsError: the directory exists.
     """
     Path(directory).mkdir()
-    paths = []
-    with style():
-        for name, figure in _figures(data, answers[:MOST_DRAWN]):
-            paths.append(Path(directory) / f"{name}.png")
-            figure.savefig(paths[-1])
-    return paths
+    with figures_for_files():
+        return [
+            save_figure(drawn, Path(directory) / f"{name}.png")
+            for name, drawn in _figures(data, answers[:MOST_DRAWN])
+        ]
 
 
-def _figures(data: ModalData, answers: Sequence[ResponseBands]) -> Iterator[tuple[str, Figure]]:
+def _figures(
+    data: ModalData, answers: Sequence[ResponseBands]
+) -> Iterator[tuple[str, Axes | Figure]]:
     question = answers[0].question
     if question.frequencies_hz is not None:
         yield "transfer_functions", _transfer_functions(answers, question.frequencies_hz)
@@ -76,7 +83,8 @@ def _figures(data: ModalData, answers: Sequence[ResponseBands]) -> Iterator[tupl
     with_shape = [label for label in data.labels if data.mode(label).unit_shape is not None]
     if with_shape:
         yield "mac", _mac(own, data, with_shape, paired)
-    yield "frequency_change", _frequency_change(own, data, question.level)
+    modes = list(predicted_modes(data, own, question.level))
+    yield "frequency_change", plot_frequency_change(modes, data, level=question.level)
 
 
 def _at(band: Band, i: int) -> Band:
@@ -85,17 +93,15 @@ def _at(band: Band, i: int) -> Band:
 
 
 def _by_place(
-    answers: Sequence[ResponseBands], plot: Callable[[int, Axes], object], told: str
+    answers: Sequence[ResponseBands], plot: Callable[[int, Axes], object], title: str
 ) -> Figure:
-    """A panel for each place of the question, below one another, with one legend."""
-    from matplotlib.figure import Figure
-
+    """A panel for each place, one below the other, with one legend."""
     places = answers[0].question.output.labels
-    figure = Figure(figsize=(6.4, 1.0 + 2.2 * len(places)))
+    figure = figure_of(None, (WIDTH, 1.0 + 2.2 * len(places)))
     axes = figure.subplots(len(places), 1, squeeze=False, sharex=True)[:, 0]
     for i, (place, ax) in enumerate(zip(places, axes, strict=True)):
         plot(i, ax)
-        draw_as_they_are([ax.set_title(f"{place}: {told}", fontsize=9)])
+        without_math(ax.set_title(f"{place}: {title}", fontsize=9))
         ax.label_outer()
     legend_of_figure(figure, axes[0])
     return figure
@@ -113,8 +119,8 @@ def _transfer_functions(answers: Sequence[ResponseBands], frequencies_hz: FloatA
         quantity = f"amplitude ({question.transfer_unit})"
         plot_transfer_functions(frequencies_hz, bands, ax, quantity=quantity, legend=False)
 
-    told = f"{question.transfer_name}, median and {100 * question.level:g} % band"
-    return _by_place(answers, plot, told)
+    title = f"{question.transfer_name}, median and {100 * question.level:g} % band"
+    return _by_place(answers, plot, title)
 
 
 def _time_histories(answers: Sequence[ResponseBands], motion: GroundMotion) -> Figure:
@@ -125,68 +131,38 @@ def _time_histories(answers: Sequence[ResponseBands], motion: GroundMotion) -> F
         quantity = f"{question.output.quantity} ({question.unit})"
         plot_time_history(motion.times, bands, ax, quantity=quantity, legend=False)
 
-    told = f"{motion.name}, median and {100 * question.level:g} % envelope"
-    return _by_place(answers, plot, told)
+    title = f"{motion.name}, median and {100 * question.level:g} % envelope"
+    return _by_place(answers, plot, title)
 
 
 def _mode_shapes(own: Predictions, data: ModalData, paired: Sequence[str], level: float) -> Figure:
-    from matplotlib.figure import Figure
-
     structure = own.classes[0].structure
     main = shown_places(own, data)
     places = (*main, *structure.appendages)
     influence = ground_influence(structure)
-    in_a_row = influence is None or bool((influence == 1.0).all())
+    sideways = influence is None or bool((influence == 1.0).all())
+    plot: Callable[..., Axes] = plot_building_shape if sideways else plot_shape_components
     across = min(len(paired), MODES_ACROSS)
     down = -(-len(paired) // across)
-    height = 3.2 if in_a_row else 0.8 + 0.2 * len(places)
-    figure = Figure(figsize=(0.8 + 1.7 * across, 0.3 + height * down))
+    height = 3.2 if sideways else 0.8 + 0.2 * len(places)
+    figure = figure_of(None, (0.8 + 1.7 * across, 0.3 + height * down))
     axes = figure.subplots(down, across, squeeze=False, sharey=True)
     for label, ax in zip(paired, axes.flat, strict=False):
         shape = own.shapes(label, places, unit_over=main).band(level)
-        if in_a_row:
-            plot_shape(structure, places, shape, ax, title=f"mode {label}")
-        else:
-            plot_components(structure, places, shape, ax, title=f"mode {label}")
+        plot(structure, places, shape, ax, title=f"mode {label}")
         ax.tick_params(labelleft=bool(ax.get_subplotspec().is_first_col()))
     for ax in axes.flat[len(paired) :]:
         ax.remove()
-    title = figure.suptitle(
-        f"{own.name!r}: mode shapes with {100 * level:g} % bands", fontsize=10, x=0.02, ha="left"
-    )
-    title.set_parse_math(False)
+    title = f"{own.name!r}: mode shapes with {100 * level:g} % bands"
+    without_math(figure.suptitle(title, fontsize=10, x=0.02, ha="left"))
     return figure
 
 
 def _mac(
     own: Predictions, data: ModalData, with_shape: Sequence[str], paired: Sequence[str]
-) -> Figure:
-    from matplotlib.figure import Figure
-
+) -> Axes:
     identified = np.stack([np.asarray(data.mode(each).unit_shape) for each in with_shape], axis=1)
     model = [own.shapes_at_sensors(label).quantile(0.5) for label in paired]
-    figure = Figure(figsize=(2.0 + 0.55 * len(paired), 1.1 + 0.45 * len(with_shape)))
-    plot_mac(
-        mac(identified, np.stack(model, axis=1)),
-        with_shape,
-        paired,
-        figure.subplots(),
-        of=("identified mode", f"median mode of {own.name!r}"),
-    )
-    return figure
-
-
-def _frequency_change(own: Predictions, data: ModalData, level: float) -> Figure:
-    from matplotlib.figure import Figure
-
-    modes = list(predicted_modes(data, own, level))
-    figure = Figure(figsize=(6.4, 1.4 + 0.4 * len(modes)))
-    plot_frequency_change(
-        [mode.label for mode in modes],
-        np.array([mode.identified_hz for mode in modes]),
-        np.array([mode.before_hz for mode in modes]),
-        Band(*(np.array(part) for part in zip(*(mode.after_hz for mode in modes), strict=True))),
-        figure.subplots(),
-        level=level,
-    )
-    return figure
+    matrix = mac(identified, np.stack(model, axis=1))
+    names = ("identified mode", f"median mode of {own.name!r}")
+    return plot_mac(matrix, with_shape, paired, of=names)

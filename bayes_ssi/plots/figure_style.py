@@ -1,0 +1,173 @@
+"""One look for every figure of the package: colours, sizes, names, legends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "BLUE",
+    "COLOURS",
+    "GREEN",
+    "GREY",
+    "HOVER",
+    "LINES",
+    "MARKERS",
+    "ORANGE",
+    "VERMILION",
+    "WIDTH",
+    "axes_of",
+    "figure_of",
+    "figures_for_files",
+    "hover",
+    "legend_below",
+    "legend_of_figure",
+    "letters_across",
+    "name_rows",
+    "save_figure",
+    "style",
+    "whole_figure",
+    "without_math",
+]
+
+# Okabe and Ito's palette: colour-blind readers can tell its colours apart, and so can everyone in
+# grey, by lightness. Where colours repeat, markers and lines differ.
+COLOURS = BLUE, ORANGE, GREEN, VERMILION, GREY = (
+    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7F7F7F"
+)  # fmt: skip
+MARKERS = "osD^v"
+LINES = ("-", "--", "-.", ":")
+
+# Inches: the width of a figure whose axes are as wide as the page.
+WIDTH = 6.4
+# How the SVG identity of a point with a hover text begins.
+HOVER = "hover: "
+
+RC: dict[Any, Any] = {
+    "figure.constrained_layout.use": True,
+    "figure.dpi": 150,
+    "savefig.dpi": 150,
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "legend.frameon": False,
+}
+
+_for_files = ContextVar("_for_files", default=False)
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """The package's figure style, for the figures drawn within."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(RC):
+        yield
+
+
+@contextmanager
+def figures_for_files() -> Iterator[None]:
+    """The same, and new figures are unknown to pyplot: it neither shows nor keeps them."""
+    token = _for_files.set(True)
+    try:
+        with style():
+            yield
+    finally:
+        _for_files.reset(token)
+
+
+def figure_of(figure: Figure | None, size: tuple[float, float]) -> Figure:
+    """The figure given, or a new one of ``size`` (inches)."""
+    if figure is not None:
+        return figure
+    with style():
+        if _for_files.get():
+            from matplotlib.figure import Figure as PlainFigure
+
+            return PlainFigure(figsize=size)
+        import matplotlib.pyplot as plt
+
+        return plt.figure(figsize=size)
+
+
+def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
+    """The axes given, or those of a new figure of ``size`` (inches)."""
+    if ax is not None:
+        return ax
+    with style():
+        return figure_of(None, size).subplots()
+
+
+def whole_figure(drawn: Axes | Figure) -> Figure:
+    """The figure that a plot returns, or that of the axes that it returns."""
+    figure: Any = drawn if hasattr(drawn, "savefig") else drawn.figure
+    return figure
+
+
+def save_figure(drawn: Axes | Figure, path: Path) -> Path:
+    """Write the figure of a plot in the format of the suffix of ``path``; return the path."""
+    whole_figure(drawn).savefig(path)
+    return path
+
+
+def hover(artist: Any, text: str) -> None:
+    """Give a point a text that SVG drawings of it hold, for a page to show."""
+    # An error bar is several artists; the first of its lines is the marker.
+    (artist.lines[0] if hasattr(artist, "lines") else artist).set_gid(f"{HOVER}{text}")
+
+
+def without_math(*texts: Any) -> None:
+    """Draw names as they are: between dollar signs matplotlib would set them as mathematics."""
+    for text in texts:
+        text.set_parse_math(False)
+
+
+def name_rows(ax: Axes, names: Sequence[str]) -> None:
+    """Name the rows of axes, the first one at the top."""
+    ax.set_yticks(range(len(names)), names)
+    without_math(*ax.get_yticklabels())
+    ax.set_ylim(len(names) - 0.5, -0.5)
+
+
+def letters_across(inches: float, points: float = 9.0) -> float:
+    """Letters of a font size that fit a width: on average, a letter is 0.6 of its size wide."""
+    return inches * 72.0 / (0.6 * points)
+
+
+def legend_below(ax: Axes, columns: int) -> None:
+    """A legend below the figure, or, where it has other axes, within these."""
+    if len(ax.figure.axes) == 1:
+        legend_of_figure(ax.figure, ax, columns)
+        return
+    without_math(*ax.legend(*_labelled(ax), loc="best", fontsize="small").get_texts())
+
+
+def legend_of_figure(figure: Any, ax: Axes, columns: int = 3) -> None:
+    """The legend of one axes below its figure, in fewer columns where names are long."""
+    artists, labels = _labelled(ax)
+    handle = 6  # letters that the line of an entry takes, with the space about it
+    longest = max(map(len, labels), default=1) + handle
+    fit = int(letters_across(figure.get_figwidth()) / longest)
+    legend = figure.legend(
+        artists, labels, loc="outside lower center", ncols=max(1, min(columns, fit))
+    )
+    without_math(*legend.get_texts())
+
+
+def _labelled(ax: Axes) -> tuple[list[Any], list[str]]:
+    """What is drawn under a name, and the names."""
+    # matplotlib leaves out labels that begin with an underscore, its own and a class's alike.
+    drawn: Iterable[Any] = (*ax.containers, *ax.collections, *ax.lines)
+    labelled = [(artist, str(artist.get_label() or "_nolegend_")) for artist in drawn]
+    own = ("_child", "_container", "_nolegend_")
+    shown = [(artist, label) for artist, label in labelled if not label.startswith(own)]
+    return [artist for artist, _ in shown], [label for _, label in shown]

@@ -1,0 +1,77 @@
+"""Matrices of two lists of modes, with their values written in: MACs, and pairings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.identification.inferred_pairing import InferredPairing
+from bayes_ssi.plots.figure_style import axes_of, without_math
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
+
+__all__ = ["plot_mac", "plot_pairing"]
+
+
+def plot_mac(
+    matrix: FloatArray,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    ax: Axes | None = None,
+    *,
+    of: tuple[str, str] = ("", ""),
+) -> Axes:
+    """A matrix of modal assurance criteria, values written in.
+
+    Args:
+        matrix: (n_rows, n_columns), as of :func:`~bayes_ssi.modal.mac`; NaN is left blank.
+        rows, columns: names of the modes.
+        ax: axes; new ones if None.
+        of: what the rows and what the columns are.
+    """
+    ax = axes_of(ax, (2.0 + 0.55 * len(columns), 1.1 + 0.45 * len(rows)))
+    image = _draw(ax, matrix, rows, columns, of, decimals=2)
+    ax.figure.colorbar(image, ax=ax, label="MAC")
+    return ax
+
+
+def plot_pairing(inferred: InferredPairing, n_modes: int, ax: Axes | None = None) -> Axes:
+    """The probability that each identified mode is each model mode, or spurious."""
+    labels = list(inferred.of_modes)
+    columns = ["spurious", *(str(number) for number in range(1, n_modes + 1))]
+    ax = axes_of(ax, (1.6 + 0.62 * len(columns), 1.1 + 0.34 * len(labels)))
+    probabilities = np.array(
+        [[inferred.of_modes[label].get(i, 0.0) for i in range(n_modes + 1)] for label in labels]
+    )
+    # What would be written as 0.000 is left blank.
+    shown = np.where(probabilities < 0.0005, np.nan, probabilities)
+    _draw(ax, shown, labels, columns, ("identified mode", "model mode"), decimals=3)
+    return ax
+
+
+def _draw(
+    ax: Axes,
+    matrix: FloatArray,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    of: tuple[str, str],
+    decimals: int,
+) -> AxesImage:
+    image = ax.imshow(matrix, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    for (i, k), value in np.ndenumerate(matrix):
+        if np.isfinite(value):
+            ax.text(k, i, f"{value:.{decimals}f}", ha="center", va="center", fontsize=7,
+                    color="white" if value > 0.6 else "black")  # fmt: skip
+    ax.set_xticks(range(len(columns)), columns)
+    ax.set_yticks(range(len(rows)), rows)
+    without_math(*ax.get_xticklabels(), *ax.get_yticklabels())
+    ax.set_ylabel(of[0])
+    ax.set_xlabel(of[1])
+    ax.spines[:].set_visible(False)
+    ax.tick_params(length=0)
+    return image

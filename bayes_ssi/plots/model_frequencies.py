@@ -1,0 +1,97 @@
+"""Model frequencies of several classes relative to the identified ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.plots.figure_style import (
+    COLOURS,
+    GREY,
+    MARKERS,
+    WIDTH,
+    axes_of,
+    hover,
+    legend_below,
+    without_math,
+)
+from bayes_ssi.posterior.posterior import Posterior
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["plot_frequencies"]
+
+# The standard normal's 97.5 % quantile: half a 95 % interval in standard deviations.
+HALF_95 = 1.96
+
+
+def plot_frequencies(
+    data: ModalData,
+    posteriors: Sequence[Posterior],
+    ax: Axes | None = None,
+    configuration: str = "",
+) -> Axes:
+    """Posterior model frequencies relative to the identified ones, class by class.
+
+    A bar is the central 95 % of a paired model mode, its mark the median, and the grey band an
+    identified mode's own 95 % interval, where the data give one. Identified modes that a class
+    calls spurious are marked with a cross.
+
+    Args:
+        data: the identified modes.
+        posteriors: of the classes.
+        ax: axes; new ones if None.
+        configuration: in which ``data`` were identified, where the classes have several.
+    """
+    # A mode's frequency, written below the axis, takes 0.72 in.
+    ax = axes_of(ax, (max(WIDTH, 0.7 + 0.72 * len(data.modes)), 3.4))
+    for i, mode in enumerate(data.modes):
+        if mode.frequency_cov is not None:
+            half = 100.0 * HALF_95 * mode.frequency_cov
+            ax.fill_between([i - 0.42, i + 0.42], -half, half, color=GREY, alpha=0.3, linewidth=0)
+    offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
+    for k, (posterior, offset) in enumerate(zip(posteriors, offsets, strict=True)):
+        colour = COLOURS[k % len(COLOURS)]
+        marker = MARKERS[k // len(COLOURS) % len(MARKERS)]
+        _draw_class(ax, data, posterior, configuration, offset, colour, marker)
+    ax.axhline(0.0, color="black", linewidth=0.8)
+    ticks = [f"{mode.label}\n{mode.frequency_hz:.4g} Hz" for mode in data.modes]
+    ax.set_xticks(range(len(ticks)), ticks)
+    ax.set_xlim(-0.5, len(ticks) - 0.5)
+    ax.set_xlabel("identified mode")
+    ax.set_ylabel("model / identified - 1 (%)")
+    title = "Model frequencies, 95 % of the posterior  (x: called spurious)"
+    without_math(*ax.get_xticklabels(), ax.set_title(label_in(configuration, title)))
+    ax.grid(axis="y", alpha=0.3)
+    legend_below(ax, columns=4)
+    return ax
+
+
+def _draw_class(
+    ax: Axes,
+    data: ModalData,
+    posterior: Posterior,
+    configuration: str,
+    offset: float,
+    colour: str,
+    marker: str,
+) -> None:
+    modes, frequencies_hz = posterior.configuration(configuration)
+    name: str | None = posterior.name  # for the legend, once
+    for i, mode in enumerate(data.modes):
+        number = modes.pairing.get(mode.label)
+        if number is None:
+            ax.plot(i + offset, 0.0, "x", color=colour, markersize=6)
+            continue
+        hz = np.quantile(frequencies_hz[..., number - 1], [0.025, 0.5, 0.975])
+        low, median, high = 100.0 * (hz / mode.frequency_hz - 1.0)
+        point = ax.errorbar(i + offset, median, yerr=[[median - low], [high - median]], fmt=marker,
+                            color=colour, markersize=4, capsize=2, label=name)  # fmt: skip
+        hover(point, f"{posterior.name}, mode {mode.label}: {hz[1]:.4g} Hz, "
+              f"{median:+.2f} % ({low:+.2f} to {high:+.2f} %)")  # fmt: skip
+        name = None

@@ -1,0 +1,95 @@
+"""Transfer functions and time histories with their bands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.plots.figure_style import COLOURS, GREY, LINES, WIDTH, axes_of, legend_below
+from bayes_ssi.predictions.bands import Band
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["plot_time_history", "plot_transfer_functions"]
+
+# A logarithmic axis begins no lower than this fraction of its highest value: at rest, and where it
+# cancels out, a response is as low as rounding lets it.
+LOWEST = 1e-4
+
+
+def plot_transfer_functions(
+    frequencies_hz: FloatArray,
+    bands: Mapping[str, Band],
+    ax: Axes | None = None,
+    *,
+    reference: tuple[str, FloatArray] | None = None,
+    quantity: str = "amplitude",
+    legend: bool = True,
+) -> Axes:
+    """Amplitudes of transfer functions with their bands, on a logarithmic axis.
+
+    Args:
+        frequencies_hz: (F,).
+        bands: name → band of arrays (F,), at most four.
+        ax: axes; new ones if None.
+        reference: name and amplitude (F,) of a black line to compare the bands with.
+        quantity: what the amplitude is, with its unit.
+        legend: whether to draw one.
+    """
+    ax = _draw(ax, frequencies_hz, bands, reference, 1.1)
+    ax.set_yscale("log")
+    highest = max((float(np.max(band.high)) for band in bands.values()), default=1.0)
+    ax.set_ylim(bottom=max(ax.get_ylim()[0], LOWEST * highest))
+    _label(ax, "frequency (Hz)", quantity, legend)
+    return ax
+
+
+def plot_time_history(
+    times: FloatArray,
+    bands: Mapping[str, Band],
+    ax: Axes | None = None,
+    *,
+    reference: tuple[str, FloatArray] | None = None,
+    quantity: str = "response",
+    legend: bool = True,
+) -> Axes:
+    """Time histories with the envelope of their draws.
+
+    Arguments as those of :func:`plot_transfer_functions`, over ``times`` (s).
+    """
+    ax = _draw(ax, times, bands, reference, 0.7)
+    ax.axhline(0.0, color=GREY, linewidth=0.5)
+    _label(ax, "time (s)", quantity, legend)
+    return ax
+
+
+def _draw(
+    ax: Axes | None,
+    x: FloatArray,
+    bands: Mapping[str, Band],
+    reference: tuple[str, FloatArray] | None,
+    linewidth: float,
+) -> Axes:
+    if len(bands) > len(LINES):
+        raise ValueError(f"a figure holds at most {len(LINES)} bands, got {len(bands)}")
+    ax = axes_of(ax, (WIDTH, 3.2))
+    for (name, band), colour, line in zip(bands.items(), COLOURS, LINES, strict=False):
+        ax.fill_between(x, band.low, band.high, color=colour, alpha=0.35, linewidth=0)
+        ax.plot(x, band.median, color=colour, linestyle=line, linewidth=1.2, label=name)
+    if reference is not None:
+        name, curve = reference
+        ax.plot(x, curve, color="black", linewidth=linewidth, label=name)
+    ax.set_xlim(float(x[0]), float(x[-1]))
+    ax.grid(alpha=0.3)
+    return ax
+
+
+def _label(ax: Axes, x: str, y: str, legend: bool) -> None:
+    ax.set_xlabel(x)
+    ax.set_ylabel(y)
+    if legend:
+        legend_below(ax, columns=2)

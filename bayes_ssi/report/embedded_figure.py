@@ -1,0 +1,78 @@
+"""One figure of a report, as part of its page."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bayes_ssi.plots.figure_style import HOVER, RC
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["EmbeddedFigure", "embedded_drawing", "embedded_file"]
+
+# A CSS inch has 96 pixels, and SVG drawings are made in points.
+CSS_PIXELS, POINTS = 96, 72
+PNG_HEADER = b"\x89PNG\r\n\x1a\n"
+
+
+@dataclass(frozen=True)
+class EmbeddedFigure:
+    """One figure.
+
+    Attributes:
+        caption: what it shows, also for those who do not see it.
+        html: the element that shows it; names and texts in it are escaped.
+    """
+
+    caption: str
+    html: str
+
+
+def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigure:
+    """A figure as an SVG drawing, in which points with a hover text show it.
+
+    Args:
+        figure: drawn already.
+        caption: what it shows.
+        prefix: of the identities in the drawing, its own on the page.
+    """
+    figure.set_dpi(POINTS)
+    # Laid out once: a figure that is saved with its layout engine is drawn twice.
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+    file = io.StringIO()
+    figure.savefig(file, format="svg", metadata={"Date": None}, transparent=True)
+    svg = file.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(rf'<g id="{HOVER}([^"]*)"', r'<g class="point" tabindex="0" data-tip="\1"', svg)
+    svg = re.sub(r'\bid="([^"]*)"', rf'id="{prefix}.\1"', svg)
+    svg = re.sub(r'href="#([^"]*)"', rf'href="#{prefix}.\1"', svg)
+    svg = re.sub(r"url\(#([^)]*)\)", rf"url(#{prefix}.\1)", svg)
+    label = escape(caption, quote=True)
+    return EmbeddedFigure(caption, svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1))
+
+
+def embedded_file(path: Path, caption: str) -> EmbeddedFigure:
+    """A PNG file that was saved in the package's style, at the size that it was drawn for.
+
+    Raises:
+        ValueError: it is no PNG file.
+    """
+    content = path.read_bytes()
+    if not content.startswith(PNG_HEADER) or len(content) < 24:
+        raise ValueError(f"{path}: damaged: not a PNG file")
+    pixels = int.from_bytes(content[16:20], "big")  # the width, first of the first chunk
+    width = round(CSS_PIXELS * pixels / RC["savefig.dpi"])
+    data = base64.b64encode(content).decode("ascii")
+    alt = escape(caption, quote=True)
+    html = f'<img alt="{alt}" width="{width}" src="data:image/png;base64,{data}">'
+    return EmbeddedFigure(caption, html)

@@ -1,0 +1,199 @@
+"""The figures of a report: which it shows, and where.
+
+A further one is a line that yields its caption and how it is drawn, in the function of the section
+that shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING
+
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.plots.appendage_places import plot_places
+from bayes_ssi.plots.before_and_after import (
+    plot_frequency_change,
+    plot_mac_change,
+    plot_parameters,
+)
+from bayes_ssi.plots.corner_plot import plot_corner
+from bayes_ssi.plots.evidence_plot import plot_evidence
+from bayes_ssi.plots.figure_style import figures_for_files, whole_figure
+from bayes_ssi.plots.identified_modes import plot_identified_modes
+from bayes_ssi.plots.matrix_plots import plot_pairing
+from bayes_ssi.plots.model_frequencies import plot_frequencies
+from bayes_ssi.plots.result_figures import MOST_CLASSES
+from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
+from bayes_ssi.plots.updated_shapes import plot_mode_shapes
+from bayes_ssi.posterior.configuration_modes import ConfigurationModes
+from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.report.embedded_figure import EmbeddedFigure, embedded_drawing, embedded_file
+from bayes_ssi.report.stored_extras import StoredExtras
+from bayes_ssi.results.load import StoredResult
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["ReportFigures", "draw_figures"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How much a report draws: what a page has room for, and a reader patience."""
+
+    classes_in_frequencies: int = 5
+    classes_with_modes: int = 2
+    parameters_in_corner: int = 6
+    # A class less probable than this is drawn only if it is the first, or the second of one test.
+    least_probability: float = 0.01
+
+
+LIMITS = Limits()
+
+# A caption, and how the figure is drawn.
+Plot = tuple[str, Callable[[], "Axes | Figure"]]
+
+
+@dataclass(frozen=True)
+class ReportFigures:
+    """The figures of a report by section; those of tests and of model classes by name."""
+
+    ranking: list[EmbeddedFigure] = field(default_factory=list)
+    search: list[EmbeddedFigure] = field(default_factory=list)
+    tests: dict[str, list[EmbeddedFigure]] = field(default_factory=dict)
+    classes: dict[str, list[EmbeddedFigure]] = field(default_factory=dict)
+    sensitivity: list[EmbeddedFigure] = field(default_factory=list)
+    predictions: list[EmbeddedFigure] = field(default_factory=list)
+
+
+def draw_figures(
+    stored: StoredResult, extras: StoredExtras, progress: Callable[[float], object] = float
+) -> ReportFigures:
+    """Every figure of a report, from stored records.
+
+    Args:
+        stored: the ranking.
+        extras: what is stored with it.
+        progress: called with the fraction of the figures that are drawn.
+    """
+    figures = ReportFigures()
+    sections: list[tuple[list[EmbeddedFigure], Iterator[Plot]]] = [
+        (figures.ranking, _of_ranking(stored)),
+        (figures.search, _of_search(extras)),
+        (figures.sensitivity, _of_sensitivity(extras)),
+    ]
+    for name, data in stored.tests.items():
+        plots = _of_test(name, data, stored.ranked_posteriors)
+        sections.append((figures.tests.setdefault(name, []), plots))
+    for name, with_corner in _drawn_classes(stored):
+        plots = _of_class(stored, stored.posterior(name), with_corner)
+        sections.append((figures.classes.setdefault(name, []), plots))
+    planned = [(section, plot) for section, plots in sections for plot in plots]
+
+    from matplotlib import rc_context
+
+    # The same result gives the same page, to the letter.
+    with figures_for_files(), rc_context({"svg.hashsalt": "bayes_ssi"}):
+        for i, (section, (caption, plot)) in enumerate(planned, 1):
+            section.append(embedded_drawing(whole_figure(plot()), caption, f"figure-{i}"))
+            progress(i / len(planned))
+    figures.predictions.extend(_of_predictions(extras))
+    return figures
+
+
+def _drawn_classes(stored: StoredResult) -> Iterator[tuple[str, bool]]:
+    """Names of the classes that are drawn, and whether their joint densities are."""
+    rows = stored.comparison.classes
+    always = 2 if len(stored.tests) == 1 else 1
+    chosen = [
+        row
+        for i, row in enumerate(rows)
+        if i < always or row.probability >= LIMITS.least_probability or not row.distinguishable
+    ]
+    for row in chosen[: LIMITS.classes_with_modes]:
+        yield row.name, row is rows[0] or not row.distinguishable
+
+
+def _of_ranking(stored: StoredResult) -> Iterator[Plot]:
+    yield (
+        "Log evidence of every model class",
+        partial(plot_evidence, stored.comparison, most=MOST_CLASSES),
+    )
+
+
+def _of_search(extras: StoredExtras) -> Iterator[Plot]:
+    if extras.search is not None and extras.search.places:
+        yield "Probability of an appendage by place", partial(plot_places, extras.search.places)
+
+
+def _of_sensitivity(extras: StoredExtras) -> Iterator[Plot]:
+    sensitivity = extras.sensitivity
+    if sensitivity is not None and len(sensitivity.rows[0].probabilities) > 1:
+        yield "How the ranking changes with settings", partial(plot_sensitivity, sensitivity)
+
+
+def _of_test(name: str, data: ModalData, ranked: tuple[Posterior, ...]) -> Iterator[Plot]:
+    where = label_in(name, "")
+    best = ranked[: LIMITS.classes_in_frequencies]
+    yield f"{where}Identified modes", partial(plot_identified_modes, data, configuration=name)
+    yield (
+        f"{where}Model frequencies relative to the identified ones",
+        partial(plot_frequencies, data, best, configuration=name),
+    )
+
+
+def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> Iterator[Plot]:
+    of = f"of model class {posterior.name!r}"
+    for modes in posterior.configurations:
+        yield from _of_configuration(modes, stored.tests[modes.name], of)
+    records = {each["name"]: each for each in stored.record["model_classes"]}
+    parameters = records[posterior.name]["parameters"]
+    priors = {each["name"]: each.get("prior_quantiles") for each in parameters}
+    if all(priors.values()):
+        yield f"Parameters {of}, prior and posterior", partial(plot_parameters, posterior, priors)
+    if with_corner:
+        names = _best_determined(posterior)
+        few = len(names) < len(posterior.parameter_names)
+        note = f": the {len(names)} parameters best determined by the data" if few else ""
+        yield (
+            f"Joint posterior densities {of}{note}",
+            partial(plot_corner, posterior, parameters=names),
+        )
+
+
+def _of_configuration(modes: ConfigurationModes, data: ModalData, of: str) -> Iterator[Plot]:
+    where = label_in(modes.name, "")
+    updated, inferred = modes.updated, modes.inferred_pairing
+    if updated is not None and updated.modes:
+        yield f"{where}Mode shapes {of}", partial(plot_mode_shapes, updated, data)
+        yield (
+            f"{where}Frequencies {of} before and after updating",
+            partial(plot_frequency_change, updated.modes, data),
+        )
+        if any(mode.mac_after is not None for mode in updated.modes):
+            yield (
+                f"{where}MACs {of} before and after updating",
+                partial(plot_mac_change, updated.modes),
+            )
+    if inferred is not None:
+        yield (
+            f"{where}Probabilities of pairings {of}",
+            partial(plot_pairing, inferred, modes.n_modes),
+        )
+
+
+def _best_determined(posterior: Posterior) -> list[str]:
+    """In their order, the parameters whose spread the data reduce most."""
+    spreads = dict(zip(posterior.parameter_names, posterior.relative_spreads, strict=True))
+    best = sorted(spreads, key=spreads.__getitem__)[: LIMITS.parameters_in_corner]
+    return [name for name in spreads if name in best]
+
+
+def _of_predictions(extras: StoredExtras) -> Iterator[EmbeddedFigure]:
+    for path in extras.predictions.figures if extras.predictions else ():
+        name = "MAC with the identified shapes" if path.stem == "mac" else path.stem
+        yield embedded_file(path, f"Predictions: {name.replace('_', ' ')}")
