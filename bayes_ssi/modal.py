@@ -3,29 +3,80 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.linalg
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["ModalModel", "Modes", "inverse_cholesky", "mac", "modal_model", "solve_modes"]
+__all__ = [
+    "BATCHED_UP_TO",
+    "NOT_SUPPORTED",
+    "ROUNDING",
+    "Eigenpairs",
+    "ModalModel",
+    "Modes",
+    "NoModesError",
+    "frequencies_hz",
+    "inverse_cholesky",
+    "lowest_eigenpairs",
+    "mac",
+    "modal_model",
+    "require_supported",
+    "solve_modes",
+    "too_few_modes",
+]
+
+# What is smaller, as a share of the largest number that it was computed from, may be rounding:
+# some hundred units in the last place.
+ROUNDING = 1e-13
+# Solved at once, eigenvalues are wrong by rounding of the largest of their matrix: by a
+# millionth at most where they are this share of it, or more.
+RESOLVED = 1e-9
+# Larger matrices are solved faster one at a time, for their lowest modes only.
+BATCHED_UP_TO = 40
+NOT_SUPPORTED = (
+    "the stiffness matrix is singular; is the structure supported, and no part of it loose?"
+)
+
+
+class NoModesError(ValueError):
+    """A structure has no modes, or not as many as are asked for."""
+
+
+class Eigenpairs(NamedTuple):
+    """Modes of one structure.
+
+    Attributes:
+        eigenvalues: (m,), (2πf)² ascending.
+        vectors: (n, m), at unit modal mass.
+    """
+
+    eigenvalues: FloatArray
+    vectors: FloatArray
 
 
 class Modes(NamedTuple):
     """Modes for a batch of B parameter values, in ascending order of frequency.
 
     Attributes:
-        frequencies_hz: (B, n_modes); NaN in a row whose structure is not positive definite.
+        frequencies_hz: (B, n_modes); NaN in a row whose structure has no such modes.
         shapes: (B, n_dof, n_modes), normalised to unit modal mass.
     """
 
     frequencies_hz: FloatArray
     shapes: FloatArray
 
+    def repeated(self, n_rows: int) -> Modes:
+        """For a batch of ``n_rows``, of a structure that no parameter changes and has one row."""
+        if len(self.frequencies_hz) == n_rows:
+            return self
+        return Modes(*(np.broadcast_to(each, (n_rows, *each.shape[1:])) for each in self))
+
 
 class ModalModel(NamedTuple):
-    """Modes, and the masses that a response needs beside them, for a batch of B values.
+    """Modes, and the masses that a response needs besides, for a batch of B values.
 
     Attributes:
         frequencies_hz: (B, n_modes).
@@ -63,36 +114,114 @@ def modal_model(
     return ModalModel(frequencies_hz, shapes * scale[:, None, :], participation, influence)
 
 
-def solve_modes(stiffness: FloatArray, mass: FloatArray) -> Modes:
-    """Solve K φ = (2πf)² M φ for a batch of structures.
+def solve_modes(stiffness: FloatArray, mass: FloatArray, n_modes: int | None = None) -> Modes:
+    """Solve K φ = (2πf)² M φ for a batch of dense structures.
+
+    With M = L Lᵀ the matrix L⁻¹ K L⁻ᵀ has the same eigenvalues, and a batch of small matrices is
+    solved at once. Large ones, and those for which that is not accurate (M is singular, or K
+    nearly), are solved one at a time by :func:`lowest_eigenpairs`. A row of the answer does not
+    depend on the other rows, to the last digit.
 
     Args:
-        stiffness: (B, n, n), symmetric.
+        stiffness: (B, n, n) or (1, n, n), symmetric.
         mass: the diagonal of M, (B, n) or (1, n), where all else is zero; or M itself, (B, n, n)
             or (1, n, n), symmetric.
+        n_modes: how many of the lowest modes; all n if None.
 
     Returns:
-        All n modes of each structure. A row is NaN where an entry is not finite, or M or K is
-        not positive definite: such a structure has no natural frequencies.
+        The modes of each structure. A row is NaN where an entry is not finite, K is not positive
+        definite, or M gives fewer modes: such a structure does not have those frequencies.
     """
-    if mass.ndim == 3:
-        return _solve_with_full_mass(stiffness, mass)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        root = 1.0 / np.sqrt(mass)
-        scaled = stiffness * (root[:, :, None] * root[:, None, :])
-    eigenvalues, vectors = _eigh(scaled)
-    return Modes(_frequencies_hz(eigenvalues), vectors * root[:, :, None])
+    n = stiffness.shape[-1]
+    n_modes = n_modes or n
+    if n <= BATCHED_UP_TO:
+        eigenvalues, vectors = _scaled_by_mass(stiffness, mass)
+        accurate = eigenvalues[:, 0] > RESOLVED * eigenvalues[:, -1]
+        eigenvalues, vectors = eigenvalues[:, :n_modes], vectors[:, :, :n_modes]
+    else:
+        n_rows = max(len(stiffness), len(mass))
+        eigenvalues, vectors = np.empty((n_rows, n_modes)), np.empty((n_rows, n, n_modes))
+        accurate = np.zeros(n_rows, dtype=bool)
+    for row in np.flatnonzero(~accurate):
+        k, m = stiffness[row % len(stiffness)], mass[row % len(mass)]
+        try:
+            pairs = lowest_eigenpairs(k, np.diag(m) if m.ndim == 1 else m, n_modes)
+        except NoModesError:
+            eigenvalues[row], vectors[row] = np.nan, np.nan
+        else:
+            eigenvalues[row], vectors[row] = pairs
+    return Modes(frequencies_hz(eigenvalues), vectors)
 
 
-def _solve_with_full_mass(stiffness: FloatArray, mass: FloatArray) -> Modes:
-    """As :func:`solve_modes`, through M = L Lᵀ: L⁻¹ K L⁻ᵀ has the same eigenvalues."""
-    inverse = inverse_cholesky(mass)
-    with np.errstate(invalid="ignore", over="ignore"):
-        # einsum adds in one order, whatever the size of the batch.
-        half = np.einsum("bij,bjk->bik", inverse, stiffness)
-        scaled = np.einsum("bij,bkj->bik", half, inverse)
-    eigenvalues, vectors = _eigh(scaled)
-    return Modes(_frequencies_hz(eigenvalues), np.einsum("bji,bjm->bim", inverse, vectors))
+def _scaled_by_mass(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(2πf)² (B, n) ascending, and shapes (B, n, n); NaN where M is not positive definite."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        if mass.ndim == 2:
+            root = 1.0 / np.sqrt(mass)
+            eigenvalues, vectors = _eigh(stiffness * (root[:, :, None] * root[:, None, :]))
+            return eigenvalues, vectors * root[:, :, None]
+        # Products of stacked matrices, each of which is computed on its own.
+        inverse = inverse_cholesky(mass)
+        transposed = inverse.transpose(0, 2, 1)
+        eigenvalues, vectors = _eigh(inverse @ stiffness @ transposed)
+        return eigenvalues, transposed @ vectors
+
+
+def lowest_eigenpairs(
+    stiffness: FloatArray, mass: FloatArray, n_modes: int, extra: int = 0
+) -> Eigenpairs:
+    """The lowest modes of one dense structure, of matrices (n, n).
+
+    They are the greatest 1/(2πf)² of M φ = (2πf)⁻² K φ, so M may be singular.
+
+    Args:
+        stiffness: K, positive definite.
+        mass: M, positive semi-definite.
+        n_modes: how many.
+        extra: how many more, where the structure has so many.
+
+    Raises:
+        NoModesError: K is not positive definite, or there are fewer modes.
+    """
+    n = len(stiffness)
+    try:
+        inverses, vectors = scipy.linalg.eigh(
+            mass, stiffness, subset_by_index=[max(n - n_modes - extra, 0), n - 1]
+        )
+    except scipy.linalg.LinAlgError:
+        raise NoModesError("the stiffness matrix is not positive definite") from None
+    except ValueError:
+        raise NoModesError("a matrix has entries that are not finite") from None
+    inverses, vectors = inverses[::-1], vectors[:, ::-1]
+    require_supported(stiffness, vectors[:, 0])
+    if inverses[0] < 0.0 or mass.diagonal().min() < 0.0:
+        raise NoModesError("the mass matrix is not positive semi-definite")
+    n_found = int((inverses > ROUNDING * inverses[0]).sum())
+    if n_found < n_modes:
+        raise too_few_modes(n_found, n_modes)
+    inverses, vectors = inverses[:n_found], vectors[:, :n_found]
+    return Eigenpairs(1.0 / inverses, vectors / np.sqrt(inverses))
+
+
+def require_supported(stiffness: Any, shape: FloatArray) -> None:
+    """Refuse a first mode (n,) whose energy is rounding: a rigid body's.
+
+    Args:
+        stiffness: (n, n), dense or sparse.
+        shape: of that mode.
+
+    Raises:
+        NoModesError: it is.
+    """
+    size = np.abs(shape)
+    if not shape @ (stiffness @ shape) > ROUNDING * (size @ (abs(stiffness) @ size)):
+        raise NoModesError(NOT_SUPPORTED)
+
+
+def too_few_modes(n_found: int, n_modes: int) -> NoModesError:
+    return NoModesError(
+        f"the mass matrix gives {n_found} modes, fewer than the {n_modes} asked for"
+    )
 
 
 def inverse_cholesky(matrices: FloatArray) -> FloatArray:
@@ -115,25 +244,23 @@ def inverse_cholesky(matrices: FloatArray) -> FloatArray:
     return inverse
 
 
-def _eigh(scaled: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues and vectors; NaN where an entry is not finite."""
+def _eigh(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues and vectors of symmetric matrices; NaN where an entry is not finite."""
     try:
-        return np.linalg.eigh(scaled)
+        return np.linalg.eigh(matrices)
     except np.linalg.LinAlgError:
-        # One row that is not finite stops the whole batch; solve the others.
-        solvable = np.isfinite(scaled).all(axis=(1, 2))
-        scaled[~solvable] = np.eye(scaled.shape[-1])
-        eigenvalues, vectors = np.linalg.eigh(scaled)
+        # One matrix that is not finite stops the whole batch; solve the others.
+        solvable = np.isfinite(matrices).all(axis=(1, 2))
+        matrices[~solvable] = np.eye(matrices.shape[-1])
+        eigenvalues, vectors = np.linalg.eigh(matrices)
         eigenvalues[~solvable] = np.nan
         return eigenvalues, vectors
 
 
-def _frequencies_hz(eigenvalues: FloatArray) -> FloatArray:
-    """Of (2πf)², in ascending order; NaN in a row where one is not positive."""
-    if not eigenvalues[:, 0].min(initial=np.inf) > 0.0:  # also true when a NaN is among them
-        with np.errstate(invalid="ignore"):
-            eigenvalues[~(eigenvalues[:, 0] > 0.0)] = np.nan
-    return np.sqrt(eigenvalues) / (2.0 * math.pi)
+def frequencies_hz(eigenvalues: FloatArray) -> FloatArray:
+    """f for (2πf)²."""
+    frequencies: FloatArray = np.sqrt(eigenvalues) / (2.0 * math.pi)
+    return frequencies
 
 
 def mac(shapes: FloatArray, others: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from bayes_ssi.modal import mac, solve_modes
+from bayes_ssi.modal import BATCHED_UP_TO, NoModesError, lowest_eigenpairs, mac, solve_modes
 
 CHAIN = np.array([[2.0, -1.0], [-1.0, 1.0]])
 # Two equal masses on two equal springs: (2 pi f)^2 = (3 -+ sqrt 5)/2.
@@ -79,6 +79,37 @@ def test_a_row_without_modes_is_nan_and_leaves_the_others_alone(stiffness, mass)
     np.testing.assert_allclose(modes.frequencies_hz[[0, 2]], [CHAIN_HZ, 2 * CHAIN_HZ], rtol=1e-13)
     np.testing.assert_allclose(modes.shapes[0].T @ modes.shapes[0], np.eye(2), atol=1e-13)
     np.testing.assert_allclose(modes.shapes[2].T @ modes.shapes[2], np.eye(2), atol=1e-13)
+
+
+@pytest.mark.parametrize("n", [7, BATCHED_UP_TO + 1])
+def test_full_mass_matrices_singular_ones_too(n):
+    """Against scipy's generalised problem; and every row is the same without the others."""
+    rng = np.random.default_rng(2)
+    stiffness, mass = (a @ a.transpose(0, 2, 1) for a in rng.standard_normal((2, 6, n, n)))
+    stiffness[2] -= 5.0 * np.eye(n)
+    mass[3] = np.diag(np.r_[1.0, 0.0, 2.0, 3.0, np.zeros(n - 4)])
+    mass[4] = np.diag(np.r_[1.0, 0.0, 2.0, np.zeros(n - 3)])
+    frequencies, shapes = solve_modes(stiffness, mass, 3)
+    for i in (0, 1, 3, 5):
+        inverses = eigh(mass[i], stiffness[i], eigvals_only=True)[::-1][:3]
+        np.testing.assert_allclose((math.tau * frequencies[i]) ** 2, 1.0 / inverses, rtol=1e-8)
+        np.testing.assert_allclose(shapes[i].T @ mass[i] @ shapes[i], np.eye(3), atol=1e-9)
+        alone = solve_modes(stiffness[[i]], mass[[i]], 3)
+        np.testing.assert_array_equal(alone.frequencies_hz[0], frequencies[i])
+        np.testing.assert_array_equal(alone.shapes[0], shapes[i])
+    for i in (2, 4):  # K is not positive definite; M gives two modes
+        assert np.isnan(frequencies[i]).all()
+        with pytest.raises(NoModesError):
+            lowest_eigenpairs(stiffness[i], mass[i], 3)
+
+
+def test_soft_and_stiff_members_leave_low_frequencies_accurate():
+    """Three masses in a chain with springs 1, 1e11 and 1: the stiff one joins two masses."""
+    links = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [0.0, -1.0, 1.0]])
+    stiffness = links.T @ np.diag([1.0, 1e11, 1.0]) @ links
+    frequencies = solve_modes(stiffness[None], np.ones((1, 3)), 2).frequencies_hz[0]
+    joined = eigh([[2.0, -1.0], [-1.0, 1.0]], np.diag([2.0, 1.0]), eigvals_only=True)
+    np.testing.assert_allclose(frequencies, np.sqrt(joined) / math.tau, rtol=1e-4)
 
 
 def test_a_batch_of_bad_rows_only_is_all_nan():

@@ -14,28 +14,23 @@ import scipy.sparse as sp
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.matrix_files import checked_array, checked_matrix
-from bayes_ssi.finite_elements.named_rows import Sensors, named_rows
-from bayes_ssi.finite_elements.one_by_one import OneByOne, Solved
-from bayes_ssi.finite_elements.sparse_factors import (
+from bayes_ssi.finite_elements.pointwise_structure import PointwiseStructure
+from bayes_ssi.finite_elements.sensor_rows import Sensors, sensor_rows
+from bayes_ssi.finite_elements.sparse_factors import fill_reducing_order, is_semidefinite
+from bayes_ssi.finite_elements.sparse_modes import DENSE_UP_TO, lowest_modes
+from bayes_ssi.modal import (
+    Eigenpairs,
+    ModalModel,
     NoModesError,
-    fill_reducing_order,
-    is_semidefinite,
-)
-from bayes_ssi.finite_elements.sparse_modes import (
-    DENSE_BELOW,
-    SparseModes,
-    dense_modes,
     frequencies_hz,
-    lowest_modes,
-    require_held,
+    lowest_eigenpairs,
 )
-from bayes_ssi.modal import ModalModel
 from bayes_ssi.parameters import Parameter, ProductTable, Value, as_product, collect_parameters
 
 __all__ = ["FunctionStructure"]
 
 
-class FunctionStructure(OneByOne):
+class FunctionStructure(PointwiseStructure):
     """A structure whose modes, or matrices, are what a function of the parameters returns.
 
     The function is called once for each set of values, in whichever process evaluates them
@@ -45,8 +40,8 @@ class FunctionStructure(OneByOne):
     * ``frequencies, shapes``: (m,) in Hz, ascending or not, and (n_sensors, m), m being
       ``n_modes`` or more; ``shapes`` may be None where no shape is measured.
 
-    What it raises, and answers that are not as they should be, are reported with the values that
-    it was called with; such values count as likelihood zero.
+    Errors that it raises, and invalid answers, are reported with the values that it was called
+    with; the likelihood of such values is zero.
     """
 
     def __init__(
@@ -57,20 +52,20 @@ class FunctionStructure(OneByOne):
         n_modes: int,
         sensors: Sensors = (),
     ) -> None:
-        """Say what is called, and with what.
+        """Check the arguments; nothing is called yet.
 
         Args:
             function: called with keyword arguments, all of them numbers.
             arguments: name of an argument → number, Parameter, or product such as
                 ``30e9 * stiffness``.
-            n_modes: how many of the lowest modes there are to be.
+            n_modes: how many of the lowest modes are computed.
             sensors: of a function that returns modes: the names of the rows of the shapes. Of one
                 that returns matrices: name → number, from 0, of a degree of freedom.
 
         Raises:
             TypeError: the function cannot be called, or an argument is no number or parameter.
             ValueError: the function has no such argument or lacks one, or ``n_modes`` or the
-                sensors are not as they should be.
+                sensors are not valid.
         """
         if not callable(function):
             raise TypeError(f"FunctionStructure: function must be callable, got {function!r}")
@@ -89,18 +84,18 @@ class FunctionStructure(OneByOne):
         )
         try:
             inspect.signature(function).bind(**dict.fromkeys(arguments, 1.0))
-        except TypeError as wrong:
-            raise ValueError(f"{where}: {wrong}; arguments are {list(arguments)}") from None
+        except TypeError as error:
+            raise ValueError(f"{where}: {error}; arguments are {list(arguments)}") from None
         except ValueError:  # a function of C, perhaps, without a signature
             pass
         try:
             if isinstance(self._sensors, dict):
-                most = [place for place in self._sensors.values() if isinstance(place, Integral)]
-                named_rows(int(max(most, default=0)) + 1, None, self._sensors)
+                numbers = [place for place in self._sensors.values() if isinstance(place, Integral)]
+                sensor_rows(int(max(numbers, default=0)) + 1, None, self._sensors)
             else:
-                named_rows(len(self._sensors), tuple(map(str, self._sensors)), None)
-        except (TypeError, ValueError) as wrong:
-            raise type(wrong)(f"{where}: {wrong}") from None
+                sensor_rows(len(self._sensors), tuple(map(str, self._sensors)), None)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{where}: {error}") from None
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -114,7 +109,7 @@ class FunctionStructure(OneByOne):
     def n_modes(self) -> int:
         return self._n_modes
 
-    def solved(self, values: FloatArray) -> Solved:
+    def modes_at(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         first, second = self._called(values)
         if np.ndim(first) == 2 or sp.issparse(first):
             modes = self._of_matrices(first, second)
@@ -138,8 +133,8 @@ class FunctionStructure(OneByOne):
         numbers = self._table.evaluate(values[None])[0].tolist()
         try:
             answer = self.function(**dict(zip(self._arguments, numbers, strict=True)))
-        except SystemExit as left:  # scripts of other programs may end so; this one goes on
-            raise RuntimeError(f"{_name(self.function)} called exit({left.code!r})") from None
+        except SystemExit as exit_:  # scripts of other programs may end so; this one goes on
+            raise RuntimeError(f"{_name(self.function)} called exit({exit_.code!r})") from None
         if isinstance(answer, (tuple, list)) and len(answer) == 2:
             return answer[0], answer[1]
         raise ValueError(
@@ -147,17 +142,17 @@ class FunctionStructure(OneByOne):
             f"got {_kind(answer)}"
         )
 
-    def _of_matrices(self, stiffness: Any, mass: Any) -> SparseModes:
+    def _of_matrices(self, stiffness: Any, mass: Any) -> Eigenpairs:
         """The modes at the sensors."""
         name, n_modes = _name(self.function), self.n_modes
         n = np.shape(stiffness)[0]
-        dense = n <= DENSE_BELOW
+        dense = n <= DENSE_UP_TO
         checked: Any = checked_array if dense else checked_matrix
         k, m = checked(stiffness, f"{name}: K"), checked(mass, f"{name}: M", n)
         if n < n_modes:
             raise ValueError(f"{name}: K has {n} rows, fewer than {n_modes} modes")
         if isinstance(self._sensors, dict):
-            _, rows = named_rows(n, None, self._sensors)
+            _, rows = sensor_rows(n, None, self._sensors)
         elif len(self._sensors) in (0, n):
             rows = np.arange(len(self._sensors))
         else:
@@ -166,20 +161,19 @@ class FunctionStructure(OneByOne):
                 "of freedom"
             )
         if dense:
-            found = dense_modes(k, m, n_modes)
-            require_held(k, found.vectors[:, 0])
-            return SparseModes(found.eigenvalues, found.vectors[rows])
+            modes = lowest_eigenpairs(k, m, n_modes)
+            return Eigenpairs(modes.eigenvalues, modes.vectors[rows])
         if not is_semidefinite(m):
             raise NoModesError(f"{name}: M is not positive semi-definite")
         # The pattern may be another at every call, and so is the order.
         order = fill_reducing_order(k)
-        found = lowest_modes(
+        modes = lowest_modes(
             sp.csc_array(k[order][:, order]), sp.csc_array(m[order][:, order]), n_modes
         )
-        at_sensors = found.vectors[np.argsort(order)[rows], :n_modes]
-        return SparseModes(found.eigenvalues[:n_modes], at_sensors)
+        at_sensors = modes.vectors[np.argsort(order)[rows], :n_modes]
+        return Eigenpairs(modes.eigenvalues[:n_modes], at_sensors)
 
-    def _checked_modes(self, frequencies: Any, shapes: Any) -> Solved:
+    def _checked_modes(self, frequencies: Any, shapes: Any) -> tuple[FloatArray, FloatArray]:
         name = _name(self.function)
         f = np.asarray(frequencies, dtype=float)
         if f.ndim != 1 or len(f) < self.n_modes:
@@ -228,7 +222,7 @@ def _kind(answer: Any) -> str:
 
 
 def _digest(function: Callable[..., Any]) -> str:
-    """Of the function's source, so that another function is told from this one."""
+    """Of the function's source, which distinguishes it from another function of its name."""
     try:
         text = inspect.getsource(function)
     except (OSError, TypeError):

@@ -10,13 +10,13 @@ import scipy.sparse as sp
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["Matrix", "checked_array", "checked_matrix", "read_matrix"]
+__all__ = ["FILE_ROUNDING", "Matrix", "checked_array", "checked_matrix", "read_matrix"]
 
 Matrix = sp.csc_array
 
-# Asymmetry, relative to the largest entry, that rounding in another program explains.
-SYMMETRIC = 1e-8
-SUFFIXES = ".npz, .npy, .mtx, .mtx.gz or .mat"
+# Errors, relative to the largest entry, of matrices that other programs wrote: they may have left
+# nine digits.
+FILE_ROUNDING = 1e-8
 
 
 def read_matrix(path: str | Path, key: str | None = None) -> Any:
@@ -27,34 +27,42 @@ def read_matrix(path: str | Path, key: str | None = None) -> Any:
     key.
 
     Args:
-        path: the file; its ending tells its form.
+        path: the file; its ending says which format it has.
         key: which array, where there are several.
 
     Returns:
-        Whatever array the file holds: a sparse one, or (n, m) numbers. Vectors, such as lists of
-        measured degrees of freedom, are read as well.
+        The array in the file: a sparse one, or (n, m) numbers. Vectors, such as lists of measured
+        degrees of freedom, are read as well.
 
     Raises:
         OSError: there is no such file, or it cannot be opened.
-        ValueError: it is damaged or truncated, of an unknown form, or holds nothing at ``key``.
+        ValueError: it is damaged or truncated, of an unknown format, or holds nothing at ``key``.
     """
     path = Path(path)
-    with path.open("rb"):  # a file that is not there is said to be so, whatever reads it
+    with path.open("rb"):  # raises where there is no file, before any library is called
         pass
     name = path.name.lower()
-    if name.endswith((".mtx", ".mtx.gz")):
-        if key is not None:
-            raise ValueError(f"{path}: a Matrix Market file holds one matrix, without key {key!r}")
-        return _attempt(path, _read_matrix_market)
-    if name.endswith(".npy"):
-        if key is not None:
-            raise ValueError(f"{path}: a .npy file holds one matrix, without key {key!r}")
-        return _attempt(path, lambda p: np.load(p, allow_pickle=False))
-    if name.endswith(".npz"):
-        return _attempt(path, lambda p: _read_npz(p, key))
-    if name.endswith(".mat"):
-        return _attempt(path, lambda p: _read_mat(p, key))
-    raise ValueError(f"{path}: no form of matrix file that is known; choose {SUFFIXES}")
+    readers = {
+        ".mtx": _read_matrix_market,
+        ".mtx.gz": _read_matrix_market,
+        ".npy": _read_npy,
+        ".npz": _read_npz,
+        ".mat": _read_mat,
+    }
+    read = next((read for suffix, read in readers.items() if name.endswith(suffix)), None)
+    if read is None:
+        raise ValueError(f"{path}: unknown format; choose a file ending in {', '.join(readers)}")
+    try:
+        return read(path, key)
+    except _KeyNotFoundError as error:
+        raise ValueError(f"{path}: {error}") from None
+    except MemoryError:
+        raise
+    except Exception as error:  # a damaged file may raise anything in the libraries
+        reason = " ".join(str(error).split()) or "no reason given"
+        raise ValueError(
+            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
+        ) from error
 
 
 def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Matrix:
@@ -66,26 +74,26 @@ def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Matrix:
         size: how many rows it must have, if that is known.
 
     Raises:
-        TypeError: it is no matrix of numbers.
+        TypeError: it is not a matrix of numbers.
         ValueError: it is not square, of another size, not finite, not real, or not symmetric.
     """
     matrix = _checked_kind(matrix, name, size)
-    found = sp.csc_array(matrix, dtype=float, copy=True)
-    found.sum_duplicates()
-    _check_numbers(found.data, (found - found.T).data, name)
-    found = sp.csc_array(0.5 * (found + found.T))
-    found.eliminate_zeros()
-    found.sort_indices()
-    return found
+    sparse = sp.csc_array(matrix, dtype=float, copy=True)
+    sparse.sum_duplicates()
+    _check_numbers(sparse.data, (sparse - sparse.T).data, name)
+    sparse = sp.csc_array(0.5 * (sparse + sparse.T))
+    sparse.eliminate_zeros()
+    sparse.sort_indices()
+    return sparse
 
 
 def checked_array(matrix: Any, name: str, size: int | None = None) -> FloatArray:
     """The same as an array (n, n), for small matrices."""
     matrix = _checked_kind(matrix, name, size)
-    found: FloatArray = np.array(matrix.toarray() if hasattr(matrix, "toarray") else matrix, float)
-    _check_numbers(found, found - found.T, name)
-    half: FloatArray = 0.5 * (found + found.T)
-    return half
+    dense = np.array(matrix.toarray() if hasattr(matrix, "toarray") else matrix, float)
+    _check_numbers(dense, dense - dense.T, name)
+    symmetric: FloatArray = 0.5 * (dense + dense.T)
+    return symmetric
 
 
 def _checked_kind(matrix: Any, name: str, size: int | None) -> Any:
@@ -107,53 +115,50 @@ def _checked_kind(matrix: Any, name: str, size: int | None) -> Any:
 
 
 def _check_numbers(entries: FloatArray, differences: FloatArray, name: str) -> None:
-    """Refuse what is not finite, and differences from mirror images that are not rounding."""
+    """Refuse entries that are not finite, and asymmetry that is not rounding."""
     if not np.isfinite(entries).all():
         raise ValueError(f"{name} holds numbers that are not finite")
     largest = float(np.abs(entries).max(initial=0.0))
     asymmetry = float(np.abs(differences).max(initial=0.0))
-    if asymmetry > SYMMETRIC * largest:
+    if asymmetry > FILE_ROUNDING * largest:
         raise ValueError(
-            f"{name} must be symmetric, but entries differ from their mirror images by up to "
+            f"{name} must be symmetric, but entries differ from their transposes by up to "
             f"{asymmetry:.3g}, the largest entry being {largest:.3g}; was only one triangle stored?"
         )
 
 
-def _attempt(path: Path, read: Any) -> Any:
-    try:
-        return read(path)
-    except _NoSuchKeyError as error:
-        raise ValueError(f"{path}: {error}") from None
-    except MemoryError:
-        raise
-    except Exception as error:  # a damaged file may raise anything in the libraries
-        told = " ".join(str(error).split()) or "no more is said"
-        raise ValueError(
-            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {told}"
-        ) from error
-
-
-class _NoSuchKeyError(Exception):
-    """The file is sound, but what was asked for is not in it."""
+class _KeyNotFoundError(Exception):
+    """The file can be read, but does not hold the array that was asked for."""
 
 
 def _chosen(key: str | None, keys: list[str]) -> str:
     if key is None and len(keys) == 1:
         return keys[0]
     if key is None or key not in keys:
-        wanted = "it holds several arrays, and no key says which" if key is None else f"no {key!r}"
-        raise _NoSuchKeyError(f"{wanted}; choose from {', '.join(map(repr, keys)) or 'nothing'}")
+        problem = "several arrays, and no key says which" if key is None else f"no array {key!r}"
+        raise _KeyNotFoundError(f"{problem}; choose from {', '.join(map(repr, keys)) or 'nothing'}")
     return key
 
 
-def _read_matrix_market(path: Path) -> Any:
+def _require_no_key(key: str | None) -> None:
+    if key is not None:
+        raise _KeyNotFoundError(f"it holds a single matrix, without a key, got {key!r}")
+
+
+def _read_matrix_market(path: Path, key: str | None) -> Any:
     from scipy.io import mmread
 
+    _require_no_key(key)
     return mmread(path, spmatrix=False)
 
 
+def _read_npy(path: Path, key: str | None) -> Any:
+    _require_no_key(key)
+    return np.load(path, allow_pickle=False)
+
+
 def _read_npz(path: Path, key: str | None) -> Any:
-    # Opened here: a damaged archive would be left open.
+    # Opened here: numpy leaves a damaged archive open.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
         if "format" in arrays.files and key is None:
             return sp.load_npz(path)
@@ -181,7 +186,7 @@ def _read_hdf5(path: Path, key: str | None) -> Any:
             dense: FloatArray = np.asarray(item[()]).T  # MATLAB's order of dimensions
             return dense
         if "jc" not in item:
-            raise _NoSuchKeyError(f"{chosen!r} is no matrix")
+            raise _KeyNotFoundError(f"{chosen!r} is not a matrix")
         columns = np.asarray(item["jc"][()]).ravel()
         rows = int(item.attrs["MATLAB_sparse"])
         if "data" not in item:

@@ -20,39 +20,36 @@ from numpy.typing import ArrayLike
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.affine_matrix import AffineMatrix
 from bayes_ssi.finite_elements.matrix_files import Matrix
-from bayes_ssi.finite_elements.named_rows import Sensors, named_rows
-from bayes_ssi.finite_elements.one_by_one import OneByOne, Solved
+from bayes_ssi.finite_elements.pointwise_structure import PointwiseStructure
 from bayes_ssi.finite_elements.reduced_structure import ReducedStructure
 from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure, System
+from bayes_ssi.finite_elements.sensor_rows import Sensors, sensor_rows
 from bayes_ssi.finite_elements.sparse_factors import (
-    NoModesError,
     count_below,
     fill_reducing_order,
     is_semidefinite,
 )
-from bayes_ssi.finite_elements.sparse_modes import (
-    DENSE_BELOW,
-    SparseModes,
-    dense_modes,
+from bayes_ssi.finite_elements.sparse_modes import lowest_modes
+from bayes_ssi.modal import (
+    BATCHED_UP_TO,
+    Eigenpairs,
+    ModalModel,
+    Modes,
+    NoModesError,
     frequencies_hz,
-    lowest_modes,
-    require_held,
+    solve_modes,
 )
-from bayes_ssi.modal import ModalModel, Modes
 from bayes_ssi.parameters import Parameter, collect_parameters
+from bayes_ssi.structures.affine_array import AffineArray
 
 __all__ = ["MatrixStructure"]
 
-# How far above the highest frequency of interest modes are computed: they come down from there
-# as parameters change.
+# Modes are computed up to this share above the highest frequency of interest, since they come down
+# as parameters change: by a fifth where a stiffness is a third lower than its median.
 MARGIN = 0.2
-# Structures with fewer degrees of freedom are solved a batch at a time.
-AT_ONCE_BELOW = 40
-# Of the largest eigenvalue: smaller ones may be no more than rounding.
-ROUNDING = 1e-12
 
 
-class MatrixStructure(OneByOne, ReducibleStructure):
+class MatrixStructure(PointwiseStructure, ReducibleStructure):
     """A finite-element model whose matrices are sums of fixed ones times products of parameters.
 
     Every set of parameter values costs a full eigen-solution, milliseconds for thousands of
@@ -70,7 +67,7 @@ class MatrixStructure(OneByOne, ReducibleStructure):
         up_to_hz: float | None = None,
         influence: ArrayLike | None = None,
     ) -> None:
-        """Say what the matrices are, and where the structure is looked at.
+        """Check and keep the matrices; no modes are computed yet.
 
         Args:
             stiffness: K: a matrix, or a list of matrices and of pairs (coefficient, matrix), which
@@ -80,27 +77,27 @@ class MatrixStructure(OneByOne, ReducibleStructure):
             sensors: name → number, from 0, or label of a degree of freedom; or a list of labels;
                 all degrees of freedom if None, where they are no more than a thousand.
             labels: of all degrees of freedom.
-            n_modes: how many of the lowest modes there are to be.
-            up_to_hz: instead of ``n_modes``: as many as lie below this frequency at the prior
-                medians, and below a fifth more.
+            n_modes: how many of the lowest modes are computed.
+            up_to_hz: instead of ``n_modes``: as many as lie below 1.2 times this frequency at the
+                prior medians.
             influence: (n,), how every degree of freedom moves when the ground moves by 1 and
                 nothing deforms; needed for responses to ground motion only.
 
         Raises:
-            ValueError, TypeError: one of these is not as it should be; the message says which.
+            ValueError, TypeError: an argument is not valid; the message says which.
         """
         try:
             self._stiffness = AffineMatrix.of(stiffness, "stiffness")
             self._mass = AffineMatrix.of(mass, "mass", self._stiffness.size)
             n = self._stiffness.size
-            self._names, self._rows = named_rows(n, labels, sensors)
+            self._names, self._rows = sensor_rows(n, labels, sensors)
             self._parameters = collect_parameters(
                 [*self._stiffness.parameters, *self._mass.parameters]
             )
-            self._n_modes, self._up_to_hz = _checked_number(n_modes, up_to_hz, n)
+            self._n_modes, self._up_to_hz = _checked_n_modes(n_modes, up_to_hz, n)
             self._influence = _checked_influence(influence, n)
-        except (TypeError, ValueError) as wrong:
-            raise type(wrong)(f"MatrixStructure: {wrong}") from None
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"MatrixStructure: {error}") from None
 
     def reduced(self, **options: Any) -> ReducedStructure:
         """The same model in a reduced basis, thousands of times faster, its error certified.
@@ -117,7 +114,7 @@ class MatrixStructure(OneByOne, ReducibleStructure):
 
     @property
     def degrees_of_freedom(self) -> tuple[str, ...]:
-        """Those that are looked at: the sensors, or all."""
+        """The measured ones: the sensors, or all."""
         return self._names
 
     @property
@@ -126,7 +123,7 @@ class MatrixStructure(OneByOne, ReducibleStructure):
 
     @cached_property
     def n_modes(self) -> int:
-        """As asked for, or as many as lie in the band and a margin at the prior medians.
+        """As given, or as many as lie in the band and a margin at the prior medians.
 
         Raises:
             ValueError: none lies there.
@@ -135,58 +132,37 @@ class MatrixStructure(OneByOne, ReducibleStructure):
             return self._n_modes
         assert self._up_to_hz is not None
         shift = (2.0 * math.pi * (1.0 + MARGIN) * self._up_to_hz) ** 2
-        found = count_below(*self.matrices(self.prior_medians()[0]), shift)
-        if not found:
+        count = count_below(*self.matrices(self.prior_medians()[0]), shift)
+        if not count:
             raise ValueError(
                 f"MatrixStructure: up_to_hz: no mode below {1.0 + MARGIN:g} times "
                 f"{self._up_to_hz:g} Hz at the prior medians; are the units right?"
             )
-        return found
+        return count
 
     def modes(self, values: FloatArray) -> Modes:
-        found = self._all_at_once(values) if self.size <= AT_ONCE_BELOW else None
-        return super().modes(values) if found is None else found
+        if self.size > BATCHED_UP_TO:
+            return super().modes(values)
+        stiffness, mass = (each.evaluate(values) for each in self._dense)
+        modes = solve_modes(stiffness, mass, self.n_modes).repeated(len(values))
+        failed = np.isnan(modes.frequencies_hz).any(axis=1)
+        if failed.any():
+            row = values[failed.argmax()]
+            self._cached("modes", row, self.modes_at)  # raises, and says why
+            raise ValueError(f"at {self._named(row)}: the matrices are too close to singular")
+        return Modes(modes.frequencies_hz, modes.shapes[:, self.system.sensor_rows])
 
-    def _all_at_once(self, values: FloatArray) -> Modes | None:
-        """The modes of very small matrices, of a whole batch; None where a row has none.
+    @cached_property
+    def _dense(self) -> tuple[AffineArray, AffineArray]:
+        """Stiffness and mass of a small structure."""
+        system = self.system
+        return system.stiffness.dense(self.parameters), system.mass.dense(self.parameters)
 
-        None as well where M is singular: one by one that is no hindrance.
-        """
-        try:
-            stiffness, mass = (
-                np.einsum("bt,tij->bij", each.coefficients(values, self.parameters), each.dense)
-                for each in (self.system.stiffness, self.system.mass)
-            )
-            inverse = np.linalg.inv(np.linalg.cholesky(mass))
-            transposed = inverse.transpose(0, 2, 1)
-            eigenvalues, vectors = np.linalg.eigh(inverse @ stiffness @ transposed)
-        except (NoModesError, np.linalg.LinAlgError):
-            return None
-        if not np.all(eigenvalues[:, 0] > ROUNDING * eigenvalues[:, -1]):
-            return None
-        n = self.n_modes
-        shapes = (transposed @ vectors)[:, self.system.sensor_rows, :n]
-        return Modes(frequencies_hz(eigenvalues[:, :n]), shapes)
-
-    def solved(self, values: FloatArray) -> Solved:
-        n = self.n_modes
-        if self.size > DENSE_BELOW:
-            modes = self.full_modes(values)
-        else:
-            of_stiffness, of_mass = self._coefficients(values)
-            stiffness = np.tensordot(of_stiffness, self.system.stiffness.dense, 1)
-            modes = dense_modes(stiffness, np.tensordot(of_mass, self.system.mass.dense, 1), n)
-            require_held(stiffness, modes.vectors[:, 0])
+    def modes_at(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        modes, n = self.full_modes(values), self.n_modes
         return frequencies_hz(modes.eigenvalues[:n]), modes.vectors[self.system.sensor_rows, :n]
 
-    def full_modes(self, values: FloatArray, extra: int = 0) -> SparseModes:
-        """A full solution at ``values`` (n_parameters,), rows as in :attr:`system`.
-
-        It holds ``extra`` modes more than :attr:`n_modes`, where there are so many, or more.
-
-        Raises:
-            NoModesError: K is not positive definite, or modes cannot be found or be counted.
-        """
+    def full_modes(self, values: FloatArray, extra: int = 0) -> Eigenpairs:
         return lowest_modes(*self.matrices(values), self.n_modes, extra)
 
     def description(self) -> Mapping[str, Any]:
@@ -205,11 +181,11 @@ class MatrixStructure(OneByOne, ReducibleStructure):
             TypeError: the structure was not given ``influence``.
         """
         influence = self.require_influence()
-        found = [self._remembered("response", row, self._response_of) for row in values]
+        responses = [self._cached("response", row, self._response_at) for row in values]
         return ModalModel(
-            np.array([frequencies for frequencies, _, _ in found]),
-            np.array([shapes for _, shapes, _ in found]),
-            np.array([participation for _, _, participation in found]),
+            np.array([frequencies for frequencies, _, _ in responses]),
+            np.array([shapes for _, shapes, _ in responses]),
+            np.array([participation for _, _, participation in responses]),
             influence[self.system.sensor_rows],
         )
 
@@ -228,14 +204,14 @@ class MatrixStructure(OneByOne, ReducibleStructure):
     def _coefficients(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Those of the stiffness and of the mass at ``values`` (n_parameters,)."""
         system, parameters = self.system, self.parameters
-        found = (
+        of_both = (
             system.stiffness.coefficients(values[None], parameters)[0],
             system.mass.coefficients(values[None], parameters)[0],
         )
-        for name, coefficients in zip(("stiffness", "mass"), found, strict=True):
+        for name, coefficients in zip(("stiffness", "mass"), of_both, strict=True):
             if not np.isfinite(coefficients).all():
                 raise NoModesError(f"a coefficient of the {name} matrix is not finite")
-        return found
+        return of_both
 
     @cached_property
     def system(self) -> System:
@@ -245,7 +221,7 @@ class MatrixStructure(OneByOne, ReducibleStructure):
             NoModesError: M is not positive semi-definite, or has mass at too few places.
         """
         pattern = self._stiffness.pattern + self._mass.pattern
-        # Of a matrix with this pattern that is surely positive definite.
+        # Of a diagonally dominant matrix with this pattern, which is positive definite.
         row_sums = np.asarray(pattern.sum(axis=1)).ravel()
         order = fill_reducing_order(sp.csc_array(sp.diags_array(row_sums + 1.0) - pattern))
         place = np.argsort(order)
@@ -268,7 +244,7 @@ class MatrixStructure(OneByOne, ReducibleStructure):
             )
         return system
 
-    def _response_of(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _response_at(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         modes, n = self.full_modes(values), self.n_modes
         _, mass = self.matrices(values)
         participation = modes.vectors[:, :n].T @ (mass @ self.require_influence())
@@ -284,7 +260,7 @@ class MatrixStructure(OneByOne, ReducibleStructure):
         )
 
 
-def _checked_number(
+def _checked_n_modes(
     n_modes: int | None, up_to_hz: float | None, n: int
 ) -> tuple[int | None, float | None]:
     if (n_modes is None) == (up_to_hz is None):
@@ -303,11 +279,11 @@ def _checked_number(
 def _checked_influence(influence: ArrayLike | None, n: int) -> FloatArray | None:
     if influence is None:
         return None
-    found = np.array(influence, dtype=float)
-    if found.shape != (n,) or not np.isfinite(found).all():
+    array = np.array(influence, dtype=float)
+    if array.shape != (n,) or not np.isfinite(array).all():
         raise ValueError(
             f"influence must be {n} finite numbers, one a degree of freedom, got "
-            f"shape {found.shape}"
+            f"shape {array.shape}"
         )
-    found.setflags(write=False)
-    return found
+    array.setflags(write=False)
+    return array

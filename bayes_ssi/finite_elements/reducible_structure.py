@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.affine_matrix import AffineMatrix
-from bayes_ssi.finite_elements.sparse_modes import DENSE_BELOW, SparseModes
+from bayes_ssi.finite_elements.sparse_modes import DENSE_UP_TO
+from bayes_ssi.modal import Eigenpairs
 from bayes_ssi.structures.structure import Structure
 
 __all__ = ["ReducibleStructure", "System"]
@@ -40,7 +41,7 @@ class ReducibleStructure(Structure):
         """The matrices."""
 
     @abstractmethod
-    def full_modes(self, values: FloatArray, extra: int = 0) -> SparseModes:
+    def full_modes(self, values: FloatArray, extra: int = 0) -> Eigenpairs:
         """A full solution at ``values`` (n_parameters,), rows as in :attr:`system`.
 
         It has ``extra`` modes more than :attr:`n_modes`, where the model has so many.
@@ -71,7 +72,7 @@ class ReducibleStructure(Structure):
     @property
     def performance_hint(self) -> str:
         """How it would be sampled much faster, as a sentence; empty where it is fast enough."""
-        if self.size <= DENSE_BELOW:
+        if self.size <= DENSE_UP_TO:
             return ""
         return (
             f"{self.size} degrees of freedom, solved in full tens of thousands of times; "

@@ -1,4 +1,4 @@
-"""Factors of sparse symmetric matrices, and what their pivots tell.
+"""Factors of sparse symmetric matrices, and the signs of their pivots.
 
 K is factorised as L D Lᵀ, with pivots from the diagonal, in an order that keeps the factors
 sparse. The order is found once for a sparsity pattern and used for every factorisation, the part
@@ -13,27 +13,21 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.finite_elements.matrix_files import Matrix
+from bayes_ssi.finite_elements.matrix_files import FILE_ROUNDING, Matrix
+from bayes_ssi.modal import NOT_SUPPORTED, NoModesError
 
 __all__ = [
-    "NOT_HELD",
+    "RELATIVE_GAP",
     "Factor",
-    "NoModesError",
     "count_below",
     "fill_reducing_order",
     "is_semidefinite",
     "stiffness_factor",
 ]
 
-# Of a solution with a factor without pivoting; a larger one says that its pivots mean nothing.
-FACTOR_ERROR = 1e-6
-# Added to the diagonal, as a share of its largest entry, where a zero eigenvalue is allowed.
-NUDGE = 1e-9
-NOT_HELD = "the stiffness matrix is singular; is the structure supported, and no part of it loose?"
-
-
-class NoModesError(ValueError):
-    """The matrices have no modes, or not as many as are asked for."""
+# Modes are counted below a shift that differs from every (2πf)² by this share of it, and with a
+# factor that solves equations as accurately: closer to singular, pivots have no reliable signs.
+RELATIVE_GAP = 1e-6
 
 
 class Factor:
@@ -71,17 +65,17 @@ class Factor:
 
     def solve(self, right: FloatArray) -> FloatArray:
         """K⁻¹ times vectors (n,) or (n, k)."""
-        found: FloatArray = self._lu.solve(np.ascontiguousarray(right))
-        return found
+        solution: FloatArray = self._lu.solve(np.ascontiguousarray(right))
+        return solution
 
     def root_times(self, right: FloatArray) -> FloatArray:
         """C times vectors (n, k), where K = C Cᵀ; of a positive definite matrix."""
-        found: FloatArray = self._lu.L @ (np.sqrt(self.pivots)[:, None] * right)
-        return found
+        product: FloatArray = self._lu.L @ (np.sqrt(self.pivots)[:, None] * right)
+        return product
 
 
 def stiffness_factor(stiffness: Matrix) -> Factor:
-    """The factor of a matrix that is to be positive definite.
+    """The factor of a positive definite matrix.
 
     Raises:
         NoModesError: it is not.
@@ -89,7 +83,7 @@ def stiffness_factor(stiffness: Matrix) -> Factor:
     try:
         factor = Factor(stiffness)
     except NoModesError:
-        raise NoModesError(NOT_HELD) from None
+        raise NoModesError(NOT_SUPPORTED) from None
     if factor.n_negative:
         raise NoModesError("the stiffness matrix is not positive definite")
     return factor
@@ -123,21 +117,21 @@ def count_below(stiffness: Matrix, mass: Matrix, shift: float) -> int:
     """
     shifted = sp.csc_array(stiffness - shift * mass)
     factor = Factor(shifted)
-    probe = np.cos(np.arange(1.0, stiffness.shape[0] + 1.0))
-    answer = factor.solve(probe)
-    scale = abs(shifted).sum(axis=1).max() * np.linalg.norm(answer) + np.linalg.norm(probe)
-    if not np.linalg.norm(shifted @ answer - probe) <= FACTOR_ERROR * scale:
+    right = np.cos(np.arange(1.0, stiffness.shape[0] + 1.0))
+    solution = factor.solve(right)
+    scale = abs(shifted).sum(axis=1).max() * np.linalg.norm(solution) + np.linalg.norm(right)
+    if not np.linalg.norm(shifted @ solution - right) <= RELATIVE_GAP * scale:
         raise NoModesError("K - shift·M is too close to singular")
     return factor.n_negative
 
 
 def is_semidefinite(matrix: Matrix) -> bool:
-    """Whether no eigenvalue is below zero, but for rounding."""
+    """Whether no eigenvalue is negative but for rounding."""
     largest = float(np.abs(matrix.diagonal()).max(initial=0.0))
     if largest == 0.0:
         return matrix.nnz == 0
-    nudge = sp.diags_array(np.full(matrix.shape[0], NUDGE * largest))
+    shift = sp.diags_array(np.full(matrix.shape[0], FILE_ROUNDING * largest))
     try:
-        return Factor(sp.csc_array(matrix + nudge)).n_negative == 0
+        return Factor(sp.csc_array(matrix + shift)).n_negative == 0
     except NoModesError:
         return False

@@ -111,11 +111,7 @@ class LumpedStructure(Structure):
         return len(self.degrees_of_freedom)
 
     def modes(self, values: FloatArray) -> Modes:
-        frequencies, shapes = solve_modes(*self.matrices(values))
-        if len(frequencies) != len(values):  # no parameter in K or M: one solution serves all
-            frequencies = np.broadcast_to(frequencies, (len(values), self.n_modes))
-            shapes = np.broadcast_to(shapes, (len(values), *shapes.shape[1:]))
-        return Modes(frequencies, shapes)
+        return solve_modes(*self.matrices(values)).repeated(len(values))
 
     @property
     def appendages(self) -> tuple[str, ...]:

@@ -198,8 +198,9 @@ def _condensed(stiffness: FloatArray, n_kept: int) -> FloatArray:
     NaN where the rest is not positive definite.
     """
     coupling = stiffness[:, n_kept:, :n_kept]
-    half = np.einsum("bij,bjk->bik", inverse_cholesky(stiffness[:, n_kept:, n_kept:]), coupling)
-    return stiffness[:, :n_kept, :n_kept] - np.einsum("bji,bjk->bik", half, half)
+    with np.errstate(invalid="ignore", over="ignore"):
+        half = inverse_cholesky(stiffness[:, n_kept:, n_kept:]) @ coupling
+        return stiffness[:, :n_kept, :n_kept] - half.transpose(0, 2, 1) @ half
 
 
 def _column(height: float) -> FloatArray:

@@ -11,13 +11,12 @@ import scipy.sparse as sp
 
 import bayes_ssi as bs
 from bayes_ssi.finite_elements.sparse_factors import (
-    NoModesError,
     count_below,
     fill_reducing_order,
     is_semidefinite,
 )
-from bayes_ssi.finite_elements.sparse_modes import batch_of_modes, dense_modes, lowest_modes
-from bayes_ssi.modal import mac
+from bayes_ssi.finite_elements.sparse_modes import lowest_modes
+from bayes_ssi.modal import Eigenpairs, NoModesError, mac
 
 K3 = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
 
@@ -140,28 +139,6 @@ class TestModes:
             bs.MatrixStructure(K3, np.eye(3), n_modes=3).modal_model(np.zeros((1, 0)))
 
 
-def test_a_batch_is_solved_as_its_rows_are():
-    rng = np.random.default_rng(2)
-    stiffness, mass = (a @ a.transpose(0, 2, 1) for a in rng.standard_normal((2, 6, 7, 7)))
-    stiffness[2] -= 5.0 * np.eye(7)
-    mass[4] = np.diag([1.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0])
-    eigenvalues, vectors = batch_of_modes(stiffness, mass, 3)
-    for i in (0, 1, 3, 5):
-        one = dense_modes(stiffness[i], mass[i], 3)
-        np.testing.assert_allclose(eigenvalues[i], one.eigenvalues, rtol=1e-9)
-        np.testing.assert_allclose(vectors[i].T @ mass[i] @ vectors[i], np.eye(3), atol=1e-9)
-        np.testing.assert_allclose(
-            stiffness[i] @ vectors[i], mass[i] @ vectors[i] * eigenvalues[i], atol=1e-6
-        )
-        alone = batch_of_modes(stiffness[[i]], mass[[i]], 3)
-        np.testing.assert_array_equal(alone[0][0], eigenvalues[i])
-        np.testing.assert_array_equal(alone[1][0], vectors[i])
-    for i in (2, 4):
-        assert np.isnan(eigenvalues[i]).any()
-        with pytest.raises(NoModesError):
-            dense_modes(stiffness[i], mass[i], 3)
-
-
 class TestCounting:
     def test_counts_by_inertia(self):
         stiffness, mass = membrane(12), sp.csc_array(sp.eye_array(144))
@@ -182,7 +159,7 @@ class TestCounting:
         def forgetful(k, m, factor, n_modes, attempt):
             found = honest(k, m, factor, n_modes + 1, attempt)
             keep = np.delete(np.arange(n_modes + 1), 1)
-            return sparse_modes.SparseModes(found.eigenvalues[keep], found.vectors[:, keep])
+            return Eigenpairs(found.eigenvalues[keep], found.vectors[:, keep])
 
         monkeypatch.setattr(sparse_modes, "_lanczos", forgetful)
         with pytest.raises(NoModesError, match="Sylvester"):
@@ -203,7 +180,7 @@ BAD = [
     ({"mass": 1j * np.eye(3)}, "must be real"),
     ({"stiffness": []}, "stiffness: no term"),
     ({"stiffness": [(math.inf, K3)]}, "coefficient must be finite"),
-    ({"labels": ("a", "b", "a")}, "labels: 'a' stands for two degrees of freedom"),
+    ({"labels": ("a", "b", "a")}, "labels: 'a' names two degrees of freedom"),
     ({"labels": ("a", "b")}, "labels: 2 for 3 degrees of freedom"),
     ({"sensors": {"roof": 3}}, "sensor 'roof': number 3 .* must be from 0 to 2"),
     ({"sensors": {"roof": "x"}}, "no degree of freedom is labelled 'x'"),
@@ -223,7 +200,7 @@ def test_bad_input_is_said_in_one_line(wrong, message):
 
 
 def test_a_large_model_must_name_its_sensors():
-    with pytest.raises(ValueError, match="a model of 1200 degrees of freedom must say which"):
+    with pytest.raises(ValueError, match="here 1200, must name the measured ones"):
         bs.MatrixStructure(chain(1200), sp.eye_array(1200), n_modes=3)
 
 
@@ -240,7 +217,7 @@ def test_a_large_model_must_name_its_sensors():
 )
 def test_matrices_without_modes(stiffness, mass, message):
     structure = bs.MatrixStructure((factor("k"), stiffness), mass, n_modes=2)
-    with pytest.raises(ValueError, match=f"at k = 1: .*{message}"):
+    with pytest.raises(ValueError, match=message):
         structure.modes(np.ones((1, 1)))
 
 
@@ -328,14 +305,14 @@ class TestFiles:
     def test_keys(self, tmp_path):
         path = tmp_path / "both.npz"
         np.savez(path, K=np.eye(2), M=np.eye(2))
-        with pytest.raises(ValueError, match="no 'C'; choose from 'K', 'M'"):
+        with pytest.raises(ValueError, match="no array 'C'; choose from 'K', 'M'"):
             bs.read_matrix(path, "C")
         with pytest.raises(ValueError, match="no key says which; choose from 'K', 'M'"):
             bs.read_matrix(path)
         with pytest.raises(FileNotFoundError):
             bs.read_matrix(tmp_path / "none.mat", "K")
         (tmp_path / "k.txt").touch()
-        with pytest.raises(ValueError, match=r"k\.txt: no form of matrix file"):
+        with pytest.raises(ValueError, match=r"k\.txt: unknown format"):
             bs.read_matrix(tmp_path / "k.txt")
 
 

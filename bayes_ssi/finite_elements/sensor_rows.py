@@ -1,4 +1,4 @@
-"""Which degrees of freedom of a large model are looked at, and what they are called."""
+"""Names and rows of the measured degrees of freedom of a large model."""
 
 from __future__ import annotations
 
@@ -9,18 +9,20 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MOST_WITHOUT_SENSORS", "named_rows"]
+__all__ = ["Sensors", "sensor_rows"]
 
-# A model with more degrees of freedom than this must say which of them are looked at.
+# A larger model must name its sensors: every mode shape is kept at all of them.
 MOST_WITHOUT_SENSORS = 1000
+# Labels that a message lists.
+LABELS_SHOWN = 20
 
 Sensors = Mapping[str, "int | str"] | Sequence["int | str"]
 
 
-def named_rows(
+def sensor_rows(
     n: int, labels: Sequence[str] | None, sensors: Sensors | None
 ) -> tuple[tuple[str, ...], NDArray[np.intp]]:
-    """Names and rows of the degrees of freedom that are looked at.
+    """Names and rows of the measured degrees of freedom.
 
     Args:
         n: degrees of freedom of the model.
@@ -29,26 +31,23 @@ def named_rows(
             None for all.
 
     Raises:
-        ValueError: labels or sensors repeat, or are too few or too many; a sensor is at no degree
-            of freedom; or there are no sensors where the model is large.
+        ValueError: labels or sensors repeat, labels are too few or too many, there is no degree
+            of freedom where a sensor is, or a large model has no sensors.
         TypeError: a label or sensor is of the wrong kind.
     """
     if isinstance(labels, str) or isinstance(sensors, str):
-        raise TypeError("labels and sensors must be several names, got one text")
+        raise TypeError("labels and sensors must be several names, got a single text")
     if labels is not None:
         _require_names("labels", labels)
         if len(labels) != n:
             raise ValueError(f"labels: {len(labels)} for {n} degrees of freedom")
-    row = {label: i for i, label in enumerate(labels or ())}
     if sensors is None:
         if n > MOST_WITHOUT_SENSORS:
             raise ValueError(
-                f"sensors: a model of {n} degrees of freedom must say which are measured, as in "
-                'sensors={"roof x": 1203}; more than '
-                f"{MOST_WITHOUT_SENSORS} are not kept"
+                f"sensors: a model of more than {MOST_WITHOUT_SENSORS} degrees of freedom, here "
+                f'{n}, must name the measured ones, as in sensors={{"roof x": 1203}}'
             )
-        names = tuple(labels) if labels is not None else tuple(f"dof {i}" for i in range(n))
-        return names, np.arange(n)
+        return tuple(labels or (f"dof {i}" for i in range(n))), np.arange(n)
     if not isinstance(sensors, Mapping):
         if not all(isinstance(sensor, str) for sensor in sensors):
             raise TypeError(
@@ -58,16 +57,17 @@ def named_rows(
         _require_names("sensors", list(sensors))
         sensors = {str(sensor): sensor for sensor in sensors}
     _require_names("sensors", list(sensors))
-    places = [_row(name, place, n, row) for name, place in sensors.items()]
-    return tuple(sensors), np.array(places, dtype=np.intp)
+    row_of = {label: i for i, label in enumerate(labels or ())}
+    rows = [_row(name, place, n, row_of) for name, place in sensors.items()]
+    return tuple(sensors), np.array(rows, dtype=np.intp)
 
 
-def _row(name: str, place: object, n: int, row: Mapping[str, int]) -> int:
+def _row(name: str, place: object, n: int, row_of: Mapping[str, int]) -> int:
     if isinstance(place, str):
-        if place in row:
-            return row[place]
-        known = ", ".join(map(repr, list(row)[:20])) or "none: no labels were given"
-        more = ", ..." if len(row) > 20 else ""
+        if place in row_of:
+            return row_of[place]
+        known = ", ".join(map(repr, list(row_of)[:LABELS_SHOWN])) or "none: no labels were given"
+        more = ", ..." if len(row_of) > LABELS_SHOWN else ""
         raise ValueError(
             f"sensor {name!r}: no degree of freedom is labelled {place!r}; labels are {known}{more}"
         )
@@ -88,4 +88,4 @@ def _require_names(what: str, names: Sequence[object]) -> None:
             raise TypeError(f"{what} must be text and not empty, got {name!r}")
     repeated = [name for name, count in Counter(names).items() if count > 1]
     if repeated:
-        raise ValueError(f"{what}: {repeated[0]!r} stands for two degrees of freedom")
+        raise ValueError(f"{what}: {repeated[0]!r} names two degrees of freedom")

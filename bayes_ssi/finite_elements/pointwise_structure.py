@@ -1,0 +1,84 @@
+"""Structures that are solved at one set of parameter values at a time."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.modal import Modes
+from bayes_ssi.structures.structure import Structure
+
+__all__ = ["PointwiseStructure"]
+
+# Memory for recent solutions: those of hundreds of draws at a thousand sensors.
+CACHE_BYTES = 64_000_000
+
+_S = TypeVar("_S")
+
+
+class PointwiseStructure(Structure):
+    """A structure that is solved at one row of values after the other.
+
+    Recent solutions and errors are cached: a batch that failed in one row is evaluated again in
+    parts, and the modes of stored draws are computed more than once.
+    """
+
+    @abstractmethod
+    def modes_at(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Frequencies (n_modes,) and shapes (n_dof, n_modes) at ``values`` (n_parameters,).
+
+        Raises:
+            Exception: there are none; :meth:`modes` adds the values to the message.
+        """
+
+    def modes(self, values: FloatArray) -> Modes:
+        """As :meth:`Structure.modes`.
+
+        Raises:
+            ValueError: a row has no modes; the message gives its values, and why.
+        """
+        solutions = [self._cached("modes", row, self.modes_at) for row in values]
+        n, n_dof, n_modes = len(values), len(self.degrees_of_freedom), self.n_modes
+        return Modes(
+            np.array([frequencies for frequencies, _ in solutions]).reshape(n, n_modes),
+            np.array([shapes for _, shapes in solutions]).reshape(n, n_dof, n_modes),
+        )
+
+    def _cached(self, kind: str, row: FloatArray, solve: Callable[[FloatArray], _S]) -> _S:
+        """What ``solve`` returns, or returned before, for one row of values.
+
+        Raises:
+            ValueError: it raised; the message is that of the error, with the values.
+        """
+        cache: OrderedDict[tuple[str, bytes], Any]
+        cache = self.__dict__.setdefault("_cache", OrderedDict())
+        key = (kind, np.ascontiguousarray(row).tobytes())
+        answer = cache.pop(key, None)
+        if answer is None:
+            try:
+                answer = solve(row)
+            except Exception as error:  # noqa: BLE001 - whatever a user's function may raise
+                name = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+                answer = f"at {self._named(row)}: {name}{' '.join(str(error).split())}"
+        cache[key] = answer
+        size = 8 * (len(self.degrees_of_freedom) + 1) * self.n_modes + 1000
+        while len(cache) * size > CACHE_BYTES:
+            cache.popitem(last=False)
+        if isinstance(answer, str):
+            raise ValueError(answer)
+        solution: _S = answer
+        return solution
+
+    def _named(self, row: FloatArray) -> str:
+        """One row of values with the parameters' names."""
+        each = zip(self.parameters, row, strict=True)
+        return ", ".join(f"{p.name} = {value:.6g}" for p, value in each) or "no parameters"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the cache, which need not be sent to workers."""
+        return {name: value for name, value in self.__dict__.items() if name != "_cache"}
