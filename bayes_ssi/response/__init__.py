@@ -1,4 +1,4 @@
-"""What a structure does under a force or a ground motion, by its modes."""
+"""The response of a structure to a force or a ground motion, by modal superposition."""
 
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.modal_response import (

@@ -18,15 +18,12 @@ __all__ = ["UNITS", "GroundMotion", "along_azimuth", "checked_unit"]
 UNITS = {"g": constants.g, "m/s2": 1.0, "cm/s2": 0.01}
 SPELLINGS = {"gal": "cm/s2", "g0": "g"}
 
-# Two horizontal components are taken for perpendicular within this angle.
-AZIMUTH_TOLERANCE_DEG = 1.0
-
 
 def checked_unit(unit: str) -> str:
-    """The unit of acceleration as a key of :data:`UNITS`; ``m/s²``, ``m/s^2``, ``Gal`` are known.
+    """The unit of acceleration as a key of :data:`UNITS`; also of ``m/s²``, ``m/s^2``, ``Gal``.
 
     Raises:
-        ValueError: it is no such unit.
+        ValueError: the unit is unknown.
     """
     plain = str(unit).strip().lower().replace("²", "2").replace("^", "").replace("**", "")
     plain = SPELLINGS.get(plain, plain)
@@ -61,8 +58,8 @@ class GroundMotion:
         except (TypeError, ValueError):
             raise ValueError(f"{where}: the acceleration must be a list of numbers") from None
         if acceleration.ndim != 1 or len(acceleration) < 2:
-            found = acceleration.shape if acceleration.ndim != 1 else len(acceleration)
-            raise ValueError(f"{where}: needs a row of two samples or more, got {found}")
+            got = acceleration.shape if acceleration.ndim != 1 else len(acceleration)
+            raise ValueError(f"{where}: needs a row of two samples or more, got {got}")
         if not np.isfinite(acceleration).all():
             first = int(np.flatnonzero(~np.isfinite(acceleration))[0])
             raise ValueError(
@@ -78,11 +75,11 @@ class GroundMotion:
     def of(
         cls, samples: Sequence[float] | FloatArray, unit: str, dt: float, name: str = ""
     ) -> GroundMotion:
-        """From samples in a unit.
+        """From samples in any unit of acceleration.
 
         Args:
             samples: (n_samples,), accelerations.
-            unit: theirs: ``"g"``, ``"m/s2"`` or ``"cm/s2"``.
+            unit: of the samples, ``"g"``, ``"m/s2"`` or ``"cm/s2"``.
             dt: time between samples in s.
             name: for titles and tables.
 
@@ -110,7 +107,7 @@ class GroundMotion:
 
     @property
     def peak_velocity(self) -> float:
-        """PGV in m/s, of the acceleration integrated as it stands, from rest."""
+        """PGV in m/s, of the acceleration integrated from rest without correction."""
         from scipy.integrate import cumulative_trapezoid
 
         return float(np.abs(cumulative_trapezoid(self.acceleration, dx=self.dt)).max())
@@ -137,7 +134,8 @@ def along_azimuth(
             f"{len(first)} samples of {first.dt!r} s and {len(second)} of {second.dt!r} s"
         )
     between = math.radians(second_azimuth_deg - first_azimuth_deg)
-    if abs(math.cos(between)) > math.sin(math.radians(AZIMUTH_TOLERANCE_DEG)):
+    # Azimuths are given in whole degrees.
+    if abs(math.cos(between)) > math.sin(math.radians(1.0)):
         raise ValueError(
             "ground motion: components must be perpendicular, got azimuths "
             f"{first_azimuth_deg!r} and {second_azimuth_deg!r} degrees"

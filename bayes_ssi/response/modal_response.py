@@ -11,7 +11,8 @@ move with the ground: their displacement is left out, their inertia is not.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import ModalModel
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.output import Damping, Output, damping_ratios
-from bayes_ssi.response.time_stepping import responses
+from bayes_ssi.response.time_stepping import modal_histories
 from bayes_ssi.structures.structure import Structure
 
 __all__ = [
@@ -33,20 +34,20 @@ __all__ = [
 
 
 def modal_model_of(structure: Structure, values: FloatArray) -> ModalModel:
-    """The structure's modal model, its arrays checked.
+    """The structure's modal model, the shapes of its arrays checked.
 
     Raises:
         TypeError: the structure does not know its masses.
-        ValueError: it returns arrays of other shapes than it announces.
+        ValueError: its arrays do not have the expected shapes.
     """
     model = ModalModel(*structure.modal_model(values))
     n, n_dof, n_modes = len(values), len(structure.degrees_of_freedom), structure.n_modes
     expected = ((n, n_modes), (n, n_dof, n_modes), (n, n_modes), (n_dof,))
-    found = tuple(np.shape(part) for part in model)
-    if found != expected:
+    shapes = tuple(np.shape(part) for part in model)
+    if shapes != expected:
         raise ValueError(
             f"structure {type(structure).__name__}: its modal model holds frequencies, shapes, "
-            f"participation and influence of shapes {found}, expected {expected}"
+            f"participation and influence of shapes {shapes}, expected {expected}"
         )
     return model
 
@@ -77,7 +78,7 @@ def transfer_functions(
         structure: the structure.
         values: (B, n_parameters) of its parameters.
         frequencies_hz: (F,).
-        output: what is wanted, and where.
+        output: the response quantity and its places.
         damping: ratio of all modes, or of each.
         force_at: the degree of freedom, or sensor's place and direction, at which a force acts;
             ground acceleration if None.
@@ -101,19 +102,19 @@ def transfer_functions(
     else:
         driven = structure.sensor_matrix([force_at], "place").apply(model.shapes)[:, 0, :]
     at_places = output.at_places(structure, model.shapes, axis=1)
-    found = ((at_places * driven[:, None, :]) @ receptance).astype(np.complex128, copy=False)
+    response = ((at_places * driven[:, None, :]) @ receptance).astype(np.complex128, copy=False)
     if output.quantity == "acceleration":
-        found *= -(omega**2)
+        response *= -(omega**2)
         if force_at is None:
-            found += output.at_places(structure, model.influence, axis=0)[:, None]
-    return found
+            response += output.at_places(structure, model.influence, axis=0)[:, None]
+    return response
 
 
 def checked_frequencies(frequencies_hz: FloatArray) -> FloatArray:
     """Frequencies as an array (F,).
 
     Raises:
-        ValueError: they are not a row of finite numbers from 0 on.
+        ValueError: they are not a one-dimensional array of finite numbers, zero or positive.
     """
     frequencies = np.asarray(frequencies_hz, dtype=float)
     if frequencies.ndim != 1 or not len(frequencies):
@@ -139,7 +140,7 @@ def time_histories(
         structure: the structure.
         values: (B, n_parameters) of its parameters.
         motion: the ground's acceleration.
-        output: what is wanted, and where.
+        output: the response quantity and its places.
         damping: ratio of all modes, or of each.
 
     Returns:
@@ -149,10 +150,10 @@ def time_histories(
         ValueError: a place or the damping is not valid.
         TypeError: the structure does not know its masses.
     """
-    found = np.empty((len(values), len(output.places), len(motion)))
-    for _ in _each(structure, values, motion, output, damping, found):
+    histories = np.empty((len(values), len(output.places), len(motion)))
+    for _ in _each_history(structure, values, motion, output, damping, histories):
         pass
-    return found
+    return histories
 
 
 def peak_responses(
@@ -167,9 +168,10 @@ def peak_responses(
     Arguments, units and errors as those of :func:`time_histories`.
     """
     peaks = np.empty((len(values), len(output.places)))
-    each = _each(structure, values, motion, output, damping)
-    for own, response in zip(peaks, each, strict=True):
-        np.maximum(response.max(-1), -response.min(-1), out=own)
+    again = repeat(np.empty((len(output.places), len(motion))))
+    each = _each_history(structure, values, motion, output, damping, again)
+    for own, history in zip(peaks, each, strict=True):
+        np.maximum(history.max(-1), -history.min(-1), out=own)
     return peaks
 
 
@@ -178,18 +180,17 @@ def largest_over_places(response: NDArray[np.inexact]) -> FloatArray:
     return np.abs(response).max(axis=1)
 
 
-def _each(
+def _each_history(
     structure: Structure,
     values: FloatArray,
     motion: GroundMotion,
     output: Output,
     damping: Damping,
-    found: FloatArray | None = None,
+    arrays: Iterable[FloatArray],
 ) -> Iterator[FloatArray]:
-    """The response (n_places, n_samples) at one row of ``values`` after another.
+    """The response at one row of ``values`` after another.
 
-    Put into ``found`` (B, n_places, n_samples) where that is given; else each is to be used before
-    the next one is asked for.
+    Each is written to the next of ``arrays``, (n_places, n_samples), and yielded.
     """
     output.require_on(structure)
     ratios = damping_ratios(damping, structure.n_modes)
@@ -198,11 +199,14 @@ def _each(
     damped = omega * np.sqrt(1.0 - ratios**2)
     poles = -ratios * omega + 1j * damped
     at_places = output.at_places(structure, model.shapes, axis=1)
-    driven = at_places * model.participation[:, None, :]
     # With s' = λ s + a_g: q = -Γ Im(s)/ω_d and q̈ = -Γ (Im(λ² s)/ω_d + a_g).
-    weights = (-driven / damped[:, None, :]).astype(np.complex128)
-    direct = np.zeros(driven.shape[:2])
+    factors = (-model.participation / damped).astype(np.complex128)
+    of_ground = np.zeros((*at_places.shape[:2], 1))
     if output.quantity == "acceleration":
-        weights *= (poles**2)[:, None, :]
-        direct = output.at_places(structure, model.influence, axis=0) - driven.sum(-1)
-    return responses(poles, weights, direct, motion.acceleration, motion.dt, found)
+        factors *= poles**2
+        moved = output.at_places(structure, model.influence, axis=0)
+        of_ground[:, :, 0] = moved - (at_places * model.participation[:, None, :]).sum(-1)
+    weights = np.concatenate([at_places, of_ground], axis=2)
+    modes_and_ground = modal_histories(poles, factors, motion.acceleration, motion.dt)
+    for own, rows, array in zip(weights, modes_and_ground, arrays, strict=False):
+        yield np.matmul(own, rows, out=array)

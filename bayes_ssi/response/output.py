@@ -1,4 +1,4 @@
-"""What is asked of a response: a quantity at places of a structure, and its damping."""
+"""Response quantities at places of a structure, and modal damping."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ __all__ = ["GROUND", "Damping", "Output", "Quantity", "damping_ratios"]
 
 GROUND = "ground"
 Quantity = Literal["displacement", "acceleration", "drift"]
-# One ratio for all modes, or one a mode.
+# One ratio for all modes, or one for each.
 Damping = float | Sequence[float]
 
 
 @dataclass(frozen=True)
 class Output:
-    """A response quantity, and the places where it is wanted.
+    """A response quantity at one or more places.
 
     Attributes:
         quantity: "displacement" (relative to the ground), "acceleration" (absolute), or "drift"
@@ -30,8 +30,8 @@ class Output:
             them, (lower, upper), of which the lower may be "ground".
 
     Raises:
-        ValueError: the quantity is none of these, there is no place, or a drift's place is no
-            pair.
+        ValueError: the quantity is unknown, there is no place, or a place has the wrong form for
+            the quantity.
     """
 
     quantity: Quantity
@@ -77,24 +77,23 @@ class Output:
         Args:
             structure: has the places.
             displacements: of all its degrees of freedom, along ``axis``.
-            axis: of ``displacements``; along it the answer has the places.
+            axis: of ``displacements``; the places are along it in the result.
 
         Raises:
             ValueError: a place is no degree of freedom or sensor of the structure.
         """
 
         def at(labels: Sequence[str]) -> FloatArray:
-            on_it = [label for label in labels if label != GROUND]
-            taken = structure.sensor_matrix(on_it, "place").apply(displacements, axis)
+            moving = [label for label in labels if label != GROUND]
+            result = structure.sensor_matrix(moving, "place").apply(displacements, axis)
             for i, label in enumerate(labels):
                 if label == GROUND:
-                    taken = np.insert(taken, i, 0.0, axis)
-            return taken
+                    result = np.insert(result, i, 0.0, axis)
+            return result
 
         if self.quantity != "drift":
-            return structure.sensor_matrix(list(map(str, self.places)), "place").apply(
-                displacements, axis
-            )
+            labels = list(map(str, self.places))
+            return structure.sensor_matrix(labels, "place").apply(displacements, axis)
         lower, upper = zip(*self.places, strict=True)
         return at(upper) - at(lower)
 
@@ -112,7 +111,7 @@ def damping_ratios(damping: Damping, n_modes: int) -> FloatArray:
     """Modal damping ratios (n_modes,), as fractions of critical damping.
 
     Raises:
-        ValueError: a ratio is not strictly between 0 and 1, or there is not one a mode.
+        ValueError: a ratio is not strictly between 0 and 1, or there is not one for each mode.
     """
     try:
         ratios = np.array(damping, dtype=float)
