@@ -4,8 +4,7 @@ Bayesian structural system identification for structures whose non-structural el
 vibrate on their own and hide in the modal data.
 """
 
-from typing import TYPE_CHECKING, Any
-
+from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.calibration.calibration import calibrate
 from bayes_ssi.calibration.least_squares import rms_distance
 from bayes_ssi.data.identified_mode import IdentifiedMode
@@ -20,6 +19,7 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.sample import sample
+from bayes_ssi.predictions.stored_predictions import load_predictions
 from bayes_ssi.priors.families import (
     HalfNormal,
     LogNormal,
@@ -29,10 +29,13 @@ from bayes_ssi.priors.families import (
     Uniform,
 )
 from bayes_ssi.ranking.comparison import compare
-from bayes_ssi.ranking.study import Study, rank
+from bayes_ssi.ranking.study import Study, load_study, rank
+from bayes_ssi.report.write import write_report
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.ground_motion_files import read_ground_motion
 from bayes_ssi.response.output import Output
+from bayes_ssi.results.load import load_result
+from bayes_ssi.results.save import save_result
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.structures import (
     AddedMass,
@@ -44,12 +47,10 @@ from bayes_ssi.structures import (
     ShearBuilding,
     ShearBuilding3D,
     SpaceFrame,
+    Structure,
     floor_sensor,
 )
 from bayes_ssi.structures.sensors import Sensor
-
-if TYPE_CHECKING:
-    from bayes_ssi.predictions.stored_predictions import load_predictions
 
 __all__ = [
     "AddedMass",
@@ -79,6 +80,7 @@ __all__ = [
     "ShearBuilding",
     "ShearBuilding3D",
     "SpaceFrame",
+    "Structure",
     "Study",
     "TruncatedNormal",
     "Uniform",
@@ -86,6 +88,8 @@ __all__ = [
     "compare",
     "floor_sensor",
     "load_predictions",
+    "load_result",
+    "load_study",
     "modal_data_from_pyoma2",
     "rank",
     "read_ground_motion",
@@ -93,18 +97,8 @@ __all__ = [
     "read_modal_data",
     "rms_distance",
     "sample",
+    "save_result",
+    "search",
     "write_modal_data",
+    "write_report",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    """Names whose modules read results: imported when they are asked for, so that starting is fast.
-
-    Raises:
-        AttributeError: there is no such name.
-    """
-    if name == "load_predictions":
-        from bayes_ssi.predictions.stored_predictions import load_predictions
-
-        return load_predictions
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -10,6 +10,7 @@ import click
 
 from bayes_ssi.commands.calibrate import calibrate
 from bayes_ssi.commands.check import check
+from bayes_ssi.commands.guide import guide
 from bayes_ssi.commands.new import new
 from bayes_ssi.commands.predict import predict
 from bayes_ssi.commands.rank import rank
@@ -19,7 +20,7 @@ from bayes_ssi.commands.terminal import OneLineErrors, quiet_option
 
 __all__ = ["main"]
 
-COMMANDS = (calibrate, check, new, rank, search, predict, report)
+COMMANDS = (calibrate, check, new, rank, search, predict, report, guide)
 
 for command in COMMANDS:
     command.params.append(quiet_option())

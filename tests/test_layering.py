@@ -40,7 +40,12 @@ LIST = [
     for package, modules in ORDER.items()
     for layer in ([f"{package}.{module}" for module in modules] if modules else [package])
 ]
-SOURCES = sorted(p for p in PACKAGE.rglob("*.py") if p.stem != "__init__")
+# What builds the guide is run by Sphinx and Hatchling, and is no part of the package.
+SOURCES = sorted(
+    path
+    for path in PACKAGE.rglob("*.py")
+    if path.stem != "__init__" and path.parent.name != "guide"
+)
 
 
 def layer(path):

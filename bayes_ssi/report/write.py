@@ -45,6 +45,8 @@ def write_report(
     """
     import jinja2
 
+    from bayes_ssi.report.content import content  # it loads rich
+
     def tell(step: str, done: float) -> None:
         if progress is not None:
             progress(step, done)

@@ -1,0 +1,30 @@
+"""How Sphinx builds the guide: ``python -m sphinx -W bayes_ssi/guide bayes_ssi/guide/html``."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+# The API page is read from the package as imported: only so are signatures of dataclasses and
+# inherited docstrings right. An import that fails must fail the build, not leave the page empty.
+import bayes_ssi  # noqa: F401
+
+project = "bayes_ssi"
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["html"]
+
+myst_heading_anchors = 3
+
+add_module_names = False
+autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
+autodoc_type_aliases = {"FloatArray": "FloatArray"}
+napoleon_attr_annotations = False
+napoleon_use_ivar = True
+python_maximum_signature_line_length = 80
+
+html_theme = "furo"
+html_title = "bayes_ssi"
+html_copy_source = False
+html_show_sourcelink = False
+html_show_copyright = False

@@ -1,0 +1,62 @@
+"""The code of a Markdown page: what its blocks are, and running them in order."""
+
+import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+from click.testing import CliRunner
+
+from bayes_ssi.cli import main
+
+ROOT = Path(__file__).parent.parent
+README = ROOT / "README.md"
+CHAPTERS = sorted((ROOT / "bayes_ssi" / "guide").glob("*.md"))
+PAGES = [README, *CHAPTERS]
+# Installing and testing is what the continuous integration does.
+ELSEWHERE = ("python3 -m venv", "pip install", "pytest")
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block; ``console`` blocks show a session of which only the commands are code."""
+
+    language: str
+    text: str
+
+    @property
+    def commands(self):
+        """The shell's commands, each as a list of words."""
+        if self.language not in ("sh", "console"):
+            return []
+        joined = self.text.replace("\\\n", " ")
+        lines = [line.partition(" # ")[0] for line in joined.splitlines()]
+        if self.language == "console":
+            lines = [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
+        return [shlex.split(line) for line in lines if line and not line.startswith(ELSEWHERE)]
+
+
+def blocks(page):
+    fences = re.findall(r"^```([^\n`]*)\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.M)
+    return [Block(language.strip(), text) for language, text in fences]
+
+
+def commands(page):
+    return [command for block in blocks(page) for command in block.commands]
+
+
+def run_page(page):
+    """Run a page's Python and its shell commands in order, in the working directory.
+
+    Commands may end with failed checks (exit code 3): tests sample more coarsely than users.
+    """
+    namespace = {"__name__": "a_page"}
+    for block in blocks(page):
+        if block.language == "python":
+            exec(compile(block.text, page.name, "exec"), namespace)
+        elif block.language == "sh":
+            for program, *arguments in block.commands:
+                assert program == "bayes-ssi", f"{page.name}: {program} is not run here"
+                done = CliRunner().invoke(main, arguments)
+                assert done.exit_code in (0, 3), f"{arguments}: {done.output}"
+                print(done.stdout)
