@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from bayes_ssi.report.page_content import page_content
 from bayes_ssi.report.report_figures import draw_figures
 from bayes_ssi.report.stored_extras import load_beside
 from bayes_ssi.report.template_filters import FILTERS, TESTS
@@ -45,7 +44,7 @@ def write_report(
     """
     import jinja2
 
-    from bayes_ssi.report.content import content  # it loads rich
+    from bayes_ssi.report.page_content import page_content  # it loads rich
 
     def tell(step: str, done: float) -> None:
         if progress is not None:
