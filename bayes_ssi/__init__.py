@@ -12,6 +12,7 @@ from bayes_ssi.data.modal_csv import write_modal_data
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.data.modal_files import read_modal_data
 from bayes_ssi.data.modal_pyoma2 import modal_data_from_pyoma2
+from bayes_ssi.execution.run import Run
 from bayes_ssi.finite_elements import FunctionStructure, MatrixStructure, read_matrix
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.model_class.configuration import Configuration
@@ -75,6 +76,7 @@ __all__ = [
     "Parameter",
     "Pendulum",
     "Posterior",
+    "Run",
     "SamplingSettings",
     "Sensor",
     "ShearBuilding",

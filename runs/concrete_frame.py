@@ -101,7 +101,7 @@ def main():
         for name, frame in frames.items()
     ]
     started = perf_counter()
-    found = bs.rank(bs.Study("Concrete frame", classes), workers=given.workers)
+    found = bs.rank(bs.Study("Concrete frame", classes), run=bs.Run(given.workers))
     spent = sum(full_solutions(posterior) for posterior in found.posteriors)
     print(f"ranked in {perf_counter() - started:.0f} s with {given.workers} workers and "
           f"{spent} full solutions")  # fmt: skip

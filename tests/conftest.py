@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.cli import main
-from bayes_ssi.execution.workers import local_workers
+from bayes_ssi.execution.local_workers import LocalWorkers
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.ranking.study import load_study
@@ -205,10 +205,10 @@ def fake_sampling(monkeypatch, make_posterior):
     def install(log_evidence):
         levels = []
 
-        def sample_all(candidates, seed, settings, progress, workers, checkpoint):
-            del seed, settings, progress, workers
-            if checkpoint is not None:  # as its journals do
-                checkpoint.directory.mkdir(exist_ok=True)
+        def sample_all(candidates, seed, settings, run):
+            del seed, settings
+            if run.checkpoint is not None:  # as its journals do
+                run.checkpoint.directory.mkdir(exist_ok=True)
             levels.append([candidate.name for candidate in candidates])
             found = []
             for candidate in candidates:
@@ -242,7 +242,7 @@ def found_in_case_c(request, two_workers):
     path = request.config.rootpath / "model_classes" / "data" / "case_c.csv"
     error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
     baseline = bs.ModelClass("bare", frame, bs.read_modal_data(path), error, pairing={})
-    return search(baseline, searches.ONE, settings=searches.COARSE, workers=two_workers)
+    return search(baseline, searches.ONE, settings=searches.COARSE, run=bs.Run(two_workers))
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -273,7 +273,7 @@ def nothing_hangs():
 @pytest.fixture(scope="session")
 def two_workers():
     """Two processes of this machine."""
-    with local_workers(2) as pool:
+    with LocalWorkers(2) as pool:
         yield pool
 
 

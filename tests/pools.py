@@ -2,20 +2,23 @@
 
 import multiprocessing
 import pickle
-import threading
-from collections import OrderedDict
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 
 import numpy as np
 
-from bayes_ssi.execution import in_workers
-from bayes_ssi.execution.workers import Workers, as_workers
+from bayes_ssi.execution.local_workers import LocalWorkers
+from bayes_ssi.execution.workers import Workers
 
 
 def points(n, d=2):
     """Some points, (n, d)."""
     return np.random.default_rng(5).standard_normal((n, d))
+
+
+def numbered(n):
+    """Points (n, 1) that are their own row numbers."""
+    return np.arange(float(n))[:, None]
 
 
 def sums(z):
@@ -24,35 +27,22 @@ def sums(z):
 
 
 class Minimal(Executor):
-    """As little of an executor as some packages have: ``submit``, and arguments are pickled.
-
-    ``stores`` are the models that its workers hold; the workers take turns.
-    """
-
-    def __init__(self, n_workers=1):
-        self.payloads = []
-        self.stores = [OrderedDict() for _ in range(n_workers)]
-        self.before = in_workers._models
+    """As little of an executor as some packages have: ``submit``, and arguments are pickled."""
 
     def submit(self, function, /, *arguments):
         function, arguments = pickle.loads(pickle.dumps((function, arguments)))
-        self.payloads += [a for a in arguments if isinstance(a, bytes)]
-        in_workers._models = self.stores[0]
-        self.stores.append(self.stores.pop(0))
         future = Future()
         try:
             future.set_result(function(*arguments))
         except (ValueError, ArithmeticError) as error:
             future.set_exception(error)
-        finally:
-            in_workers._models = self.before
         return future
 
 
 @contextmanager
-def own_executor(executor):
-    with executor, as_workers(executor) as pool:
-        yield pool
+def workers_of(executor):
+    with executor:
+        yield Workers(executor, 2)
 
 
 def spawning(n, initializer=None, *arguments):
@@ -61,37 +51,25 @@ def spawning(n, initializer=None, *arguments):
     return ProcessPoolExecutor(n, context, initializer, arguments)
 
 
-class Late(Executor):
-    """An executor whose answer comes after so many seconds."""
-
-    def __init__(self, seconds):
-        self.seconds = seconds
-
-    def submit(self, function, /, *arguments):
-        future = Future()
-        timer = threading.Timer(
-            self.seconds, lambda: future.cancelled() or future.set_result(function(*arguments))
-        )
-        timer.daemon = True
-        timer.start()
-        return future
-
-
 class Death(BaseException):
     """What kills a worker of a :class:`Crew`; no model's own error."""
 
 
-class Crew:
-    """Workers in one process, which break like processes: with all that is under way.
+class Crew(LocalWorkers):
+    """Workers in one process, which break as processes do: with all that is under way.
 
-    ``sizes`` are the numbers of points of the parts that were begun, ``n_deaths`` is how often
-    the workers died.
+    ``n_calls`` is how many calls they began, ``n_deaths`` how often they died.
     """
 
     def __init__(self, n_workers=2):
-        self.sizes = []
-        self.n_deaths = 0
-        self.workers = Workers(n_workers=n_workers, make=lambda: _Breaking(self))
+        super().__init__(n_workers)
+        self.n_calls = self.n_deaths = 0
+
+    def _make(self):
+        return _Breaking(self)
+
+    def _content(self, data):
+        return data
 
 
 class _Breaking(Executor):
@@ -104,7 +82,7 @@ class _Breaking(Executor):
     def submit(self, function, /, *arguments):
         future = Future()
         if self.error is None:
-            self.crew.sizes.append(len(arguments[2]))
+            self.crew.n_calls += 1
             try:
                 future.set_result(function(*arguments))
             except Death:

@@ -9,10 +9,8 @@ is scored over all pairings.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path
 
 from bayes_ssi.appendages.hypotheses import (
     Place,
@@ -23,10 +21,9 @@ from bayes_ssi.appendages.hypotheses import (
     structure_with_floors,
 )
 from bayes_ssi.appendages.search_result import AppendageSearch
-from bayes_ssi.execution.workers import Workers, as_workers
+from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.ranking.checkpoint import Checkpoint
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.comparison import compare
 from bayes_ssi.ranking.study import Ranking, Study
@@ -40,10 +37,7 @@ def search(
     search_settings: SearchSettings | None = None,
     seed: int = 0,
     settings: SamplingSettings | None = None,
-    progress: Callable[[str, str, float], None] | None = None,
-    *,
-    workers: int | Executor | Workers | None = None,
-    checkpoint: str | Path | Checkpoint | None = None,
+    run: Run | None = None,
 ) -> AppendageSearch:
     """Search for hidden appendages on a baseline structure.
 
@@ -52,9 +46,8 @@ def search(
         search_settings: what an appendage may be.
         seed: a hypothesis's result follows from it and the hypothesis's name.
         settings: how precisely to sample.
-        progress: called with the name of the hypothesis, of the step, and the share of it done.
-        workers: where whole hypotheses are sampled; here, one after another, if None.
-        checkpoint: as for :func:`~bayes_ssi.ranking.study.rank`.
+        run: workers, a checkpoint to resume from, and progress; the result does not depend on
+            them.
 
     Raises:
         ValueError: the structure has no floors to hang an appendage on, there are several
@@ -67,13 +60,12 @@ def search(
     build = partial(hypothesis, baseline, search_settings=options)
     found: dict[tuple[Place, ...], Posterior] = {}
     classes: dict[tuple[Place, ...], ModelClass] = {}
-    with as_workers(workers) as pool:
+    run = run or Run()
+    with run.working():
         level: list[tuple[Place, ...]] = [(), *((place,) for place in candidates)]
         while level:
             classes.update({places: build(places) for places in level})
-            sampled = sample_all(
-                [classes[places] for places in level], seed, settings, progress, pool, checkpoint
-            )
+            sampled = sample_all([classes[places] for places in level], seed, settings, run)
             found.update(zip(level, sampled, strict=True))
             level = _next_level(found, candidates, options)
     weights = {

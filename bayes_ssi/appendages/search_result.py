@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.appendages.hypotheses import (
-    AND,
-    NO_APPENDAGE,
     Place,
     SearchSettings,
     frequency_name,
@@ -87,11 +85,6 @@ class AppendageSearch:
             for place in set(self.places[row.name]):
                 found[place] += row.probability
         return found
-
-    def may_have(self, name: str) -> bool:
-        """Whether a hypothesis of this search is called so, with however many appendages."""
-        own = {place.name for place in self.candidates}
-        return name == NO_APPENDAGE or own.issuperset(name.split(AND))
 
     def appendages(self, name: str) -> tuple[AppendageSummary, ...]:
         """The appendages of one hypothesis."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from bayes_ssi.commands.study_argument import load, study_argument
-from bayes_ssi.commands.terminal import console, json_option, progress_bars, say, tell_record
+from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
 
 __all__ = ["calibrate"]
 
@@ -56,7 +56,7 @@ def calibrate(
         elif _is_not_unique([fit.objective for fit in found.minima]):
             where.print("(!) the fit is not unique: several minima are equally good")
         where.print()
-    tell_record(lambda: {"calibrations": records})
+    print_record(lambda: {"calibrations": records})
 
 
 def _is_not_unique(objectives: list[float]) -> bool:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.terminal import console, json_option, say, tell_record
+from bayes_ssi.commands.terminal import console, json_option, print_record, say
 
 if TYPE_CHECKING:
     from bayes_ssi.data.modal_data import ModalData
@@ -27,7 +27,7 @@ def check(data: Path) -> None:
     low, high = modes.band_hz
     where = console()
     where.print(modes_table(modes))
-    tell_record(lambda: _record(modes))
+    print_record(lambda: _record(modes))
     sensors = ", ".join(modes.sensors) or "none"
     remarks = modes.warnings()
     say(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.terminal import console, json_option, progress_bars, say, tell_record
+from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
 
 if TYPE_CHECKING:
     from bayes_ssi.predictions.predictions import Predictions
@@ -158,7 +158,7 @@ def predict(
         where.print(peak_table(answers))
     n_tables, n_figures = (len(list(directory.glob(f"**/*.{kind}"))) for kind in ("csv", "png"))
     say(where, f"Saved in {directory}: {n_tables} tables and {n_figures} figures.")
-    tell_record(
+    print_record(
         lambda: {"directory": str(directory), **record, "modes": _modes(predicted, answers)}
     )
 

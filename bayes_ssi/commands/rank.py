@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 
-from bayes_ssi.commands.saved_run import SavedRun, notes_of, run_options
+from bayes_ssi.commands.saved_run import RunOptions, Sampled, notes_of, run_options
 from bayes_ssi.commands.study_argument import load, study_argument
 from bayes_ssi.commands.terminal import console, say
 
@@ -23,44 +21,35 @@ __all__ = ["rank"]
               help="Infer which identified mode is which model mode; classes that differ in "
               "nothing else become one.")  # fmt: skip
 @run_options
-def rank(study: Path, only: str | None, any_pairing: bool, run: SavedRun) -> None:
+def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) -> None:
     """Sample every model class of STUDY, rank them by evidence, and save the result.
 
-    A run that was stopped goes on when the same command is given again. Workers take whole
-    classes where models are fast, and share the evaluations of one class where one evaluation
-    takes milliseconds or more, or where there is but one class.
+    A run that was interrupted is resumed when the same command is given again. Workers take whole
+    classes where there are at least as many classes as workers, or where models are small; else
+    they share the evaluations of one class.
     """
     from bayes_ssi.ranking.averages import averaged_parameters
-    from bayes_ssi.ranking.study import Ranking
     from bayes_ssi.ranking.study import rank as rank_study
-
-    def averages(found: Ranking) -> dict[str, Any]:
-        rows = averaged_parameters(found.posteriors, found.comparison)
-        return {"averaged_parameters.json": [asdict(row) for row in rows]}
+    from bayes_ssi.tables import averages_table, evidence_table, parameter_table, ranking_table
 
     loaded = load(study, only)
     if any_pairing:
         loaded = loaded.with_any_pairing()
     loaded.require_same_data()
-    saved = run.sample_and_save(
-        partial(rank_study, loaded),
-        loaded,
-        study,
-        name=study.stem,
-        options=("rank",),
-        ranking=lambda found: found,
-        extra=averages,
-    )
-
-    result = saved.result
-    from bayes_ssi.tables import averages_table, evidence_table, parameter_table, ranking_table
+    place = options.place(loaded, study, study.stem, "rank")
+    with options.running(loaded, place) as run:
+        ranking = rank_study(loaded, options.seed, options.settings, run)
+        sensitivity = options.sensitivity_of(ranking, run)
+    averages = averaged_parameters(ranking.posteriors, ranking.comparison)
+    records = {"averaged_parameters.json": [asdict(row) for row in averages]}
+    sampled = Sampled(ranking, sensitivity, records)
+    result = options.save(sampled, place)
 
     where = console()
     where.print(ranking_table(result.comparison, loaded.name))
     where.print(evidence_table(result.ranked_posteriors))
     where.print(parameter_table(result.ranked_posteriors[0]))
-    shared = averaged_parameters(result.posteriors, result.comparison)
-    if shared:
-        where.print(averages_table(shared))
+    if averages:
+        where.print(averages_table(averages))
     say(where, *notes_of(result))
-    run.end(saved)
+    options.end(sampled, result)

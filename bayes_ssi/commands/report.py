@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.terminal import console, json_option, progress_bars, say, tell_record
+from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
 
 __all__ = ["report"]
 
@@ -32,5 +32,5 @@ def report(result: Path, out: Path | None, overwrite: bool) -> None:
 
     with progress_bars() as tell:
         page = write_report(result, out, overwrite=overwrite, progress=partial(tell, "report"))
-    tell_record(lambda: {"page": str(page)})
+    print_record(lambda: {"page": str(page)})
     say(console(), f"Report saved in {page}.")

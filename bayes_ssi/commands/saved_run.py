@@ -1,58 +1,86 @@
-"""Commands that sample: their options, and a result that is saved even if they are stopped."""
+"""Commands that sample: their options, and a result that is saved even if they are interrupted."""
 
 from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from bayes_ssi.commands.terminal import (
+    INTERRUPTED,
     command_line,
     console,
     is_quiet,
     json_option,
+    print_record,
     progress_bars,
     say,
-    tell_record,
 )
 
 if TYPE_CHECKING:
-    from bayes_ssi.execution.workers import Workers
+    from bayes_ssi.execution.checkpoint import Checkpoint
+    from bayes_ssi.execution.run import Run
     from bayes_ssi.ranking.sensitivity import Sensitivity
     from bayes_ssi.ranking.study import Ranking, Study
     from bayes_ssi.results.load import StoredResult
+    from bayes_ssi.sampling.settings import SamplingSettings
 
-__all__ = ["FAILED_CHECK", "Saved", "SavedRun", "notes_of", "run_options"]
+__all__ = ["FAILED_CHECK", "ResultPlace", "RunOptions", "Sampled", "notes_of", "run_options"]
 
 FAILED_CHECK = 3
 RESULTS = Path("runs") / "results"
 
-T = TypeVar("T")
-
 
 @dataclass(frozen=True)
-class Saved(Generic[T]):
-    """What was sampled, what was saved of it, and how its ranking moves, where it was asked.
+class ResultPlace:
+    """Where a command saves its result, and meanwhile its evaluations.
 
-    ``further`` are the records saved beside the ranking, by their files.
+    Attributes:
+        study_file: that defines the study.
+        directory: of the result.
+        checkpoint: of the run, beside it.
+        overwrite: whether a result that is there may be replaced.
     """
 
-    found: T
-    result: StoredResult
-    sensitivity: Sensitivity | None
-    further: Mapping[str, Any]
+    study_file: Path
+    directory: Path
+    checkpoint: Checkpoint
+    overwrite: bool
 
 
 @dataclass(frozen=True)
-class SavedRun:
-    """Options that every command which samples has, and what they all do with them."""
+class Sampled:
+    """What a command sampled, ready to be saved.
+
+    Attributes:
+        ranking: the result.
+        sensitivity: how it depends on the settings, if that was asked for.
+        records: file name → what is saved there beside the ranking.
+    """
+
+    ranking: Ranking
+    sensitivity: Sensitivity | None
+    records: Mapping[str, Any]
+
+    @property
+    def all_records(self) -> dict[str, Any]:
+        """The records, including that of the sensitivity."""
+        from bayes_ssi.ranking.sensitivity import sensitivity_record
+
+        if self.sensitivity is None:
+            return dict(self.records)
+        return {**self.records, "sensitivity.json": sensitivity_record(self.sensitivity)}
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of every command that samples, and what these commands do alike."""
 
     seed: int
     log_evidence_error: float
@@ -64,121 +92,113 @@ class SavedRun:
     accept_failed_checks: bool
     sensitivity: bool
 
-    def sample_and_save(
-        self,
-        sample: Callable[..., T],
-        study: Study,
-        study_file: Path,
-        *,
-        name: str,
-        options: tuple[object, ...],
-        ranking: Callable[[T], Ranking],
-        extra: Callable[[T], Mapping[str, Any]] | None = None,
-        draw: Callable[[T, Path], object] | None = None,
-        is_leftover: Callable[[T, str], bool] | None = None,
-    ) -> Saved[T]:
-        """Sample, and save the ranking that this gives, with figures.
-
-        A run that was stopped goes on from its checkpoint beside the result directory.
-
-        Args:
-            sample: called with seed, settings, progress, ``workers=`` and ``checkpoint=``.
-            study: what is sampled, from ``study_file``.
-            name: of the result directory, where none was given.
-            options: what the result follows from besides the study, the seed and the settings.
-            ranking: of what was sampled.
-            extra: further records to save, file name → content.
-            draw: draws a further figure into a directory.
-            is_leftover: whether a class that was not ranked, but has a checkpoint here, needs it
-                no more.
-        """
-        from bayes_ssi.execution.workers import dask_workers
-        from bayes_ssi.plots.result_figures import save_figures
-        from bayes_ssi.ranking.checkpoint import Checkpoint, name_of_run
-        from bayes_ssi.ranking.sensitivity import sensitivity_record
-        from bayes_ssi.results.save import require_new, save_result
+    @property
+    def settings(self) -> SamplingSettings:
         from bayes_ssi.sampling.settings import SamplingSettings
 
-        if self.workers is not None and self.dask is not None:
-            raise ValueError("--workers and --dask: give one of them")
-        settings = SamplingSettings(
+        return SamplingSettings(
             log_evidence_error=self.log_evidence_error, economical=self.economical
         )
+
+    def place(self, study: Study, study_file: Path, name: str, *options: object) -> ResultPlace:
+        """Where the result of a study goes.
+
+        Args:
+            study: what is sampled.
+            study_file: that defines it.
+            name: of the result directory, where none was given.
+            options: what the result follows from besides the study, the seed and the settings.
+
+        Raises:
+            FileExistsError: there is another result, which is not to be overwritten.
+        """
+        from bayes_ssi.execution.checkpoint import Checkpoint, name_of_run
+        from bayes_ssi.results.save import require_new
+
         directory = self.out or RESULTS / name
         checkpoint = Checkpoint(
             directory.with_name(f".{directory.name}.checkpoint"),
-            run=name_of_run(study.model_classes, self.seed, settings, *options),
+            run=name_of_run(study.model_classes, self.seed, self.settings, *options),
             discard_others=self.overwrite,
             say=lambda text: click.echo(text, err=True),
         )
         overwrite = self.overwrite or checkpoint.is_saving
         require_new(directory, overwrite=overwrite)
+        return ResultPlace(study_file, directory, checkpoint, overwrite)
+
+    @contextmanager
+    def running(self, study: Study, place: ResultPlace) -> Iterator[Run]:
+        """The workers, the checkpoint and the progress bars to sample a study with."""
+        from bayes_ssi.execution.dask_workers import DaskWorkers
+        from bayes_ssi.execution.run import Run
+
+        if self.workers is not None and self.dask is not None:
+            raise ValueError("--workers and --dask: give one of them")
         if not self.economical and not is_quiet():
             _print_performance_hints(study)
+        workers = self.workers if self.dask is None else DaskWorkers(self.dask)
         try:
-            with (
-                nullcontext(self.workers) if self.dask is None else dask_workers(self.dask) as pool,
-                progress_bars() as report,
-            ):
-                found = sample(self.seed, settings, report, workers=pool, checkpoint=checkpoint)
-                moved = self._sensitivity(ranking(found), pool, report)
-        except KeyboardInterrupt:  # said below the progress bars, once these stand still
-            click.echo(f"Stopped; this goes on from here: {command_line()}", err=True)
-            raise
-        further = dict(extra(found)) if extra else {}
-        if moved is not None:
-            further["sensitivity.json"] = sensitivity_record(moved)
-        require_new(directory, overwrite=overwrite)
-        checkpoint.begin_saving()
-        with progress_bars() as report:
-            report("saving", "result", 0.0)
-            result = save_result(
-                ranking(found),
-                directory,
-                study_file=str(study_file),
-                overwrite=overwrite,
-                accept_failed_checks=self.accept_failed_checks,
-                command=command_line(),
-                extra=further,
-            )
-            report("saving", "figures", 0.2)
-            figures = _figures(result)
-            save_figures(figures, result.tests, result.ranked_posteriors, result.comparison)
-            if draw:
-                draw(found, figures)
-            report("saving", "figures", 1.0)
-        names = set(ranking(found).study.names)
-        if is_leftover:
-            names.update(each for each in checkpoint.names() if is_leftover(found, each))
-        checkpoint.remove(names)
-        return Saved(found, result, moved, further)
+            with progress_bars() as progress:
+                run = Run(workers, place.checkpoint, progress)
+                with run.working():
+                    yield run
+        except KeyboardInterrupt:  # below the progress bars, which have ended
+            click.echo(f"Interrupted; resume with: {command_line()}", err=True)
+            sys.exit(INTERRUPTED)
 
-    def _sensitivity(
-        self,
-        ranking: Ranking,
-        pool: int | Workers | None,
-        report: Callable[[str, str, float], None],
-    ) -> Sensitivity | None:
+    def sensitivity_of(self, ranking: Ranking, run: Run) -> Sensitivity | None:
+        """How the ranking depends on the settings, if that was asked for."""
         from bayes_ssi.ranking.sensitivity import sensitivity
 
-        if not self.sensitivity:
-            return None
-        return sensitivity(ranking, progress=partial(report, "sensitivity"), workers=pool)
+        return sensitivity(ranking, run=run) if self.sensitivity else None
 
-    def end(self, saved: Saved[Any]) -> None:
-        """Say how the ranking moves, where it was asked, and where the result is; then exit.
+    def save(
+        self,
+        sampled: Sampled,
+        place: ResultPlace,
+        draw: Callable[[Path], object] = lambda _: None,
+    ) -> StoredResult:
+        """Save a ranking, the records beside it and its figures, and remove its checkpoint.
 
-        The exit code is as the checks demand.
+        ``draw`` draws further figures into a directory.
+        """
+        from bayes_ssi.plots.result_figures import save_figures
+        from bayes_ssi.results.save import require_new, save_result
+
+        require_new(place.directory, overwrite=place.overwrite)
+        place.checkpoint.begin_saving()
+        with progress_bars() as progress:
+            progress("saving", "result", 0.0)
+            result = save_result(
+                sampled.ranking,
+                place.directory,
+                study_file=str(place.study_file),
+                overwrite=place.overwrite,
+                accept_failed_checks=self.accept_failed_checks,
+                command=command_line(),
+                extra=sampled.all_records,
+            )
+            progress("saving", "figures", 0.2)
+            figures = _figures(result)
+            save_figures(figures, result.tests, result.ranked_posteriors, result.comparison)
+            draw(figures)
+            progress("saving", "figures", 1.0)
+        place.checkpoint.remove(sampled.ranking.study.names)
+        return result
+
+    def end(self, sampled: Sampled, result: StoredResult) -> None:
+        """Print the sensitivity, if there is any, and where the result is; then exit.
+
+        The exit code says whether a check failed that was not accepted.
         """
         from bayes_ssi.tables import sensitivity_notes, sensitivity_table
 
-        result = saved.result
-        if saved.sensitivity is not None:
-            console().print(sensitivity_table(saved.sensitivity))
-            say(console(), *sensitivity_notes(saved.sensitivity))
+        if sampled.sensitivity is not None:
+            console().print(sensitivity_table(sampled.sensitivity))
+            say(console(), *sensitivity_notes(sampled.sensitivity))
         n_figures = len(list(_figures(result).iterdir()))
         say(console(), f"Saved in {result.directory}, with {n_figures} figures.")
-        tell_record(lambda: _record(saved))
+        print_record(lambda: _record(sampled, result))
         failed = result.comparison.failed_checks
         if failed and not self.accept_failed_checks:
             if is_quiet():
@@ -187,7 +207,7 @@ class SavedRun:
 
 
 def _print_performance_hints(study: Study) -> None:
-    """Say before a long run where it need not be long, once for structures that are alike."""
+    """Say before a long run how it could be short, once for structures that are alike."""
     from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 
     names_by_hint: dict[str, list[str]] = {}
@@ -202,12 +222,12 @@ def _print_performance_hints(study: Study) -> None:
 
 
 def run_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of :class:`SavedRun`, as one argument ``run``."""
+    """Give a command the options of :class:`RunOptions`, as one argument ``options``."""
 
     @functools.wraps(command)
     def wrapped(**options: Any) -> None:
-        own = {item.name: options.pop(item.name) for item in fields(SavedRun)}
-        command(run=SavedRun(**own), **options)
+        own = {item.name: options.pop(item.name) for item in fields(RunOptions)}
+        command(options=RunOptions(**own), **options)
 
     for option in (
         click.option("--accept-failed-checks", is_flag=True,
@@ -237,10 +257,9 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
     return json_option(wrapped)
 
 
-def _record(saved: Saved[Any]) -> dict[str, Any]:
-    """What ``--json`` prints: the ranking, what was learnt, and where the result is."""
-    result = saved.result
-    record: dict[str, Any] = {
+def _record(sampled: Sampled, result: StoredResult) -> dict[str, Any]:
+    """What ``--json`` prints: the ranking, the posteriors in numbers, and where the result is."""
+    record = {
         "directory": str(result.directory),
         "study": result.record["study"],
         **asdict(result.comparison),
@@ -255,13 +274,12 @@ def _record(saved: Saved[Any]) -> dict[str, Any]:
             for posterior in result.ranked_posteriors
         },
     }
-    for name, further in saved.further.items():
-        record[name.removesuffix(".json")] = further
-    return record
+    further = {name.removesuffix(".json"): each for name, each in sampled.all_records.items()}
+    return {**record, **further}
 
 
 def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:
-    """What must be said beside a ranking's tables."""
+    """Notes below the tables of a ranking."""
     from bayes_ssi.tables import comparison_notes, pairing_notes, region_notes
 
     notes = comparison_notes(result.comparison)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.saved_run import SavedRun, notes_of, run_options
+from bayes_ssi.commands.saved_run import RunOptions, Sampled, notes_of, run_options
 from bayes_ssi.commands.study_argument import load, study_argument
 from bayes_ssi.commands.terminal import console, say
 
@@ -50,7 +49,7 @@ def search(
     mass_ratio: tuple[float, float],
     frequency: tuple[float, float] | None,
     most: int,
-    run: SavedRun,
+    options: RunOptions,
 ) -> None:
     """Search for appendages that hide in the identified modes of STUDY.
 
@@ -60,42 +59,37 @@ def search(
     """
     from bayes_ssi.appendages.appendage_search import search as search_appendages
     from bayes_ssi.appendages.hypotheses import SearchSettings
-    from bayes_ssi.appendages.search_result import AppendageSearch, search_record
+    from bayes_ssi.appendages.search_result import search_record
+    from bayes_ssi.plots.appendage_places import plot_places
+    from bayes_ssi.plots.figure_style import figures_for_files, save_figure
     from bayes_ssi.priors.families import LogNormal, LogUniform
+    from bayes_ssi.tables import averaged_table, search_notes, search_table
 
     loaded = load(study)
     if baseline is not None:
         loaded = loaded.only([baseline])
-    options = SearchSettings(
+    search_settings = SearchSettings(
         mass_ratio=LogNormal(*mass_ratio),
         frequency=None if frequency is None else LogUniform(*frequency),
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
     )
+    place = options.place(loaded, study, f"{study.stem}_search", "search", search_settings)
+    with options.running(loaded, place) as run:
+        found = search_appendages(
+            loaded.model_classes[0], search_settings, options.seed, options.settings, run
+        )
+        sensitivity = options.sensitivity_of(found.ranking, run)
+    sampled = Sampled(found.ranking, sensitivity, {"search.json": search_record(found)})
 
-    def draw(found: AppendageSearch, directory: Path) -> None:
-        from bayes_ssi.plots.appendage_places import plot_places
-        from bayes_ssi.plots.figure_style import figures_for_files, save_figure
-
+    def draw(figures: Path) -> None:
         with figures_for_files():
-            save_figure(plot_places(found.place_probabilities), directory / "places.png")
+            save_figure(plot_places(found.place_probabilities), figures / "places.png")
 
-    saved = run.sample_and_save(
-        partial(search_appendages, loaded.model_classes[0], options),
-        loaded,
-        study,
-        name=f"{study.stem}_search",
-        options=("search", options),
-        ranking=lambda found: found.ranking,
-        extra=lambda found: {"search.json": search_record(found)},
-        draw=draw,
-        is_leftover=AppendageSearch.may_have,
-    )
-
-    found, result = saved.found, saved.result
-    from bayes_ssi.tables import averaged_table, search_notes, search_table
+    result = options.save(sampled, place, draw)
+    place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
 
     where = console()
     where.print(search_table(found))
     where.print(averaged_table(found))
     say(where, *search_notes(found), *notes_of(result, best_only=True))
-    run.end(saved)
+    options.end(sampled, result)

@@ -26,10 +26,10 @@ __all__ = [
     "console",
     "is_quiet",
     "json_option",
+    "print_record",
     "progress_bars",
     "quiet_option",
     "say",
-    "tell_record",
 ]
 
 BAD_INPUT = 2
@@ -123,7 +123,7 @@ def quiet_option() -> click.Option:
 
 
 def json_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command that calls :func:`tell_record` the option ``--json``."""
+    """Give a command that calls :func:`print_record` the option ``--json``."""
     return click.option(
         "--json",
         "json",
@@ -134,7 +134,7 @@ def json_option(command: Callable[..., None]) -> Callable[..., None]:
     )(command)
 
 
-def tell_record(record: Callable[[], Mapping[str, Any]]) -> None:
+def print_record(record: Callable[[], Mapping[str, Any]]) -> None:
     """Print a JSON record, made only if it was asked for; infinities and NaN are text."""
     if _meta().get(JSON, False) and not is_quiet():
         from bayes_ssi.results.json_files import plain_record

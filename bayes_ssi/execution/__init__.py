@@ -1,1 +1,1 @@
-"""Evaluating a model: in batches, in workers, and once only, even if a run is stopped."""
+"""Evaluating models: in batches, in workers, and only once even if a run is interrupted."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["Evaluated", "Function", "evaluate", "joined"]
+__all__ = ["Evaluated", "Function", "SafeFunction", "evaluate"]
 
 # (B, d) coordinates → (B,) log-likelihoods. Row i of the answer depends on row i alone, to the
 # last digit: a batch may be evaluated in parts, here or elsewhere.
@@ -31,38 +32,40 @@ class Evaluated(NamedTuple):
 def evaluate(function: Function, z: FloatArray) -> Evaluated:
     """``function`` at every row of ``z`` (B, d); rows at which it raises are NaN.
 
-    A batch that raises is evaluated again in halves, down to the rows at fault.
+    A batch that raises is split in two again and again, down to the rows at fault.
 
     Raises:
         ValueError: it does not return one value a row.
     """
-    if not len(z):
-        return Evaluated(np.empty(0), {})
-    try:
-        answer = function(z)
-    except Exception as error:  # noqa: BLE001 - whatever a user's model may raise
-        if len(z) == 1:
-            return Evaluated(np.array([np.nan]), {0: _one_line(error)})
-        middle = len(z) // 2
-        return joined([evaluate(function, z[:middle]), evaluate(function, z[middle:])])
-    values = np.asarray(answer, dtype=float)
-    if values.shape != (len(z),):
-        raise ValueError(
-            f"log-likelihood: expected one value for each of {len(z)} points, "
-            f"got shape {values.shape}"
-        )
-    return Evaluated(values, {})
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())
-
-
-def joined(parts: list[Evaluated]) -> Evaluated:
-    """Consecutive parts of a batch as one."""
+    values = np.full(len(z), np.nan)
     failures: dict[int, str] = {}
-    before = 0
-    for part in parts:
-        failures.update({before + row: reason for row, reason in part.failures.items()})
-        before += len(part.values)
-    return Evaluated(np.concatenate([part.values for part in parts]), failures)
+    parts = [(0, len(z))] if len(z) else []
+    while parts:
+        begin, end = parts.pop()
+        try:
+            answer = function(z[begin:end])
+        except Exception as error:  # noqa: BLE001 - whatever a user's model may raise
+            middle = (begin + end) // 2
+            if begin == middle:
+                failures[begin] = " ".join(f"{type(error).__name__}: {error}".split())
+            else:
+                parts += [(middle, end), (begin, middle)]
+            continue
+        part = np.asarray(answer, dtype=float)
+        if part.shape != (end - begin,):
+            raise ValueError(
+                f"log-likelihood: expected one value for each of {end - begin} points, "
+                f"got shape {part.shape}"
+            )
+        values[begin:end] = part
+    return Evaluated(values, failures)
+
+
+@dataclass(frozen=True)
+class SafeFunction:
+    """:func:`evaluate` of one function."""
+
+    function: Function
+
+    def __call__(self, z: FloatArray) -> Evaluated:
+        return evaluate(self.function, z)

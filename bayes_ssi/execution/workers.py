@@ -1,119 +1,244 @@
-"""Workers: the evaluations of one batch spread over processes, a cluster, or any executor.
+"""Workers: the evaluations of a batch spread over the processes or threads of an executor.
 
-The engines are others': loky's processes, Dask, or whatever else is a
-``concurrent.futures.Executor``, such as mpi4py's ``MPIPoolExecutor``. Since row i of an answer
-depends on row i alone, results do not depend on the number of workers.
+Executors are others' work: loky's processes, Dask, or any other ``concurrent.futures.Executor``,
+such as mpi4py's ``MPIPoolExecutor``. Since row i of an answer depends on row i alone, results do
+not depend on the number of workers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
-from numbers import Integral
-from time import monotonic, sleep
-from typing import Any
+import os
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from types import TracebackType
+from typing import Any, TypeVar
 
-from bayes_ssi.execution.dispatch import Workers
-from bayes_ssi.execution.in_workers import end_with_parent
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["Workers", "as_workers", "dask_workers", "local_workers"]
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.execution.batch import Evaluated, Function, SafeFunction
+from bayes_ssi.execution.remote import PackedFunction, call_packed, digest_of, pickled
 
-# How long a cluster may take to answer, and again to have its first worker.
-CLUSTER_SECONDS = 10.0
+__all__ = ["Workers"]
+
+# Parts of a batch for each worker: more than one, so that none waits long for the slowest.
+PARTS_PER_WORKER = 4
+# Lost points are evaluated again in so many groups, down to single points: with four, the point of
+# a batch of 1024 at which a worker dies is found after six deaths at most.
+GROUPS = 4
+# Deaths before a run gives up: enough to find some twenty points at which workers die.
+MAX_DEATHS = 100
+
+R = TypeVar("R")
+T = TypeVar("T")
 
 
-def local_workers(n: int) -> Workers:
-    """``n`` processes on this machine; they start with the first batch.
+class Workers:
+    """The workers of any executor, which whoever made it shuts down.
 
-    Raises:
-        ValueError: ``n`` is not positive.
+    A context manager that may be entered repeatedly. Subclasses start workers of their own at the
+    outermost entry, or at the first call, and stop them at the outermost exit.
     """
-    if n < 1:
-        raise ValueError(f"workers must be at least 1, got {n!r}")
 
-    def make() -> Executor:
-        from loky import ProcessPoolExecutor
+    def __init__(self, executor: Executor | None, n_workers: int = 8) -> None:
+        """Use an executor.
 
-        executor: Executor = ProcessPoolExecutor(max_workers=n, initializer=end_with_parent)
-        return executor
+        Args:
+            executor: it takes pickled arguments, or works in threads.
+            n_workers: how many workers it has, where that is known; it decides only into how many
+                parts a batch is divided.
+        """
+        self._executor = executor
+        self._n_workers = n_workers
+        self._n_entered = 0
+        self._n_deaths = 0
+        self._packed: tuple[Callable[..., Any], PackedFunction] | None = None
 
-    return Workers(n_workers=n, make=make)
+    @property
+    def n_workers(self) -> int:
+        return self._n_workers
 
+    def __enter__(self) -> Workers:
+        if not self._n_entered:
+            self._start()
+        self._n_entered += 1
+        return self
 
-def dask_workers(address: str) -> Workers:
-    """The workers of a Dask cluster whose scheduler is at ``address``, as in tcp://host:8786.
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._n_entered -= 1
+        if not self._n_entered:
+            self._stop()
 
-    A cluster that is only starting is waited for.
+    def evaluate(self, function: Function, z: FloatArray) -> Evaluated:
+        """``function`` at every row of ``z`` (B, d).
 
-    Raises:
-        ValueError: Dask is not installed, no scheduler answers, or it has no workers.
-    """
-    try:
-        from dask.distributed import Client
-        from distributed.comm import get_address_host_port
-    except ImportError:
+        Points whose worker died are evaluated again in smaller groups, down to single points. A
+        point at which a worker dies again, alone, counts as failed.
+
+        Raises:
+            ValueError: the function cannot be sent to a worker, there is no worker left, or
+                workers die again and again.
+        """
+        values = np.full(len(z), np.nan)
+        failures: dict[int, str] = {}
+        suspect = np.zeros(len(z), dtype=bool)
+        groups = _divided(np.arange(len(z)), 1)
+        while groups:
+            rows = groups.pop()
+            parts = _divided(rows, PARTS_PER_WORKER * max(self.n_workers, 1))
+            answers = self.try_each(SafeFunction(function), [z[part] for part in parts])
+            for i, answer in answers.items():
+                values[parts[i]] = answer.values
+                failures.update((int(parts[i][row]), why) for row, why in answer.failures.items())
+            lost = np.concatenate(
+                [p for i, p in enumerate(parts) if i not in answers] or [rows[:0]]
+            )
+            if len(lost) == len(rows) == 1 and suspect[rows[0]]:
+                failures[int(rows[0])] = "the worker that evaluated it died"
+            else:
+                suspect[lost] = True
+                groups += _divided(lost, GROUPS)
+        return Evaluated(values, failures)
+
+    def call_each(self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+        """``function`` of every item, each in one worker, in the order of the items.
+
+        Arguments and errors as those of :meth:`try_each`. An item whose worker died is tried
+        again.
+        """
+        answers: dict[int, R] = {}
+        while len(answers) < len(items):
+            left = [i for i in range(len(items)) if i not in answers]
+            new = self.try_each(function, [items[i] for i in left])
+            answers.update((left[i], answer) for i, answer in new.items())
+        return [answers[i] for i in range(len(items))]
+
+    def try_each(
+        self,
+        function: Callable[[T], R],
+        items: Sequence[T],
+        done: Callable[[int], object] | None = None,
+    ) -> dict[int, R]:
+        """``function`` of every item, each in one worker; items whose worker died are left out.
+
+        Args:
+            function: picklable, as are the items and the answers.
+            items: the function's arguments.
+            done: called with the number of each item that is ready.
+
+        Raises:
+            ValueError: an item cannot be sent, or workers die again and again.
+        """
+        answers: dict[int, R] = {}
+        waiting: dict[Future[R], int] = {}
+        death: BaseException | None = None
+        try:
+            packed = self._pack(function)
+            executor = self._running()
+            for i, item in enumerate(items):
+                waiting[_submitted(executor, packed, pickled(item))] = i
+            while waiting:
+                for future in self._ready(waiting):
+                    i = waiting.pop(future)
+                    error = future.exception()
+                    if error is None:
+                        answers[i] = future.result()
+                        if done is not None:
+                            done(i)
+                    elif self._is_death(error):
+                        death = error
+                    else:
+                        raise _as_input_error(error)
+        except BrokenExecutor as error:
+            death = error
+        finally:
+            if waiting:
+                self._abandon(waiting)
+        if death is not None:
+            self._recover(death)
+        return answers
+
+    def _pack(self, function: Callable[..., Any]) -> PackedFunction:
+        """The function as it is sent; pickled only once while it is the same."""
+        # Bound methods are made afresh at every access, but compare equal.
+        if self._packed is None or self._packed[0] != function:
+            data = pickled(function)
+            packed = PackedFunction(digest_of(data), os.getpid(), self._content(data))
+            self._packed = (function, packed)
+        return self._packed[1]
+
+    def _recover(self, death: BaseException) -> None:
+        """Have workers again after one died, or give up."""
+        self._n_deaths += 1
+        if self._n_deaths > MAX_DEATHS:
+            raise ValueError(
+                f"workers: died {self._n_deaths} times, the last time with "
+                f"{type(death).__name__}: {death}"
+            ) from death
+        if isinstance(death, BrokenExecutor):
+            self._replace(death)
+
+    # What subclasses do in their own way:
+
+    def _start(self) -> None:
+        """Start workers that must be there before the first call."""
+
+    def _stop(self) -> None:
+        """Stop workers that were started here."""
+
+    def _running(self) -> Executor:
+        assert self._executor is not None
+        return self._executor
+
+    def _content(self, data: bytes) -> Any:
+        """How a pickled function gets to the workers: with every call."""
+        return data
+
+    def _ready(self, waiting: Collection[Future[Any]]) -> Collection[Future[Any]]:
+        """Futures that are ready, at least one."""
+        return wait(waiting, return_when=FIRST_COMPLETED).done
+
+    def _is_death(self, error: BaseException) -> bool:
+        """Whether an error says that a worker died, and not that the function failed."""
+        return isinstance(error, BrokenExecutor)
+
+    def _replace(self, death: BrokenExecutor) -> None:
+        """Replace an executor that is broken."""
         raise ValueError(
-            'Dask is not installed; install it with pip install "bayes_ssi[dask]"'
-        ) from None
+            "workers: one died, and the executor that was given does not replace it: "
+            f"{type(death).__name__}: {death}"
+        ) from death
+
+    def _abandon(self, waiting: Collection[Future[Any]]) -> None:
+        """Drop calls that nobody waits for any longer."""
+        for future in waiting:
+            future.cancel()
+
+
+def _divided(rows: NDArray[np.intp], n: int) -> list[NDArray[np.intp]]:
+    """At most ``n`` parts of nearly one size, none of them empty."""
+    return [part for part in np.array_split(rows, n) if len(part)]
+
+
+def _submitted(executor: Executor, function: PackedFunction, item: bytes) -> Future[Any]:
     try:
-        get_address_host_port(address)  # a client of a malformed address hangs when it is closed
-        client = Client(address, timeout=CLUSTER_SECONDS, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
-        raise ValueError(f"no Dask scheduler answers at {address!r}: {error}") from error
-    try:
-        give_up = monotonic() + CLUSTER_SECONDS
-        while not _n_threads(client):
-            if monotonic() > give_up:
-                raise ValueError(
-                    f"the Dask cluster at {address!r} has no workers, not even after "
-                    f"{CLUSTER_SECONDS:g} s"
-                )
-            sleep(0.1)
-    except BaseException:
-        client.close()
+        return executor.submit(call_packed, function, item)
+    except BrokenExecutor:
         raise
-    return _DaskWorkers(client)
+    except RuntimeError as error:  # it is shut down
+        raise ValueError(f"workers: the executor takes no work: {error}") from error
 
 
-@contextmanager
-def as_workers(workers: int | Executor | Workers | None) -> Iterator[Workers | None]:
-    """Whatever a caller gave as workers; those made here are stopped in the end.
-
-    Raises:
-        ValueError: their number is not positive.
-        TypeError: they are nothing that can evaluate.
-    """
-    if workers is None or isinstance(workers, Workers):
-        yield workers
-    elif isinstance(workers, Integral) and not isinstance(workers, bool):
-        with local_workers(int(workers)) as made:
-            yield made
-    elif isinstance(workers, Executor):
-        yield Workers(workers)
-    else:
-        raise TypeError(f"workers must be a number or an executor, got {workers!r}")
-
-
-class _DaskWorkers(Workers):
-    """Workers of a Dask client, which is closed with them."""
-
-    def __init__(self, client: Any) -> None:
-        # An evaluation is a function of its arguments only as far as Dask can see.
-        super().__init__(client.get_executor(pure=False), alive=lambda: _n_threads(client) > 0)
-        self._client = client
-
-    def _count(self) -> int:
-        """As many as there are now: a cluster grows and shrinks."""
-        return _n_threads(self._client)
-
-    def __exit__(self, *_: object) -> None:
-        self._client.close()
-
-
-def _n_threads(client: Any) -> int:
-    """Of all workers of a Dask client; none without its scheduler."""
-    try:
-        return sum(client.nthreads().values())
-    except (OSError, RuntimeError):
-        return 0
+def _as_input_error(error: BaseException) -> BaseException:
+    """What to raise for an error from a worker: one line, unless it is no error of ours."""
+    if isinstance(error, ValueError) or not isinstance(error, Exception):
+        return error
+    raised = ValueError(f"workers: one cannot work: {type(error).__name__}: {error}")
+    raised.__cause__ = error
+    return raised

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
+from contextlib import nullcontext
 from functools import partial
 
-from bayes_ssi.execution.journal import Journal
-from bayes_ssi.execution.workers import Workers, as_workers
+from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.refinement import RefinementSettings, is_approximate, refined
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
-from bayes_ssi.sampling.settings import Progress, SamplingSettings
+from bayes_ssi.sampling.settings import SamplingSettings
 
 __all__ = ["sample"]
 
@@ -20,10 +19,8 @@ def sample(
     model_class: ModelClass,
     seed: int = 0,
     settings: SamplingSettings | None = None,
-    progress: Progress | None = None,
+    run: Run | None = None,
     *,
-    workers: int | Executor | Workers | None = None,
-    journal: Journal | None = None,
     refinement: RefinementSettings | None = None,
 ) -> Posterior:
     """Sample the posterior of a model class and estimate its evidence.
@@ -35,25 +32,25 @@ def sample(
         model_class: what is sampled.
         seed: the result follows from it and from the class's name alone.
         settings: how precisely.
-        progress: called with the name of a step and the share of it that is done.
-        workers: where the model is evaluated; in this process if None. The result is the same.
-        journal: of an earlier run with the same arguments that was stopped; its evaluations are
-            used, and the new ones are added.
+        run: workers that share the evaluations, a checkpoint to resume from, and progress; the
+            result does not depend on them.
         refinement: how accurate approximate structures are made.
 
     Raises:
-        ValueError: the likelihood is zero at every draw from the prior, or the model cannot be
-            evaluated by the workers, or is not that of the journal.
+        ValueError: the likelihood is zero at every draw from the prior, the model cannot be
+            evaluated by the workers, or the checkpoint is of another run.
     """
-    with as_workers(workers) as pool:
-        sample_class = partial(
-            sample_as_it_is,
-            seed=seed,
-            settings=settings,
-            progress=progress,
-            workers=pool,
-            journal=journal,
-        )
-        if is_approximate(model_class):
-            return refined(model_class, sample_class, seed, pool, refinement)
-        return sample_class(model_class)
+    settings, run = settings or SamplingSettings(), run or Run()
+    checkpoint = run.checkpoint
+    journal = checkpoint.journal(model_class, seed, settings) if checkpoint else None
+    sample_class = partial(sample_as_it_is, seed=seed, settings=settings, run=run, journal=journal)
+    try:
+        with run.working(), journal or nullcontext():
+            if is_approximate(model_class):
+                return refined(model_class, sample_class, seed, run.workers, refinement)
+            return sample_class(model_class)
+    except ValueError:
+        if checkpoint and journal and journal.is_empty:
+            # It would refuse the class once its input is corrected.
+            checkpoint.remove([model_class.name])
+        raise

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from functools import partial
 from time import perf_counter
 
@@ -13,7 +12,8 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.journal import Journal
-from bayes_ssi.execution.workers import Workers, as_workers
+from bayes_ssi.execution.run import Run
+from bayes_ssi.execution.workers import Workers
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.checks import failed_checks, failed_edge_checks
 from bayes_ssi.posterior.configuration_modes import configuration_modes
@@ -21,7 +21,7 @@ from bayes_ssi.posterior.datum_terms import AtDraws, at_draws, datum_terms
 from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.result import SamplingResult
-from bayes_ssi.sampling.settings import Progress, SamplingSettings
+from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.sampling.target import Target
 
 __all__ = ["sample_as_it_is"]
@@ -36,22 +36,27 @@ def sample_as_it_is(
     model_class: ModelClass,
     seed: int = 0,
     settings: SamplingSettings | None = None,
-    progress: Progress | None = None,
-    *,
-    workers: int | Executor | Workers | None = None,
+    run: Run | None = None,
     journal: Journal | None = None,
 ) -> Posterior:
     """Sample a model class with its structures as they are.
 
-    Arguments and errors as those of :func:`bayes_ssi.posterior.sample.sample`.
+    Arguments and errors as those of :func:`bayes_ssi.posterior.sample.sample`, but the journal
+    is given: it answers evaluations that it holds, and keeps the others.
     """
+    run = run or Run()
     started = perf_counter()
     model_class.check_structure()
     n = len(model_class.parameters)
-    with as_workers(workers) as pool:
-        target = Target(model_class.log_likelihood_at, n, pool, journal)
+    with run.working():
+        target = Target(model_class.log_likelihood_at, n, run.workers, journal)
         try:
-            sampled = sample_target(target, _seed_of(model_class.name, seed), settings, progress)
+            sampled = sample_target(
+                target,
+                _seed_of(model_class.name, seed),
+                settings,
+                partial(run.report, model_class.name),
+            )
         except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
             raise
         except ValueError as error:
@@ -60,7 +65,7 @@ def sample_as_it_is(
         rng = np.random.default_rng(seed)
         z, log_likelihoods = _corrected_draws(sampled, rng)
         values = model_class.values(z.reshape(-1, n))
-        found = _at_draws(model_class, values, pool)
+        found = _at_draws(model_class, values, run.workers)
     configurations = configuration_modes(model_class, values)
     values = values.reshape(z.shape)
     return Posterior(

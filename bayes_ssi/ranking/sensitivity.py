@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
@@ -22,7 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_ssi.execution.workers import Workers, as_workers
+from bayes_ssi.execution.run import Run
 from bayes_ssi.identification.error_model import ErrorModel
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import as_product
@@ -134,9 +133,7 @@ def sensitivity(
     ranking: Ranking,
     variations: Sequence[Variation] | None = None,
     settings: SamplingSettings | None = None,
-    progress: Callable[[str, float], None] | None = None,
-    *,
-    workers: int | Executor | Workers | None = None,
+    run: Run | None = None,
 ) -> Sensitivity:
     """Rank again under every variation.
 
@@ -144,8 +141,9 @@ def sensitivity(
         ranking: as it is.
         variations: :func:`default_variations` if None.
         settings: of the classes that are sampled anew; by default to 0.03 nats.
-        progress: called after each variation with its name and the share of all that are done.
-        workers: where classes are sampled anew; here if None.
+        run: workers for classes that are sampled again, and progress: called after each variation
+            with "sensitivity", its name and the share of all that are done. Nothing is kept on
+            disk.
 
     Raises:
         ValueError: two variations have one name, or a class cannot be sampled.
@@ -156,11 +154,11 @@ def sensitivity(
     if repeated:
         raise ValueError(f"sensitivity: two variations are named {repeated[0]!r}")
     rows = [_row("as it is", ranking, {p.name: _quoted(p) for p in ranking.posteriors})]
-    with as_workers(workers) as pool:
+    run = run or Run()
+    with run.working():
         for done, variation in enumerate(variations):
-            rows.append(_varied(ranking, variation, settings or SETTINGS, pool))
-            if progress is not None:
-                progress(variation.name, (done + 1) / len(variations))
+            rows.append(_varied(ranking, variation, settings or SETTINGS, Run(run.workers)))
+            run.report("sensitivity", variation.name, (done + 1) / len(variations))
     return Sensitivity(tuple(rows))
 
 
@@ -196,7 +194,7 @@ def sensitivity_of_record(record: Sequence[Mapping[str, Any]]) -> Sensitivity:
 
 
 def _varied(
-    ranking: Ranking, variation: Variation, settings: SamplingSettings, workers: Workers | None
+    ranking: Ranking, variation: Variation, settings: SamplingSettings, run: Run
 ) -> SensitivityRow:
     classes = {c.name: variation.change(c) for c in ranking.study.model_classes}
     estimates: dict[str, Estimate | None] = {
@@ -206,9 +204,7 @@ def _varied(
         for posterior in ranking.posteriors
     }
     anew = [name for name, estimate in estimates.items() if estimate is None]
-    sampled = sample_all(
-        [classes[name] for name in anew], ranking.seed, settings, None, workers, None
-    )
+    sampled = sample_all([classes[name] for name in anew], ranking.seed, settings, run)
     estimates.update((posterior.name, _quoted(posterior)) for posterior in sampled)
     found = {name: estimate for name, estimate in estimates.items() if estimate is not None}
     failed = tuple(f"{p.name}: {check}" for p in sampled for check in p.failed_checks)

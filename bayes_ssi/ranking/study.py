@@ -6,18 +6,16 @@ import importlib.util
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from bayes_ssi.execution.in_workers import STUDY_MODULE
-from bayes_ssi.execution.workers import Workers, as_workers
+from bayes_ssi.execution.remote import STUDY_MODULE
+from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.ranking.checkpoint import Checkpoint
-from bayes_ssi.ranking.class_sampling import Report, sample_all
+from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.comparison import Comparison, checked_weights, compare
 from bayes_ssi.sampling.settings import SamplingSettings
 
@@ -152,10 +150,7 @@ def rank(
     study: Study,
     seed: int = 0,
     settings: SamplingSettings | None = None,
-    progress: Report | None = None,
-    *,
-    workers: int | Executor | Workers | None = None,
-    checkpoint: str | Path | Checkpoint | None = None,
+    run: Run | None = None,
 ) -> Ranking:
     """Sample every model class of a study and rank them by evidence.
 
@@ -163,12 +158,8 @@ def rank(
         study: the candidates.
         seed: a class's result follows from it and the class's name, whatever others there are.
         settings: how precisely to sample.
-        progress: called with the name of the class, of the step, and the share of it done.
-        workers: so many processes, or an executor, that take whole classes or share the
-            evaluations of one, as :func:`~bayes_ssi.ranking.class_sampling.sample_all` says;
-            here if None. The result is the same.
-        checkpoint: directory to keep the evaluations in; a run that was stopped is continued
-            from it, to the same result. It is left there for the caller to remove.
+        run: workers, a checkpoint to resume from, and progress; the result does not depend on
+            them.
 
     Raises:
         ValueError: the classes explain different data, a class's likelihood is zero everywhere,
@@ -176,8 +167,7 @@ def rank(
     """
     study.require_same_data()
     settings = settings or SamplingSettings()
-    with as_workers(workers) as pool:
-        posteriors = sample_all(study.model_classes, seed, settings, progress, pool, checkpoint)
+    posteriors = sample_all(study.model_classes, seed, settings, run)
     comparison = compare(posteriors, study.prior_weights)
     return Ranking(study, tuple(posteriors), comparison, seed, settings)
 

@@ -24,6 +24,7 @@ from time import perf_counter, sleep
 
 import numpy as np
 
+from bayes_ssi.execution.run import Run
 from bayes_ssi.ranking.study import load_study, rank
 from bayes_ssi.results.load import load_result
 
@@ -98,7 +99,7 @@ def steps_of(study: Path, seed: int, checkpoint: Path) -> Steps:
         path = new[0] if new else checkpoint / list(ends)[-1]
         ends.setdefault(path.name, {})[step] = path.stat().st_size
 
-    rank(load_study(study), seed, progress=note, checkpoint=checkpoint)
+    rank(load_study(study), seed, run=Run(checkpoint=checkpoint, progress=note))
     for name, steps in ends.items():
         steps[list(steps)[-1]] = (checkpoint / name).stat().st_size
     return {name: list(steps.items()) for name, steps in ends.items()}

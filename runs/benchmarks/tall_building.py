@@ -49,7 +49,7 @@ def main() -> None:
     options = parser.parse_args()
     weights = (1.0, 1.0, *(0.2**number for number in range(1, options.most)))
     begun = perf_counter()
-    found = search(baseline(), SearchSettings(number_weights=weights), workers=options.workers)
+    found = search(baseline(), SearchSettings(number_weights=weights), run=bs.Run(options.workers))
     seconds = perf_counter() - begun
     for row in found.ranking.comparison.classes[:6]:
         print(f"{row.name:16s} {row.log_evidence:8.2f} ± {row.error:.2f}  {row.probability_text}")

@@ -21,7 +21,9 @@ from distributed import LocalCluster
 
 import bayes_ssi as bs
 from bayes_ssi.execution.batch import evaluate
-from bayes_ssi.execution.workers import Workers, dask_workers, local_workers
+from bayes_ssi.execution.dask_workers import DaskWorkers
+from bayes_ssi.execution.local_workers import LocalWorkers
+from bayes_ssi.execution.workers import Workers
 
 BATCHES, BATCH = 6, 64
 SECONDS_A_POINT = 0.05
@@ -69,7 +71,7 @@ def dask_cluster(n: int):
             dashboard_address=":0",
             silence_logs=logging.CRITICAL,
         ) as cluster,
-        dask_workers(cluster.scheduler_address) as pool,
+        DaskWorkers(cluster.scheduler_address) as pool,
     ):
         yield pool
 
@@ -104,9 +106,9 @@ def time_batches(
 def time_sampling(n: int) -> tuple[float, bs.Posterior]:
     candidate = model_class(LessSlowBuilding)
     LessSlowBuilding.n_points = 0
-    with local_workers(n) as pool:
+    with LocalWorkers(n) as pool:
         begun = perf_counter()
-        posterior = bs.sample(candidate, 0, SETTINGS, workers=pool)
+        posterior = bs.sample(candidate, 0, SETTINGS, bs.Run(pool))
         seconds = perf_counter() - begun
     print(
         f"sampling, {n} local      {seconds:6.2f} s; {posterior.n_evaluations} evaluations by "
@@ -124,7 +126,7 @@ def main() -> None:
     print(f"{BATCHES} batches of {BATCH} points, {1e3 * SECONDS_A_POINT:g} ms a point")
     _, here = time_batches("without workers", 1, nullcontext)
     seconds, same = {}, True
-    for kind, make in (("local", local_workers), ("Dask", dask_cluster)):
+    for kind, make in (("local", LocalWorkers), ("Dask", dask_cluster)):
         for n in (1, 2):
             seconds[kind, n], found = time_batches(f"{n} {kind}", n, lambda: make(n))  # noqa: B023
             same &= found.tobytes() == here.tobytes()

@@ -26,7 +26,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def posteriors(two_workers):
-    return sample_all(study().model_classes, 0, bs.SamplingSettings(), workers=two_workers)
+    return sample_all(study().model_classes, 0, bs.SamplingSettings(), bs.Run(two_workers))
 
 
 @functools.cache

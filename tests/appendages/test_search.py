@@ -265,14 +265,15 @@ def test_the_record_is_all_of_it_and_is_json(bare, fake_sampling):
 def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior):
     calls = []
 
-    def sample_all(candidates, seed, settings, progress, pool, checkpoint):
-        calls.append((seed, settings, pool, checkpoint))
-        progress(candidates[0].name, "evidence", 1.0)
+    def sample_all(candidates, seed, settings, run):
+        calls.append((seed, settings, run.checkpoint.directory.name))
+        run.report(candidates[0].name, "evidence", 1.0)
         return [make_posterior(c.name, names=c.parameter_names) for c in candidates]
 
     monkeypatch.setattr("bayes_ssi.appendages.appendage_search.sample_all", sample_all)
     said = []
-    found = search(bare, ONE, 5, COARSE, lambda *what: said.append(what), checkpoint="there")
-    assert calls == [(5, COARSE, None, "there")]
+    run = bs.Run(checkpoint="there", progress=lambda *what: said.append(what))
+    found = search(bare, ONE, 5, COARSE, run)
+    assert calls == [(5, COARSE, "there")]
     assert said == [("no appendage", "evidence", 1.0)]
     assert (found.ranking.seed, found.ranking.settings) == (5, COARSE)

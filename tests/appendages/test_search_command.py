@@ -8,7 +8,7 @@ from searches import INFILL_01, INFILL_12, PENDULUM_1, by_count
 
 import bayes_ssi as bs
 from bayes_ssi.codec import to_record
-from bayes_ssi.ranking.checkpoint import Checkpoint
+from bayes_ssi.execution.checkpoint import Checkpoint
 from bayes_ssi.results.load import load_result
 
 pytestmark = pytest.mark.usefixtures("coarse_command")
@@ -122,28 +122,26 @@ def test_a_stopped_search_goes_on_and_leaves_no_checkpoint(
         patch.setattr("bayes_ssi.appendages.appendage_search.compare", stop)
         stopped = run(*arguments)
     assert stopped.exit_code == 130
-    assert "Stopped; this goes on from here: bayes-ssi search " in stopped.stderr
+    assert "Interrupted; resume with: bayes-ssi search " in stopped.stderr
     assert (tmp_path / ".r.checkpoint").is_dir()
     result = run(*arguments)
     assert result.exit_code == 0, result.output
-    assert "model class 'infill 0-1': continues after" in result.stderr
+    assert "model class 'infill 0-1': resumes after" in result.stderr
     assert not (tmp_path / ".r.checkpoint").exists()
     assert {p.name for p in load_result(out).posteriors} == {"no appendage", "infill 0-1"}
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
-    run, tiny_study_file, tmp_path, tiny_study, monkeypatch, make_posterior
+    run, tiny_study_file, tmp_path, monkeypatch, make_posterior
 ):
-    """But what is not its own stays: here, of a ranking that was stopped."""
-
-    def sample(candidate, *_, **__):
+    def sample(candidate, **_):
         return make_posterior(
             candidate.name, names=candidate.parameter_names, data_digest=candidate.data_digest
         )
 
     out, checkpoint = tmp_path / "r", tmp_path / ".r.checkpoint"
-    monkeypatch.setattr("bayes_ssi.ranking.class_sampling.sample", sample)
+    monkeypatch.setattr("bayes_ssi.posterior.sample.sample_as_it_is", sample)
     monkeypatch.setattr(
         "bayes_ssi.appendages.appendage_search.places_of", lambda _: (PENDULUM_1, INFILL_01)
     )
@@ -156,16 +154,12 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
         patch.setattr("bayes_ssi.appendages.appendage_search._next_level", one_with_both)
         patch.setattr("bayes_ssi.appendages.appendage_search.compare", stop)
         assert run(*arguments).exit_code == 130
-    one_k = tiny_study.model_classes[0]
-    Checkpoint(checkpoint).journal(one_k, 0, bs.SamplingSettings(particles=60)).close()
-    names = {"no appendage", "pendulum 1", "infill 0-1", "pendulum 1 + infill 0-1", "one k"}
-    assert set(Checkpoint(checkpoint).names()) == names
+    names = {"no appendage", "pendulum 1", "infill 0-1"}
+    assert set(Checkpoint(checkpoint).names()) == {*names, "pendulum 1 + infill 0-1"}
     result = run(*arguments, "--most", 1)
     assert result.exit_code == 0, result.output
-    assert {p.name for p in load_result(out).posteriors} == {
-        "no appendage", "pendulum 1", "infill 0-1",
-    }  # fmt: skip
-    assert Checkpoint(checkpoint).names() == ["one k"]
+    assert {p.name for p in load_result(out).posteriors} == names
+    assert not checkpoint.exists()
 
 
 @pytest.mark.usefixtures("no_figures")

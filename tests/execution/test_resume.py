@@ -84,7 +84,7 @@ WRITING_A_JOURNAL = {
     "half of the 60th record": in_record(60),
 }
 ALL_IS_SAMPLED = {
-    "all is sampled": instead_of("bayes_ssi.ranking.checkpoint.Checkpoint.begin_saving")
+    "all is sampled": instead_of("bayes_ssi.execution.checkpoint.Checkpoint.begin_saving")
 }
 SAVING = {
     "some files are written": instead_of("bayes_ssi.results.save.save_draws"),
@@ -92,7 +92,7 @@ SAVING = {
     "all files are written": instead_of("pathlib.Path.rename"),
     "the result is in its place": instead_of("bayes_ssi.results.save.load_result"),
     "a figure is drawn": instead_of("matplotlib.figure.Figure.savefig"),
-    "everything is done": instead_of("bayes_ssi.ranking.checkpoint.Checkpoint.remove"),
+    "everything is done": instead_of("bayes_ssi.execution.checkpoint.Checkpoint.remove"),
     "the journal is removed": after_the_first_unlink,
 }
 REPLACING = {
@@ -246,7 +246,7 @@ def test_killed_in_a_process_of_its_own(command, sampled, uninterrupted):
     process.kill()
     assert process.wait() == -signal.SIGKILL
     assert command.run() == 0
-    assert command.stderr.startswith("model class 'one k': continues after ")
+    assert command.stderr.startswith("model class 'one k': resumes after ")
     command.assert_result_is(uninterrupted)
 
 
@@ -303,9 +303,8 @@ def test_a_damaged_checkpoint_is_said_and_harms_nothing(sampled_command, uninter
 @pytest.mark.parametrize("moment", INTERRUPTS)
 def test_an_interrupt_is_said_in_a_line(command, moment):
     assert command.run(moment=moment) == 130
-    first, last = [line for line in command.stderr.splitlines() if line]
-    assert first.startswith("Stopped; this goes on from here: bayes-ssi rank ")
-    assert last == "Interrupted."
+    (line,) = [line for line in command.stderr.splitlines() if line]
+    assert line.startswith("Interrupted; resume with: bayes-ssi rank ")
 
 
 @pytest.mark.parametrize("moment", FULL_DISKS)
@@ -319,7 +318,7 @@ def test_an_interrupt_and_a_full_disk_lose_nothing(command, uninterrupted):
     assert command.run(moment="a full disk at record 100") == 2
     assert command.run(moment="an interrupt at record 20") == 130
     assert command.run() == 0
-    assert command.stderr.startswith("model class 'one k': continues after ")
+    assert command.stderr.startswith("model class 'one k': resumes after ")
     command.assert_result_is(uninterrupted)
 
 

@@ -1,72 +1,69 @@
 """Workers: the same values wherever they are computed, and what cannot be sent or answered."""
 
+import os
+import signal
+import subprocess
+import sys
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from pools import Minimal, own_executor, points, spawning, sums
+from pools import Minimal, points, spawning, sums, workers_of
 
-from bayes_ssi.execution import in_workers
 from bayes_ssi.execution.batch import evaluate
-from bayes_ssi.execution.workers import Workers, as_workers, local_workers
+from bayes_ssi.execution.local_workers import LocalWorkers, as_workers
 from bayes_ssi.ranking.study import load_study
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
-POOLS = {
-    "1 process": lambda: local_workers(1),
-    "2 processes": lambda: local_workers(2),
-    "3 processes": lambda: local_workers(3),
-    "threads": lambda: own_executor(ThreadPoolExecutor(2)),
-    "spawned processes": lambda: own_executor(spawning(2)),
-    "submit alone": lambda: own_executor(Minimal()),
+WORKERS = {
+    "1 process": lambda: LocalWorkers(1),
+    "3 processes": lambda: LocalWorkers(3),
+    "threads": lambda: workers_of(ThreadPoolExecutor(2)),
+    "spawned processes": lambda: workers_of(spawning(2)),
+    "submit alone": lambda: workers_of(Minimal()),
 }
 
 
-@pytest.mark.parametrize("make", POOLS.values(), ids=POOLS)
+@pytest.mark.parametrize("make", WORKERS.values(), ids=WORKERS)
 def test_values_do_not_depend_on_who_computes_them(model_classes, make):
-    candidate = model_classes["3"]
-    z = points(64, len(candidate.parameters))
-    with make() as pool:
-        for n in (1, 2, 7, 64):
-            found = pool.evaluate(candidate.log_likelihood_at, z[:n])
-            here = evaluate(candidate.log_likelihood_at, z[:n])
-            assert np.isfinite(here.values).all()
-            assert found.values.tobytes() == here.values.tobytes()
-            assert found.failures == {}
+    z = points(64, 4)
+    with make() as workers:
+        for candidate in (model_classes["3"], model_classes["1-a"], model_classes["3"]):
+            z = points(64, len(candidate.parameters))
+            for n in (1, 7, 64):
+                there = workers.evaluate(candidate.log_likelihood_at, z[:n])
+                here = evaluate(candidate.log_likelihood_at, z[:n])
+                assert np.isfinite(here.values).all()
+                assert there.values.tobytes() == here.values.tobytes()
+                assert there.failures == {}
+        assert workers.call_each(len, ["a", "bcd", "", "ef"]) == [1, 3, 0, 2]
 
 
-def test_later_batches_do_not_carry_the_model():
-    executor = Minimal(2)
-    pool = Workers(executor, n_workers=2)
-    pool.evaluate(sums, points(64))
-    assert len(executor.payloads) <= 4
-    executor.payloads.clear()
-    pool.evaluate(sums, points(64))
-    pool.evaluate(sums, points(7))
-    assert executor.payloads == []
+class Counted:
+    """A model that counts in a file how often it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __call__(self, z):
+        return sums(z)
+
+    def __setstate__(self, state):
+        self.__dict__.update(state)
+        with open(self.path, "a") as file:
+            file.write("x")
 
 
-def test_a_worker_that_lacks_the_model_asks_for_it():
-    executor = Minimal(2)
-    pool = Workers(executor, n_workers=2)
-    pool.evaluate(sums, points(64))
-    executor.payloads.clear()
-    executor.stores[0].clear()  # as a worker that took the place of another
-    np.testing.assert_array_equal(pool.evaluate(sums, points(64)).values, sums(points(64)))
-    assert 1 <= len(executor.payloads) <= 4  # the parts that went to this worker
-    executor.payloads.clear()
-    pool.evaluate(sums, points(64))
-    assert executor.payloads == []
-
-
-def test_models_in_turn_are_not_mixed_up():
-    pool = Workers(Minimal(), n_workers=1)
-    z = points(5)
-    for power in (1, 2, 1, *range(1, in_workers.MODELS_KEPT + 2), 1):
-        found = pool.evaluate(lambda z, power=power: sums(z) ** power, z).values
-        np.testing.assert_array_equal(found, sums(z) ** power)
+@pytest.mark.parametrize("name", ["1 process", "submit alone"])
+def test_a_worker_unpickles_a_model_only_once(tmp_path, name):
+    model = Counted(tmp_path / "count")
+    with WORKERS[name]() as workers:
+        for _ in range(3):
+            workers.evaluate(model, points(64))
+    assert model.path.read_text() == "x"
 
 
 OWN_STRUCTURE = """
@@ -95,10 +92,9 @@ def test_a_structure_may_be_defined_in_the_study_file(two_workers, tiny_study_fi
         file.write(OWN_STRUCTURE)
     (candidate,) = load_study(tiny_study_file).model_classes
     z = points(20, 1)
-    found = two_workers.evaluate(candidate.log_likelihood_at, z)
-    assert found.values.tobytes() == candidate.log_likelihood_at(z).tobytes()
-    assert np.isfinite(found.values).all()
-    assert found.failures == {}
+    there = two_workers.evaluate(candidate.log_likelihood_at, z)
+    assert there.values.tobytes() == candidate.log_likelihood_at(z).tobytes()
+    assert np.isfinite(there.values).all()
 
 
 def test_a_model_that_cannot_be_sent_is_refused_in_one_line(two_workers):
@@ -122,10 +118,9 @@ class NeedsMore:
         return missing_package, ("elsewhere",)
 
 
-def test_a_model_that_a_worker_cannot_rebuild_is_refused():
-    pool = Workers(Minimal())
+def test_a_model_that_a_worker_cannot_rebuild_is_refused(two_workers):
     with pytest.raises(ValueError, match="ModuleNotFoundError: No module named 'elsewhere'"):
-        pool.evaluate(NeedsMore(), points(3))
+        two_workers.evaluate(NeedsMore(), points(3))
 
 
 def test_rows_that_raise_are_nan_and_say_why(two_workers):
@@ -136,21 +131,14 @@ def test_rows_that_raise_are_nan_and_say_why(two_workers):
 
         if (z > 10.0).any():
             raise TwoArgumentsError("no", "modes")
-        return sums(z)
+        return np.where(z[:, 0] > 0, sums(z), np.nan)
 
     z = points(33)
     z[[4, 32]] = 11.0
-    found = two_workers.evaluate(function, z)
-    expected = np.where(z[:, 0] > 10.0, np.nan, sums(z))
-    np.testing.assert_array_equal(found.values, expected)
-    assert found.failures == dict.fromkeys((4, 32), "TwoArgumentsError: no modes")
-
-
-def test_rows_that_are_nan_need_no_reason(two_workers):
-    z = points(33)
-    found = two_workers.evaluate(lambda z: np.where(z[:, 0] > 0, sums(z), np.nan), z)
-    np.testing.assert_array_equal(found.values, np.where(z[:, 0] > 0, sums(z), np.nan))
-    assert found.failures == {}
+    there = two_workers.evaluate(function, z)
+    right = (z[:, 0] > 0) & (z[:, 0] < 10.0)
+    np.testing.assert_array_equal(there.values, np.where(right, sums(z), np.nan))
+    assert there.failures == dict.fromkeys((4, 32), "TwoArgumentsError: no modes")
 
 
 def test_answers_of_the_wrong_shape_are_refused(two_workers):
@@ -158,53 +146,150 @@ def test_answers_of_the_wrong_shape_are_refused(two_workers):
         two_workers.evaluate(lambda z: z, points(16))
 
 
-def test_an_executor_that_is_shut_down_is_refused():
-    executor = ThreadPoolExecutor(1)
-    executor.shutdown()
-    with (
-        as_workers(executor) as pool,
-        pytest.raises(ValueError, match="cannot schedule new futures after shutdown"),
-    ):
-        pool.evaluate(sums, points(3))
-
-
 def test_an_executor_that_was_given_is_not_shut_down():
     with ThreadPoolExecutor(1) as executor:
-        with as_workers(executor) as pool:
-            pool.evaluate(sums, points(3))
+        with as_workers(executor) as workers:
+            workers.evaluate(sums, points(3))
         assert executor.submit(int, "7").result() == 7
+    with pytest.raises(ValueError, match="cannot schedule new futures after shutdown"):
+        workers.evaluate(sums, points(3))
 
 
 def test_no_points_are_no_work():
-    """Workers are not even made."""
-    pool = Workers(make=lambda: pytest.fail("made"), n_workers=2)
-    found = pool.evaluate(sums, np.empty((0, 2)))
-    assert (found.values.shape, found.failures) == ((0,), {})
-    assert pool.call_each(len, []) == []
+    values, failures = LocalWorkers(2).evaluate(sums, np.empty((0, 2)))
+    assert (values.shape, failures) == ((0,), {})
 
 
-def test_answers_of_each_item_come_in_their_order():
-    executor = Minimal(2)
-    done = []
-    items = ["a", "bcd", "", "ef", "ghijk"]
-    found = Workers(executor, n_workers=2).call_each(len, items, done.append)
-    assert found == [1, 3, 0, 2, 5]
-    assert sorted(done) == [0, 1, 2, 3, 4]
+def test_a_number_of_workers_is_any_integer():
+    with as_workers(np.uint8(1)) as workers:
+        np.testing.assert_array_equal(workers.evaluate(sums, points(3)).values, sums(points(3)))
 
 
-@pytest.mark.parametrize("n", [1, np.int64(1), np.uint8(1)])
-def test_a_number_of_workers_is_any_integer(n):
-    with as_workers(n) as pool:
-        np.testing.assert_array_equal(pool.evaluate(sums, points(3)).values, sums(points(3)))
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        (0, ValueError, "^workers must be at least 1, got 0$"),
+        (np.int64(-1), ValueError, "^workers must be at least 1, got -1$"),
+        *[(x, TypeError, "^workers must be a number or an exec") for x in (True, 2.0, "2")],
+    ],
+)
+def test_workers_that_make_no_sense_are_refused(given, error, message):
+    with pytest.raises(error, match=message):
+        as_workers(given)
 
 
-@pytest.mark.parametrize("n", [0, -1, np.int64(0)])
-def test_less_than_one_worker_is_refused(n):
-    with pytest.raises(ValueError, match=f"^workers must be at least 1, got {n}$"), as_workers(n):
-        pass
+def process_ids(z):
+    return np.full(len(z), float(os.getpid()))
 
 
-@pytest.mark.parametrize("n", [True, np.True_, 2.0, np.float64(2.0), "2"])
-def test_what_is_no_integer_is_refused(n):
-    with pytest.raises(TypeError, match=r"^workers must be a number or an exec"), as_workers(n):
-        pass
+def is_running(process):
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_processes_are_kept_until_the_outermost_exit():
+    with LocalWorkers(2) as workers:
+        with workers:
+            processes = set(workers.evaluate(process_ids, points(64)).values)
+        assert set(workers.evaluate(process_ids, points(64)).values) <= processes
+        assert all(map(is_running, processes))
+        assert os.getpid() not in processes
+    assert not any(map(is_running, processes))
+
+
+def test_processes_are_ended_after_an_error_too():
+    processes = []
+
+    def fail():
+        with LocalWorkers(1) as workers:
+            processes.extend(workers.evaluate(process_ids, points(64)).values)
+            workers.evaluate(lambda z: z, points(64))
+
+    with pytest.raises(ValueError, match="expected one value"):
+        fail()
+    assert not any(map(is_running, processes))
+
+
+def test_an_interrupted_run_does_not_wait_for_what_is_under_way():
+    def interrupt():
+        time.sleep(0.3)  # the evaluation is under way by then
+        signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+
+    def sleeps(z):
+        time.sleep(50.0)
+        return sums(z)
+
+    with LocalWorkers(1) as workers:
+        processes = set(workers.evaluate(process_ids, points(64)).values)
+        threading.Thread(target=interrupt).start()
+        begun = time.monotonic()
+        with pytest.raises(KeyboardInterrupt):
+            workers.evaluate(sleeps, points(64))
+    assert time.monotonic() - begun < 15.0
+    assert not any(map(is_running, processes))
+
+
+ENDS_AT_ONCE = """
+import os
+import numpy as np
+from bayes_ssi.execution.local_workers import LocalWorkers
+
+workers = LocalWorkers(1)
+process = workers.evaluate(lambda z: np.full(len(z), float(os.getpid())), np.zeros((1, 1)))
+print(process.values[0], flush=True)
+os.kill(os.getpid(), 9)
+"""
+
+
+def test_workers_end_with_the_process_that_started_them():
+    command = [sys.executable, "-c", ENDS_AT_ONCE]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == -signal.SIGKILL
+    while is_running(float(done.stdout)):
+        time.sleep(0.05)
+
+
+def n_threads(z):
+    from threadpoolctl import threadpool_info
+
+    limits = [each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"]
+    return np.full(len(z), float(max(limits)))
+
+
+def test_blas_works_in_one_thread_in_workers(monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    with LocalWorkers(1) as workers:
+        assert workers.evaluate(n_threads, points(1)).values == [1.0]
+
+
+NO_WARNINGS = """
+import os
+
+import numpy as np
+
+from bayes_ssi.execution.local_workers import LocalWorkers
+
+
+def main():
+    def function(z):
+        if (z == 3.0).all():
+            os._exit(1)
+        return z[:, 0]
+
+    with LocalWorkers(1) as workers:
+        print(*workers.evaluate(function, np.arange(5.0)[:, None]).values)
+
+
+main()
+"""
+
+
+def test_no_warnings_and_nothing_left_behind():
+    """Not at the end of the process either, which warns of resources that were forgotten."""
+    command = [sys.executable, "-X", "dev", "-W", "error", "-c", NO_WARNINGS]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout == "0.0 1.0 2.0 nan 4.0\n"

@@ -143,7 +143,7 @@ def test_each_set_of_values_is_computed_once():
 
 @pytest.mark.parametrize("workers", [None, 2])
 def test_errors_and_nan_of_a_function_are_reported_from_workers(workers):
-    from bayes_ssi.execution.workers import as_workers
+    from bayes_ssi.execution.run import Run
     from bayes_ssi.sampling.target import Target
 
     data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, 1.0))
@@ -152,8 +152,9 @@ def test_errors_and_nan_of_a_function_are_reported_from_workers(workers):
         bs.ErrorModel(0.01, 0.05), pairing={"1": 1},
     )  # fmt: skip
     z = importance.coordinates(candidate, [[1.0, 1.0], [4.0, 1.0], [1.0, 4.0]])
-    with as_workers(workers) as pool:
-        target = Target(candidate.log_likelihood_at, 2, pool)
+    run = Run(workers)
+    with run.working():
+        target = Target(candidate.log_likelihood_at, 2, run.workers)
         found = target.log_likelihood(z)
     assert np.isfinite(found[0])
     assert np.all(np.isneginf(found[1:]))

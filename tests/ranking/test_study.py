@@ -43,7 +43,7 @@ def test_bad_prior_weights_are_refused_before_anything_is_sampled(model_classes,
         pytest.fail("sampling begins")
 
     with pytest.raises(ValueError, match="prior weight"):
-        bs.rank(bs.Study("s", classes, prior_weights=weights), progress=sampling_begins)
+        bs.rank(bs.Study("s", classes, prior_weights=weights), run=bs.Run(progress=sampling_begins))
 
 
 def test_only_with_a_missing_prior_weight_is_refused(model_classes):
@@ -75,7 +75,7 @@ def other_data(model_class):
 def test_different_data_are_refused_before_anything_is_sampled(model_classes):
     study = bs.Study("s", [model_classes["3"], other_data(model_classes["3"])])
     with pytest.raises(ValueError, match="study 's': model classes '3' and 'other' explain diff"):
-        bs.rank(study, progress=lambda *_: pytest.fail("sampling begins"))
+        bs.rank(study, run=bs.Run(progress=lambda *_: pytest.fail("sampling begins")))
 
 
 def test_rank(tiny_ranking, tiny_study):
@@ -119,7 +119,7 @@ def test_settings_reach_the_sampling(tiny_study):
 
 def test_progress_names_class_and_step(tiny_study):
     seen = []
-    bs.rank(tiny_study, progress=lambda *call: seen.append(call))
+    bs.rank(tiny_study, run=bs.Run(progress=lambda *call: seen.append(call)))
     assert list(dict.fromkeys(name for name, _, _ in seen)) == ["one k", "each k"]
     assert seen[-1] == ("each k", "evidence", 1.0)
 

@@ -1,39 +1,35 @@
-"""The checkpoint of a study's run: a journal for each model class, in one directory."""
+"""The checkpoint of a run: a journal for each model class, in one directory."""
 
 from __future__ import annotations
 
 import hashlib
-import inspect
 import json
 import re
-import shutil
 import sys
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bayes_ssi.execution.journal import Journal, JournalInUseError, run_of_journal
 from bayes_ssi.model_class.class_record import class_record
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.versions import versions
 
-__all__ = ["Checkpoint", "as_checkpoint", "name_of_run"]
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+__all__ = ["Checkpoint", "name_of_run"]
 
 # Exists from when the result of the run begins to be written.
 SAVING = "saving"
 
 
 def _warn(text: str) -> None:
-    """Warn whoever called the package, however deep inside it this is."""
-    level, frame = 1, inspect.currentframe()
-    package = Path(__file__).parents[1]
-    while frame is not None and package in Path(frame.f_code.co_filename).parents:
-        level, frame = level + 1, frame.f_back
-    warnings.warn(text, RuntimeWarning, stacklevel=level)
+    warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
 def _keep_quiet(text: str) -> None:
@@ -59,21 +55,22 @@ class Checkpoint:
 
         Args:
             directory: its parent must exist; a relative one is in the working directory of the
-                process that calls this, wherever a worker uses it.
-            run: says which run it is, to know its own result again.
+                process that calls this, also for its workers.
+            run: identifies the run, to recognise its own result later.
             discard_others: throw another run's journals away instead of refusing them.
-            say: told when an earlier run is continued, and of damage.
+            say: called with a line when an earlier run is resumed or a journal is damaged; a
+                warning by default.
         """
         self.directory = Path(directory).absolute()
         self._run = run
         self._discard_others = discard_others
         self._say = say
 
-    def journal(self, model_class: ModelClass, seed: int, settings: SamplingSettings) -> Journal:
+    def journal(self, model_class: ModelClass, seed: int, settings: DataclassInstance) -> Journal:
         """The journal of one model class, to be closed by the caller.
 
         Raises:
-            ValueError: it is of another run, damaged beyond use, or in use.
+            ValueError: it belongs to another run, is damaged beyond use, or is in use.
             OSError: it cannot be read or written.
         """
         self.directory.mkdir(exist_ok=True)
@@ -98,7 +95,7 @@ class Checkpoint:
             self._say(journal.damage)
         elif journal.n_kept:
             self._say(
-                f"model class {model_class.name!r}: continues after {journal.n_kept} evaluations"
+                f"model class {model_class.name!r}: resumes after {journal.n_kept} evaluations"
             )
         return journal
 
@@ -108,16 +105,16 @@ class Checkpoint:
             self.directory, run=self._run, discard_others=self._discard_others, say=_keep_quiet
         )
 
-    def tell_continued(self, names: Iterable[str]) -> None:
-        """Say which of these model classes go on from a journal, opened where nothing is said."""
-        known = set(self.names())
-        continued = [name for name in names if name in known]
-        if continued:
-            self._say(f"continues an earlier run of {', '.join(map(repr, continued))}")
+    def say_resumed(self, names: Iterable[str]) -> None:
+        """Say which of these model classes have a journal, before they are sampled silently."""
+        known = self.names()
+        resumed = [name for name in names if name in known]
+        if resumed:
+            self._say(f"resumes an earlier run of {', '.join(map(repr, resumed))}")
 
     @property
     def is_saving(self) -> bool:
-        """Whether this run was stopped before while, or after, it wrote its result."""
+        """Whether this run was interrupted while, or after, it wrote its result."""
         marker = self.directory / SAVING
         return marker.exists() and marker.read_text(encoding="utf-8") == self._run
 
@@ -130,13 +127,13 @@ class Checkpoint:
         run_of = map(run_of_journal, self.directory.glob("*.journal"))
         return [str(run["model class"]) for run in run_of if "model class" in run]
 
-    def remove(self, names: Iterable[str]) -> None:
-        """Remove the journals of these model classes, and the directory if that empties it."""
-        for name in names:
+    def remove(self, names: Iterable[str] | None = None) -> None:
+        """Remove the journals of these classes, or of all, and the directory if that empties it."""
+        for name in self.names() if names is None else names:
             self._path(name).unlink(missing_ok=True)
         (self.directory / SAVING).unlink(missing_ok=True)
         if self.directory.exists() and not any(self.directory.iterdir()):
-            shutil.rmtree(self.directory)
+            self.directory.rmdir()
 
     def _path(self, name: str) -> Path:
         stem = re.sub(r"[^A-Za-z0-9._+-]+", "_", name)[:60]
@@ -144,24 +141,16 @@ class Checkpoint:
         return self.directory / f"{stem}-{digest}.journal"
 
 
-def as_checkpoint(given: str | Path | Checkpoint | None) -> Checkpoint | None:
-    """Whatever a caller gave as checkpoint."""
-    return Checkpoint(given) if isinstance(given, (str, Path)) else given
-
-
-def name_of_run(
-    model_classes: Iterable[ModelClass], seed: int, settings: SamplingSettings, *others: object
-) -> str:
-    """A digest that tells a run from all others; ``others`` are further options."""
-    parts = [_definition(candidate) for candidate in model_classes]
-    text = "\n".join([*parts, str(seed), repr(settings), *map(repr, others)])
-    return hashlib.sha256(text.encode()).hexdigest()
+def name_of_run(model_classes: Iterable[ModelClass], *options: object) -> str:
+    """A digest that identifies a run by its model classes and everything else it follows from."""
+    parts = [*map(_definition, model_classes), *map(repr, options)]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 def _definition(model_class: ModelClass) -> str:
-    """A digest of everything that a model class is, as far as its description tells."""
+    """A digest of everything that a model class is, as far as its description says."""
     with np.printoptions(threshold=sys.maxsize):  # arrays in full
         text = json.dumps(class_record(model_class), sort_keys=True, default=str)
-    # The default description of an object holds its address, which is another in every process.
+    # The default description of an object holds its address, which differs between processes.
     text = re.sub(r" at 0x[0-9a-fA-F]+", "", text)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,0 +1,114 @@
+"""Inside a worker: functions arrive pickled, and a worker unpickles each of them only once."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from threading import Thread
+from time import sleep
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+__all__ = [
+    "STUDY_MODULE",
+    "PackedFunction",
+    "call_packed",
+    "digest_of",
+    "end_with_parent",
+    "pickled",
+]
+
+# Modules of study files carry this prefix. No worker could import them, so they are pickled too.
+STUDY_MODULE = "bayes_ssi_study_"
+
+
+@dataclass(frozen=True)
+class PackedFunction:
+    """A pickled function on its way to workers.
+
+    Attributes:
+        digest: of the pickled function; a worker that has unpickled it keeps it.
+        sender: id of the process that sends it.
+        content: the pickled function, or a file that holds it.
+    """
+
+    digest: str
+    sender: int = field(compare=False)
+    content: bytes | Path = field(compare=False, repr=False)
+
+
+def digest_of(data: bytes) -> str:
+    return hashlib.blake2b(data, digest_size=16).hexdigest()
+
+
+def pickled(what: object) -> bytes:
+    """Anything as bytes, including what it needs of a study file.
+
+    Raises:
+        ValueError: it cannot be pickled.
+    """
+    import cloudpickle
+
+    studies = [m for name, m in sys.modules.items() if name.startswith(STUDY_MODULE)]
+    for module in studies:
+        cloudpickle.register_pickle_by_value(module)
+    try:
+        data: bytes = cloudpickle.dumps(what)
+    except Exception as error:
+        raise ValueError(
+            f"the model cannot be sent to a worker: {type(error).__name__}: {error}"
+        ) from error
+    finally:
+        for module in studies:
+            cloudpickle.unregister_pickle_by_value(module)
+    return data
+
+
+def call_packed(function: PackedFunction, item: bytes) -> Any:
+    """The function's answer to a pickled item.
+
+    Raises:
+        ValueError: one of the two cannot be unpickled here.
+    """
+    return _unpacked(function)(_unpickled(item))
+
+
+# A batch is evaluated by one function, and so is the next, until a class is done.
+@lru_cache(maxsize=1)
+def _unpacked(function: PackedFunction) -> Callable[[Any], Any]:
+    content = function.content
+    data = content if isinstance(content, bytes) else content.read_bytes()
+    unpacked: Callable[[Any], Any] = _unpickled(data)
+    if os.getpid() != function.sender:  # a worker may be a thread of the same process
+        # BLAS threads of several processes would compete for the same cores.
+        threadpool_limits(limits=1, user_api="blas")
+    return unpacked
+
+
+def _unpickled(data: bytes) -> Any:
+    import cloudpickle
+
+    try:
+        return cloudpickle.loads(data)
+    except Exception as error:
+        raise ValueError(
+            f"the model cannot be rebuilt in a worker: {type(error).__name__}: {error}"
+        ) from error
+
+
+def end_with_parent() -> None:
+    """End this process when the one that started it is gone, however that ended."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            sleep(0.5)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()

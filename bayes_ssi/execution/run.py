@@ -1,0 +1,76 @@
+"""How a calculation is carried out: in which processes, with what checkpoint, reported to whom."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from bayes_ssi.execution.checkpoint import Checkpoint
+from bayes_ssi.execution.local_workers import as_workers
+from bayes_ssi.execution.workers import Workers
+
+__all__ = ["Progress", "Run"]
+
+# Called with the name of what is computed (a model class, mostly), of the step, and the share of
+# that step that is done.
+Progress = Callable[[str, str, float], None]
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Run:
+    """How to carry out a calculation; no result depends on it.
+
+    Attributes:
+        workers: where models are evaluated; in this process if None.
+        checkpoint: keeps every evaluation on disk; nothing is kept if None.
+        progress: called with the name of a model class, of the step, and the share of it done.
+    """
+
+    workers: Workers | None
+    checkpoint: Checkpoint | None
+    progress: Progress | None
+
+    def __init__(
+        self,
+        workers: int | Executor | Workers | None = None,
+        checkpoint: str | Path | Checkpoint | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        """Choose workers, checkpoint and progress.
+
+        Args:
+            workers: a number of processes on this machine, or any ``concurrent.futures.Executor``.
+                Several model classes are sampled side by side where there are at least as many as
+                workers or their models are fast; otherwise workers share the evaluations of one.
+            checkpoint: directory for the evaluations, made if need be inside one that exists. A
+                run that was interrupted is resumed from it, to the same result. The caller removes
+                it.
+            progress: called with the name of a model class, of the step, and the share of it that
+                is done; of a class sampled in a worker, only at its end.
+
+        Raises:
+            ValueError: the number of workers is not positive.
+            TypeError: the workers are neither a number nor an executor.
+        """
+        if isinstance(checkpoint, (str, Path)):
+            checkpoint = Checkpoint(checkpoint)
+        object.__setattr__(self, "workers", as_workers(workers))
+        object.__setattr__(self, "checkpoint", checkpoint)
+        object.__setattr__(self, "progress", progress)
+
+    @contextmanager
+    def working(self) -> Iterator[None]:
+        """Keep the workers; at the outermost end, stop those that were started here."""
+        if self.workers is None:
+            yield
+        else:
+            with self.workers:
+                yield
+
+    def report(self, name: str, step: str, done: float) -> None:
+        """Report that a share ``done`` of a ``step`` is done for the class of this ``name``."""
+        if self.progress is not None:
+            self.progress(name, step, done)
