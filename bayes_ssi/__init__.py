@@ -5,6 +5,7 @@ vibrate on their own and hide in the modal data.
 """
 
 from bayes_ssi.appendages.appendage_search import search
+from bayes_ssi.appendages.hypotheses import SearchSettings
 from bayes_ssi.calibration.calibration import calibrate
 from bayes_ssi.calibration.least_squares import rms_distance
 from bayes_ssi.data.identified_mode import IdentifiedMode
@@ -15,6 +16,7 @@ from bayes_ssi.data.modal_pyoma2 import modal_data_from_pyoma2
 from bayes_ssi.execution.run import Run
 from bayes_ssi.finite_elements import FunctionStructure, MatrixStructure, read_matrix
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
+from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
@@ -70,6 +72,7 @@ __all__ = [
     "MatrixStructure",
     "ModalData",
     "ModelClass",
+    "Modes",
     "Normal",
     "OutOfPlaneInfill",
     "Output",
@@ -78,6 +81,7 @@ __all__ = [
     "Posterior",
     "Run",
     "SamplingSettings",
+    "SearchSettings",
     "Sensor",
     "ShearBuilding",
     "ShearBuilding3D",

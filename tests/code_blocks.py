@@ -46,17 +46,22 @@ def commands(page):
 
 
 def run_page(page):
-    """Run a page's Python and its shell commands in order, in the working directory.
-
-    Commands may end with failed checks (exit code 3): tests sample more coarsely than users.
-    """
+    """Run the Python and the shell commands of a page in order, in the working directory."""
     namespace = {"__name__": "a_page"}
     for block in blocks(page):
         if block.language == "python":
             exec(compile(block.text, page.name, "exec"), namespace)
         elif block.language == "sh":
-            for program, *arguments in block.commands:
-                assert program == "bayes-ssi", f"{page.name}: {program} is not run here"
-                done = CliRunner().invoke(main, arguments)
-                assert done.exit_code in (0, 3), f"{arguments}: {done.output}"
-                print(done.stdout)
+            run_block(block)
+
+
+def run_block(block):
+    """Run a block's shell commands, and print what they print.
+
+    They may end with failed checks (exit code 3): tests sample more coarsely than users.
+    """
+    for program, *arguments in block.commands:
+        assert program == "bayes-ssi", f"{program} is not run here"
+        done = CliRunner().invoke(main, arguments)
+        assert done.exit_code in (0, 3), f"{arguments}: {done.output}"
+        print(done.stdout)
