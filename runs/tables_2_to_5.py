@@ -142,7 +142,7 @@ def main():
         print(f"Error: {error}; bayes-ssi rank model_classes/steel_frame.py --error 0.05 makes it",
               file=sys.stderr)  # fmt: skip
         sys.exit(2)
-    console.print(ranking_table(result.comparison, result.record["study"]))
+    console.print(ranking_table(result.comparison, result.record.study))
     console.print(parameter_table(result.ranked_posteriors[0]))
 
 

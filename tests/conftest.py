@@ -218,7 +218,7 @@ def fake_sampling(monkeypatch, make_posterior):
                 found.append(
                     make_posterior(
                         candidate.name,
-                        log_evidence(candidate.name),
+                        log_evidence(candidate),
                         names=candidate.parameter_names,
                         draws=centre * np.exp(0.5 * rng.standard_normal((4, 250, n))),
                         log_likelihoods=rng.standard_normal((4, 250)),

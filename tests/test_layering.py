@@ -13,7 +13,7 @@ PACKAGE = Path(bayes_ssi.__file__).parent
 # Each may import those above it. Of a package without a list, modules may import one another.
 FREE = None
 ORDER = {
-    "arrays": (), "versions": (), "codec": (),
+    "arrays": (), "versions": (), "codec": (), "file_names": (),
     "priors": FREE, "parameters": (), "modal": (),
     "structures": FREE, "finite_elements": FREE,
     "response": FREE,

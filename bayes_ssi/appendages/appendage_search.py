@@ -1,9 +1,8 @@
-"""The search for hidden appendages: does one hang in the data, where, how heavy, tuned to what?
+"""The search for hidden appendages: is there one, where, how heavy, and at which frequency?
 
-From a baseline model class it builds hypotheses: no appendage; a pendulum on each floor; an
-infill out of its plane between each two neighbouring floors; then one more on the best of these,
-as long as the evidence grows. Which identified mode is which is never assumed: every hypothesis
-is scored over all pairings.
+From a baseline model class it builds hypotheses: no appendage; one appendage of each kind at each
+of its places; then one more beside the best of these, as long as the evidence grows. Which
+identified mode is which is never assumed: every hypothesis is scored over all pairings.
 """
 
 from __future__ import annotations
@@ -13,13 +12,13 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from bayes_ssi.appendages.hypotheses import (
-    Place,
     SearchSettings,
     hypothesis,
     mean_mass,
     places_of,
     structure_with_floors,
 )
+from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.appendages.search_result import AppendageSearch
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
@@ -58,28 +57,28 @@ def search(
     structure = structure_with_floors(baseline)
     candidates = places_of(structure)
     build = partial(hypothesis, baseline, search_settings=options)
-    found: dict[tuple[Place, ...], Posterior] = {}
-    classes: dict[tuple[Place, ...], ModelClass] = {}
+    posteriors: dict[tuple[AppendagePlace, ...], Posterior] = {}
+    classes: dict[tuple[AppendagePlace, ...], ModelClass] = {}
     run = run or Run()
     with run.working():
-        level: list[tuple[Place, ...]] = [(), *((place,) for place in candidates)]
+        level: list[tuple[AppendagePlace, ...]] = [(), *((place,) for place in candidates)]
         while level:
             classes.update({places: build(places) for places in level})
             sampled = sample_all([classes[places] for places in level], seed, settings, run)
-            found.update(zip(level, sampled, strict=True))
-            level = _next_level(found, candidates, options)
+            posteriors.update(zip(level, sampled, strict=True))
+            level = _next_level(posteriors, candidates, options)
     weights = {
         classes[places].name: _prior_weight(len(places), len(candidates), options)
-        for places in found
+        for places in posteriors
     }
     study = Study(
         f"Appendages hidden in {baseline.name!r}", list(classes.values()), prior_weights=weights
     )
-    posteriors = tuple(found.values())
-    ranking = Ranking(study, posteriors, compare(posteriors, weights), seed, settings)
+    sampled_all = tuple(posteriors.values())
+    ranking = Ranking(study, sampled_all, compare(sampled_all, weights), seed, settings)
     return AppendageSearch(
         ranking,
-        {classes[p].name: p for p in found},
+        {classes[p].name: p for p in posteriors},
         candidates,
         mean_mass(structure),
         baseline.name,
@@ -88,20 +87,20 @@ def search(
 
 
 def _next_level(
-    found: Mapping[tuple[Place, ...], Posterior],
-    candidates: Sequence[Place],
+    posteriors: Mapping[tuple[AppendagePlace, ...], Posterior],
+    candidates: Sequence[AppendagePlace],
     options: SearchSettings,
-) -> list[tuple[Place, ...]]:
+) -> list[tuple[AppendagePlace, ...]]:
     """Hypotheses with one appendage more than the best so far; none if more do not help."""
 
-    def log_evidence(places: tuple[Place, ...]) -> float:
-        return found[places].evidence.log_evidence
+    def log_evidence(places: tuple[AppendagePlace, ...]) -> float:
+        return posteriors[places].evidence.log_evidence
 
-    most = max(len(places) for places in found)
+    most = max(len(places) for places in posteriors)
     if most + 1 == len(options.number_weights):
         return []
-    top = [places for places in found if len(places) == most]
-    fewer = [places for places in found if len(places) == most - 1]
+    top = [places for places in posteriors if len(places) == most]
+    fewer = [places for places in posteriors if len(places) == most - 1]
     if max(map(log_evidence, top)) <= max(map(log_evidence, fewer)):
         return []
     best = sorted(top, key=log_evidence, reverse=True)[: options.branches]
@@ -115,5 +114,5 @@ def _next_level(
 
 
 def _prior_weight(number: int, n_candidates: int, options: SearchSettings) -> float:
-    """A number's weight, shared by all ways to place so many appendages."""
+    """A number's weight, shared by all ways to place that many appendages."""
     return options.number_weights[number] / math.comb(n_candidates, number)

@@ -1,4 +1,4 @@
-"""Hypotheses of a search: a structure with appendages hung on its floors and in its storeys."""
+"""Hypotheses of a search: a building with appendages on its floors and in its storeys."""
 
 from __future__ import annotations
 
@@ -6,17 +6,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from bayes_ssi.appendages.places import KINDS, AppendagePlace
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.priors.families import LogNormal, LogUniform
 from bayes_ssi.priors.prior import Prior
-from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.lumped import LumpedStructure
 
 __all__ = [
-    "AND",
     "NO_APPENDAGE",
-    "Place",
     "SearchSettings",
     "frequency_name",
     "hypothesis",
@@ -27,24 +25,6 @@ __all__ = [
 ]
 
 NO_APPENDAGE = "no appendage"
-AND = " + "
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where an appendage may hang.
-
-    Attributes:
-        kind: "pendulum" on one floor, or "infill" between two.
-        floors: the floor, or the two, 0 being the ground.
-    """
-
-    kind: str
-    floors: tuple[int, ...]
-
-    @property
-    def name(self) -> str:
-        return f"{self.kind} {'-'.join(map(str, self.floors))}"
 
 
 @dataclass(frozen=True)
@@ -52,18 +32,18 @@ class SearchSettings:
     """What an appendage may be, and how many there may be.
 
     The defaults suit buildings: parapets, chimneys, tanks and infills that move out of their
-    plane weigh mostly between 1 and 20 % of a floor, and are tuned to anything in the band.
+    plane mostly weigh between 1 and 20 % of a floor, and may have any frequency in the band.
 
     Attributes:
-        mass_ratio: prior of the mass that vibrates, over the mean floor mass.
+        mass_ratio: prior of the vibrating mass over the mean floor mass.
         frequency: prior of the appendage's natural frequency in Hz; if None, log-uniform from
             half the lowest identified frequency to the band's upper limit.
         number_weights: prior weights of no appendage, of one, of two, ...; the weight of a
-            number is shared evenly by all ways to place so many. Its length bounds the search.
+            number is shared evenly by all ways to place that many. Its length limits the search.
         branches: how many of the best hypotheses are extended by one more appendage.
 
     Raises:
-        ValueError: fewer than two weights, one that is not positive, or no branch.
+        ValueError: fewer than two weights, a weight that is not positive, or no branch.
         TypeError: a prior is none.
     """
 
@@ -89,38 +69,40 @@ class SearchSettings:
                 raise TypeError(f"SearchSettings: {name} must be a prior, got {prior!r}")
 
 
-def places_of(structure: LumpedStructure) -> tuple[Place, ...]:
-    """Every floor for a pendulum, and every storey for an infill."""
-    floors = range(1, len(structure.main_degrees_of_freedom()) + 1)
-    return (
-        *(Place("pendulum", (floor,)) for floor in floors),
-        *(Place("infill", (floor - 1, floor)) for floor in floors),
-    )
+def places_of(structure: LumpedStructure) -> tuple[AppendagePlace, ...]:
+    """Every place of a structure with floors, for every kind of appendage."""
+    n_floors = len(structure.main_degrees_of_freedom())
+    return tuple(place for kind in KINDS for place in kind.all_of(n_floors))
 
 
 def hypothesis(
     baseline: ModelClass,
-    places: Sequence[Place],
+    places: Sequence[AppendagePlace],
     search_settings: SearchSettings | None = None,
 ) -> ModelClass:
     """The baseline with an appendage at each of ``places``, scored over all pairings.
 
     Raises:
-        ValueError: its structure has no floors to hang an appendage on.
+        ValueError: its structure has no floors, or not these.
     """
     options = search_settings or SearchSettings()
     structure = structure_with_floors(baseline)
     scale = mean_mass(structure)
-    frequency = options.frequency or _default_frequency(baseline)
+    prior = options.frequency or _default_frequency(baseline)
     for place in places:
         ratio = Parameter(mass_name(place), options.mass_ratio)
-        tuned = Parameter(frequency_name(place), frequency, unit="Hz")
-        structure = structure.with_element(_element(place, ratio, tuned, scale))
-    name = AND.join(place.name for place in places) or NO_APPENDAGE
+        frequency = Parameter(frequency_name(place), prior, unit="Hz")
+        structure = structure.with_element(place.element(scale * ratio, frequency))
+    name = " + ".join(place.name for place in places) or NO_APPENDAGE
     return baseline.with_any_pairing(baseline.name).with_structure(structure, name)
 
 
 def structure_with_floors(baseline: ModelClass) -> LumpedStructure:
+    """The structure of a class on which appendages can be hung.
+
+    Raises:
+        ValueError: it has no floors, or there are several configurations.
+    """
     if len(baseline.configurations) > 1:
         raise ValueError(
             f"model class {baseline.name!r}: a search needs a class with one configuration, got "
@@ -135,17 +117,6 @@ def structure_with_floors(baseline: ModelClass) -> LumpedStructure:
     return structure
 
 
-def _element(place: Place, ratio: Parameter, tuned: Parameter, mass_scale: float) -> Element:
-    label = f"appendage {place.name}"
-    if place.kind == "pendulum":
-        return Pendulum(on=place.floors[0], mass=mass_scale * ratio, frequency=tuned, label=label)
-    low, high = place.floors
-    # Half of an infill vibrates.
-    return OutOfPlaneInfill(
-        between=(low, high), mass=2.0 * mass_scale * ratio, frequency=tuned, label=label
-    )
-
-
 def _default_frequency(baseline: ModelClass) -> Prior:
     lowest = min(mode.frequency_hz for mode in baseline.data.modes)
     return LogUniform(0.5 * lowest, baseline.data.band_hz[1])
@@ -157,9 +128,11 @@ def mean_mass(structure: LumpedStructure) -> float:
     return sum(masses) / len(structure.main_degrees_of_freedom())
 
 
-def mass_name(place: Place) -> str:
+def mass_name(place: AppendagePlace) -> str:
+    """Name of the parameter that is the vibrating mass over the mean floor mass."""
     return f"mass ratio, {place.name}"
 
 
-def frequency_name(place: Place) -> str:
+def frequency_name(place: AppendagePlace) -> str:
+    """Name of the parameter that is the appendage's frequency."""
     return f"frequency, {place.name}"

@@ -1,38 +1,40 @@
-"""What a search for appendages found: places, appendages and averaged parameters."""
+"""The result of a search for appendages: places, appendages and averaged parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
-from bayes_ssi.appendages.hypotheses import (
-    Place,
-    SearchSettings,
-    frequency_name,
-    mass_name,
-)
-from bayes_ssi.codec import to_record
+from bayes_ssi.appendages.hypotheses import SearchSettings, frequency_name, mass_name
+from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.ranking.averages import AveragedParameter, averaged_parameters
 from bayes_ssi.ranking.study import Ranking
 
-__all__ = ["AppendageSearch", "AppendageSummary", "AveragedBesideNaive", "search_record"]
+__all__ = [
+    "AppendageSearch",
+    "AppendageSummary",
+    "AveragedBesideNaive",
+    "HypothesisRecord",
+    "PlaceProbability",
+    "SearchRecord",
+    "search_record",
+]
 
 
 @dataclass(frozen=True)
 class AppendageSummary:
-    """One appendage of one hypothesis, with medians and 90 % intervals.
+    """One appendage of one hypothesis: 5, 50 and 95 % quantiles.
 
     Attributes:
         place: where it hangs.
-        mass: of what vibrates, in the structure's unit.
+        mass: the vibrating mass, in the structure's unit.
         mass_ratio: the same over the mean floor mass.
         frequency_hz: natural frequency on fixed floors.
     """
 
-    place: Place
+    place: AppendagePlace
     mass: tuple[float, float, float]
     mass_ratio: tuple[float, float, float]
     frequency_hz: tuple[float, float, float]
@@ -43,16 +45,61 @@ class AveragedBesideNaive(AveragedParameter):
     """A parameter of the baseline, averaged over all hypotheses by their probability.
 
     Attributes:
-        naive_mean, naive_sd: if no appendage is thought of.
+        naive_mean, naive_sd: under the hypothesis of no appendage.
     """
 
     naive_mean: float
     naive_sd: float
 
 
+@dataclass(frozen=True)
+class PlaceProbability:
+    """A place, and the probability that an appendage hangs there."""
+
+    place: AppendagePlace
+    probability: float
+
+
+@dataclass(frozen=True)
+class HypothesisRecord:
+    """One hypothesis of a search: its probability and its appendages."""
+
+    name: str
+    probability: float
+    appendages: tuple[AppendageSummary, ...]
+
+
+@dataclass(frozen=True)
+class SearchRecord:
+    """What is stored of a search beside its ranking.
+
+    Attributes:
+        baseline: name of the model class that the hypotheses were built on.
+        search_settings: what an appendage may be.
+        mass_scale: the mean floor mass, in the structure's unit.
+        probability_of_any: probability that there is at least one appendage.
+        places: all that were considered.
+        hypotheses: the most probable first.
+        averaged_parameters: of the baseline.
+    """
+
+    baseline: str
+    search_settings: SearchSettings
+    mass_scale: float
+    probability_of_any: float
+    places: tuple[PlaceProbability, ...]
+    hypotheses: tuple[HypothesisRecord, ...]
+    averaged_parameters: tuple[AveragedBesideNaive, ...]
+
+    @property
+    def place_probabilities(self) -> dict[AppendagePlace, float]:
+        """Every place → the probability that an appendage hangs there."""
+        return {each.place: each.probability for each in self.places}
+
+
 @dataclass(frozen=True, eq=False)
 class AppendageSearch:
-    """What a search found.
+    """The result of a search.
 
     Attributes:
         ranking: of all hypotheses that were sampled.
@@ -64,27 +111,27 @@ class AppendageSearch:
     """
 
     ranking: Ranking
-    places: Mapping[str, tuple[Place, ...]]
-    candidates: tuple[Place, ...]
+    places: Mapping[str, tuple[AppendagePlace, ...]]
+    candidates: tuple[AppendagePlace, ...]
     mass_scale: float
     baseline: str
     search_settings: SearchSettings
 
     @property
     def probability_of_any(self) -> float:
-        """That there is at least one appendage."""
+        """Probability that there is at least one appendage."""
         return sum(
             row.probability for row in self.ranking.comparison.classes if self.places[row.name]
         )
 
     @property
-    def place_probabilities(self) -> dict[Place, float]:
+    def place_probabilities(self) -> dict[AppendagePlace, float]:
         """Every candidate place → the probability that an appendage hangs there."""
-        found = dict.fromkeys(self.candidates, 0.0)
+        probabilities = dict.fromkeys(self.candidates, 0.0)
         for row in self.ranking.comparison.classes:
             for place in set(self.places[row.name]):
-                found[place] += row.probability
-        return found
+                probabilities[place] += row.probability
+        return probabilities
 
     def appendages(self, name: str) -> tuple[AppendageSummary, ...]:
         """The appendages of one hypothesis."""
@@ -122,24 +169,17 @@ class AppendageSearch:
         )
 
 
-def search_record(found: AppendageSearch) -> dict[str, Any]:
-    """What a search found, for a JSON record."""
-    return {
-        "baseline": found.baseline,
-        "search_settings": to_record(found.search_settings),
-        "mass_scale": found.mass_scale,
-        "probability_of_any": found.probability_of_any,
-        "places": [
-            {"kind": place.kind, "floors": list(place.floors), "probability": probability}
-            for place, probability in found.place_probabilities.items()
-        ],
-        "hypotheses": [
-            {
-                "name": row.name,
-                "probability": row.probability,
-                "appendages": [asdict(each) for each in found.appendages(row.name)],
-            }
-            for row in found.ranking.comparison.classes
-        ],
-        "averaged_parameters": [asdict(row) for row in found.averaged_parameters],
-    }
+def search_record(result: AppendageSearch) -> SearchRecord:
+    """What is stored of a search beside its ranking."""
+    return SearchRecord(
+        result.baseline,
+        result.search_settings,
+        result.mass_scale,
+        result.probability_of_any,
+        tuple(PlaceProbability(*each) for each in result.place_probabilities.items()),
+        tuple(
+            HypothesisRecord(row.name, row.probability, result.appendages(row.name))
+            for row in result.ranking.comparison.classes
+        ),
+        result.averaged_parameters,
+    )

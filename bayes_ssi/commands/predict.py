@@ -8,19 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from bayes_ssi.codec import to_record
 from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
 
 if TYPE_CHECKING:
     from bayes_ssi.predictions.predictions import Predictions
     from bayes_ssi.predictions.response_bands import ResponseBands, ResponseRequest
+    from bayes_ssi.predictions.saved_predictions import PredictionsRecord
     from bayes_ssi.predictions.stored_predictions import StoredPredictions
 
 from bayes_ssi.commands.response_options import question_of
 
 __all__ = ["predict"]
-
-# The file that every directory of predictions holds.
-MARKER = "predictions.json"
 
 
 @click.command()
@@ -122,6 +121,7 @@ def predict(
     from bayes_ssi.predictions.prediction_files import save_predictions
     from bayes_ssi.predictions.predictions import AVERAGE
     from bayes_ssi.predictions.response_bands import answer
+    from bayes_ssi.predictions.saved_predictions import MARKER
     from bayes_ssi.predictions.stored_predictions import load_predictions
     from bayes_ssi.results.json_files import write_json
     from bayes_ssi.results.new_directory import new_directory, require_new
@@ -147,7 +147,7 @@ def predict(
     from bayes_ssi.tables import frequency_table, peak_table, shape_tables
 
     where = console()
-    title = predicted.stored.record["study"]
+    title = predicted.stored.record.study
     test = f", configuration {predicted.configuration!r}" if predicted.configuration else ""
     say(where, f"{title}{test}: {draws} stored draws, nothing sampled.")
     say(where, *(_composition(each.predictions) for each in answers), *remarks)
@@ -159,7 +159,11 @@ def predict(
     n_tables, n_figures = (len(list(directory.glob(f"**/*.{kind}"))) for kind in ("csv", "png"))
     say(where, f"Saved in {directory}: {n_tables} tables and {n_figures} figures.")
     print_record(
-        lambda: {"directory": str(directory), **record, "modes": _modes(predicted, answers)}
+        lambda: {
+            "directory": str(directory),
+            **to_record(record),
+            "modes": _modes(predicted, answers),
+        }
     )
 
 
@@ -191,25 +195,25 @@ def _composition(predictions: Predictions) -> str:
 
 def _record(
     predicted: StoredPredictions, names: list[str], question: ResponseRequest
-) -> dict[str, Any]:
-    """What the predictions are of, for the record."""
+) -> PredictionsRecord:
+    from bayes_ssi.predictions.saved_predictions import MotionRecord, PredictionsRecord
     from bayes_ssi.versions import versions
 
-    frequencies = question.frequencies_hz
-    return {
-        "study": predicted.stored.record["study"],
-        "result_created": predicted.stored.record["created"],
-        "configuration": predicted.configuration,
-        "predictions_of": names,
-        "draws": predicted.n_draws,
-        "level": question.level,
-        "quantity": question.output.quantity,
-        "places": list(question.output.labels),
-        "damping": question.damping,
-        "transfer_functions": None if frequencies is None else question.transfer_name,
-        "records": [
-            {"name": motion.name, "samples": len(motion), "dt_s": motion.dt}
-            for motion in question.motions
-        ],
-        "versions": versions(),
-    }
+    transfer = None if question.frequencies_hz is None else question.transfer_name
+    damping = question.damping
+    return PredictionsRecord(
+        study=predicted.stored.record.study,
+        result_created=predicted.stored.record.created,
+        configuration=predicted.configuration,
+        predictions_of=tuple(names),
+        draws=predicted.n_draws,
+        level=question.level,
+        quantity=question.output.quantity,
+        places=tuple(question.output.labels),
+        damping=damping if isinstance(damping, (int, float)) else tuple(damping),
+        transfer_functions=transfer,
+        records=tuple(
+            MotionRecord(motion.name, len(motion), motion.dt) for motion in question.motions
+        ),
+        versions=versions(),
+    )

@@ -71,11 +71,9 @@ class Sampled:
     @property
     def all_records(self) -> dict[str, Any]:
         """The records, including that of the sensitivity."""
-        from bayes_ssi.ranking.sensitivity import sensitivity_record
-
         if self.sensitivity is None:
             return dict(self.records)
-        return {**self.records, "sensitivity.json": sensitivity_record(self.sensitivity)}
+        return {**self.records, "sensitivity.json": self.sensitivity}
 
 
 @dataclass(frozen=True)
@@ -261,7 +259,7 @@ def _record(sampled: Sampled, result: StoredResult) -> dict[str, Any]:
     """What ``--json`` prints: the ranking, the posteriors in numbers, and where the result is."""
     record = {
         "directory": str(result.directory),
-        "study": result.record["study"],
+        "study": result.record.study,
         **asdict(result.comparison),
         "failed_checks": list(result.comparison.failed_checks),
         "not_distinguishable": list(result.comparison.not_distinguishable),

@@ -137,9 +137,9 @@ def json_option(command: Callable[..., None]) -> Callable[..., None]:
 def print_record(record: Callable[[], Mapping[str, Any]]) -> None:
     """Print a JSON record, made only if it was asked for; infinities and NaN are text."""
     if _meta().get(JSON, False) and not is_quiet():
-        from bayes_ssi.results.json_files import plain_record
+        from bayes_ssi.codec import to_record
 
-        click.echo(json.dumps(plain_record(record()), indent=2, allow_nan=False))
+        click.echo(json.dumps(to_record(record()), indent=2, allow_nan=False))
 
 
 def console() -> Console:

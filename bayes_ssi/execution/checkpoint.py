@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_ssi.codec import to_record
 from bayes_ssi.execution.journal import Journal, JournalInUseError, run_of_journal
+from bayes_ssi.file_names import file_stem
 from bayes_ssi.model_class.class_record import class_record
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.versions import versions
@@ -136,7 +138,7 @@ class Checkpoint:
             self.directory.rmdir()
 
     def _path(self, name: str) -> Path:
-        stem = re.sub(r"[^A-Za-z0-9._+-]+", "_", name)[:60]
+        stem = file_stem(name)[:60]
         digest = hashlib.sha256(name.encode()).hexdigest()[:8]
         return self.directory / f"{stem}-{digest}.journal"
 
@@ -150,7 +152,7 @@ def name_of_run(model_classes: Iterable[ModelClass], *options: object) -> str:
 def _definition(model_class: ModelClass) -> str:
     """A digest of everything that a model class is, as far as its description says."""
     with np.printoptions(threshold=sys.maxsize):  # arrays in full
-        text = json.dumps(class_record(model_class), sort_keys=True, default=str)
+        text = json.dumps(to_record(class_record(model_class)), sort_keys=True)
     # The default description of an object holds its address, which differs between processes.
     text = re.sub(r" at 0x[0-9a-fA-F]+", "", text)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,62 +1,112 @@
-"""What model classes are, as plain records: for results on disk, and to tell classes apart."""
+"""What a model class is, as a record to be stored: for results, and to recognise a class again."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
 
-from bayes_ssi.codec import to_record
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.description import described, in_words
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.priors.prior import Prior
 
-__all__ = ["class_record"]
+__all__ = ["ClassRecord", "ConfigurationRecord", "ParameterRecord", "class_record"]
 
 
-def class_record(model_class: ModelClass) -> dict[str, Any]:
-    """What a class is, for a JSON record; of one configuration without a name, its own keys."""
-    tests = [{"name": c.name, **_configuration(c)} for c in model_class.configurations]
-    own: dict[str, Any] = {"configurations": tests}
-    if model_class.configuration_names == ("",):
-        own = _configuration(model_class.configurations[0])
-    return {
-        "name": model_class.name,
-        "description": model_class.description,
-        **own,
-        "error": repr(model_class.error),
-        "error_sizes": {
+@dataclass(frozen=True)
+class ParameterRecord:
+    """An inferred parameter; ``prior_quantiles`` are the 5, 50 and 95 % quantiles of its prior."""
+
+    name: str
+    unit: str
+    prior: Prior
+    prior_quantiles: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ConfigurationRecord:
+    """One configuration of a model class.
+
+    Attributes:
+        name: empty where there is one configuration.
+        structure: name of its class.
+        definition: the structure as Python writes it.
+        structure_lines: heading and text, line by line.
+        degrees_of_freedom: of the structure.
+        pairing: label of an identified mode → number of the model mode; None where it is inferred.
+        spurious: labels of the identified modes that are not paired; None where that is inferred.
+        identification_errors: label → name of the error → its size, None where not given.
+        data_digest: of the identified modes.
+    """
+
+    name: str
+    structure: str
+    definition: str
+    structure_lines: tuple[tuple[str, str], ...]
+    degrees_of_freedom: tuple[str, ...]
+    pairing: Mapping[str, int] | None
+    spurious: tuple[str, ...] | None
+    identification_errors: Mapping[str, Mapping[str, float | None]]
+    data_digest: str
+
+
+@dataclass(frozen=True)
+class ClassRecord:
+    """A model class; ``error`` is its error model as Python writes it, ``error_sizes`` in words."""
+
+    name: str
+    description: str
+    configurations: tuple[ConfigurationRecord, ...]
+    error: str
+    error_sizes: Mapping[str, str]
+    parameters: tuple[ParameterRecord, ...]
+    detection_probability: float
+    expected_spurious_modes: float
+    data_digest: str
+
+
+def class_record(model_class: ModelClass) -> ClassRecord:
+    """The record of a model class."""
+    return ClassRecord(
+        name=model_class.name,
+        description=model_class.description,
+        configurations=tuple(map(_configuration, model_class.configurations)),
+        error=repr(model_class.error),
+        error_sizes={
             "frequency_cov": in_words(model_class.error.frequency_cov),
             "shape_sd": in_words(model_class.error.shape_sd),
         },
-        "parameters": [
-            {
-                "name": p.name,
-                "unit": p.unit,
-                "prior": to_record(p.prior),
-                "prior_quantiles": [p.prior.quantile(share) for share in (0.05, 0.5, 0.95)],
-            }
+        parameters=tuple(
+            ParameterRecord(
+                p.name,
+                p.unit,
+                p.prior,
+                (p.prior.quantile(0.05), p.prior.quantile(0.5), p.prior.quantile(0.95)),
+            )
             for p in model_class.parameters
-        ],
-        "detection_probability": model_class.identification.detection_probability,
-        "expected_spurious_modes": model_class.identification.expected_spurious_modes,
-        "data_digest": model_class.data_digest,
-    }
+        ),
+        detection_probability=model_class.identification.detection_probability,
+        expected_spurious_modes=model_class.identification.expected_spurious_modes,
+        data_digest=model_class.data_digest,
+    )
 
 
-def _configuration(configuration: Configuration) -> dict[str, Any]:
+def _configuration(configuration: Configuration) -> ConfigurationRecord:
     structure, data, pairing = configuration.structure, configuration.data, configuration.pairing
     given = None if pairing == "any" else pairing
-    return {
-        "structure": type(structure).__name__,
-        "definition": repr(structure),
-        "structure_lines": [list(line) for line in described(structure)],
-        "degrees_of_freedom": list(structure.degrees_of_freedom),
-        "pairing": "any" if given is None else dict(given),
-        "spurious": None
+    return ConfigurationRecord(
+        name=configuration.name,
+        structure=type(structure).__name__,
+        definition=repr(structure),
+        structure_lines=tuple(described(structure)),
+        degrees_of_freedom=tuple(structure.degrees_of_freedom),
+        pairing=given,
+        spurious=None
         if given is None
-        else [label for label in data.labels if label not in given],
-        "identification_errors": {
+        else tuple(label for label in data.labels if label not in given),
+        identification_errors={
             mode.label: {"frequency_cov": mode.frequency_cov, "shape_sd": mode.shape_sd}
             for mode in data.modes
         },
-        "data_digest": data.digest,
-    }
+        data_digest=data.digest,
+    )

@@ -6,9 +6,8 @@ the study nor its structures.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,47 +80,6 @@ class UpdatedModes:
     def heights(self) -> dict[str, float]:
         """Place → height, as a structure tells it."""
         return dict(zip(self.places, self.place_heights, strict=True))
-
-    @classmethod
-    def of_record(cls, record: Mapping[str, Any] | None) -> UpdatedModes | None:
-        """The modes of a JSON record of their fields, where NaN is text; None of None.
-
-        Raises:
-            KeyError, TypeError, ValueError: the record lacks something.
-        """
-        if record is None:
-            return None
-        return cls(
-            tuple(record["places"]),
-            _reals(record["place_heights"]),
-            tuple(record["appendages"]),
-            record["has_floors"],
-            tuple(_mode(mode) for mode in record["modes"]),
-        )
-
-
-def _mode(record: Mapping[str, Any]) -> UpdatedMode:
-    before, after = record["mac_before"], record["mac_after"]
-    low, median, high = map(_reals, record["shape_after"])
-    return UpdatedMode(
-        label=record["label"],
-        model_mode=record["model_mode"],
-        before_hz=float(record["before_hz"]),
-        after_hz=_three(record["after_hz"]),
-        mac_before=None if before is None else float(before),
-        mac_after=None if after is None else _three(after),
-        shape_before=_reals(record["shape_before"]),
-        shape_after=(low, median, high),
-    )
-
-
-def _reals(numbers: Iterable[Any]) -> tuple[float, ...]:
-    return tuple(float(number) for number in numbers)
-
-
-def _three(numbers: Iterable[Any]) -> Interval:
-    low, median, high = _reals(numbers)
-    return low, median, high
 
 
 def updated_modes(

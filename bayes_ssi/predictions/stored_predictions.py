@@ -94,12 +94,12 @@ def load_predictions(
     if n_draws < 1:
         raise ValueError(f"predictions: the number of draws must be at least 1, got {n_draws!r}")
     stored = load_result(directory)
-    recorded = stored.record.get("study_file")
+    recorded = stored.record.study_file
     if study_file is None and (not recorded or not Path(recorded).is_file()):
         raise ValueError(
             f"{directory}: its study file {recorded!r} is not there; say where it is (--study FILE)"
         )
-    path = Path(study_file or str(recorded))
+    path = Path(study_file or recorded)
     classes = stored_classes(stored, load_study(path), path)
     for each in classes.values():
         name = configuration_of(each, configuration).name

@@ -14,9 +14,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
@@ -38,8 +37,6 @@ __all__ = [
     "Variation",
     "default_variations",
     "sensitivity",
-    "sensitivity_of_record",
-    "sensitivity_record",
 ]
 
 MAX_DRAWS = 4000
@@ -105,9 +102,17 @@ class SensitivityRow:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """A ranking under every variation; the first row is the ranking as it is."""
+    """A ranking under every variation; the first row is the ranking as it is.
+
+    Raises:
+        ValueError: there is no first row, or it ranks no class.
+    """
 
     rows: tuple[SensitivityRow, ...]
+
+    def __post_init__(self) -> None:
+        if not self.rows or not self.rows[0].probabilities:
+            raise ValueError("Sensitivity: no ranking")
 
     @property
     def turning(self) -> tuple[SensitivityRow, ...]:
@@ -159,37 +164,6 @@ def sensitivity(
         for done, variation in enumerate(variations):
             rows.append(_varied(ranking, variation, settings or SETTINGS, Run(run.workers)))
             run.report("sensitivity", variation.name, (done + 1) / len(variations))
-    return Sensitivity(tuple(rows))
-
-
-def sensitivity_record(found: Sensitivity) -> list[dict[str, Any]]:
-    """How the ranking moved, for a JSON record."""
-    return [asdict(row) for row in found.rows]
-
-
-def sensitivity_of_record(record: Sequence[Mapping[str, Any]]) -> Sensitivity:
-    """What :func:`sensitivity_record` made a record of.
-
-    Raises:
-        KeyError, TypeError, ValueError: the record lacks something.
-    """
-    rows = []
-    for row in record:
-        evidences = {
-            name: Estimate(float(each["log_evidence"]), float(each["error"]))
-            for name, each in row["log_evidences"].items()
-        }
-        rows.append(
-            SensitivityRow(
-                name=row["name"],
-                log_evidences=evidences,
-                probabilities={name: float(p) for name, p in row["probabilities"].items()},
-                sampled=tuple(row["sampled"]),
-                failed_checks=tuple(row["failed_checks"]),
-            )
-        )
-    if not rows or not rows[0].probabilities:
-        raise ValueError("no ranking")
     return Sensitivity(tuple(rows))
 
 

@@ -34,6 +34,8 @@ class Study:
         model_classes: the candidates.
         prior_weights: name of a class → its prior weight; equal where not given.
         description: what the study asks.
+        stands_for: class whose pairing is inferred in place of a given one → the classes of the
+            original study that it stands for.
 
     Raises:
         ValueError: there is no model class, two have one name, or the prior weights are not one
@@ -45,6 +47,7 @@ class Study:
     model_classes: Sequence[ModelClass]
     prior_weights: Mapping[str, float] | None = field(default=None, kw_only=True)
     description: str = field(default="", kw_only=True)
+    stands_for: Mapping[str, tuple[str, ...]] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
@@ -85,12 +88,14 @@ class Study:
             self,
             model_classes=[c for c in self.model_classes if c.name in names],
             prior_weights=None if weights is None else {n: weights[n] for n in names},
+            stands_for={n: own for n, own in self.stands_for.items() if n in names},
         )
 
     def with_any_pairing(self) -> Study:
         """The study with every pairing inferred; classes that thereby become one are merged.
 
-        A merged class carries the names of all, and the sum of their prior weights.
+        A merged class carries the names of all, the sum of their prior weights, and the
+        description of the first.
         """
         alike: dict[tuple[str, ...], list[ModelClass]] = {}
         for candidate in self.model_classes:
@@ -99,13 +104,20 @@ class Study:
             with np.printoptions(threshold=sys.maxsize):  # arrays in full
                 key = (*map(repr, described), candidate.data_digest)
             alike.setdefault(key, []).append(candidate)
-        merged, weights = [], {}
+        merged, weights, stands_for = [], {}, {}
         for candidates in alike.values():
             name = " or ".join(candidate.name for candidate in candidates)
             merged.append(candidates[0].with_any_pairing(name))
+            stands_for[name] = tuple(
+                original
+                for each in candidates
+                for original in self.stands_for.get(each.name, (each.name,))
+            )
             if self.prior_weights is not None:
                 weights[name] = sum(self.prior_weights[c.name] for c in candidates)
-        return replace(self, model_classes=merged, prior_weights=weights or None)
+        return replace(
+            self, model_classes=merged, prior_weights=weights or None, stands_for=stands_for
+        )
 
     def require_same_data(self) -> None:
         """Refuse to go on where classes explain different data, in any configuration.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from typing import Any
@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.model_class.class_record import ClassRecord, ConfigurationRecord
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.posterior import Posterior, check_names
+from bayes_ssi.predictions.saved_predictions import SavedPredictions
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.report.embedded_figure import EmbeddedFigure
 from bayes_ssi.report.report_figures import ReportFigures
-from bayes_ssi.report.stored_extras import StoredExtras
 from bayes_ssi.results.load import StoredResult
+from bayes_ssi.results.result_record import ResultRecord
 from bayes_ssi.tables import pairing_notes, region_notes
 
 __all__ = ["page_content"]
@@ -29,31 +31,33 @@ class _StoredClass:
     """What is stored of one model class: its posterior, its record, its row of the ranking."""
 
     posterior: Posterior
-    record: Mapping[str, Any]
+    record: ClassRecord
     row: RankedClass
 
 
 def page_content(
-    stored: StoredResult, extras: StoredExtras, figures: ReportFigures, most_listed: int
+    stored: StoredResult,
+    predictions: SavedPredictions | None,
+    figures: ReportFigures,
+    most_listed: int,
 ) -> dict[str, Any]:
     """The variables of the template.
 
     Args:
         stored: the ranking.
-        extras: what is stored with it.
+        predictions: those saved with it.
         figures: of the report.
         most_listed: model classes that are described in full, the best first.
     """
     record, comparison = stored.record, stored.comparison
-    records = {each["name"]: each for each in record["model_classes"]}
     ranked = [
-        _StoredClass(stored.posterior(row.name), records[row.name], row)
+        _StoredClass(stored.posterior(row.name), record.model_class(row.name), row)
         for row in comparison.classes
     ]
     methods = check_names(stored.posteriors)
     return {
-        "title": record["study"],
-        "question": record["description"],
+        "title": record.study,
+        "question": record.description,
         "record": record,
         "rows": [_ranked(each, comparison, record) for each in ranked],
         "best": comparison.best,
@@ -65,31 +69,29 @@ def page_content(
         "several": len(stored.tests) > 1,
         "classes": [
             # A hypothesis of a search carries the description of the class that it was built on.
-            _class(each, stored, figures, described=extras.search is None)
+            _class(each, stored, figures, described=stored.search is None)
             for each in ranked[:most_listed]
         ],
         "n_more": max(0, len(ranked) - most_listed),
         "checks": [_checks(each, methods) for each in ranked],
         "check_names": methods,
-        "search": extras.search,
-        "sensitivity": extras.sensitivity,
-        "turning": extras.sensitivity.turning if extras.sensitivity else (),
-        "predictions": extras.predictions,
+        "search": stored.search,
+        "sensitivity": stored.sensitivity,
+        "turning": stored.sensitivity.turning if stored.sensitivity else (),
+        "predictions": predictions,
         "figures": figures,
-        "command": record.get("command") or _command(record),
+        "command": record.command or _command(record),
         "sampled_seconds": sum(each.posterior.seconds for each in ranked),
     }
 
 
-def _ranked(
-    each: _StoredClass, comparison: Comparison, record: Mapping[str, Any]
-) -> dict[str, Any]:
+def _ranked(each: _StoredClass, comparison: Comparison, record: ResultRecord) -> dict[str, Any]:
     row = each.row
-    weights = record.get("prior_weights") or {}
+    weights = record.prior_weights or {}
     total = sum(weights.values()) or len(comparison.classes)
     return {
         **asdict(row),
-        "description": each.record["description"],
+        "description": each.record.description,
         "prior_probability": weights.get(row.name, 1.0) / total,
         "best": row is comparison.best,
     }
@@ -124,20 +126,19 @@ def _class(
     each: _StoredClass, stored: StoredResult, figures: ReportFigures, *, described: bool
 ) -> dict[str, Any]:
     posterior, record = each.posterior, each.record
-    tests = record.get("configurations") or [{**record, "name": ""}]
-    records = {test["name"]: test for test in tests}
+    records = {configuration.name: configuration for configuration in record.configurations}
     return {
         "name": each.row.name,
         "row": each.row,
-        "description": record["description"] if described else "",
-        "error_sizes": record["error_sizes"],
-        "detection_probability": record["detection_probability"],
-        "expected_spurious_modes": record["expected_spurious_modes"],
+        "description": record.description if described else "",
+        "error_sizes": record.error_sizes,
+        "detection_probability": record.detection_probability,
+        "expected_spurious_modes": record.expected_spurious_modes,
         "parameters": _parameters(posterior, record),
         "configurations": [
             {
                 **_configuration(modes, stored.tests[modes.name], posterior),
-                "structure": _structure(records[modes.name], tests[0]),
+                "structure": _structure(records[modes.name], record.configurations[0]),
             }
             for modes in posterior.configurations
         ],
@@ -148,14 +149,14 @@ def _class(
     }
 
 
-def _parameters(posterior: Posterior, record: Mapping[str, Any]) -> list[dict[str, Any]]:
-    priors = {each["name"]: each for each in record["parameters"]}
+def _parameters(posterior: Posterior, record: ClassRecord) -> list[dict[str, Any]]:
+    parameters = {each.name: each for each in record.parameters}
     return [
         {
             **asdict(row),
-            "unit": priors[row.name]["unit"],
-            "prior": priors[row.name]["prior"],
-            "before": priors[row.name].get("prior_quantiles"),
+            "unit": parameters[row.name].unit,
+            "prior": parameters[row.name].prior,
+            "before": parameters[row.name].prior_quantiles,
             "after": (row.quantile_05, row.median, row.quantile_95),
         }
         for row in posterior.summary
@@ -173,22 +174,17 @@ def _nested(notes: Sequence[str]) -> list[tuple[str, list[str]]]:
     return found
 
 
-def _structure(record: Mapping[str, Any], first: Mapping[str, Any]) -> dict[str, Any]:
+def _structure(record: ConfigurationRecord, first: ConfigurationRecord) -> dict[str, Any]:
     """A structure line by line; where it is much like the first configuration's, what differs."""
-    lines, known = _lines(record), _lines(first)
+    lines, known = record.structure_lines, first.structure_lines
     alike = list((Counter(lines) & Counter(known)).elements())
     if record is first or 2 * len(alike) < len(lines):
         return {"as_in": None, "lines": _grouped(lines), "without": []}
     return {
-        "as_in": first["name"],
+        "as_in": first.name,
         "lines": _grouped(_less(lines, alike)),
         "without": _grouped(_less(known, alike)),
     }
-
-
-def _lines(record: Mapping[str, Any]) -> list[tuple[str, str]]:
-    told = record.get("structure_lines") or [[record["structure"], record["definition"]]]
-    return [(name, text) for name, text in told]
 
 
 def _less(
@@ -267,7 +263,7 @@ def _checks(each: _StoredClass, methods: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _command(record: Mapping[str, Any]) -> str:
-    """The command that gives a result again, as far as its record tells."""
-    error = record["settings"]["log_evidence_error"]
-    return f"bayes-ssi rank {record['study_file']} --seed {record['seed']} --error {error:g}"
+def _command(record: ResultRecord) -> str:
+    """The command that gives a result again, as far as its record says."""
+    error = record.settings.log_evidence_error
+    return f"bayes-ssi rank {record.study_file} --seed {record.seed} --error {error:g}"

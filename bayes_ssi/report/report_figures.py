@@ -30,8 +30,8 @@ from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
 from bayes_ssi.plots.updated_shapes import plot_mode_shapes
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.predictions.saved_predictions import SavedPredictions
 from bayes_ssi.report.embedded_figure import EmbeddedFigure, embedded_drawing, embedded_file
-from bayes_ssi.report.stored_extras import StoredExtras
 from bayes_ssi.results.load import StoredResult
 
 if TYPE_CHECKING:
@@ -71,20 +71,22 @@ class ReportFigures:
 
 
 def draw_figures(
-    stored: StoredResult, extras: StoredExtras, progress: Callable[[float], object] = float
+    stored: StoredResult,
+    predictions: SavedPredictions | None,
+    progress: Callable[[float], object] = float,
 ) -> ReportFigures:
     """Every figure of a report, from stored records.
 
     Args:
         stored: the ranking.
-        extras: what is stored with it.
+        predictions: those saved with it.
         progress: called with the fraction of the figures that are drawn.
     """
     figures = ReportFigures()
     sections: list[tuple[list[EmbeddedFigure], Iterator[Plot]]] = [
         (figures.ranking, _of_ranking(stored)),
-        (figures.search, _of_search(extras)),
-        (figures.sensitivity, _of_sensitivity(extras)),
+        (figures.search, _of_search(stored)),
+        (figures.sensitivity, _of_sensitivity(stored)),
     ]
     for name, data in stored.tests.items():
         plots = _of_test(name, data, stored.ranked_posteriors)
@@ -101,7 +103,7 @@ def draw_figures(
         for i, (section, (caption, plot)) in enumerate(planned, 1):
             section.append(embedded_drawing(whole_figure(plot()), caption, f"figure-{i}"))
             progress(i / len(planned))
-    figures.predictions.extend(_of_predictions(extras))
+    figures.predictions.extend(_of_predictions(predictions))
     return figures
 
 
@@ -125,13 +127,14 @@ def _of_ranking(stored: StoredResult) -> Iterator[Plot]:
     )
 
 
-def _of_search(extras: StoredExtras) -> Iterator[Plot]:
-    if extras.search is not None and extras.search.places:
-        yield "Probability of an appendage by place", partial(plot_places, extras.search.places)
+def _of_search(stored: StoredResult) -> Iterator[Plot]:
+    if stored.search is not None:
+        probabilities = stored.search.place_probabilities
+        yield "Probability of an appendage by place", partial(plot_places, probabilities)
 
 
-def _of_sensitivity(extras: StoredExtras) -> Iterator[Plot]:
-    sensitivity = extras.sensitivity
+def _of_sensitivity(stored: StoredResult) -> Iterator[Plot]:
+    sensitivity = stored.sensitivity
     if sensitivity is not None and len(sensitivity.rows[0].probabilities) > 1:
         yield "How the ranking changes with settings", partial(plot_sensitivity, sensitivity)
 
@@ -150,11 +153,9 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
     of = f"of model class {posterior.name!r}"
     for modes in posterior.configurations:
         yield from _of_configuration(modes, stored.tests[modes.name], of)
-    records = {each["name"]: each for each in stored.record["model_classes"]}
-    parameters = records[posterior.name]["parameters"]
-    priors = {each["name"]: each.get("prior_quantiles") for each in parameters}
-    if all(priors.values()):
-        yield f"Parameters {of}, prior and posterior", partial(plot_parameters, posterior, priors)
+    parameters = stored.record.model_class(posterior.name).parameters
+    priors = {each.name: each.prior_quantiles for each in parameters}
+    yield f"Parameters {of}, prior and posterior", partial(plot_parameters, posterior, priors)
     if with_corner:
         names = _best_determined(posterior)
         few = len(names) < len(posterior.parameter_names)
@@ -193,7 +194,7 @@ def _best_determined(posterior: Posterior) -> list[str]:
     return [name for name in spreads if name in best]
 
 
-def _of_predictions(extras: StoredExtras) -> Iterator[EmbeddedFigure]:
-    for path in extras.predictions.figures if extras.predictions else ():
+def _of_predictions(predictions: SavedPredictions | None) -> Iterator[EmbeddedFigure]:
+    for path in predictions.figures if predictions else ():
         name = "MAC with the identified shapes" if path.stem == "mac" else path.stem
         yield embedded_file(path, f"Predictions: {name.replace('_', ' ')}")

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import asdict, fields
 from typing import Any
 
+from bayes_ssi.priors.prior import Prior
 from bayes_ssi.ranking.comparison import probability_text
+from bayes_ssi.sampling.settings import SamplingSettings
 
 __all__ = ["FILTERS", "TESTS"]
 
@@ -56,14 +59,14 @@ def probability(value: float) -> str:
     return probability_text(float(value))
 
 
-def prior(record: Mapping[str, Any]) -> str:
-    """A prior's record as it is written in a study."""
+def prior(distribution: Any) -> str:
+    """A prior by its name and its numbers."""
+    values = {field.name: getattr(distribution, field.name) for field in fields(distribution)}
     numbers = [
-        prior(v) if isinstance(v, Mapping) else f"{key} {number(v)}"
-        for key, v in record.items()
-        if key != "distribution"
+        prior(value) if isinstance(value, Prior) else f"{key} {number(value)}"
+        for key, value in values.items()
     ]
-    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", str(record["distribution"])).lower()
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", type(distribution).__name__).lower()
     return f"{name.replace('log-normal', 'lognormal')}: {', '.join(numbers)}"
 
 
@@ -83,12 +86,12 @@ def replaced(items: Sequence[Any], old: str, new: str) -> list[Any]:
     return [new if item == old else item for item in items]
 
 
-def settings(record: Mapping[str, Any]) -> str:
+def settings(given: SamplingSettings) -> str:
     """Settings in a line; those that leave a choice to the sampling are left out."""
     words = {True: "yes", False: "no"}
     return ", ".join(
         f"{key.replace('_', ' ')} {words[value] if isinstance(value, bool) else value}"
-        for key, value in record.items()
+        for key, value in asdict(given).items()
         if value is not None
     )
 

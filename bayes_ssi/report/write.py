@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from bayes_ssi.predictions.saved_predictions import load_saved_predictions
 from bayes_ssi.report.report_figures import draw_figures
-from bayes_ssi.report.stored_extras import load_beside
 from bayes_ssi.report.template_filters import FILTERS, TESTS
+from bayes_ssi.results.load import load_result
 from bayes_ssi.results.new_directory import new_directory, require_new
 from bayes_ssi.versions import versions
 
@@ -51,7 +52,8 @@ def write_report(
             progress(step, done)
 
     tell("reading", 0.0)
-    stored, extras = load_beside(result)
+    stored = load_result(result)
+    predictions = load_saved_predictions(stored.directory)
     directory = Path(directory) if directory is not None else stored.directory / "report"
     require_new(directory, marker=PAGE, overwrite=overwrite)
     environment = jinja2.Environment(
@@ -65,10 +67,10 @@ def write_report(
     environment.tests.update(TESTS)
     try:
         tell("figures", 0.1)
-        figures = draw_figures(stored, extras, lambda done: tell("figures", 0.1 + 0.8 * done))
+        figures = draw_figures(stored, predictions, lambda done: tell("figures", 0.1 + 0.8 * done))
         tell("page", 0.9)
         page = environment.get_template(f"{PAGE}.j2").render(
-            page_content(stored, extras, figures, MOST_LISTED),
+            page_content(stored, predictions, figures, MOST_LISTED),
             page_versions=versions(),
             result=str(stored.directory),
         )

@@ -1,35 +1,36 @@
-"""JSON records on disk, with infinities and NaN as text."""
+"""Records on disk, as JSON."""
 
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-import numpy as np
+from bayes_ssi.codec import from_record, to_record
 
-__all__ = ["plain_record", "read_json", "write_json"]
+__all__ = ["read_json", "read_record", "write_json"]
+
+T = TypeVar("T")
 
 
-def write_json(path: Path, record: Mapping[str, Any]) -> None:
-    """Write a record; infinities and NaN as text."""
-    text = json.dumps(plain_record(record), indent=2, allow_nan=False)
+def write_json(path: Path, value: Any) -> None:
+    """Write the record of an object, as :func:`~bayes_ssi.codec.to_record` makes it."""
+    text = json.dumps(to_record(value), indent=2, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def plain_record(value: Any) -> Any:
-    """The value as JSON has it: numpy's numbers as numbers, and infinities and NaN as text."""
-    if isinstance(value, Mapping):
-        return {str(key): plain_record(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain_record(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return value
+def read_record(kind: type[T], path: Path) -> T:
+    """Read an object of which :func:`write_json` wrote the record.
+
+    Raises:
+        ValueError: there is no such file, or it holds no such record; the message names the file
+            and the place in it.
+    """
+    record = read_json(path)
+    try:
+        return from_record(kind, record)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from datetime import UTC, datetime
@@ -12,17 +11,20 @@ from typing import Any
 
 import numpy as np
 
+from bayes_ssi.codec import to_record
 from bayes_ssi.data.modal_csv import write_modal_data
+from bayes_ssi.file_names import file_names
 from bayes_ssi.model_class.class_record import class_record
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.posterior.posterior import Evidence, Posterior
+from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.ranking.study import Ranking, Study
 from bayes_ssi.results import new_directory
 from bayes_ssi.results.draws import Further, StoredDraws, save_draws
 from bayes_ssi.results.json_files import write_json
-from bayes_ssi.results.load import FORMAT, MARKER, StoredResult, load_result
+from bayes_ssi.results.load import IN_THE_FILE_OF_DRAWS, MARKER, StoredResult, load_result
+from bayes_ssi.results.result_record import DataFile, ResultRecord
 from bayes_ssi.versions import versions
 
 __all__ = ["require_new", "save_result"]
@@ -54,7 +56,7 @@ def save_result(
         overwrite: replace a result that exists.
         accept_failed_checks: put on record that failed checks were accepted.
         command: that gives the result again, for the record.
-        extra: name of a further JSON file → its record.
+        extra: name of a further JSON file → the object whose record it holds.
 
     Raises:
         FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
@@ -62,8 +64,9 @@ def save_result(
     """
     with new_directory.new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         (partial / "posteriors").mkdir()
-        tests = _save_tests(ranking.study, partial)
-        files = _file_names([p.name for p in ranking.posteriors])
+        data = _save_tests(ranking.study, partial)
+        files = file_names([posterior.name for posterior in ranking.posteriors], "nc")
+        draws = {name: f"posteriors/{file}" for name, file in files.items()}
         classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
         for posterior in ranking.posteriors:
             stored = StoredDraws(
@@ -74,31 +77,27 @@ def save_result(
                 _mode_labels(posterior),
                 _further(posterior, classes[posterior.name]),
             )
-            save_draws(partial / "posteriors" / files[posterior.name], stored)
-        record = {**_record(ranking, files, study_file), "data": tests}
-        record |= {"failed_checks_accepted": accept_failed_checks, "command": command}
+            save_draws(partial / draws[posterior.name], stored)
+        record = _record(ranking, draws, data, study_file, command, accept_failed_checks)
         write_json(partial / MARKER, record)
-        write_json(partial / "comparison.json", asdict(ranking.comparison))
+        write_json(partial / "comparison.json", ranking.comparison)
         for name, further in (extra or {}).items():
             write_json(partial / name, further)
         _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
     return load_result(directory)
 
 
-def _save_tests(study: Study, directory: Path) -> list[dict[str, str]]:
+def _save_tests(study: Study, directory: Path) -> tuple[DataFile, ...]:
     """Write the identified modes of every configuration, and say where they are."""
     configurations = study.model_classes[0].configurations
     files = {"": "data.csv"}
     if [configuration.name for configuration in configurations] != [""]:
         (directory / "data").mkdir()
-        names = _file_names([configuration.name for configuration in configurations], "csv")
+        names = file_names([configuration.name for configuration in configurations], "csv")
         files = {name: f"data/{file}" for name, file in names.items()}
     for configuration in configurations:
         write_modal_data(configuration.data, directory / files[configuration.name])
-    return [
-        {"configuration": c.name, "file": files[c.name], "source": c.data.source}
-        for c in configurations
-    ]
+    return tuple(DataFile(c.name, files[c.name], c.data.source) for c in configurations)
 
 
 def _mode_labels(posterior: Posterior) -> tuple[int | str, ...]:
@@ -118,47 +117,39 @@ def _further(posterior: Posterior, model_class: ModelClass) -> Further | None:
     return Further(model_class.values(z), posterior.datum_terms, np.concatenate(identified))
 
 
-def _record(ranking: Ranking, files: Mapping[str, str], study_file: str) -> dict[str, Any]:
+def _record(
+    ranking: Ranking,
+    draws: Mapping[str, str],
+    data: tuple[DataFile, ...],
+    study_file: str,
+    command: str,
+    accept_failed_checks: bool,
+) -> ResultRecord:
     study = ranking.study
-    return {
-        "format": FORMAT,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "study": study.name,
-        "description": study.description,
-        "study_file": study_file,
-        "seed": ranking.seed,
-        "settings": asdict(ranking.settings),
-        "prior_weights": None if study.prior_weights is None else dict(study.prior_weights),
-        "data_digest": ranking.comparison.data_digest,
-        "versions": versions(),
-        "model_classes": [class_record(candidate) for candidate in study.model_classes],
-        "posteriors": [
-            _entry(posterior, files[posterior.name]) for posterior in ranking.posteriors
-        ],
-    }
+    return ResultRecord(
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        study=study.name,
+        description=study.description,
+        study_file=study_file,
+        seed=ranking.seed,
+        settings=ranking.settings,
+        prior_weights=study.prior_weights,
+        data_digest=ranking.comparison.data_digest,
+        versions=versions(),
+        model_classes=tuple(map(class_record, study.model_classes)),
+        stands_for=study.stands_for,
+        posteriors=tuple(map(_without_draws, ranking.posteriors)),
+        draws=draws,
+        data=data,
+        failed_checks_accepted=accept_failed_checks,
+        command=command,
+    )
 
 
-IN_THE_FILE_OF_DRAWS = ("draws", "log_likelihoods", "frequencies_hz", "datum_terms")
-# What a record calls otherwise.
-NAMES_IN_RECORDS = {"failed_edge_checks": "edge_checks"}
-
-
-def _entry(posterior: Posterior, file: str) -> dict[str, Any]:
-    """Everything of a posterior but its draws."""
-    entry: dict[str, Any] = {"file": file}
-    for item in fields(posterior):
-        value = getattr(posterior, item.name)
-        if item.name in IN_THE_FILE_OF_DRAWS:
-            continue
-        if isinstance(value, np.ndarray):
-            value = value.tolist()
-        elif isinstance(value, Evidence):
-            value = asdict(value)
-        elif item.name in ("regions", "configurations"):
-            value = [asdict(part) for part in value]
-        entry[NAMES_IN_RECORDS.get(item.name, item.name)] = value
-    entry["summary"] = [asdict(row) for row in posterior.summary]
-    return entry
+def _without_draws(posterior: Posterior) -> dict[str, Any]:
+    """The record of a posterior without its draws; with its summary, for other readers."""
+    record: dict[str, Any] = to_record(posterior, without=IN_THE_FILE_OF_DRAWS)
+    return record | {"summary": to_record(posterior.summary)}
 
 
 def _write_comparison_csv(path: Path, comparison: Comparison) -> None:
@@ -170,16 +161,3 @@ def _write_comparison_csv(path: Path, comparison: Comparison) -> None:
             cells = asdict(row)
             cells["failed_checks"] = "; ".join(row.failed_checks)
             writer.writerow([cells[name] for name in names])
-
-
-def _file_names(names: list[str], suffix: str = "nc") -> dict[str, str]:
-    """A file name for each: its own name as far as file systems allow, made unique."""
-    found: dict[str, str] = {}
-    for name in names:
-        stem = re.sub(r"[^A-Za-z0-9._+-]+", "_", name).strip(".") or "unnamed"
-        taken = {file.lower() for file in found.values()}
-        candidate, count = f"{stem}.{suffix}", 2
-        while candidate.lower() in taken:
-            candidate, count = f"{stem}_{count}.{suffix}", count + 1
-        found[name] = candidate
-    return found

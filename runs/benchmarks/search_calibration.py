@@ -23,7 +23,8 @@ from simulated import print_bands, simulate
 
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
-from bayes_ssi.appendages.hypotheses import Place, SearchSettings, hypothesis, places_of
+from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis, places_of
+from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.ranking.study import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "bare_building.py"
@@ -52,7 +53,7 @@ def one(task: tuple[int, bool]) -> Searched:
     rng = np.random.default_rng([11, index, with_appendage])
     (baseline,) = load_study(STUDY).model_classes
     candidates = places_of(baseline.structure)
-    places: tuple[Place, ...] = ()
+    places: tuple[AppendagePlace, ...] = ()
     if with_appendage:
         places = (candidates[rng.integers(len(candidates))],)
     truth = hypothesis(baseline, places, SETTINGS)

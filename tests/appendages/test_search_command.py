@@ -47,7 +47,7 @@ def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, mo
     assert len(record["hypotheses"]) == len(levels[0]) + len(levels[1])
     assert (out / "figures" / "places.png").read_bytes().startswith(b"\x89PNG\r\n")
     stored = load_result(out)
-    assert stored.record["seed"] == 3
+    assert stored.record.seed == 3
     assert len(stored.posteriors) == len(record["hypotheses"])
 
 

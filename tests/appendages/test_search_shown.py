@@ -27,7 +27,11 @@ def lines(table, width=80):
 def of_a_tall_building(fake_sampling):
     """Twenty storeys, masses in kg, two appendages: the longest names and numbers."""
     fake_sampling(
-        lambda name: 10.0 * name.startswith("pendulum 20") + 9.0 * ("infill 19-20" in name) - 5.0
+        lambda model_class: (
+            10.0 * model_class.name.startswith("pendulum 20")
+            + 9.0 * ("infill 19-20" in model_class.name)
+            - 5.0
+        )
     )
     k = bs.Parameter("stiffness multiplier of all storeys", bs.LogNormal(1.0, 0.3))
     structure = bs.ShearBuilding((3.2e5,) * 20, [2.5e8 * k] * 20)

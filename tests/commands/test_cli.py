@@ -52,8 +52,8 @@ def test_rank(run, tiny_study_file, tmp_path):
         assert words in result.stdout
     assert max(map(len, result.stdout.split("Words for")[0].splitlines())) <= 80
     stored = load_result(out)
-    assert stored.record["seed"] == 7
-    assert stored.record["study_file"] == str(tiny_study_file)
+    assert stored.record.seed == 7
+    assert stored.record.study_file == str(tiny_study_file)
     assert f"{stored.comparison.best.log_evidence:.3f}" in result.stdout
     assert sorted(p.name for p in (out / "figures").iterdir()) == [
         "corner.png", "evidence.png", "frequencies.png",
@@ -85,7 +85,7 @@ def test_existing_results_are_kept_unless_told_otherwise(run, tiny_study_file, t
     assert_one_line_error(run(*arguments, "--seed", 1), "exists already", "--overwrite")
     assert (tmp_path / "r" / "result.json").read_bytes() == before
     assert run(*arguments, "--seed", 1, "--overwrite").exit_code == 0
-    assert load_result(tmp_path / "r").record["seed"] == 1
+    assert load_result(tmp_path / "r").record.seed == 1
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -104,7 +104,7 @@ def test_a_failed_check_ends_with_3_and_is_said(run, tiny_study_file, tmp_path, 
 def test_the_wanted_error_reaches_the_sampling(run, tiny_study_file, tmp_path):
     arguments = ("rank", tiny_study_file, "--only", "one k", "--error", "0.2")
     assert run(*arguments, "--out", tmp_path / "r").exit_code == 0
-    assert load_result(tmp_path / "r").record["settings"]["log_evidence_error"] == 0.2
+    assert load_result(tmp_path / "r").record.settings.log_evidence_error == 0.2
 
 
 def test_calibrate(run, tiny_study_file):

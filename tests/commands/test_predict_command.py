@@ -236,7 +236,7 @@ def test_a_result_that_is_incomplete(predict, saved, tmp_path, missing):
     ("old", "new", "words"),
     [
         ("(K * k, K * k)", "(K * k, 2 * K * k)", ("not the one that was sampled", "Hz")),
-        ('"each k"', '"both k"', ("defines no model class 'each k'",)),
+        ('"each k"', '"both k"', ("no model class 'each k'",)),
         ("(K * k, K * k)", "(K * k1, K * k)", ("not the one that was sampled", "'k1'")),
         ("study = ", "no_study = None #", ("tiny.py",)),
     ],

@@ -59,7 +59,7 @@ def test_fits_and_data_as_json(run, tiny_study_file, tmp_path):
 def test_the_command_is_on_record(run, tiny_study_file, tmp_path):
     out = tmp_path / "a directory"
     run("rank", tiny_study_file, "--only", "one k", "--seed", 3, "--out", out, "--quiet")
-    command = load_result(out).record["command"]
+    command = load_result(out).record.command
     assert (
         command == f"bayes-ssi rank {tiny_study_file} --only 'one k' --seed 3 --out '{out}' --quiet"
     )

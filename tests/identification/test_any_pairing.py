@@ -197,9 +197,9 @@ def test_parameters_are_those_of_everything_that_could_be_paired(rigid, case_c, 
 
 
 def test_summary_says_that_the_pairing_is_inferred(rigid, case_c, fixed_error):
-    summary = class_record(bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any"))
-    assert summary["pairing"] == "any"
-    assert summary["spurious"] is None
+    made = bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any")
+    (configuration,) = class_record(made).configurations
+    assert (configuration.pairing, configuration.spurious) == (None, None)
 
 
 def test_a_pairing_that_is_neither_any_nor_a_mapping_is_refused(rigid, case_c, fixed_error):

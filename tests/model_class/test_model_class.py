@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.model_class.class_record import class_record
+from bayes_ssi.codec import from_record, to_record
+from bayes_ssi.model_class.class_record import ClassRecord, class_record
 from bayes_ssi.structures import Structure
 
 # Log evidence, posterior means and standard deviations of the numerical study, computed
@@ -134,14 +135,17 @@ def test_a_pairing_that_is_changed_afterwards_does_not_change_the_class(rigid, c
     found = bs.ModelClass("x", rigid, case_c, fixed_error, pairing=pairing)
     pairing["2a"] = 99
     assert dict(found.pairing) == {"1": 1, "3": 3}
-    assert class_record(found)["spurious"] == ["2a", "2b"]
+    assert class_record(found).configurations[0].spurious == ("2a", "2b")
 
 
 def test_summary_is_a_json_record(model_classes):
-    summary = json.loads(json.dumps(class_record(model_classes["1-a"])))
+    record = class_record(model_classes["1-a"])
+    summary = json.loads(json.dumps(to_record(record)))
+    assert from_record(ClassRecord, summary) == record
     assert summary["name"] == "1-a"
-    assert summary["structure"] == "ShearBuilding"
-    assert summary["degrees_of_freedom"] == ["floor 1", "floor 2", "floor 3"]
+    (configuration,) = summary["configurations"]
+    assert configuration["structure"] == "ShearBuilding"
+    assert configuration["degrees_of_freedom"] == ["floor 1", "floor 2", "floor 3"]
     assert summary["parameters"][0] == {
         "name": "k1",
         "unit": "",
@@ -149,8 +153,8 @@ def test_summary_is_a_json_record(model_classes):
         # exp(∓1.644854 √ln(1.09))
         "prior_quantiles": pytest.approx([0.617014, 1.0, 1.620709], rel=1e-6),
     }
-    assert summary["pairing"] == {"1": 1, "2a": 2, "3": 3}
-    assert summary["spurious"] == ["2b"]
+    assert configuration["pairing"] == {"1": 1, "2a": 2, "3": 3}
+    assert configuration["spurious"] == ["2b"]
     assert (summary["detection_probability"], summary["expected_spurious_modes"]) == (0.95, 0.1)
     assert summary["data_digest"] == model_classes["3"].data.digest
 

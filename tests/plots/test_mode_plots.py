@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from bayes_ssi.appendages.hypotheses import Place
+from bayes_ssi.appendages.places import InfillPlace, PendulumPlace
 from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.before_and_after import (
@@ -19,7 +19,7 @@ from bayes_ssi.plots.matrix_plots import plot_pairing
 from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
 from bayes_ssi.plots.updated_shapes import plot_mode_shapes
 from bayes_ssi.posterior.configuration_modes import configuration_modes
-from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow, sensitivity_of_record
+from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow
 
 
 @pytest.fixture(autouse=True)
@@ -139,7 +139,7 @@ def test_sensitivity():
     assert found["b, as it is: probability 0.2500"] == pytest.approx([-np.log(3.0), 0])
     assert found["b, σ_f × 2: probability 0.8000"] == pytest.approx([np.log(4.0), 1])
     with pytest.raises(ValueError, match="no ranking"):
-        sensitivity_of_record([])
+        Sensitivity(())
 
 
 def test_classes_far_behind_do_not_hide_a_close_one():
@@ -150,7 +150,7 @@ def test_classes_far_behind_do_not_hide_a_close_one():
 
 
 def test_places_of_a_record():
-    ax = plot_places({Place("pendulum", (2,)): 0.9, Place("infill", (0, 1)): 0.1})
+    ax = plot_places({PendulumPlace(2): 0.9, InfillPlace((0, 1)): 0.1})
     assert {"0.9000", "0.1000"} <= {text.get_text() for text in ax.texts}
 
 

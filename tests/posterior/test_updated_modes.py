@@ -1,18 +1,17 @@
 """Modes before and after updating, against the structure asked again and closed forms."""
 
 import json
-from dataclasses import asdict
 
 import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.codec import from_record, to_record
 from bayes_ssi.modal import mac
 from bayes_ssi.model_class.description import described
 from bayes_ssi.posterior.configuration_modes import configuration_modes
 from bayes_ssi.posterior.datum_terms import at_draws, datum_terms
 from bayes_ssi.posterior.updated_modes import MOST_PLACES, UpdatedModes
-from bayes_ssi.results.json_files import plain_record
 
 
 @pytest.fixture
@@ -57,9 +56,7 @@ def test_shapes_are_scaled_and_turned_to_the_identified_ones(case_c, updated):
 
 
 def test_a_record_is_read_back(updated):
-    record = json.loads(json.dumps(plain_record(asdict(updated))))
-    assert UpdatedModes.of_record(record) == updated
-    assert UpdatedModes.of_record(None) is None
+    assert from_record(UpdatedModes, json.loads(json.dumps(to_record(updated)))) == updated
 
 
 def test_shapes_of_a_large_structure_are_kept_at_its_sensors():

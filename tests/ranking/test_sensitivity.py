@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
+from bayes_ssi.codec import from_record, to_record
 from bayes_ssi.ranking import sensitivity as module
 from bayes_ssi.ranking.sensitivity import (
     Sensitivity,
@@ -17,8 +18,8 @@ from bayes_ssi.ranking.sensitivity import (
     Variation,
     default_variations,
     sensitivity,
-    sensitivity_record,
 )
+from bayes_ssi.results.load import load_result
 from bayes_ssi.sampling.estimates import Estimate
 from bayes_ssi.tables import sensitivity_notes, sensitivity_table
 
@@ -182,10 +183,11 @@ def test_failed_checks_are_said():
     assert sensitivity_notes(flagged)[-1] == "  (!) row 0: a: a chain is too short"
 
 
-def test_the_record_is_plain(moved):
-    record = json.loads(json.dumps(sensitivity_record(moved)))
-    assert len(record) == 11
-    assert set(record[0]["log_evidences"]["one k"]) == {"log_evidence", "error"}
+def test_a_record_is_read_back(moved):
+    record = json.loads(json.dumps(to_record(moved)))
+    assert from_record(Sensitivity, record) == moved
+    assert len(record["rows"]) == 11
+    assert set(record["rows"][0]["log_evidences"]["one k"]) == {"log_evidence", "error"}
 
 
 def test_from_the_command_line(tmp_path, tiny_study_file):
@@ -195,4 +197,4 @@ def test_from_the_command_line(tmp_path, tiny_study_file):
     assert found.exit_code == 0, found.output
     assert "If settings were others" in found.output
     assert "'one k' comes first under every setting." in found.output
-    assert len(json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))) == 11
+    assert len(load_result(out).sensitivity.rows) == 11

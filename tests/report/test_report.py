@@ -5,6 +5,7 @@ import re
 import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from matplotlib.figure import Figure
 import bayes_ssi as bs
 from bayes_ssi.appendages.search_result import search_record
 from bayes_ssi.plots.figure_style import style
-from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow, sensitivity_record
+from bayes_ssi.predictions.saved_predictions import PredictionsRecord
+from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow
 from bayes_ssi.report import write_report
 from bayes_ssi.report.embedded_figure import embedded_file
 from bayes_ssi.report.page_content import _structure
@@ -31,6 +33,7 @@ from bayes_ssi.report.template_filters import (
     prior,
     settings,
 )
+from bayes_ssi.results.json_files import write_json
 from bayes_ssi.results.save import save_result
 
 VOID = {"meta", "img", "br", "input", "link", "hr"}
@@ -83,14 +86,16 @@ def reported(tiny_ranking, tmp_path_factory):
         SensitivityRow("as it is", {}, {"one k": 0.9, "each k": 0.1}),
         SensitivityRow("σ_f × 2", {}, {"one k": 0.4, "each k": 0.6}, ("each k",)),
     ]
-    extra = {"sensitivity.json": sensitivity_record(Sensitivity(tuple(rows)))}
+    extra = {"sensitivity.json": Sensitivity(tuple(rows))}
     save_result(tiny_ranking, directory, study_file="tiny.py", extra=extra,
                 command="bayes-ssi rank tiny.py --seed 7")  # fmt: skip
     predictions = directory / "predictions"
     predictions.mkdir()
-    record = {"predictions_of": ["average"], "draws": 500, "level": 0.95, "configuration": "",
-              "damping": 0.02}  # fmt: skip
-    (predictions / "predictions.json").write_text(json.dumps(record))
+    record = PredictionsRecord(
+        "tiny", "today", "", ("average",), 500, 0.95, "acceleration", ("floor 2",), 0.02, None, (),
+        {},
+    )  # fmt: skip
+    write_json(predictions / "predictions.json", record)
     (predictions / "peaks.csv").write_text("model_class,place,median\naverage,floor 2,3.25\n")
     return write_report(directory)
 
@@ -235,10 +240,12 @@ DAMAGES = {
     "older": ("result.json", renamed, "a result of format 2, this version reads"),
     "cut": ("result.json", cut, "damaged"),
     "no result": ("result.json", lambda path: path.unlink(), "no result.json"),
-    "no model classes": ("result.json", without("model_classes"), "damaged"),
-    "no description": ("result.json", without("model_classes", 0, "description"), "description"),
-    "no seed": ("result.json", without("seed"), "no 'seed'"),
-    "no settings": ("result.json", set_to(None, "settings"), "'settings' cannot be None"),
+    "no model classes": ("result.json", without("model_classes"), "model_classes: missing"),
+    "no description": (
+        "result.json", without("model_classes", 0, "description"),
+        "result.json: model_classes[0].description: missing",
+    ),
+    "no settings": ("result.json", set_to(None, "settings"), "settings: expected a record, got"),
     "a class less": ("result.json", set_to([], "posteriors"), "not of the same model classes"),
     "a mode less": ("data.csv", without_the_last_line, "not those that were ranked"),
     "another label": ("data.csv", with_text("\n2,", "\n2b,"), "pairs '2', which is not among"),
@@ -248,10 +255,10 @@ DAMAGES = {
     "no comparison": ("comparison.json", lambda path: path.unlink(), "comparison.json"),
     "draws cut": ("posteriors/one_k.nc", cut, "one_k.nc: not a stored posterior"),
     "sensitivity cut": ("sensitivity.json", cut, "sensitivity.json: damaged"),
-    "sensitivity empty": ("sensitivity.json", lambda path: path.write_text("[]"), "no ranking"),
+    "sensitivity empty": ("sensitivity.json", set_to([], "rows"), "Sensitivity: no ranking"),
     "predictions cut": ("predictions/predictions.json", cut, "predictions.json: damaged"),
-    "no level": ("predictions/predictions.json", without("level"), "level"),
-}
+    "no level": ("predictions/predictions.json", without("level"), "level: missing"),
+}  # fmt: skip
 
 
 @pytest.mark.usefixtures("no_drawings")
@@ -341,13 +348,15 @@ def test_a_search_tells_what_it_found(found_in_case_c, tmp_path):
 
 
 def test_a_structure_in_a_later_configuration_is_told_by_what_differs():
-    plain = [["frame", "a frame"], ["masses", "1, 1"], ["sensor", "NE x"], ["sensor", "SW x"]]
-    bare = {"name": "bare", "structure_lines": plain}
-    loaded = {
-        "name": "loaded",
-        "structure_lines": [plain[0], ["masses", "1, 2"], ["block", "on 1"], *plain[2:]],
-    }
-    other = {"name": "other", "structure_lines": [["beam", "a beam"], ["mass", "3"]]}
+    plain = (("frame", "a frame"), ("masses", "1, 1"), ("sensor", "NE x"), ("sensor", "SW x"))
+    bare, loaded, other = (
+        SimpleNamespace(name=name, structure_lines=lines)
+        for name, lines in (
+            ("bare", plain),
+            ("loaded", (plain[0], ("masses", "1, 2"), ("block", "on 1"), *plain[2:])),
+            ("other", (("beam", "a beam"), ("mass", "3"))),
+        )
+    )
     whole = [("frame", ["a frame"]), ("masses", ["1, 1"]), ("sensor", ["NE x", "SW x"])]
     assert _structure(bare, bare) == {"as_in": None, "lines": whole, "without": []}
     assert _structure(loaded, bare) == {
@@ -373,8 +382,9 @@ def test_columns_and_settings_as_they_are_written():
         "identified (Hz)", "time (s)", "model class",
     ]  # fmt: skip
     assert [of_numbers(name) for name in ("low", "before_hz", "mode")] == [True, True, False]
-    told = settings({"log_evidence_error": 0.01, "particles": None, "economical": False})
-    assert told == "log evidence error 0.01, economical no"
+    told = settings(bs.SamplingSettings())
+    assert told.startswith("log evidence error 0.01, searches 4, ")
+    assert told.endswith(", economical no")
 
 
 def test_numbers_as_they_are_written():
@@ -388,4 +398,4 @@ def test_numbers_as_they_are_written():
     assert error_percent(0.99999, 1.0) == "0.0 %"
     assert names(["a"]) == "a"
     assert names(["a", "b", "c"]) == "a, b and c"
-    assert prior({"distribution": "HalfNormal", "scale": 2.0}) == "half-normal: scale 2"
+    assert prior(bs.HalfNormal(2.0)) == "half-normal: scale 2"

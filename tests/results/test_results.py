@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.results import saving
+from bayes_ssi.file_names import file_names
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import require_new, save_result
 
@@ -108,7 +108,7 @@ def test_a_result_is_never_overwritten(tiny_ranking, saved):
 def test_a_result_is_overwritten_on_request(tiny_ranking, saved):
     (saved.directory / "figures").mkdir()
     again = save_result(replace(tiny_ranking, seed=8), saved.directory, overwrite=True)
-    assert again.record["seed"] == 8
+    assert again.record.seed == 8
     assert not (saved.directory / "figures").exists()
 
 
@@ -123,7 +123,7 @@ def test_overwriting_spares_a_directory_that_is_no_result(tiny_ranking, tmp_path
 
 def test_parent_directories_are_made(tiny_ranking, tmp_path):
     save_result(tiny_ranking, tmp_path / "runs" / "results" / "x")
-    assert load_result(tmp_path / "runs" / "results" / "x").record["seed"] == 7
+    assert load_result(tmp_path / "runs" / "results" / "x").record.seed == 7
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
@@ -136,7 +136,7 @@ def test_nothing_is_left_behind_when_writing_fails(tiny_ranking, tmp_path, monke
     def disk_full(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(saving, "_write_comparison_csv", disk_full)
+    monkeypatch.setattr("bayes_ssi.results.save._write_comparison_csv", disk_full)
     with pytest.raises(OSError, match="no space left"):
         save_result(tiny_ranking, directory, overwrite=overwrite)
     assert {p: p.read_bytes() for p in tmp_path.rglob("*.*") if p.is_file()} == before
@@ -145,7 +145,7 @@ def test_nothing_is_left_behind_when_writing_fails(tiny_ranking, tmp_path, monke
 
 def test_class_names_need_not_be_file_names():
     names = ["a/b", "a:b", "A?B", "..", "θ", "a_b"]
-    files = saving._file_names(names)
+    files = file_names(names, "nc")
     assert len({file.lower() for file in files.values()}) == len(names)
     for file in files.values():
         assert file.endswith(".nc")
@@ -174,7 +174,7 @@ def test_a_result_can_be_saved_whatever_the_prior(tmp_path, prior):
 
 def test_prior_weights_are_recorded(tmp_path):
     saved = save_result(ranking_of(prior_weights={"a": 2.0}), tmp_path / "r")
-    assert saved.record["prior_weights"] == {"a": 2.0}
+    assert saved.record.prior_weights == {"a": 2.0}
 
 
 @pytest.mark.parametrize("r_hat", [np.inf, np.nan])
@@ -207,8 +207,8 @@ DAMAGES = {
     "no evidence": lambda d: edit_json(
         d / "result.json", lambda r: r["posteriors"][0].pop("evidence")
     ),
-    "unknown field": lambda d: edit_json(
-        d / "result.json", lambda r: r["posteriors"][0]["evidence"].update(extra=1)
+    "no number": lambda d: edit_json(
+        d / "result.json", lambda r: r["posteriors"][0]["evidence"].update(error=None)
     ),
     "another parameter": lambda d: edit_json(
         d / "result.json", lambda r: r["posteriors"][0].update(parameter_names=["x"])
@@ -230,9 +230,18 @@ def test_a_damaged_directory_is_refused_in_one_line(saved, damage):
     assert "\n" not in str(caught.value)
 
 
+def test_damage_is_reported_by_its_place_in_the_file(saved):
+    path = saved.directory / "result.json"
+    edit_json(path, lambda r: r["posteriors"][0]["evidence"]["checks"][0].update(log_evidence=None))
+    with pytest.raises(ValueError, match=r"result\.json: ") as caught:
+        load_result(saved.directory)
+    place = "posteriors[0].evidence.checks[0].log_evidence"
+    assert str(caught.value) == f"{path}: {place}: expected a number, got None"
+
+
 def test_another_format_is_refused(saved):
     edit_json(saved.directory / "result.json", lambda r: r.update(format=99))
-    with pytest.raises(ValueError, match=r"a result of format 99, this version reads format 5"):
+    with pytest.raises(ValueError, match=r"a result of format 99, this version reads format 6"):
         load_result(saved.directory)
 
 

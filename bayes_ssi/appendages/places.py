@@ -1,0 +1,105 @@
+"""Places of a building where an appendage may hang: a class for each kind of appendage."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from bayes_ssi.parameters import Value
+from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
+
+__all__ = ["KINDS", "AppendagePlace", "InfillPlace", "PendulumPlace"]
+
+
+class AppendagePlace(ABC):
+    """One kind of appendage at one place; floors count from 1, and 0 is the ground.
+
+    Attributes:
+        title: of the kind, for the legend of a drawing.
+        marker: that draws it, as matplotlib names markers.
+        is_outside: whether it is drawn beside the building, joined to its floor.
+    """
+
+    # Where a stored record names the kind.
+    record_tag = "kind"
+    title: ClassVar[str]
+    marker: ClassVar[str]
+    is_outside: ClassVar[bool]
+
+    @classmethod
+    @abstractmethod
+    def all_of(cls, n_floors: int) -> tuple[Self, ...]:
+        """Every such place in a building of ``n_floors`` floors."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Unique among all places of a building."""
+
+    @property
+    @abstractmethod
+    def height(self) -> float:
+        """In storeys above the ground."""
+
+    @abstractmethod
+    def element(self, vibrating_mass: Value, frequency: Value) -> Element:
+        """The appendage, by the mass that vibrates and its frequency in Hz on fixed floors."""
+
+
+@dataclass(frozen=True)
+class PendulumPlace(AppendagePlace):
+    """A pendulum on the floor ``on``: a chimney, a parapet, a tank."""
+
+    on: int
+
+    title = "pendulum on a floor"
+    marker = "o"
+    is_outside = True
+
+    @classmethod
+    def all_of(cls, n_floors: int) -> tuple[Self, ...]:
+        return tuple(cls(floor) for floor in range(1, n_floors + 1))
+
+    @property
+    def name(self) -> str:
+        return f"pendulum {self.on}"
+
+    @property
+    def height(self) -> float:
+        return float(self.on)
+
+    def element(self, vibrating_mass: Value, frequency: Value) -> Element:
+        return Pendulum(self.on, vibrating_mass, frequency, label=f"appendage {self.name}")
+
+
+@dataclass(frozen=True)
+class InfillPlace(AppendagePlace):
+    """An infill that moves out of its plane in the storey ``between`` two floors."""
+
+    between: tuple[int, int]
+
+    title = "infill in a storey"
+    marker = "s"
+    is_outside = False
+
+    @classmethod
+    def all_of(cls, n_floors: int) -> tuple[Self, ...]:
+        return tuple(cls((floor - 1, floor)) for floor in range(1, n_floors + 1))
+
+    @property
+    def name(self) -> str:
+        return f"infill {self.between[0]}-{self.between[1]}"
+
+    @property
+    def height(self) -> float:
+        return 0.5 * sum(self.between)
+
+    def element(self, vibrating_mass: Value, frequency: Value) -> Element:
+        # Half of an infill vibrates.
+        label = f"appendage {self.name}"
+        return OutOfPlaneInfill(self.between, 2.0 * vibrating_mass, frequency, label=label)
+
+
+# What a search hangs on a building; another kind of appendage is another class here.
+KINDS: tuple[type[AppendagePlace], ...] = (PendulumPlace, InfillPlace)

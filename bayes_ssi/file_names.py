@@ -1,0 +1,26 @@
+"""File names from names that may hold anything."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+__all__ = ["file_names", "file_stem"]
+
+
+def file_stem(name: str) -> str:
+    """The name with an underscore for whatever a file system may not allow."""
+    return re.sub(r"[^A-Za-z0-9._+-]+", "_", name).strip(".") or "unnamed"
+
+
+def file_names(names: Iterable[str], suffix: str) -> dict[str, str]:
+    """Name → file name; they differ also where case does not count."""
+    files: dict[str, str] = {}
+    for name in names:
+        stem = file_stem(name)
+        taken = {file.lower() for file in files.values()}
+        candidate, count = f"{stem}.{suffix}", 2
+        while candidate.lower() in taken:
+            candidate, count = f"{stem}_{count}.{suffix}", count + 1
+        files[name] = candidate
+    return files

@@ -1,0 +1,92 @@
+"""Predictions that were saved in a result directory, for reports."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from bayes_ssi.results.json_files import read_record
+
+__all__ = [
+    "MARKER",
+    "MotionRecord",
+    "PredictionsRecord",
+    "SavedPredictions",
+    "load_saved_predictions",
+]
+
+# The file that every directory of predictions holds.
+MARKER = "predictions.json"
+# Tables that a page has room for; the others are curves, shown as figures.
+TABLES = ("frequencies.csv", "peaks.csv")
+
+
+@dataclass(frozen=True)
+class MotionRecord:
+    """A ground motion of the time histories."""
+
+    name: str
+    samples: int
+    dt_s: float
+
+
+@dataclass(frozen=True)
+class PredictionsRecord:
+    """What was predicted, and from what.
+
+    Attributes:
+        study: its title.
+        result_created: when the result was saved that the draws are from.
+        configuration: that is predicted; empty where there is one.
+        predictions_of: model classes, or "average".
+        draws: of every prediction.
+        level: probability of the credible bands.
+        quantity: of the responses.
+        places: of the responses.
+        damping: ratio of all modes, or of each.
+        transfer_functions: what is divided by what; None where there are none.
+        records: ground motions of time histories.
+        versions: of what the predictions depend on.
+    """
+
+    study: str
+    result_created: str
+    configuration: str
+    predictions_of: tuple[str, ...]
+    draws: int
+    level: float
+    quantity: str
+    places: tuple[str, ...]
+    damping: float | tuple[float, ...]
+    transfer_functions: str | None
+    records: tuple[MotionRecord, ...]
+    versions: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class SavedPredictions:
+    """Saved predictions: their record, tables (the first row names columns) and figures."""
+
+    record: PredictionsRecord
+    tables: Mapping[str, list[list[str]]]
+    figures: tuple[Path, ...]
+
+
+def load_saved_predictions(result: Path) -> SavedPredictions | None:
+    """The predictions saved in a result directory; None if there are none.
+
+    Raises:
+        ValueError: their record is damaged; the message names the file.
+    """
+    directory = result / "predictions"
+    if not (directory / MARKER).is_file():
+        return None
+    tables = {}
+    for name in TABLES:
+        if (directory / name).is_file():
+            with (directory / name).open(encoding="utf-8", newline="") as file:
+                tables[name] = list(csv.reader(file))
+    figures = tuple(sorted(directory.glob("figures/*.png")))
+    return SavedPredictions(read_record(PredictionsRecord, directory / MARKER), tables, figures)
