@@ -1,8 +1,10 @@
-"""Imports only go down one list of modules, and starting up loads nothing heavy."""
+"""Imports go one way, names stand for one thing, and starting up loads nothing heavy."""
 
 import ast
 import subprocess
 import sys
+from collections import Counter
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -10,93 +12,96 @@ import pytest
 import bayes_ssi
 
 PACKAGE = Path(bayes_ssi.__file__).parent
-# Each may import those above it. Of a package without a list, modules may import one another.
-FREE = None
-ORDER = {
-    "arrays": (), "versions": (), "codec": (), "file_names": (),
-    "priors": FREE, "parameters": (), "modal": (),
-    "structures": FREE, "finite_elements": FREE,
-    "response": FREE,
-    "data": FREE,
-    "identification": FREE,
-    "model_class": FREE,
-    "execution": FREE,
-    "sampling": FREE,
-    "calibration": FREE,
-    "posterior": FREE,
-    "ranking": FREE,
-    "appendages": FREE,
-    "results": FREE,
-    "predictions": FREE,
-    "tables": FREE,
-    "plots": FREE,
-    "report": FREE,
-    "commands": FREE,
-    "cli": (),
-}  # fmt: skip
-HEAVY = {"matplotlib", "arviz", "emcee", "jinja2", "h5py", "rich"}
-LIST = [
-    layer
-    for package, modules in ORDER.items()
-    for layer in ([f"{package}.{module}" for module in modules] if modules else [package])
-]
+# Packages, and modules outside of any, each of which may import those before it.
+ORDER = (
+    "arrays", "versions", "codec", "file_names",
+    "priors", "parameters", "modal",
+    "structures", "finite_elements", "response",
+    "data", "identification", "model_class",
+    "execution", "sampling", "calibration", "posterior",
+    "ranking", "appendages",
+    "results", "predictions",
+    "tables", "plots", "report",
+    "commands", "cli",
+)  # fmt: skip
+HEAVY = {"matplotlib", "arviz", "emcee", "jinja2", "h5py", "h5netcdf", "rich", "pandas", "xarray"}
+
+
+def module_name(path):
+    parts = ("bayes_ssi", *path.relative_to(PACKAGE).with_suffix("").parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
 # What builds the guide is run by Sphinx and Hatchling, and is no part of the package.
-SOURCES = sorted(
-    path
-    for path in PACKAGE.rglob("*.py")
-    if path.stem != "__init__" and path.parent.name != "guide"
-)
+TREES = {
+    module_name(path): ast.parse(path.read_text("utf-8"))
+    for path in sorted(PACKAGE.rglob("*.py"))
+    if path.parent.name != "guide"
+}
+MODULES = [name for name in TREES if not (PACKAGE.parent / name.replace(".", "/")).is_dir()]
 
 
-def layer(path):
-    """The place of a file: its package, where modules of that may import one another."""
-    return layer_of(".".join(path.relative_to(PACKAGE).with_suffix("").parts))
-
-
-def layer_of(module):
-    parts = module.split(".")
-    return ".".join(parts[:2]) if ORDER.get(parts[0]) else parts[0]
-
-
-def imported_layers(path):
-    """Modules of the package that a file imports, anywhere in it."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def imported(tree):
+    """Modules of the package that a module imports, anywhere in it, also inside functions."""
+    for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports are absolute"
-            names = [f"{node.module}.{alias.name}" for alias in node.names]
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                yield whole if whole in TREES else node.module
         elif isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        else:
-            continue
-        for name in names:
-            if name.split(".")[0] == "bayes_ssi":
-                yield layer_of(name.partition(".")[2]) if "." in name else "bayes_ssi"
+            yield from (alias.name for alias in node.names)
+
+
+IMPORTS = {name: set(imported(tree)) & set(TREES) for name, tree in TREES.items()}
+
+
+def layer(name):
+    return name.split(".")[1]
 
 
 def test_every_module_has_its_place():
-    assert {layer(path) for path in SOURCES} == set(LIST)
+    assert {layer(name) for name in TREES if name != "bayes_ssi"} == set(ORDER)
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_imports_go_down(path):
-    own = layer(path)
-    for other in imported_layers(path):
-        if other == own and ORDER[own] is FREE:
-            continue
-        assert other in LIST, f"{own} imports {other}"
-        assert LIST.index(other) < LIST.index(own), f"{own} imports {other}"
+@pytest.mark.parametrize("name", [name for name in TREES if name != "bayes_ssi"])
+def test_imports_go_down(name):
+    assert "bayes_ssi" not in IMPORTS[name]
+    for other in IMPORTS[name]:
+        assert ORDER.index(layer(other)) <= ORDER.index(layer(name)), f"{name} imports {other}"
 
 
-@pytest.mark.parametrize("package", [name for name, modules in ORDER.items() if modules])
-def test_a_package_shows_its_own_modules(package):
-    shown = set(imported_layers(PACKAGE / package / "__init__.py"))
-    assert {name.split(".")[0] for name in shown} <= {package}
+def test_no_imports_go_in_a_circle():
+    try:
+        TopologicalSorter(IMPORTS).prepare()
+    except CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])))
 
 
-def test_the_reader_of_imports_sees_lazy_ones():
-    found = set(imported_layers(PACKAGE / "sampling" / "ensembles.py"))
-    assert "emcee" not in found
-    assert {"sampling", "arrays"} <= found
+def test_circles_and_imports_inside_functions_would_be_seen():
+    tree = ast.parse("def f():\n    from bayes_ssi.priors.families import Normal")
+    assert set(imported(tree)) == {"bayes_ssi.priors.families"}
+    assert IMPORTS["bayes_ssi"] >= {"bayes_ssi.parameters", "bayes_ssi.model_class.model_class"}
+    with pytest.raises(CycleError):
+        TopologicalSorter({"a": {"b"}, "b": {"a"}}).prepare()
+
+
+def repeated(names):
+    return [name for name, count in Counter(names).items() if count > 1]
+
+
+def test_no_two_modules_have_one_name():
+    assert repeated(name.split(".")[-1] for name in MODULES) == []
+
+
+def test_no_two_public_classes_have_one_name():
+    classes = (
+        node.name
+        for tree in TREES.values()
+        for node in tree.body
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    )
+    assert repeated(classes) == []
 
 
 @pytest.mark.parametrize(
