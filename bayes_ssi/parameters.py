@@ -1,4 +1,4 @@
-"""Parameters, and the products of them that stand in the fields of structures and errors.
+"""Parameters, and products of them in the fields of structures and errors.
 
 A number in a field is fixed, a :class:`Parameter` in the same field is inferred, and the same
 Parameter in two fields ties them. ``nominal * k1`` and ``thickness**3`` are allowed: every
@@ -17,14 +17,23 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.priors.prior import Prior
 
-__all__ = ["Parameter", "Product", "ProductTable", "Value", "as_product", "collect_parameters"]
+__all__ = [
+    "Parameter",
+    "Product",
+    "ProductTable",
+    "Value",
+    "as_product",
+    "collect_parameters",
+    "positive_product",
+]
 
-# A field may not take a value at or below zero more often than this a priori.
+# Largest prior probability of a value at or below zero in a field that must be positive: about one
+# of the likelihood evaluations of a run.
 NEGLIGIBLE_PROBABILITY = 1e-6
 
 
 class _Multiplies:
-    """Multiplication, division and powers; shared by Parameter and Product."""
+    """Multiplication, division and powers of a Parameter or Product."""
 
     def __mul__(self, other: Value) -> Product:
         return as_product(self) * as_product(other)  # type: ignore[arg-type]
@@ -79,7 +88,7 @@ class Product(_Multiplies):
     powers: tuple[tuple[Parameter, float], ...] = ()
 
     def __repr__(self) -> str:
-        """As it is written in a study: ``199.3 * k1 * t**3``."""
+        """In the notation of a study: ``199.3 * k1 * t**3``."""
         factors = [p.name if power == 1 else f"{p.name}**{power:g}" for p, power in self.powers]
         return " * ".join([f"{self.scale:.6g}", *factors])
 
@@ -100,24 +109,6 @@ class Product(_Multiplies):
         """The product at every parameter's prior median."""
         return self.scale * math.prod(p.prior.quantile(0.5) ** power for p, power in self.powers)
 
-    def require_positive(self, field: str) -> None:
-        """Refuse a field whose value can be zero or negative.
-
-        Raises:
-            ValueError: the number is not positive and finite, or a parameter's prior puts more
-                than a negligible probability on values that are not positive.
-        """
-        if not (math.isfinite(self.scale) and self.scale > 0):
-            raise ValueError(f"{field} must be positive and finite, got {self.scale!r}")
-        for parameter in self.parameters:
-            share = parameter.prior.probability_below(0.0)
-            if share > NEGLIGIBLE_PROBABILITY:
-                raise ValueError(
-                    f"{field} must be positive, but parameter {parameter.name!r} with prior "
-                    f"{parameter.prior} is zero or negative with probability {share:.2g}; "
-                    "choose a LogNormal or a TruncatedNormal prior"
-                )
-
 
 Value = float | Parameter | Product
 
@@ -135,6 +126,27 @@ def as_product(value: Value, field: str = "value") -> Product:
     if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
         return Product(float(value))
     raise TypeError(f"{field} must be a number, a Parameter or a number times it, got {value!r}")
+
+
+def positive_product(value: Value, field: str) -> Product:
+    """As :func:`as_product`, of a field that must be positive.
+
+    Raises:
+        ValueError: the number is not positive and finite, or a parameter's prior puts more than a
+            negligible probability on values that are not positive.
+    """
+    product = as_product(value, field)
+    if not (math.isfinite(product.scale) and product.scale > 0):
+        raise ValueError(f"{field} must be positive and finite, got {product.scale!r}")
+    for parameter in product.parameters:
+        share = parameter.prior.probability_below(0.0)
+        if share > NEGLIGIBLE_PROBABILITY:
+            raise ValueError(
+                f"{field} must be positive, but parameter {parameter.name!r} with prior "
+                f"{parameter.prior} is zero or negative with probability {share:.2g}; "
+                "choose a LogNormal or a TruncatedNormal prior"
+            )
+    return product
 
 
 def collect_parameters(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
@@ -173,7 +185,7 @@ class ProductTable:
 
     @cached_property
     def _rounds(self) -> list[tuple[Sequence[int], list[int], FloatArray | None]]:
-        """Round r multiplies in the r-th factor of every product that has so many."""
+        """Round r multiplies by the r-th factor of every product that has one."""
         column = {parameter: i for i, parameter in enumerate(self.parameters)}
         rounds: list[tuple[Sequence[int], list[int], FloatArray | None]] = []
         for r in range(max((len(product.powers) for product in self.products), default=0)):

@@ -12,6 +12,7 @@ from bayes_ssi.parameters import (
     ProductTable,
     as_product,
     collect_parameters,
+    positive_product,
 )
 from bayes_ssi.priors.families import HalfNormal, LogNormal, Normal, Uniform
 
@@ -125,13 +126,13 @@ def test_multiplying_by_text_is_refused():
 @pytest.mark.parametrize("value", [0.0, -1.0, math.inf, math.nan])
 def test_numbers_that_are_not_positive_are_refused(value):
     with pytest.raises(ValueError, match=f"mass must be positive and finite, got {value!r}"):
-        as_product(value).require_positive("mass")
+        positive_product(value, "mass")
 
 
 @pytest.mark.parametrize("value", [-2.0 * a, 0.0 * a])
 def test_scales_that_are_not_positive_are_refused(value):
     with pytest.raises(ValueError, match="mass must be positive and finite"):
-        value.require_positive("mass")
+        positive_product(value, "mass")
 
 
 @pytest.mark.parametrize(
@@ -141,7 +142,7 @@ def test_scales_that_are_not_positive_are_refused(value):
 def test_priors_that_can_be_negative_are_refused(prior, share):
     product = as_product(3.0 * Parameter("k1", prior))
     with pytest.raises(ValueError, match=f"mass .*'k1'.* with probability {share}; choose"):
-        product.require_positive("mass")
+        positive_product(product, "mass")
 
 
 @pytest.mark.parametrize(
@@ -149,4 +150,4 @@ def test_priors_that_can_be_negative_are_refused(prior, share):
 )
 def test_priors_that_are_all_but_positive_are_accepted(prior):
     assert prior.probability_below(0.0) < 1e-6
-    as_product(Parameter("k1", prior)).require_positive("mass")
+    positive_product(Parameter("k1", prior), "mass")

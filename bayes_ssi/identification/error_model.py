@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from bayes_ssi.parameters import Parameter, Value, as_product
+from bayes_ssi.parameters import Parameter, Value, as_product, positive_product
 from bayes_ssi.priors.families import LogNormal
 
 __all__ = ["ErrorModel", "IdentificationModel"]
@@ -41,8 +41,7 @@ class ErrorModel:
 
     def __post_init__(self) -> None:
         for name in ("frequency_cov", "shape_sd"):
-            where = f"ErrorModel: {name}"
-            as_product(getattr(self, name), where).require_positive(where)
+            positive_product(getattr(self, name), f"ErrorModel: {name}")
 
     @property
     def shape_weight(self) -> float:

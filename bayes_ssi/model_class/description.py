@@ -1,4 +1,4 @@
-"""A structure in words: what it is made of, line by line."""
+"""A structure in words, line by line."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ from bayes_ssi.structures.structure import Structure
 
 __all__ = ["described", "in_words"]
 
-# A field that takes more characters is cut.
-LONGEST = 300
+# Some lines of a report; longer fields are cut.
+MOST_CHARACTERS = 300
 
 
 def described(structure: Structure) -> list[tuple[str, str]]:
-    """What a structure is, and each of its fields with its numbers and parameters.
+    """Names and texts: what a structure is, and its fields with their numbers and parameters.
 
     The first line is the structure's name and the first paragraph of its docstring. A structure
-    that is no dataclass is told by its own ``facts`` and its degrees of freedom besides.
+    that is not a dataclass is described by its own ``description`` and degrees of freedom.
     """
-    lines = [(_words(type(structure).__name__), _first_paragraph(structure))]
+    first = (_words(type(structure).__name__), _first_paragraph(structure))
     if not is_dataclass(structure):
-        facts = {
-            **structure.description(),
-            "degrees of freedom": list(structure.degrees_of_freedom),
-        }
-        return [*lines, *((name, _cut(in_words(fact))) for name, fact in facts.items())]
-    told = [_field(field.name, getattr(structure, field.name)) for field in fields(structure)]
-    plain = [each for lines_of_field in told for each in lines_of_field if not each.of_items]
-    items = [each for lines_of_field in told for each in lines_of_field if each.of_items]
-    return [*lines, *((each.name, each.text) for each in (*plain, *items))]
+        own = {**structure.description(), "degrees of freedom": [*structure.degrees_of_freedom]}
+        return [first, *((name, _cut(in_words(value))) for name, value in own.items())]
+    lines = [
+        line
+        for field in fields(structure)
+        for line in _field(field.name, getattr(structure, field.name))
+    ]
+    lines.sort(key=lambda line: line.is_item)  # plain fields first
+    return [first, *((line.name, line.text) for line in lines)]
 
 
 class _Line(NamedTuple):
     name: str
     text: str
-    of_items: bool = False
+    is_item: bool = False
 
 
 def _field(name: str, value: Any) -> list[_Line]:
     if isinstance(value, (tuple, list)) and value and all(_has_fields(item) for item in value):
         return [_Line(_words(type(item).__name__), _items(item), True) for item in value]
     if _has_fields(value):
-        told = f"{_words(type(value).__name__)}: {_items(value)}"
-        return [_Line(name.replace("_", " "), told, True)]
+        text = f"{_words(type(value).__name__)}: {_items(value)}"
+        return [_Line(name.replace("_", " "), text, True)]
     text = _cut(in_words(value))
     return [_Line(name.replace("_", " "), text)] if text else []
 
@@ -59,13 +59,13 @@ def _has_fields(value: Any) -> bool:
 def _items(item: Any) -> str:
     """The fields of an element, its label first."""
     values = {field.name: getattr(item, field.name) for field in fields(item)}
-    told = [str(values.pop("label"))] if values.get("label") else []
-    told += [
+    parts = [str(values.pop("label"))] if values.get("label") else []
+    parts += [
         f"{name.replace('_', ' ')}{' = ' if _is_quantity(value) else ' '}{in_words(value)}"
         for name, value in values.items()
         if not (isinstance(value, (int, float)) and value == 1.0 and name.endswith("factor"))
     ]
-    return _cut("; ".join(told))
+    return _cut("; ".join(parts))
 
 
 def _is_quantity(value: Any) -> bool:
@@ -73,14 +73,14 @@ def _is_quantity(value: Any) -> bool:
 
 
 def in_words(value: Any) -> str:
-    """A number, a parameter, a product of them, or a collection of such, as it is written."""
+    """A number, a parameter, a product of them, or a collection of these, for reports."""
     if isinstance(value, Parameter):
         return value.name
     if isinstance(value, Product):
         return repr(value).removeprefix("1 * ").replace(" * ", " · ")
     if getattr(value, "shape", ()):  # dense or sparse
         return f"{type(value).__name__} of {' by '.join(map(str, value.shape))}"
-    if callable(value):  # whose text would tell where it lies in memory
+    if callable(value):  # its text would contain an address in memory
         return str(getattr(value, "__qualname__", type(value).__name__))
     if isinstance(value, float):
         return f"{value:.6g}"
@@ -95,7 +95,7 @@ def in_words(value: Any) -> str:
 
 
 def _cut(text: str) -> str:
-    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+    return text if len(text) <= MOST_CHARACTERS else text[: MOST_CHARACTERS - 3] + "..."
 
 
 def _words(name: str) -> str:
@@ -106,7 +106,7 @@ def _words(name: str) -> str:
 
 def _first_paragraph(structure: Structure) -> str:
     text = (inspect.getdoc(type(structure)) or "").strip().split("\n\n")[0]
-    # What a dataclass writes by itself says nothing.
+    # The docstring that a dataclass generates says nothing.
     own = "" if text.startswith(f"{type(structure).__name__}(") else text
     without_roles = re.sub(r":\w+:`~?([^`]*)`", r"\1", own)
     return " ".join(without_roles.replace("``", "").split())

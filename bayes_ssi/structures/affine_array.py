@@ -28,7 +28,7 @@ class AffineArray:
         parameters: tuple[Parameter, ...],
         shape: tuple[int, ...],
     ) -> AffineArray:
-        """Add up the terms that share their parameters: all fixed ones become one array."""
+        """Merge terms with the same powers of parameters: all fixed ones become one array."""
         merged: dict[tuple[tuple[Parameter, float], ...], FloatArray] = {}
         for coefficient, array in terms:
             total = merged.setdefault(coefficient.powers, np.zeros(shape))
@@ -54,6 +54,5 @@ class AffineArray:
             return self.arrays.sum(axis=0, keepdims=True)
         coefficients = self.table.evaluate(values)
         with np.errstate(invalid="ignore"):  # inf · 0 of a value that is not finite
-            # Not a matrix product: BLAS rounds a row differently in a batch of another size, and a
-            # batch may be evaluated in parts.
+            # A matrix product would round a row differently in a batch of another size.
             return np.einsum("bt,tk->bk", coefficients, self._flat).reshape(-1, *shape)

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bayes_ssi.parameters import Product, Value, as_product
+from bayes_ssi.parameters import Product, Value, as_product, positive_product
 
 __all__ = [
     "AddedMass",
@@ -37,7 +37,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class PointMass:
-    """Inertia ``m v vᵀ``: a mass that moves by ``Σ component · x(place)``, mostly of one place."""
+    """Inertia ``m v vᵀ`` of a mass whose displacement is ``Σ component · x(place)``."""
 
     mass: Product
     direction: tuple[tuple[Place, float], ...]
@@ -51,9 +51,15 @@ class PointMass:
 class Element(ABC):
     """A non-structural element on a structure.
 
+    Its quantities are numbers, Parameters or products of them.
+
     Attributes:
-        label: names the element's own degree of freedom, if it has one, and the element in
-            messages and reports.
+        label: names the element in messages and reports, and its own degree of freedom if it has
+            one.
+
+    Raises:
+        ValueError: an element cannot be in that place, or a quantity can be zero or negative.
+        TypeError: a quantity is neither a number nor a Parameter.
     """
 
     label: str
@@ -71,41 +77,13 @@ class Element(ABC):
     def masses(self) -> Sequence[PointMass]:
         """What the element adds to the mass matrix."""
 
-    @abstractmethod
     def as_mass(self) -> Element:
-        """The same element in the incorrect model: its mass on the floors, no dynamics."""
+        """The element without stiffness and dynamics, as in the incorrect model: mass alone."""
+        return self
 
-
-def _quantity(value: Value, label: str, field: str) -> Product:
-    name = f"{label}: {field}"
-    product = as_product(value, name)
-    product.require_positive(name)
-    return product
-
-
-def _set_between_and_label(element: InPlaneInfill | OutOfPlaneInfill, kind: str) -> None:
-    """Check an infill's two floors, and name the infill after them if it has no name."""
-    floors = element.between
-    valid = (
-        isinstance(floors, (tuple, list))
-        and len(floors) == 2
-        and all(isinstance(floor, int) and not isinstance(floor, bool) for floor in floors)
-        and min(floors) >= 0
-        and floors[0] != floors[1]
-    )
-    if not valid:
-        raise ValueError(
-            f"{element.label or kind}: between must be two different floors such as (1, 2), "
-            f"0 being the ground, got {floors!r}"
-        )
-    object.__setattr__(element, "between", tuple(floors))
-    if not element.label:
-        object.__setattr__(element, "label", f"{kind} {floors[0]}-{floors[1]}")
-
-
-def _spring_stiffness(mass: Product, frequency: Product, factor: Product) -> Product:
-    """k = factor · m (2πf)²."""
-    return factor * mass * frequency**2 * (2.0 * math.pi) ** 2
+    def _check_quantities(self, *names: str) -> None:
+        for name in names:
+            positive_product(getattr(self, name), f"{self.label}: {name}")
 
 
 @dataclass(frozen=True)
@@ -113,14 +91,13 @@ class AddedMass(Element):
     """Mass without dynamics, shared between places.
 
     Attributes:
-        mass: all of it, in the structure's unit.
+        mass: total mass, in the structure's unit.
         shares: (place, share) pairs: a floor (from 1) or the label of a degree of freedom, and the
             share of the mass that moves with it; they add up to 1.
         label: names the element in messages and reports.
 
     Raises:
-        ValueError: the mass can be zero or negative, or the shares do not add up to 1.
-        TypeError: the mass is neither a number nor a Parameter.
+        ValueError, TypeError: as those of every :class:`Element`.
     """
 
     mass: Value
@@ -128,9 +105,9 @@ class AddedMass(Element):
     label: str = "added mass"
 
     def __post_init__(self) -> None:
-        _quantity(self.mass, self.label, "mass")
-        each = [share for _, share in self.shares]
-        if any(not share > 0 for share in each) or abs(sum(each) - 1.0) > 1e-9:
+        self._check_quantities("mass")
+        shares = [share for _, share in self.shares]
+        if any(not share > 0 for share in shares) or not math.isclose(sum(shares), 1.0):
             raise ValueError(
                 f"{self.label}: shares must be places with positive shares of the mass that add "
                 f"up to 1, got {self.shares!r}"
@@ -140,52 +117,25 @@ class AddedMass(Element):
         mass = as_product(self.mass)
         return [PointMass.on(place, mass * share) for place, share in self.shares]
 
-    def as_mass(self) -> AddedMass:
-        return self
+
+class _InSeries(Element):
+    """An element with a degree of freedom of its own on a spring."""
+
+    frequency: Value
+    stiffness_factor: Value
+
+    @property
+    def own_degree_of_freedom(self) -> str:
+        return self.label
+
+    def _stiffness(self, moving_mass: Product) -> Product:
+        """k = factor · m (2πf)²."""
+        frequency, factor = as_product(self.frequency), as_product(self.stiffness_factor)
+        return factor * moving_mass * frequency**2 * (2.0 * math.pi) ** 2
 
 
 @dataclass(frozen=True)
-class InPlaneInfill(Element):
-    """An infill in parallel with the structure (P-NSE): a spring between two floors.
-
-    Half of its mass goes to each of the two floors.
-
-    Attributes:
-        between: the two floors, 0 being the ground.
-        mass: total mass, in the structure's unit.
-        stiffness: stiffness of the spring, in the structure's unit.
-        label: names the element in messages and reports; made from its place if not given.
-
-    Raises:
-        ValueError: ``between`` is not two different floors, or a quantity can be zero or
-            negative.
-        TypeError: a quantity is neither a number nor a Parameter.
-    """
-
-    between: tuple[int, int]
-    mass: Value
-    stiffness: Value
-    label: str = ""
-
-    def __post_init__(self) -> None:
-        _set_between_and_label(self, "in-plane infill")
-        _quantity(self.mass, self.label, "mass")
-        _quantity(self.stiffness, self.label, "stiffness")
-
-    def springs(self) -> Sequence[Spring]:
-        low, high = self.between
-        return [Spring(as_product(self.stiffness), ((low, -1.0), (high, 1.0)))]
-
-    def masses(self) -> Sequence[PointMass]:
-        return self.as_mass().masses()
-
-    def as_mass(self) -> AddedMass:
-        low, high = self.between
-        return AddedMass(self.mass, ((low, 0.5), (high, 0.5)), label=f"{self.label}, as mass")
-
-
-@dataclass(frozen=True)
-class Pendulum(Element):
+class Pendulum(_InSeries):
     """A pendulous mass on one floor (S-NSE): a chimney, parapet, tank or suspended mass.
 
     Attributes:
@@ -193,12 +143,10 @@ class Pendulum(Element):
         mass: mass of the appendage, in the structure's unit.
         frequency: natural frequency of the appendage on a fixed floor, in Hz.
         stiffness_factor: multiplies the spring's stiffness ``m (2πf)²``.
-        label: names the element and its own degree of freedom; made from its place if not given.
+        label: of the element and its own degree of freedom; made from its place if not given.
 
     Raises:
-        ValueError: ``on`` is the ground or the element itself, or a quantity can be zero or
-            negative.
-        TypeError: a quantity is neither a number nor a Parameter.
+        ValueError, TypeError: as those of every :class:`Element`.
     """
 
     on: Place
@@ -215,17 +163,10 @@ class Pendulum(Element):
                 f"{self.label}: an appendage must stand on a floor or another degree of freedom, "
                 f"got on={self.on!r}"
             )
-        for field in ("mass", "frequency", "stiffness_factor"):
-            _quantity(getattr(self, field), self.label, field)
-
-    @property
-    def own_degree_of_freedom(self) -> str:
-        return self.label
+        self._check_quantities("mass", "frequency", "stiffness_factor")
 
     def springs(self) -> Sequence[Spring]:
-        stiffness = _spring_stiffness(
-            as_product(self.mass), as_product(self.frequency), as_product(self.stiffness_factor)
-        )
+        stiffness = self._stiffness(as_product(self.mass))
         return [Spring(stiffness, ((self.on, -1.0), (self.label, 1.0)))]
 
     def masses(self) -> Sequence[PointMass]:
@@ -235,8 +176,72 @@ class Pendulum(Element):
         return AddedMass(self.mass, ((self.on, 1.0),), label=f"{self.label}, as mass")
 
 
+class _Infill(Element):
+    """An element between two floors."""
+
+    between: tuple[int, int]
+    mass: Value
+
+    def as_mass(self) -> AddedMass:
+        """Half of the mass on each of the two floors."""
+        low, high = self.between
+        return AddedMass(self.mass, ((low, 0.5), (high, 0.5)), label=f"{self.label}, as mass")
+
+    def _check_place_and_label(self, kind: str) -> None:
+        """Check the two floors, and name the infill after them if it has no name."""
+        floors = self.between
+        valid = (
+            isinstance(floors, (tuple, list))
+            and len(floors) == 2
+            and all(isinstance(floor, int) and not isinstance(floor, bool) for floor in floors)
+            and min(floors) >= 0
+            and floors[0] != floors[1]
+        )
+        if not valid:
+            raise ValueError(
+                f"{self.label or kind}: between must be two different floors such as (1, 2), "
+                f"0 being the ground, got {floors!r}"
+            )
+        object.__setattr__(self, "between", tuple(floors))
+        if not self.label:
+            object.__setattr__(self, "label", f"{kind} {floors[0]}-{floors[1]}")
+
+
 @dataclass(frozen=True)
-class OutOfPlaneInfill(Element):
+class InPlaneInfill(_Infill):
+    """An infill in parallel with the structure (P-NSE): a spring between two floors.
+
+    Half of its mass goes to each of the two floors.
+
+    Attributes:
+        between: the two floors, 0 being the ground.
+        mass: total mass, in the structure's unit.
+        stiffness: stiffness of the spring, in the structure's unit.
+        label: names the element in messages and reports; made from its place if not given.
+
+    Raises:
+        ValueError, TypeError: as those of every :class:`Element`.
+    """
+
+    between: tuple[int, int]
+    mass: Value
+    stiffness: Value
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        self._check_place_and_label("in-plane infill")
+        self._check_quantities("mass", "stiffness")
+
+    def springs(self) -> Sequence[Spring]:
+        low, high = self.between
+        return [Spring(as_product(self.stiffness), ((low, -1.0), (high, 1.0)))]
+
+    def masses(self) -> Sequence[PointMass]:
+        return self.as_mass().masses()
+
+
+@dataclass(frozen=True)
+class OutOfPlaneInfill(_Infill, _InSeries):
     """An infill that vibrates out of its plane between two floors (S-NSE).
 
     Half of its mass moves on a spring between it and the mean of the two floors; a quarter moves
@@ -247,12 +252,10 @@ class OutOfPlaneInfill(Element):
         mass: total mass of the infill, in the structure's unit.
         frequency: its natural frequency between fixed floors, in Hz.
         stiffness_factor: multiplies the spring's stiffness ``(m/2) (2πf)²``.
-        label: names the element and its own degree of freedom; made from its place if not given.
+        label: of the element and its own degree of freedom; made from its place if not given.
 
     Raises:
-        ValueError: ``between`` is not two different floors, or a quantity can be zero or
-            negative.
-        TypeError: a quantity is neither a number nor a Parameter.
+        ValueError, TypeError: as those of every :class:`Element`.
     """
 
     between: tuple[int, int]
@@ -262,21 +265,12 @@ class OutOfPlaneInfill(Element):
     label: str = ""
 
     def __post_init__(self) -> None:
-        _set_between_and_label(self, "infill")
-        for field in ("mass", "frequency", "stiffness_factor"):
-            _quantity(getattr(self, field), self.label, field)
-
-    @property
-    def own_degree_of_freedom(self) -> str:
-        return self.label
+        self._check_place_and_label("infill")
+        self._check_quantities("mass", "frequency", "stiffness_factor")
 
     def springs(self) -> Sequence[Spring]:
         low, high = self.between
-        stiffness = _spring_stiffness(
-            as_product(self.mass) * 0.5,
-            as_product(self.frequency),
-            as_product(self.stiffness_factor),
-        )
+        stiffness = self._stiffness(as_product(self.mass) * 0.5)
         return [Spring(stiffness, ((low, -0.5), (high, -0.5), (self.label, 1.0)))]
 
     def masses(self) -> Sequence[PointMass]:
@@ -287,7 +281,3 @@ class OutOfPlaneInfill(Element):
             PointMass.on(high, mass * 0.25),
             PointMass.on(self.label, mass * 0.5),
         ]
-
-    def as_mass(self) -> AddedMass:
-        low, high = self.between
-        return AddedMass(self.mass, ((low, 0.5), (high, 0.5)), label=f"{self.label}, as mass")

@@ -17,7 +17,7 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import ModalModel, Modes, modal_model, solve_modes
-from bayes_ssi.parameters import Parameter, collect_parameters
+from bayes_ssi.parameters import Parameter, collect_parameters, positive_product
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element, Place, PointMass, Spring
 from bayes_ssi.structures.sensors import Sensor
@@ -31,8 +31,8 @@ class LumpedStructure(Structure):
     """A main structure of springs and point masses, the elements on it, and sensors.
 
     Attributes:
-        elements: what stands on the main structure.
-        sensors: those that are not simply on a degree of freedom.
+        elements: non-structural elements on the main structure.
+        sensors: those that do not measure a single degree of freedom.
     """
 
     elements: tuple[Element, ...] = field(default=(), kw_only=True)
@@ -63,38 +63,56 @@ class LumpedStructure(Structure):
 
         Raises:
             ValueError: a label is that of another sensor or of a degree of freedom, or a sensor
-                sees a degree of freedom that there is not.
+                measures a degree of freedom that the structure does not have.
         """
         return replace(self, sensors=(*self.sensors, *sensors))
 
     def __post_init__(self) -> None:
-        labels = Counter(self.degrees_of_freedom)
-        repeated = [label for label, count in labels.items() if count > 1]
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        dofs = self.degrees_of_freedom
+        repeated = [label for label, count in Counter(dofs).items() if count > 1]
         if repeated:
             raise ValueError(
                 f"element {repeated[0]!r}: the structure has a degree of freedom of that label "
                 "already; give the element a label of its own"
             )
         for element in self.elements:
-            for spring in element.springs():
-                for place, _ in spring.direction:
-                    self._index(place, element.label)
-            for mass in element.masses():
-                for place, _ in mass.direction:
-                    self._index(place, element.label)
-        object.__setattr__(self, "sensors", tuple(self.sensors))
-        taken = Counter((*self.degrees_of_freedom, *(sensor.label for sensor in self.sensors)))
+            parts: list[Spring | PointMass] = [*element.springs(), *element.masses()]
+            for place in (place for part in parts for place, _ in part.direction):
+                self._index(place, element.label)
+        labels = Counter((*dofs, *(sensor.label for sensor in self.sensors)))
         for sensor in self.sensors:
-            if taken[sensor.label] > 1:
+            if labels[sensor.label] > 1:
                 raise ValueError(
                     f"sensor {sensor.label!r}: another sensor or degree of freedom has that label"
                 )
         self.sensor_matrix([sensor.label for sensor in self.sensors])
 
+    def _check_storeys(self, *names: str, also: Sequence[str] = ()) -> None:
+        """Check that some fields have one positive value a storey; make them tuples.
+
+        Args:
+            names: of the fields.
+            also: fields as long as these, of other kinds of values.
+
+        Raises:
+            ValueError: their lengths differ or are zero, or a value can be zero or negative.
+            TypeError: a value is neither a number nor a Parameter.
+        """
+        kind = type(self).__name__
+        for name in names:
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        counts = {name: len(getattr(self, name)) for name in (*names, *also)}
+        if len(set(counts.values())) != 1 or 0 in counts.values():
+            listed = ", ".join(f"{count} {name}" for name, count in counts.items())
+            raise ValueError(f"{kind}: needs one of each a storey, at least one, got {listed}")
+        for name in names:
+            for i, value in enumerate(getattr(self, name), 1):
+                positive_product(value, f"{kind}: {name}, number {i} from below,")
+
     @cached_property
     def degrees_of_freedom(self) -> tuple[str, ...]:
-        own = (element.own_degree_of_freedom for element in self.elements)
-        return (*self.main_degrees_of_freedom(), *(label for label in own if label is not None))
+        return (*self.main_degrees_of_freedom(), *(own for _, own in self._in_series))
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -119,21 +137,27 @@ class LumpedStructure(Structure):
 
     def heights(self) -> dict[str, float]:
         """As :meth:`Structure.heights`; an appendage is drawn amid the places that it hangs on."""
-        found = {label: float(i) for i, label in enumerate(self.main_degrees_of_freedom(), 1)}
-        for element in self.elements:
-            own = element.own_degree_of_freedom
-            if own is None:
-                continue
-            places = [place for spring in element.springs() for place, _ in spring.direction]
-            rows = [self._index(place) for place in places if place != own]
-            top = float(len(self.main_degrees_of_freedom()))
-            at = [
-                0.0 if row is None else found.get(self.degrees_of_freedom[row], top) for row in rows
+        main = self.main_degrees_of_freedom()
+        heights = {label: float(i) for i, label in enumerate(main, 1)}
+        for element, own in self._in_series:
+            rows = [
+                self._index(place)
+                for spring in element.springs()
+                for place, _ in spring.direction
+                if place != own
             ]
-            found[own] = sum(at) / len(at)
-            if found[own] in at:  # it stands on one place: a little above that
-                found[own] += 0.35
-        return found
+            places = [None if row is None else self.degrees_of_freedom[row] for row in rows]
+            around = [0.0 if p is None else heights.get(p, float(len(main))) for p in places]
+            middle = sum(around) / len(around)
+            # On a single place it is drawn a little above.
+            heights[own] = middle + 0.35 if middle in around else middle
+        return heights
+
+    @property
+    def _in_series(self) -> list[tuple[Element, str]]:
+        """Elements with a degree of freedom of their own, and its label."""
+        each = ((element, element.own_degree_of_freedom) for element in self.elements)
+        return [(element, own) for element, own in each if own is not None]
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         """As :meth:`Structure.modal_model`; how degrees of freedom follow the ground is known."""
@@ -145,25 +169,20 @@ class LumpedStructure(Structure):
         return modal_model(modes, product, self.influence())
 
     def main_influence(self) -> Sequence[float]:
-        """How every main degree of freedom moves when the ground moves by 1; all along with it."""
+        """How much every main degree of freedom moves when the ground moves by 1: by 1 each."""
         return [1.0] * len(self.main_degrees_of_freedom())
 
     def influence(self) -> FloatArray:
-        """As :class:`ModalModel` has it, (n_dof,); an appendage moves so that its spring rests."""
-        found = [*self.main_influence(), *(0.0 for _ in self.appendages)]
-        for element in self.elements:
-            for spring in element.springs() if element.own_degree_of_freedom else ():
-                own, rest = 0.0, 0.0
-                for place, component in spring.direction:
-                    index = self._index(place)
-                    if place == element.own_degree_of_freedom:
-                        own = component
-                    else:
-                        rest += component * (1.0 if index is None else found[index])
-                found[self.degrees_of_freedom.index(str(element.own_degree_of_freedom))] = (
-                    -rest / own
-                )
-        return np.array(found)
+        """As in :class:`ModalModel`, (n_dof,); appendages leave their springs at rest."""
+        influence = [*self.main_influence(), *(0.0 for _ in self.appendages)]
+        for element, own in self._in_series:
+            for spring in element.springs():
+                components = dict(spring.direction)
+                own_component = components.pop(own)
+                rows = ((self._index(place), c) for place, c in components.items())
+                moved = sum(c * (1.0 if row is None else influence[row]) for row, c in rows)
+                influence[self.degrees_of_freedom.index(own)] = -moved / own_component
+        return np.array(influence)
 
     def matrices(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Stiffness (B, n, n) and mass for ``values``.
@@ -194,7 +213,7 @@ class LumpedStructure(Structure):
         full = AffineArray.of(terms, self.parameters, (n, n))
         if (full.arrays * (1.0 - np.eye(n))).any():
             return full
-        # Masses that balance each other leave nothing beside the diagonal.
+        # Off-diagonal terms may be absent, or cancel each other.
         return AffineArray.of(
             [(mass, array.diagonal()) for mass, array in terms], self.parameters, (n,)
         )

@@ -88,8 +88,7 @@ class FloorMass(Element):
         label: names the element in messages and reports; made from its place if not given.
 
     Raises:
-        ValueError: ``on`` is no floor, or a quantity can be zero or negative.
-        TypeError: a quantity is neither a number nor a Parameter.
+        ValueError, TypeError: as those of every :class:`Element`.
     """
 
     on: int
@@ -99,15 +98,11 @@ class FloorMass(Element):
 
     def __post_init__(self) -> None:
         _set_label_and_check_floor(self, f"mass on floor {self.on}")
-        for name in ("mass", "radius"):
-            where = f"{self.label}: {name}"
-            as_product(getattr(self, name), where).require_positive(where)
+        self._check_quantities("mass", "radius")
 
     def masses(self) -> Sequence[PointMass]:
-        return rigid_masses(self.on, as_product(self.mass), as_product(self.radius))
-
-    def as_mass(self) -> FloorMass:
-        return self
+        mass, radius = as_product(self.mass), as_product(self.radius)
+        return rigid_masses(self.on, mass, mass * radius**2)
 
 
 @dataclass(frozen=True)
@@ -124,8 +119,7 @@ class FloorBlock(Element):
         label: names the element in messages and reports; made from its place if not given.
 
     Raises:
-        ValueError: ``on`` is no floor, ``at`` is no point, or the mass can be zero or negative.
-        TypeError: the mass is neither a number nor a Parameter.
+        ValueError, TypeError: as those of every :class:`Element`.
     """
 
     on: int
@@ -135,8 +129,7 @@ class FloorBlock(Element):
 
     def __post_init__(self) -> None:
         _set_label_and_check_floor(self, f"block on floor {self.on}")
-        where = f"{self.label}: mass"
-        as_product(self.mass, where).require_positive(where)
+        self._check_quantities("mass")
         object.__setattr__(self, "at", _point(self.at, f"{self.label}: at"))
 
     def masses(self) -> Sequence[PointMass]:
@@ -145,9 +138,6 @@ class FloorBlock(Element):
             PointMass(mass, tuple(_motion_at(self.on, self.at, angle).items()))
             for angle in (0.0, 90.0)
         ]
-
-    def as_mass(self) -> FloorBlock:
-        return self
 
 
 def floor_sensor(label: str, floor: int, at: tuple[float, float], direction: str | float) -> Sensor:
@@ -171,13 +161,10 @@ def floor_sensor(label: str, floor: int, at: tuple[float, float], direction: str
     return Sensor(label, _motion_at(floor, _point(at, f"sensor {label!r}: at"), angle))
 
 
-def rigid_masses(floor: int, mass: Product, radius: Product) -> list[PointMass]:
+def rigid_masses(floor: int, mass: Product, rotational_inertia: Product) -> list[PointMass]:
     """The inertia of a mass that moves with a floor about its centre."""
-    inertias = (mass, mass, mass * radius**2)
-    return [
-        PointMass.on(floor_label(floor, direction), inertia)
-        for inertia, direction in zip(inertias, DIRECTIONS, strict=True)
-    ]
+    inertias = zip((mass, mass, rotational_inertia), DIRECTIONS, strict=True)
+    return [PointMass.on(floor_label(floor, direction), each) for each, direction in inertias]
 
 
 def _motion_at(floor: int, at: tuple[float, float], angle: float) -> dict[str, float]:

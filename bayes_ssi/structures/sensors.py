@@ -1,9 +1,9 @@
-"""Sensors: what an accelerometer sees of the degrees of freedom of a structure.
+"""Sensors: combinations of degrees of freedom that accelerometers measure.
 
-An accelerometer sits at a point and looks in a direction, and need not sit on a degree of freedom:
-on a rigid floor that moves by u and v and turns by θ, one at (x, y) that looks along x sees
-u - y θ. What it sees is a row of the sensor matrix; a row has as many terms as the degrees of
-freedom that it hangs on, however many the structure has.
+An accelerometer measures at a point and in a direction, which need not be a degree of freedom: on
+a rigid floor that moves by u and v and turns by θ, one at (x, y) along x measures u - y θ. That is
+a row of the sensor matrix, with terms for these degrees of freedom only, however many the
+structure has.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class Sensor:
 
     Attributes:
         label: its name in the data.
-        motion: label of a degree of freedom → what the sensor sees of its unit displacement.
-            Kept as pairs.
+        motion: label of a degree of freedom → what the sensor measures of its unit displacement;
+            stored as pairs.
 
     Raises:
         ValueError: the label is empty, or the motion is, or a number in it is not finite.
@@ -52,9 +52,9 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False)
 class SensorMatrix:
-    """The sensor matrix (n_sensors, n_dof) of a structure, by its terms that are not zero.
+    """The sensor matrix (n_sensors, n_dof) of a structure, by its nonzero terms.
 
-    Rows with fewer terms than the longest are filled with terms of weight zero.
+    Rows with fewer terms than the longest are padded with terms of weight zero.
 
     Attributes:
         rows: (n_sensors, n_terms), degrees of freedom.
@@ -70,7 +70,7 @@ class SensorMatrix:
     def of(
         cls, motions: Sequence[Mapping[str, float]], degrees_of_freedom: Sequence[str]
     ) -> SensorMatrix:
-        """From what every sensor sees of which degree of freedom.
+        """From the motion of every sensor: degree of freedom → what it measures of it.
 
         Raises:
             KeyError: there is no such degree of freedom.
@@ -92,21 +92,18 @@ class SensorMatrix:
     def apply(self, motions: FloatArray, axis: int = 1) -> FloatArray:
         """Motions at the sensors, from those of all degrees of freedom along ``axis``.
 
-        Shapes (B, n_dof, n_modes) become (B, n_sensors, n_modes). Only the degrees of freedom that
-        a sensor sees are touched, and terms are added one by one: not a matrix product, in which
-        a row could depend on the size of its batch.
+        Shapes (B, n_dof, n_modes) become (B, n_sensors, n_modes). Only measured degrees of freedom
+        are read, and terms are added one by one: in a matrix product, a row could depend on the
+        size of its batch.
         """
         if self._is_selection:
             return np.take(motions, self.rows[:, 0], axis)
         column = [1] * motions.ndim
         column[axis] = len(self.rows)
-        found: FloatArray = np.take(motions, self.rows[:, 0], axis) * self.weights[:, 0].reshape(
-            column
-        )
-        for term in range(1, self.rows.shape[1]):
-            seen = np.take(motions, self.rows[:, term], axis)
-            found += seen * self.weights[:, term].reshape(column)
-        return found
+        total: FloatArray = np.asarray(0.0)
+        for rows, weights in zip(self.rows.T, self.weights.T, strict=True):
+            total = total + np.take(motions, rows, axis) * weights.reshape(column)
+        return total
 
     def toarray(self) -> FloatArray:
         """The matrix as an array (n_sensors, n_dof)."""

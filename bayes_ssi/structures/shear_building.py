@@ -16,17 +16,17 @@ __all__ = ["ShearBuilding"]
 class ShearBuilding(LumpedStructure):
     """A planar shear building on a fixed base; floors are labelled ``"floor 1"`` upwards.
 
+    Masses and stiffnesses are in consistent units (kg and N/m, say), each a number, a Parameter
+    or a number times a Parameter.
+
     Attributes:
         masses: of the floors, from the lowest.
         stiffnesses: of the storeys, from the lowest; storey i stands below floor i.
         elements: non-structural elements on it; :meth:`with_element` adds one.
-        sensors: beside the degrees of freedom; :meth:`with_sensors` adds some.
-
-    Masses and stiffnesses are in consistent units (kg and N/m, say), each a number, a Parameter
-    or a number times a Parameter.
+        sensors: not at degrees of freedom; :meth:`with_sensors` adds some.
 
     Raises:
-        ValueError: their lengths differ, or one of them can be zero or negative.
+        ValueError: their numbers differ, or one of them can be zero or negative.
         TypeError: one of them is neither a number nor a Parameter.
     """
 
@@ -34,21 +34,7 @@ class ShearBuilding(LumpedStructure):
     stiffnesses: tuple[Value, ...]
 
     def __post_init__(self) -> None:
-        for name in ("masses", "stiffnesses"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        if len(self.masses) != len(self.stiffnesses) or not self.masses:
-            raise ValueError(
-                "ShearBuilding: needs one mass a floor and one stiffness a storey, got "
-                f"{len(self.masses)} masses and {len(self.stiffnesses)} stiffnesses"
-            )
-        for i, (mass, stiffness) in enumerate(zip(self.masses, self.stiffnesses, strict=True), 1):
-            for value, field in (
-                (mass, f"mass of floor {i}"),
-                (stiffness, f"stiffness of storey {i}"),
-            ):
-                as_product(value, f"ShearBuilding: {field}").require_positive(
-                    f"ShearBuilding: {field}"
-                )
+        self._check_storeys("masses", "stiffnesses")
         super().__post_init__()
 
     def main_degrees_of_freedom(self) -> Sequence[str]:

@@ -31,7 +31,7 @@ class ShearBuilding3D(RigidFloors):
             numbers in the unit of length of the radii; zero where not given, and then x, y and
             torsion are uncoupled.
         elements: non-structural elements on it; :meth:`with_element` adds one.
-        sensors: beside the degrees of freedom; :meth:`with_sensors` adds some.
+        sensors: not at degrees of freedom; :meth:`with_sensors` adds some.
         ground_motion: the direction in which an earthquake moves the ground, "x" or "y".
 
     Masses, lengths and stiffnesses are in consistent units, each a number, a Parameter or a
@@ -50,26 +50,13 @@ class ShearBuilding3D(RigidFloors):
     eccentricities: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        fields = (
-            "masses", "radii_of_gyration", "stiffnesses_x", "stiffnesses_y",
-            "torsional_stiffnesses",
-        )  # fmt: skip
-        for name in fields:
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        if not self.eccentricities:
-            object.__setattr__(self, "eccentricities", ((0.0, 0.0),) * len(self.masses))
-        centres = tuple((float(x), float(y)) for x, y in self.eccentricities)
+        centres = self.eccentricities or [(0.0, 0.0)] * len(self.masses)
+        centres = tuple((float(x), float(y)) for x, y in centres)
         object.__setattr__(self, "eccentricities", centres)
-        counts = {name: len(getattr(self, name)) for name in (*fields, "eccentricities")}
-        if len(set(counts.values())) != 1 or not self.masses:
-            told = ", ".join(f"{count} {name}" for name, count in counts.items())
-            raise ValueError(
-                f"ShearBuilding3D: needs one of each a floor and storey, at least one, got {told}"
-            )
-        for name in fields:
-            for i, value in enumerate(getattr(self, name), 1):
-                where = f"ShearBuilding3D: {name}, number {i} from below,"
-                as_product(value, where).require_positive(where)
+        self._check_storeys(
+            "masses", "radii_of_gyration", "stiffnesses_x", "stiffnesses_y",
+            "torsional_stiffnesses", also=("eccentricities",),
+        )  # fmt: skip
         super().__post_init__()
 
     @property
@@ -79,7 +66,7 @@ class ShearBuilding3D(RigidFloors):
     def main_springs(self) -> Sequence[Spring]:
         springs = []
         for storey, (x, y) in enumerate(self.eccentricities, 1):
-            # What the centre of stiffness does when its floor moves: (u_x - y θ, u_y + x θ, θ).
+            # The centre of stiffness moves with its floor by (u_x - y θ, u_y + x θ, θ).
             for stiffnesses, motion in (
                 (self.stiffnesses_x, {"x": 1.0, "torsion": -y}),
                 (self.stiffnesses_y, {"y": 1.0, "torsion": x}),
@@ -95,9 +82,9 @@ class ShearBuilding3D(RigidFloors):
         return springs
 
     def main_masses(self) -> Sequence[PointMass]:
+        masses = []
         each = zip(self.masses, self.radii_of_gyration, strict=True)
-        return [
-            mass
-            for floor, (m, radius) in enumerate(each, 1)
-            for mass in rigid_masses(floor, as_product(m), as_product(radius))
-        ]
+        for floor, (mass, radius) in enumerate(each, 1):
+            inertia = as_product(mass) * as_product(radius) ** 2
+            masses += rigid_masses(floor, as_product(mass), inertia)
+        return masses

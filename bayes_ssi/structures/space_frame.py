@@ -16,10 +16,17 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import inverse_cholesky
-from bayes_ssi.parameters import Parameter, Product, Value, as_product, collect_parameters
+from bayes_ssi.parameters import (
+    Parameter,
+    Product,
+    Value,
+    as_product,
+    collect_parameters,
+    positive_product,
+)
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import PointMass, Spring
-from bayes_ssi.structures.rigid_floors import DIRECTIONS, RigidFloors, floor_label
+from bayes_ssi.structures.rigid_floors import RigidFloors, rigid_masses
 
 __all__ = ["SpaceFrame"]
 
@@ -51,7 +58,7 @@ class SpaceFrame(RigidFloors):
         masses: of the floors, with what columns and beams add to them.
         rotational_inertias: of the floors about the vertical through their centres.
         elements: non-structural elements on it; :meth:`with_element` adds one.
-        sensors: beside the degrees of freedom; :meth:`with_sensors` adds some.
+        sensors: not at degrees of freedom; :meth:`with_sensors` adds some.
         ground_motion: the direction in which an earthquake moves the ground, "x" or "y".
 
     All in consistent units (m, N/m², m⁴, kg, kg m²). Lines and heights are numbers; the others are
@@ -77,12 +84,7 @@ class SpaceFrame(RigidFloors):
     def __post_init__(self) -> None:
         for name in NUMBERS:
             object.__setattr__(self, name, _numbers(getattr(self, name), name))
-        for name in PER_STOREY:
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        counts = {name: len(getattr(self, name)) for name in ("storey_heights", *PER_STOREY)}
-        if len(set(counts.values())) != 1 or not self.storey_heights:
-            told = ", ".join(f"{count} {name}" for name, count in counts.items())
-            raise ValueError(f"SpaceFrame: needs one of each a storey, at least one, got {told}")
+        self._check_storeys(*PER_STOREY, also=("storey_heights",))
         if min(self.storey_heights) <= 0.0:
             raise ValueError(
                 f"SpaceFrame: storey_heights must be positive, got {self.storey_heights!r}"
@@ -94,12 +96,7 @@ class SpaceFrame(RigidFloors):
                     f"SpaceFrame: {name} must be two or more coordinates in ascending order, got "
                     f"{lines!r}"
                 )
-        where = "SpaceFrame: elastic_modulus"
-        as_product(self.elastic_modulus, where).require_positive(where)
-        for name in PER_STOREY:
-            for i, value in enumerate(getattr(self, name), 1):
-                where = f"SpaceFrame: {name}, number {i} from below,"
-                as_product(value, where).require_positive(where)
+        positive_product(self.elastic_modulus, "SpaceFrame: elastic_modulus")
         super().__post_init__()
 
     @property
@@ -117,25 +114,22 @@ class SpaceFrame(RigidFloors):
         return collect_parameters((*own, *self._of_springs_and_masses))
 
     def main_springs(self) -> Sequence[Spring]:
-        return ()  # the frame's stiffness is condensed, and no sum of springs
+        return ()  # the frame's stiffness, condensed, is not a sum of springs
 
     def main_masses(self) -> Sequence[PointMass]:
-        each = zip(self.masses, self.rotational_inertias, strict=True)
+        each = enumerate(zip(self.masses, self.rotational_inertias, strict=True), 1)
         return [
-            PointMass.on(floor_label(floor, direction), as_product(inertia))
-            for floor, (mass, rotational) in enumerate(each, 1)
-            for direction, inertia in zip(DIRECTIONS, (mass, mass, rotational), strict=True)
+            point_mass
+            for floor, (mass, inertia) in each
+            for point_mass in rigid_masses(floor, as_product(mass), as_product(inertia))
         ]
 
     def matrices(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         of_elements, mass = super().matrices(values)
-        n = 3 * self.n_floors
-        stiffness = self._condensed_stiffness(values)
-        if of_elements.shape[-1] == n and not self._springs:
-            return stiffness, mass
-        total = np.empty((max(len(stiffness), len(of_elements)), *of_elements.shape[1:]))
+        of_frame, n = self._condensed_stiffness(values), 3 * self.n_floors
+        total = np.empty((max(len(of_frame), len(of_elements)), *of_elements.shape[1:]))
         total[:] = of_elements
-        total[:, :n, :n] += stiffness
+        total[:, :n, :n] += of_frame
         return total, mass
 
     def _condensed_stiffness(self, values: FloatArray) -> FloatArray:
@@ -234,9 +228,9 @@ def _add(total: FloatArray, part: FloatArray, places: Sequence[int | None]) -> N
 
 def _numbers(values: Sequence[float], name: str) -> tuple[float, ...]:
     try:
-        found = tuple(float(value) for value in values)
+        numbers = tuple(float(value) for value in values)
     except (TypeError, ValueError):
         raise TypeError(f"SpaceFrame: {name} must be numbers, got {values!r}") from None
-    if not all(math.isfinite(value) for value in found):
-        raise ValueError(f"SpaceFrame: {name} must be finite, got {found!r}")
-    return found
+    if not all(math.isfinite(number) for number in numbers):
+        raise ValueError(f"SpaceFrame: {name} must be finite, got {numbers!r}")
+    return numbers

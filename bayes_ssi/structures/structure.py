@@ -1,4 +1,4 @@
-"""The question that every structure answers: modes for a batch of parameter values."""
+"""The abstract structure: its modes for a batch of parameter values."""
 
 from __future__ import annotations
 
@@ -16,16 +16,11 @@ from bayes_ssi.structures.sensors import Sensor, SensorMatrix
 __all__ = ["Structure"]
 
 
-# Valid choices that a message lists.
-LABELS_SHOWN = 30
-
-
 class Structure(ABC):
     """A structure with uncertain parameters.
 
-    Everything above this class (likelihood, calibration, sampling, reports) asks only these
-    questions and does not know how modes are computed. The first four must be answered;
-    :meth:`modal_model` by those whose response is asked for.
+    Likelihood, calibration, sampling and reports use these members alone and do not know how
+    modes are computed. The first four are abstract; :meth:`modal_model` is needed for responses.
     """
 
     @property
@@ -51,16 +46,15 @@ class Structure(ABC):
             values: (B, n_parameters), columns as in :attr:`parameters`.
 
         Row i of the answer must depend on row i of ``values`` alone, to the last digit, since a
-        batch may be evaluated in parts. Where there are no modes, give NaN, or raise: a row that
+        batch may be evaluated in parts. Where there are no modes, return NaN, or raise: a row that
         raises counts as failed, and the others are evaluated without it.
         """
 
-    def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - no answer here
+    def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - raises
         """The modes at unit modal mass, and how the ground's motion drives them.
 
-        All that a response needs; K and M stay inside. :func:`~bayes_ssi.modal.modal_model` makes
-        the answer from modes in any scale and the product of the mass matrix with them. Rows as
-        in :meth:`modes`.
+        :func:`~bayes_ssi.modal.modal_model` makes it from modes in any scale and the product of
+        the mass matrix with them. Rows as in :meth:`modes`.
 
         Args:
             values: (B, n_parameters), columns as in :attr:`parameters`.
@@ -76,11 +70,11 @@ class Structure(ABC):
 
     @property
     def sensors(self) -> Sequence[Sensor]:
-        """Sensors that are not simply on a degree of freedom; their labels are no label of one."""
+        """Sensors that do not measure a single degree of freedom, with labels of their own."""
         return ()
 
     def sensor_matrix(self, sensors: Sequence[str], what: str = "sensor") -> SensorMatrix:
-        """What each sensor sees: one of :attr:`sensors`, or a degree of freedom by its label.
+        """The sensor matrix of some of :attr:`sensors`, or degrees of freedom by their labels.
 
         Args:
             sensors: their names.
@@ -92,27 +86,20 @@ class Structure(ABC):
         labels = self.degrees_of_freedom
         known = set(labels)
         combined = {sensor.label: dict(sensor.motion) for sensor in self.sensors}
-        motions = []
-        for name in sensors:
-            motion = combined.get(name, {name: 1.0})
-            missing = [label for label in motion if label not in known]
-            if missing and name not in combined:
+        motions = [combined.get(name, {name: 1.0}) for name in sensors]
+        for name, motion in zip(sensors, motions, strict=True):
+            missing = next((label for label in motion if label not in known), None)
+            if missing is not None:
+                choices = labels if name in combined else (*combined, *labels)
                 raise ValueError(
-                    f"{what} {name!r}: the structure has no such degree of freedom"
-                    f"{' or sensor' if combined else ''}; "
-                    f"choose from {_listed((*combined, *labels))}"
+                    f"{what} {name!r}: the structure has no degree of freedom {missing!r}; "
+                    f"choose from {_listed(choices)}"
                 )
-            if missing:
-                raise ValueError(
-                    f"{what} {name!r}: the structure has no degree of freedom {missing[0]!r}; "
-                    f"choose from {_listed(labels)}"
-                )
-            motions.append(motion)
         return SensorMatrix.of(motions, labels)
 
     @property
     def appendages(self) -> tuple[str, ...]:
-        """The degrees of freedom that are no part of the main structure; drawings mark them."""
+        """The degrees of freedom outside the main structure, which drawings mark."""
         return ()
 
     def heights(self) -> dict[str, float]:
@@ -120,7 +107,7 @@ class Structure(ABC):
         return {label: float(i) for i, label in enumerate(self.degrees_of_freedom, 1)}
 
     def description(self) -> Mapping[str, Any]:
-        """What reports tell of it, where it is no dataclass: a name → numbers, products or text."""
+        """Of a structure that is not a dataclass, for reports: name → numbers, products or text."""
         return {}
 
     def prior_medians(self) -> FloatArray:
@@ -128,8 +115,7 @@ class Structure(ABC):
         return np.array([[p.prior.quantile(0.5) for p in self.parameters]])
 
 
-def _listed(labels: Sequence[str]) -> str:
+def _listed(labels: Sequence[str], most: int = 30) -> str:
     """Labels for a message; the first ones where there are many."""
-    shown = ", ".join(map(repr, labels[:LABELS_SHOWN]))
-    more = len(labels) - LABELS_SHOWN
-    return shown if more <= 0 else f"{shown} and {more} more"
+    shown = ", ".join(map(repr, labels[:most]))
+    return shown if len(labels) <= most else f"{shown} and {len(labels) - most} more"

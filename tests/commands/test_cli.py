@@ -195,7 +195,7 @@ BAD_STUDIES = {
         ("study = ", 'k2 = bs.Parameter("k1", bs.LogNormal(2.0, 0.3))\nstudy = '),
         "'each k'", "two different parameters are named 'k1'",
     ),
-    "negative mass": ((MASSES, MASSES.replace("(1.0, 1.0)", "(1.0, -1.0)")), "mass of floor 2"),
+    "negative mass": ((MASSES, MASSES.replace("(1.0, 1.0)", "(1.0, -1.0)")), "masses, number 2"),
     "raises": (("PHI = (", "PHI = 1 / 0\n("), "ZeroDivisionError"),
     "prints a traceback": (("PHI = (", "raise RuntimeError('a\\nb')\n("), "RuntimeError: a b"),
     "no study": (("study = bs.Study(", "(lambda *a, **b: 0)("), "defines no study"),

@@ -209,7 +209,7 @@ def test_a_pairing_that_is_neither_any_nor_a_mapping_is_refused(rigid, case_c, f
 
 def test_a_sensor_off_the_structure_is_refused(rigid, fixed_error):
     data = bs.ModalData((bs.IdentifiedMode("1", 1.0, [1, 2]),), (0.0, 2.0), ("floor 1", "roof"))
-    with pytest.raises(ValueError, match="sensor 'roof': the structure has no such degree of"):
+    with pytest.raises(ValueError, match="sensor 'roof': the structure has no degree of"):
         bs.ModelClass("m", rigid, data, fixed_error, pairing="any")
 
 

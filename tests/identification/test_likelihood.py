@@ -406,5 +406,5 @@ def test_impossible_pairings_are_refused(building, identified, pairing, error, m
 
 def test_a_sensor_off_the_structure_is_refused(building):
     data = bs.ModalData((bs.IdentifiedMode("1", 1.0, [1, 2]),), (0.0, 2.0), ("floor 1", "roof"))
-    with pytest.raises(ValueError, match="sensor 'roof': the structure has no such degree of"):
+    with pytest.raises(ValueError, match="sensor 'roof': the structure has no degree of"):
         likelihood(building, data, {"1": 1})

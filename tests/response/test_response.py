@@ -389,7 +389,7 @@ def test_labels_of_places():
 )
 def test_unknown_places_are_named(augmented, values, output):
     motion = GroundMotion(np.ones(4), 0.01)
-    message = "place 'roof': the structure has no such degree of freedom; choose from 'floor 1'"
+    message = "place 'roof': the structure has no degree of freedom 'roof'; choose from 'floor 1'"
     for compute in (
         lambda: transfer_functions(augmented, values, [1.0], output, 0.02),
         lambda: time_histories(augmented, values, motion, output, 0.02),

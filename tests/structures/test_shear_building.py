@@ -91,30 +91,28 @@ def test_same_parameter_twice_ties_the_storeys():
     )
 
 
+CAN_BE_NEGATIVE = 10.0 * bs.Parameter("k", bs.Normal(1.0, 0.5))
+
+
 @pytest.mark.parametrize(
     ("masses", "stiffnesses", "message"),
     [
-        ((1.0, 1.0), (1.0,), "ShearBuilding: needs one mass a floor .* 2 masses and 1 stiffness"),
-        ((), (), "got 0 masses and 0 stiffnesses"),
-        ((1.0, -2.0), (1.0, 1.0), "ShearBuilding: mass of floor 2 must be positive .* got -2.0"),
-        ((1.0, 1.0), (0.0, 1.0), "ShearBuilding: stiffness of storey 1 must be .* got 0.0"),
-        ((1.0,), (math.nan,), "ShearBuilding: stiffness of storey 1 must be .* got nan"),
+        ((1.0, 1.0), (1.0,), "needs one of each a storey, .* got 2 masses, 1 stiffnesses"),
+        ((), (), "needs .* got 0 masses, 0 stiffnesses"),
+        ((1.0, -2.0), (1.0, 1.0), "masses, number 2 from below, must be positive .* got -2.0"),
+        ((1.0, 1.0), (0.0, 1.0), "stiffnesses, number 1 from below, must be .* got 0.0"),
+        ((1.0,), (math.nan,), "stiffnesses, number 1 from below, must be .* got nan"),
+        (
+            (1.0, 1.0),
+            (1.0, CAN_BE_NEGATIVE),
+            "stiffnesses, number 2 .* must be positive, but .*k",
+        ),
+        (("1",), (1.0,), "masses, number 1 from below, must be a number, .* '1'"),
     ],
 )
 def test_impossible_buildings_are_refused(masses, stiffnesses, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((ValueError, TypeError), match=f"ShearBuilding: {message}"):
         bs.ShearBuilding(masses, stiffnesses)
-
-
-def test_a_stiffness_that_can_be_negative_is_refused():
-    k = bs.Parameter("k", bs.Normal(1.0, 0.5))
-    with pytest.raises(ValueError, match=r"stiffness of storey 2 must be positive, but .* 'k'"):
-        bs.ShearBuilding((1.0, 1.0), (1.0, 10.0 * k))
-
-
-def test_a_mass_that_is_no_number_is_refused():
-    with pytest.raises(TypeError, match=r"ShearBuilding: mass of floor 1 must be a number, .* '1'"):
-        bs.ShearBuilding(("1",), (1.0,))
 
 
 def test_two_parameters_of_one_name_are_refused():
