@@ -1,7 +1,7 @@
-"""What the command line has of a terminal: errors in one line, tables, lines, and progress.
+"""What commands print: errors in one line, tables, lines, and progress.
 
-With ``--quiet`` nothing but errors is told; with ``--json`` one JSON record takes the place of
-tables and lines, and progress is still told on standard error.
+With ``--quiet`` only errors are printed; with ``--json`` one JSON record replaces tables and
+lines, and progress still goes to standard error.
 """
 
 from __future__ import annotations
@@ -93,12 +93,12 @@ def _fail(text: str) -> NoReturn:
 
 
 def command_line() -> str:
-    """The command as it was given, as a shell takes it."""
+    """The command as it was given, quoted for a shell."""
     return str(_meta().get(COMMAND_LINE, "bayes-ssi"))
 
 
 def is_quiet() -> bool:
-    """Whether nothing but errors is to be told."""
+    """Whether only errors are to be printed."""
     return bool(_meta().get(QUIET, False))
 
 
@@ -118,7 +118,7 @@ def quiet_option() -> click.Option:
         is_flag=True,
         expose_value=False,
         callback=_keep,
-        help="Tell nothing but errors; the exit code says the rest.",
+        help="Print nothing but errors; the exit code says the rest.",
     )
 
 
@@ -130,7 +130,7 @@ def json_option(command: Callable[..., None]) -> Callable[..., None]:
         is_flag=True,
         expose_value=False,
         callback=_keep,
-        help="Print one JSON record in place of tables.",
+        help="Print one JSON record instead of tables.",
     )(command)
 
 
@@ -154,15 +154,36 @@ def console() -> Console:
 
 
 def say(where: Console, *lines: str) -> None:
-    """Lines as they are, unbroken."""
+    """Print lines as they are, without wrapping."""
     for line in lines:
         where.print(line, soft_wrap=True, markup=False, highlight=False)
 
 
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
-    """Progress bars on standard error, one a model class; a line each where it is no terminal."""
+    """A function that reports progress on standard error, if anything is to be reported.
+
+    In a terminal there is a bar for each model class, elsewhere a line at its end.
+    """
     from rich.console import Console
+
+    stderr = Console(stderr=True)
+    if is_quiet():
+        yield lambda *_: None
+    elif stderr.is_terminal:
+        with _bars(stderr) as show:
+            yield show
+    else:
+        yield _print_end
+
+
+def _print_end(name: str, step: str, done: float) -> None:
+    if step == "evidence" and done >= 1.0:
+        click.echo(f"sampled {name}", err=True)
+
+
+@contextmanager
+def _bars(stderr: Console) -> Iterator[Callable[[str, str, float], None]]:
     from rich.progress import (
         BarColumn,
         Progress,
@@ -172,22 +193,6 @@ def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
         TimeRemainingColumn,
     )
 
-    if is_quiet():
-
-        def silent(name: str, step: str, done: float) -> None:
-            """Tell nothing."""
-
-        yield silent
-        return
-    stderr = Console(stderr=True)
-    if not stderr.is_terminal:
-
-        def tell(name: str, step: str, done: float) -> None:
-            if step == "evidence" and done >= 1.0:
-                click.echo(f"sampled {name}", err=True)
-
-        yield tell
-        return
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -204,7 +209,7 @@ def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
         def show(name: str, step: str, done: float) -> None:
             if name not in tasks:
                 tasks[name] = progress.add_task(name, total=1.0, step="")
-            begin, end = STEPS.get(step, (0.0, 1.0))  # other steps are told as a whole
+            begin, end = STEPS.get(step, (0.0, 1.0))  # other steps are all there is
             progress.update(tasks[name], completed=begin + done * (end - begin), step=step)
 
         yield show

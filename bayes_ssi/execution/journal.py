@@ -1,15 +1,15 @@
-"""A journal of evaluations: what a run that was stopped needs to go on as if it had not been.
+"""A journal of evaluations, from which an interrupted run is resumed to the same result.
 
 Everything random follows from the seed, so a run is repeated exactly by giving it the same
-answers. The journal keeps every batch of log-likelihoods in the order in which they were asked
-for. A run that finds a journal takes its answers from there, as long as they last, and goes on:
-wherever the first one was stopped, the result is the same to the last digit. Only the algebra
-between the evaluations is done twice, which costs little where evaluations are dear.
+log-likelihoods. The journal keeps every batch of them, in order. A run that has a journal takes
+its log-likelihoods from there while they last: wherever the first run was interrupted, the result
+is the same to the last digit. Only the algebra between the evaluations is done twice, which costs
+little where evaluations are expensive.
 
-The file is a line of JSON, which says what run it is of, and then records. A record is its
-length, a checksum of these four bytes, a digest of the rest and the rest: a digest of the
-coordinates and the values. One that was being written when the run was stopped is dropped; one
-that does not fit its checksums is damage, and what precedes it is kept.
+The file is a line of JSON that identifies the run, followed by records. A record is its length, a
+checksum of these four bytes, a digest of the rest and the rest: a digest of the coordinates and
+the values. A record that is incomplete because the run was interrupted is dropped; if one does not
+match its checksums the file is damaged, and only what precedes it is used.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class Journal:
 
     Attributes:
         path: of the file.
-        n_kept: evaluations found in the file when it was opened.
-        damage: what was wrong with the file, or empty.
+        n_kept: evaluations that the file held when it was opened.
+        damage: what is wrong with the file; empty if nothing is.
     """
 
     def __init__(self, path: str | Path, run: Mapping[str, Any]) -> None:
@@ -55,11 +55,11 @@ class Journal:
 
         Args:
             path: of the file; its directory must exist.
-            run: what the run is, JSON-ready. Another run's journal is refused.
+            run: identifies the run, JSON-ready. Another run's journal is refused.
 
         Raises:
             JournalInUseError: another run has it open.
-            ValueError: the file is of another run, or not a journal.
+            ValueError: the file belongs to another run, or is not a journal.
             OSError: it cannot be read or written.
         """
         self.path = Path(path)
@@ -93,7 +93,7 @@ class Journal:
         self.close()
 
     def recalled(self, z: FloatArray) -> Evaluated | None:
-        """The journal's answer for the next batch ``z`` (B, d); None when it has no more.
+        """The journal's log-likelihoods of the next batch ``z`` (B, d); None if it holds no more.
 
         Raises:
             ValueError: the journal's next batch was at other coordinates.
@@ -111,7 +111,7 @@ class Journal:
         return evaluated
 
     def add(self, z: FloatArray, evaluated: Evaluated) -> None:
-        """Write down one more batch."""
+        """Write one more batch."""
         values = np.ascontiguousarray(evaluated.values, dtype="<f8").tobytes()
         failures = {str(row): reason for row, reason in evaluated.failures.items()}
         text = json.dumps(failures).encode() if failures else b""
@@ -132,7 +132,7 @@ class Journal:
         except ImportError:  # not on this platform
             return
         try:
-            # Let go of when the process ends, however it ends.
+            # The system releases it when the process ends, however it ends.
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise JournalInUseError(f"{self.path}: another run is using this checkpoint") from None
@@ -142,7 +142,7 @@ class Journal:
         header = json.dumps(record, sort_keys=True, default=_plain).encode() + b"\n"
         content = self._file.read()
         end = content.find(b"\n", 0, LONGEST_HEADER)
-        if end < 0 and header.startswith(content):  # new, or stopped while this line was written
+        if end < 0 and header.startswith(content):  # new, or interrupted in this line
             self._restart(0)
             self._write(header)
             return
@@ -157,10 +157,10 @@ class Journal:
             self.n_kept += len(evaluated.values)
         self._restart(good)
 
-    def _check_header(self, found: bytes, expected: bytes) -> None:
-        if found == expected:
+    def _check_header(self, actual: bytes, expected: bytes) -> None:
+        if actual == expected:
             return
-        if (header := _read_header(found)) is None:
+        if (header := _read_header(actual)) is None:
             raise ValueError(f"{self.path}: damaged, or not a checkpoint; remove it to begin again")
         number, there = header
         here = json.loads(expected)["run"]
@@ -176,7 +176,7 @@ class Journal:
         )
 
     def _record(self, content: bytes, at: int) -> tuple[int, bytes, Evaluated] | None:
-        """The record at a position: where it ends, digest and values; None at the last good."""
+        """The end, digest and values of the record at a position; None if it is not whole."""
         begin = at + PREFIX.size
         if begin > len(content):
             return None
@@ -200,20 +200,20 @@ class Journal:
         return end, body[:DIGEST_SIZE], evaluated
 
     def _restart(self, position: int) -> None:
-        """Go on writing from ``position``; what follows it is dropped."""
+        """Continue writing at ``position``; what follows it is dropped."""
         self._file.seek(position)
         self._file.truncate()
 
 
 def run_of_journal(path: Path) -> dict[str, Any]:
-    """What run a journal is of, whoever has it open; empty where its file does not tell."""
+    """What identifies the run of a journal, even of an open one; empty if that is unreadable."""
     with path.open("rb") as file:
         header = _read_header(file.readline(LONGEST_HEADER))
     return {} if header is None else header[1]
 
 
 def _read_header(line: bytes) -> tuple[Any, dict[str, Any]] | None:
-    """Number of the format, and what run it is; None where the line tells nothing."""
+    """Number of the format, and the run; None if the line does not hold them."""
     try:
         record = json.loads(line)
         return record["format"], dict(record["run"])
@@ -234,10 +234,10 @@ def _close_in_children(file: BinaryIO) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """A number of numpy as Python's own."""
+    """A NumPy number as a Python one."""
     if isinstance(value, np.generic):
         return value.item()
-    raise TypeError(f"{value!r} cannot be written down")
+    raise TypeError(f"{value!r} cannot be stored as JSON")
 
 
 def _digest(z: FloatArray) -> bytes:

@@ -57,7 +57,13 @@ class Workers:
 
     @property
     def n_workers(self) -> int:
+        """How many workers there are, as far as is known."""
         return self._n_workers
+
+    @property
+    def n_parts(self) -> int:
+        """How many parts a batch is best divided into."""
+        return PARTS_PER_WORKER * max(self.n_workers, 1)
 
     def __enter__(self) -> Workers:
         if not self._n_entered:
@@ -91,7 +97,7 @@ class Workers:
         groups = _divided(np.arange(len(z)), 1)
         while groups:
             rows = groups.pop()
-            parts = _divided(rows, PARTS_PER_WORKER * max(self.n_workers, 1))
+            parts = _divided(rows, self.n_parts)
             answers = self.try_each(SafeFunction(function), [z[part] for part in parts])
             for i, answer in answers.items():
                 values[parts[i]] = answer.values

@@ -28,8 +28,6 @@ __all__ = ["sample_as_it_is"]
 
 # Failed evaluations in a smaller share than this lie in the far tails of a prior.
 NEGLIGIBLE_FAILURES = 1e-3
-# The final draws' frequencies are shared out to workers in so many parts.
-PARTS_OF_DRAWS = 64
 
 
 def sample_as_it_is(
@@ -104,7 +102,7 @@ def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None)
     if pool is None:
         found = at_draws(model_class, different)
     else:
-        parts = np.array_split(different, min(PARTS_OF_DRAWS, len(different)))
+        parts = np.array_split(different, min(pool.n_parts, len(different)))
         done = pool.call_each(partial(at_draws, model_class), parts)
         found = AtDraws(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
     return AtDraws(*(array[which.ravel()] for array in found))
@@ -112,9 +110,9 @@ def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None)
 
 def _failures(model_class: ModelClass, target: Target) -> list[str]:
     """One sentence on where and why the model has no answer, unless that is hardly ever."""
-    if target.n_failed <= NEGLIGIBLE_FAILURES * target.n_evaluations:
+    first = target.first_failure
+    if first is None or target.n_failed <= NEGLIGIBLE_FAILURES * target.n_evaluations:
         return []
-    first = target.failures[0]
     values = model_class.values(first.z[None])[0]
     each = zip(model_class.parameter_names, values, strict=True)
     where = ", ".join(f"{name} = {value:.6g}" for name, value in each)

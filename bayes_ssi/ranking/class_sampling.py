@@ -66,6 +66,8 @@ def _side_by_side(
     if checkpoint is not None:
         checkpoint.say_resumed(names)
         checkpoint = checkpoint.silent()
+    for name in names:
+        run.report(name, "in a worker", 0.0)
     posteriors = run.workers.try_each(
         partial(sample, seed=seed, settings=settings, run=Run(checkpoint=checkpoint)),
         [candidates[i] for i in whole],

@@ -33,7 +33,7 @@ from bayes_ssi.sampling.mixture import StudentMixture, choose_mixture
 from bayes_ssi.sampling.multistart import Effort, discover
 from bayes_ssi.sampling.regions import Regions, find_regions
 from bayes_ssi.sampling.result import SamplingResult
-from bayes_ssi.sampling.settings import Progress, SamplingSettings
+from bayes_ssi.sampling.settings import SamplingSettings, StepProgress
 from bayes_ssi.sampling.target import Target
 
 __all__ = ["sample_economically"]
@@ -67,7 +67,7 @@ def sample_economically(
     target: Target,
     seed: np.random.SeedSequence,
     settings: SamplingSettings,
-    progress: Progress | None = None,
+    progress: StepProgress | None = None,
 ) -> SamplingResult:
     """Sample the posterior of ``target`` and estimate its evidence with few evaluations.
 
@@ -157,6 +157,6 @@ def _regions(target: Target, maxima: Maxima, sample: ImportanceSample) -> Region
     )
 
 
-def _tell(progress: Progress | None, step: str, done: float) -> None:
+def _tell(progress: StepProgress | None, step: str, done: float) -> None:
     if progress is not None:
         progress(step, done)

@@ -42,7 +42,7 @@ from bayes_ssi.sampling.mixture import StudentMixture, choose_mixture
 from bayes_ssi.sampling.multistart import discover
 from bayes_ssi.sampling.regions import Regions, find_regions
 from bayes_ssi.sampling.result import SamplingResult
-from bayes_ssi.sampling.settings import Progress, SamplingSettings
+from bayes_ssi.sampling.settings import SamplingSettings, StepProgress
 from bayes_ssi.sampling.target import Target
 from bayes_ssi.sampling.tempering import TemperedStart, tempered_estimate, tempered_start
 
@@ -83,7 +83,7 @@ def sample_target(
     target: Target,
     seed: np.random.SeedSequence,
     settings: SamplingSettings | None = None,
-    progress: Progress | None = None,
+    progress: StepProgress | None = None,
 ) -> SamplingResult:
     """Sample the posterior of ``target`` and estimate its evidence.
 
@@ -107,7 +107,7 @@ def _sample(
     target: Target,
     seed: np.random.SeedSequence,
     settings: SamplingSettings,
-    progress: Progress | None,
+    progress: StepProgress | None,
 ) -> SamplingResult:
     seeds = seed.spawn(2 * N_ENSEMBLES + 2)
     rng = np.random.default_rng(seeds[-1])
@@ -168,7 +168,7 @@ def _run_ensembles(
     settings: SamplingSettings,
     seeds: Sequence[np.random.SeedSequence],
     rng: np.random.Generator,
-    progress: Progress | None,
+    progress: StepProgress | None,
 ) -> tuple[list[Ensemble], ImportanceSample]:
     """Independent ensembles, and first importance draws from a mixture that suits the posterior.
 
@@ -267,7 +267,7 @@ def _with_sure_shares(
 
 
 def _reporter(
-    progress: Progress | None, step: str, index: int, count: int
+    progress: StepProgress | None, step: str, index: int, count: int
 ) -> Callable[[float], None] | None:
     """Progress of one of ``count`` parts as progress of the whole step."""
     if progress is None:

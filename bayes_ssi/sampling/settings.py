@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["Progress", "SamplingSettings"]
+__all__ = ["SamplingSettings", "StepProgress"]
 
 # Called with the name of a step and the share of it that is done.
-Progress = Callable[[str, float], None]
+StepProgress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

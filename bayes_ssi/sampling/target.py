@@ -13,9 +13,8 @@ from bayes_ssi.execution.workers import Workers
 
 __all__ = ["Failure", "Target", "log_standard_normal"]
 
-# Failures kept to be shown; the others are only counted.
-FAILURES_SHOWN = 5
-# Points of a journal that are evaluated again, to see that the model is still the same.
+# Points of a journal that are evaluated again, to see that the model is still the same: a change
+# of the model would hardly spare all of them.
 POINTS_TO_CHECK = 3
 
 
@@ -44,7 +43,7 @@ class Target:
         n_evaluations: points evaluated so far.
         n_failed: of these, at how many the function raised, gave NaN or lost its worker; they
             count as likelihood zero.
-        failures: the first few of them.
+        first_failure: where and why it failed first.
     """
 
     function: Function
@@ -53,10 +52,10 @@ class Target:
     journal: Journal | None = None
     n_evaluations: int = field(default=0, init=False)
     n_failed: int = field(default=0, init=False)
-    failures: list[Failure] = field(default_factory=list, init=False)
+    first_failure: Failure | None = field(default=None, init=False)
 
     def log_likelihood(self, z: FloatArray) -> FloatArray:
-        """The log-likelihood (B,); -inf where the function failed.
+        """The log-likelihood (B,) at ``z`` (B, d); -inf where the function failed.
 
         Raises:
             ValueError: the function returned the wrong shape, or infinite likelihood; or the
@@ -64,14 +63,14 @@ class Target:
         """
         if not len(z):
             return np.empty(0)
-        values, reasons = self._evaluated(z)
+        values, reasons = self._evaluate(z) if self.journal is None else self._recall(z)
         self.n_evaluations += len(z)
         failed = np.isnan(values)
         if failed.any():
             self.n_failed += int(failed.sum())
-            for row in np.flatnonzero(failed)[: FAILURES_SHOWN - len(self.failures)]:
-                reason = reasons.get(int(row)) or self._why(z[row])
-                self.failures.append(Failure(z[row].copy(), reason))
+            if self.first_failure is None:
+                row = int(np.argmax(failed))
+                self.first_failure = Failure(z[row].copy(), reasons.get(row) or self._why(z[row]))
             values = np.where(failed, -np.inf, values)
         if np.isposinf(values).any():
             where = np.array2string(z[np.isposinf(values)][0], precision=3)
@@ -86,9 +85,9 @@ class Target:
         """log-likelihood + log prior density, (B,): the posterior up to the evidence."""
         return self.log_likelihood(z) + log_standard_normal(z)
 
-    def _evaluated(self, z: FloatArray) -> Evaluated:
-        if self.journal is None:
-            return self._evaluate(z)
+    def _recall(self, z: FloatArray) -> Evaluated:
+        """The journal's answer, or else a new one, which the journal then keeps."""
+        assert self.journal is not None
         recalled = self.journal.recalled(z)
         if recalled is None:
             recalled = self._evaluate(z)
@@ -103,7 +102,7 @@ class Target:
         return recalled
 
     def _why(self, z: FloatArray) -> str:
-        """What is said of a point (d,) that is NaN in a batch, where it is asked for alone."""
+        """What the function says of a point (d,), NaN in a batch, where it is alone."""
         return self._evaluate(z[None]).failures.get(0, "the answer is NaN")
 
     def _evaluate(self, z: FloatArray) -> Evaluated:

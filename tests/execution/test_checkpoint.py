@@ -101,24 +101,7 @@ def test_a_run_stopped_anywhere_goes_on_to_the_same_result(
     assert {p.name: p.read_bytes() for p in directory.iterdir()} == whole_journals
 
 
-def test_a_run_that_had_ended_is_not_evaluated_again(
-    one_class, tiny_ranking, whole_journals, checkpoint, directory, monkeypatch
-):
-    stop(directory, whole_journals, 1.0)
-    batches = []
-    log_likelihood_at = bs.ModelClass.log_likelihood_at
-
-    def counted(self, z):
-        batches.append(len(z))
-        return log_likelihood_at(self, z)
-
-    monkeypatch.setattr(bs.ModelClass, "log_likelihood_at", counted)
-    found = bs.rank(one_class, seed=7, run=bs.Run(checkpoint=checkpoint)).posteriors[0]
-    assert found.evidence == tiny_ranking.posteriors[0].evidence
-    assert batches == [3], "only to see that the model is the same"
-
-
-def test_the_evaluations_that_are_used_are_told(
+def test_it_is_said_how_many_evaluations_are_used(
     tiny_study, tiny_ranking, whole_journals, checkpoint, directory, said
 ):
     stop(directory, whole_journals, 1.0)
@@ -129,11 +112,6 @@ def test_the_evaluations_that_are_used_are_told(
     ]
 
 
-def test_a_new_run_is_told_nothing(checkpoint, one_k, said):
-    checkpoint.journal(one_k, 7, SETTINGS).close()
-    assert said == []
-
-
 def test_a_path_will_do_and_then_one_is_warned(one_class, tiny_ranking, whole_journals, directory):
     stop(directory, whole_journals, 0.2)
     with pytest.warns(RuntimeWarning, match="model class 'one k': resumes after") as caught:
@@ -142,7 +120,7 @@ def test_a_path_will_do_and_then_one_is_warned(one_class, tiny_ranking, whole_jo
     assert posterior.evidence == tiny_ranking.posteriors[0].evidence
 
 
-def test_damage_is_told_and_harms_nothing(
+def test_damage_is_said_and_harms_nothing(
     tiny_study, tiny_ranking, whole_journals, checkpoint, directory, said
 ):
     stop(directory, whole_journals, 1.0)
@@ -238,15 +216,6 @@ def test_the_checkpoint_of_another_run_is_discarded_on_request(directory, one_k,
         assert journal.n_kept == 2
 
 
-def test_discarding_spares_the_same_run(directory, one_k, said):
-    with Checkpoint(directory).journal(one_k, 7, SETTINGS) as journal:
-        journal.add(np.zeros((1, 1)), Evaluated(np.zeros(1), {}))
-    discarding = Checkpoint(directory, discard_others=True, say=said.append)
-    with discarding.journal(one_k, 7, SETTINGS) as journal:
-        assert journal.n_kept == 1
-    assert said == ["model class 'one k': resumes after 1 evaluations"]
-
-
 def test_a_journal_damaged_beyond_use_is_discarded_on_request(directory, one_k, checkpoint):
     with checkpoint.journal(one_k, 7, SETTINGS) as journal:
         path = journal.path
@@ -308,22 +277,6 @@ def test_failures_of_the_model_are_continued(one_k, checkpoint):
     assert path.read_bytes() == content
 
 
-def test_a_class_alone_goes_on_from_the_run_of_all(
-    one_class, tiny_ranking, whole_journals, checkpoint, directory, said
-):
-    stop(directory, whole_journals, 0.7)
-    posterior = bs.rank(one_class, seed=7, run=bs.Run(checkpoint=checkpoint)).posteriors[0]
-    assert posterior.evidence == tiny_ranking.posteriors[0].evidence
-    assert said == [f"model class 'one k': resumes after {posterior.n_evaluations} evaluations"]
-
-
-def test_numbers_of_numpy_are_numbers(one_k, checkpoint):
-    settings = replace(SETTINGS, searches=np.int64(4), log_evidence_error=np.float64(0.01))
-    checkpoint.journal(one_k, np.int64(7), settings).close()
-    checkpoint.journal(one_k, 7, SETTINGS).close()
-    assert len(list(checkpoint.directory.iterdir())) == 1
-
-
 def test_names_need_not_be_file_names(one_k, checkpoint):
     names = ["a/b", "a:b", "a_b", "..", "θ", "x" * 300]
     paths = set()
@@ -332,15 +285,6 @@ def test_names_need_not_be_file_names(one_k, checkpoint):
             assert journal.path.parent == checkpoint.directory
             paths.add(journal.path.name.lower())
     assert len(paths) == len(names)
-
-
-def test_a_relative_directory_stays_where_it_was_meant(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    checkpoint = Checkpoint("a")
-    (tmp_path / "elsewhere").mkdir()
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    assert checkpoint.directory == tmp_path / "a"
-    assert checkpoint.silent().directory == tmp_path / "a"
 
 
 def test_names_are_those_of_the_journals_that_are_there(directory, checkpoint, tiny_study):
@@ -352,13 +296,6 @@ def test_names_are_those_of_the_journals_that_are_there(directory, checkpoint, t
     (directory / "new.journal").touch()
     (directory / "other.journal").write_text('{"format": 1, "run": {}}\n')
     assert sorted(checkpoint.names()) == ["each k", "one k"]
-
-
-def test_the_directory_is_made_with_the_first_journal(directory, checkpoint, one_k):
-    assert not directory.exists()
-    assert not checkpoint.is_saving
-    checkpoint.journal(one_k, 7, SETTINGS).close()
-    assert directory.is_dir()
 
 
 def test_saving_is_marked_until_the_checkpoint_is_removed(directory, checkpoint, one_k):
@@ -381,18 +318,6 @@ def test_removing_leaves_the_journals_of_others(directory, checkpoint, tiny_stud
     assert not directory.exists()
 
 
-def test_removing_leaves_other_files(directory, checkpoint, one_k):
-    checkpoint.journal(one_k, 7, SETTINGS).close()
-    (directory / "notes.txt").touch()
-    checkpoint.remove(("one k",))
-    assert [p.name for p in directory.iterdir()] == ["notes.txt"]
-
-
-def test_removing_what_is_not_there(directory, checkpoint):
-    checkpoint.remove(("one k",))
-    assert not directory.exists()
-
-
 def test_a_run_that_was_refused_leaves_nothing_in_the_way(one_class, directory):
     """Its input is mended, and the next run is another one."""
     (candidate,) = one_class.model_classes
@@ -408,8 +333,3 @@ def test_a_run_that_was_refused_leaves_nothing_in_the_way(one_class, directory):
         bs.rank(study, run=bs.Run(checkpoint=directory))
     assert not directory.exists()
     bs.rank(one_class, run=bs.Run(checkpoint=directory))
-
-
-def test_rank_leaves_the_checkpoint_to_its_caller(one_class, directory):
-    bs.rank(one_class, run=bs.Run(checkpoint=directory))
-    assert len(list(directory.iterdir())) == 1

@@ -56,32 +56,12 @@ def assert_begins_with(journal, n):
     assert journal.recalled(BATCHES[min(n, len(BATCHES) - 1)][0]) is None
 
 
-def test_a_new_journal_is_empty(path):
-    with Journal(path, RUN) as journal:
-        assert_begins_with(journal, 0)
-        assert journal.damage == ""
-    assert path.read_bytes() == HEADER
-
-
 def test_round_trip(path):
     write(path)
+    before = path.read_bytes()
     with Journal(path, RUN) as journal:
         assert_begins_with(journal, 3)
         assert journal.damage == ""
-
-
-def test_what_was_added_is_on_disk_at_once(path):
-    with Journal(path, RUN) as journal:
-        journal.add(*BATCHES[0])
-        content = path.read_bytes()
-    assert content == path.read_bytes()
-    assert len(content) > len(HEADER) + 24
-
-
-def test_reading_changes_nothing(path):
-    write(path)
-    before = path.read_bytes()
-    Journal(path, RUN).close()
     assert path.read_bytes() == before
 
 
@@ -94,12 +74,6 @@ def test_a_journal_that_was_read_is_extended(path):
             assert journal.recalled(z) is None, "only what an earlier run found is recalled"
     with Journal(path, RUN) as journal:
         assert_begins_with(journal, 3)
-
-
-def test_an_array_in_another_order_of_memory_is_the_same(path):
-    write(path)
-    with Journal(path, RUN) as journal:
-        assert journal.recalled(np.asfortranarray(BATCHES[0][0])) is not None
 
 
 @pytest.mark.parametrize(
@@ -218,20 +192,14 @@ def test_another_format_is_refused(path):
 @pytest.mark.parametrize(
     "content",
     [
-        b"\n",
         b"weeks of measurements",
         b"weeks of measurements\n1, 2, 3\n",
-        b"\x89PNG\r\n\x1a\n\0\0",
         b"\xff\xfe\n",
         b"[]\n",
-        b"null\n",
-        b"1\n",
-        b"{}\n",
         b'{"format": 1, "run": null}\n',
-        b'{"format": 1, "run": "x"}\n',
         HEADER[:-1] + b"x",
     ],
-    ids=range(12),
+    ids=range(6),
 )
 def test_a_file_that_is_no_journal_is_refused_and_left_alone(path, content):
     path.write_bytes(content)
@@ -239,11 +207,6 @@ def test_a_file_that_is_no_journal_is_refused_and_left_alone(path, content):
         Journal(path, RUN)
     assert str(caught.value).startswith(f"{path}: ")
     assert path.read_bytes() == content
-
-
-def test_a_place_that_does_not_exist(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        Journal(tmp_path / "nowhere" / "a.journal", RUN)
 
 
 def test_a_journal_in_use_is_refused(path):

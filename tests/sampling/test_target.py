@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from bayes_ssi.execution.journal import Journal
-from bayes_ssi.sampling.target import FAILURES_SHOWN, POINTS_TO_CHECK, Target, log_standard_normal
+from bayes_ssi.sampling.target import POINTS_TO_CHECK, Target, log_standard_normal
 
 
 class Fragile:
@@ -23,10 +23,6 @@ class Fragile:
 
 def column(*values):
     return np.array(values, dtype=float)[:, None]
-
-
-def reasons(target):
-    return [(failure.z.tolist(), failure.reason) for failure in target.failures]
 
 
 def test_log_standard_normal():
@@ -56,41 +52,19 @@ def test_likelihood_zero_is_no_failure():
     assert target.n_failed == 0
 
 
-def test_failures_keep_where_and_why():
+@pytest.mark.parametrize(
+    ("first", "reason"),
+    [(-2.0, "ArithmeticError: no equilibrium"), (40.0, "the answer is NaN")],
+)
+def test_the_first_failure_is_kept_with_its_reason(first, reason):
     target = Target(Fragile(), 1)
-    values = target.log_likelihood(column(1.0, -2.0, 3.0, 40.0, 5.0))
-    np.testing.assert_array_equal(values, [1.0, -np.inf, 3.0, -np.inf, 5.0])
-    assert reasons(target) == [
-        ([-2.0], "ArithmeticError: no equilibrium"),
-        ([40.0], "the answer is NaN"),
-    ]
-    assert (target.n_evaluations, target.n_failed) == (5, 2)
-
-
-def test_a_batch_in_which_every_row_raises():
-    target = Target(Fragile(), 1)
-    assert (target.log_likelihood(column(*[-1.0] * 9)) == -np.inf).all()
-    assert (target.n_evaluations, target.n_failed) == (9, 9)
-
-
-@pytest.mark.parametrize("sizes", [(12,), (3, 9), (1,) * 12, (5, 7)])
-def test_the_first_five_failures_are_kept_and_all_are_counted(sizes):
-    target = Target(Fragile(), 1)
-    each = np.array([-1.0, 20.0] * 6) * np.arange(1, 13)
-    for part in np.split(each, np.cumsum(sizes)[:-1]):
-        target.log_likelihood(column(*part))
-    assert [failure.z[0] for failure in target.failures] == each[:FAILURES_SHOWN].tolist()
-    assert [failure.reason[:10] for failure in target.failures] == (
-        ["Arithmetic", "the answer", "Arithmetic", "the answer", "Arithmetic"]
-    )
-    assert (target.n_evaluations, target.n_failed) == (12, 12)
-
-
-def test_where_it_failed_is_kept_though_the_batch_is_overwritten():
-    target, batch = Target(Fragile(), 1), column(20.0, 1.0)
-    target.log_likelihood(batch)
+    batch = column(1.0, first, 3.0, -5.0, 20.0)
+    values = target.log_likelihood(batch)
+    np.testing.assert_array_equal(values, [1.0, -np.inf, 3.0, -np.inf, -np.inf])
     batch[:] = 0.0
-    assert reasons(target)[0][0] == [20.0]
+    target.log_likelihood(column(-7.0))
+    assert (target.first_failure.z.tolist(), target.first_failure.reason) == ([first], reason)
+    assert (target.n_evaluations, target.n_failed) == (6, 4)
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, SystemExit])
@@ -121,10 +95,11 @@ def test_a_repeated_run_counts_what_its_journal_recalls(tmp_path):
         for batch, expected in zip(batches, [*values, [7.0]], strict=True):
             np.testing.assert_array_equal(second.log_likelihood(batch), expected)
     assert (second.n_evaluations, second.n_failed) == (8, 2)
-    assert reasons(second) == reasons(first)
-    # Not counted: the first points, to see that the model is still the same, in halves down to
-    # the one that raises; the one that is NaN, for a reason. Then what the journal does not have.
-    assert again.asked == [POINTS_TO_CHECK, 1, 2, 1, 1, 1, len(batches[2])]
+    assert second.first_failure.z.tolist() == [-3.0]
+    assert second.first_failure.reason == first.first_failure.reason
+    # Only the first points, to see that the model is still the same, in two parts down to the one
+    # that raises; and what the journal does not have.
+    assert again.asked == [POINTS_TO_CHECK, 1, 2, 1, 1, len(batches[2])]
 
 
 def test_an_empty_batch_does_not_reach_the_function():
