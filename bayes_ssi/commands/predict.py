@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bayes_ssi.predictions.saved_predictions import PredictionsRecord
     from bayes_ssi.predictions.stored_predictions import StoredPredictions
 
-from bayes_ssi.commands.response_options import question_of
+from bayes_ssi.commands.response_options import response_request
 
 __all__ = ["predict"]
 
@@ -109,7 +109,7 @@ __all__ = ["predict"]
 @json_option
 def predict(
     result: Path, study: Path | None, classes: tuple[str, ...], out: Path | None, overwrite: bool,
-    configuration: str | None, draws: int, **asked: Any,
+    configuration: str | None, draws: int, **options: Any,
 ) -> None:  # fmt: skip
     """Predict modes and responses from RESULT, a directory that rank or search saved.
 
@@ -120,7 +120,7 @@ def predict(
     from bayes_ssi.plots.prediction_figures import save_prediction_figures
     from bayes_ssi.predictions.prediction_files import save_predictions
     from bayes_ssi.predictions.predictions import AVERAGE
-    from bayes_ssi.predictions.response_bands import answer
+    from bayes_ssi.predictions.response_bands import predict_responses
     from bayes_ssi.predictions.saved_predictions import MARKER
     from bayes_ssi.predictions.stored_predictions import load_predictions
     from bayes_ssi.results.json_files import write_json
@@ -129,20 +129,20 @@ def predict(
     predicted = load_predictions(result, study, draws, configuration)
     of_one = len(predicted.model_classes) == 1
     names = dict.fromkeys(classes or (list(predicted.model_classes) if of_one else [AVERAGE]))
-    question, remarks = question_of(predicted, predicted.of(next(iter(names))), **asked)
+    request, remarks = response_request(predicted, predicted.of(next(iter(names))), **options)
     directory = out or result / "predictions"
     require_new(directory, marker=MARKER, overwrite=overwrite)
-    record = _record(predicted, list(names), question)
-    answers = []
+    record = _record(predicted, list(names), request)
+    responses = []
     with progress_bars() as tell:
         for done, name in enumerate(names, 1):
             tell("predictions", name, (done - 1) / len(names))
-            answers.append(answer(predicted, name, question))
+            responses.append(predict_responses(predicted, name, request))
             tell("predictions", name, done / len(names))
     with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         write_json(partial / MARKER, record)
-        save_predictions(partial, predicted.data, answers)
-        save_prediction_figures(partial / "figures", predicted.data, answers)
+        save_predictions(partial, predicted.data, responses)
+        save_prediction_figures(partial / "figures", predicted.data, responses)
 
     from bayes_ssi.tables import frequency_table, peak_table, shape_tables
 
@@ -150,33 +150,33 @@ def predict(
     title = predicted.stored.record.study
     test = f", configuration {predicted.configuration!r}" if predicted.configuration else ""
     say(where, f"{title}{test}: {draws} stored draws, nothing sampled.")
-    say(where, *(_composition(each.predictions) for each in answers), *remarks)
-    where.print(frequency_table(predicted.data, answers))
-    for table in shape_tables(predicted.data, answers[0]):
+    say(where, *(_composition(each.predictions) for each in responses), *remarks)
+    where.print(frequency_table(predicted.data, responses))
+    for table in shape_tables(predicted.data, responses[0]):
         where.print(table)
-    if question.frequencies_hz is not None or question.motions:
-        where.print(peak_table(answers))
+    if request.frequencies_hz is not None or request.motions:
+        where.print(peak_table(responses))
     n_tables, n_figures = (len(list(directory.glob(f"**/*.{kind}"))) for kind in ("csv", "png"))
     say(where, f"Saved in {directory}: {n_tables} tables and {n_figures} figures.")
     print_record(
         lambda: {
             "directory": str(directory),
             **to_record(record),
-            "modes": _modes(predicted, answers),
+            "modes": _modes(predicted, responses),
         }
     )
 
 
-def _modes(predicted: StoredPredictions, answers: Sequence[ResponseBands]) -> dict[str, Any]:
+def _modes(predicted: StoredPredictions, responses: Sequence[ResponseBands]) -> dict[str, Any]:
     """Predicted frequencies, for a JSON record: low, median and high of each mode."""
     from bayes_ssi.predictions.predicted_modes import predicted_modes
 
     return {
         each.name: {
             mode.label: list(mode.after_hz)
-            for mode in predicted_modes(predicted.data, each.predictions, each.question.level)
+            for mode in predicted_modes(predicted.data, each.predictions, each.request.level)
         }
-        for each in answers
+        for each in responses
     }
 
 
@@ -194,26 +194,26 @@ def _composition(predictions: Predictions) -> str:
 
 
 def _record(
-    predicted: StoredPredictions, names: list[str], question: ResponseRequest
+    predicted: StoredPredictions, names: list[str], request: ResponseRequest
 ) -> PredictionsRecord:
     from bayes_ssi.predictions.saved_predictions import MotionRecord, PredictionsRecord
     from bayes_ssi.versions import versions
 
-    transfer = None if question.frequencies_hz is None else question.transfer_name
-    damping = question.damping
+    transfer = None if request.frequencies_hz is None else request.transfer_name
+    damping = request.damping
     return PredictionsRecord(
         study=predicted.stored.record.study,
         result_created=predicted.stored.record.created,
         configuration=predicted.configuration,
         predictions_of=tuple(names),
         draws=predicted.n_draws,
-        level=question.level,
-        quantity=question.output.quantity,
-        places=tuple(question.output.labels),
+        level=request.level,
+        quantity=request.output.quantity,
+        places=tuple(request.output.labels),
         damping=damping if isinstance(damping, (int, float)) else tuple(damping),
         transfer_functions=transfer,
         records=tuple(
-            MotionRecord(motion.name, len(motion), motion.dt) for motion in question.motions
+            MotionRecord(motion.name, len(motion), motion.dt) for motion in request.motions
         ),
         versions=versions(),
     )

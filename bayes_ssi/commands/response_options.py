@@ -1,4 +1,4 @@
-"""The question that the options of ``bayes-ssi predict`` ask."""
+"""The response request that the options of ``bayes-ssi predict`` make."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ if TYPE_CHECKING:
     from bayes_ssi.predictions.stored_predictions import StoredPredictions
     from bayes_ssi.response.output import Damping, Output, Quantity
 
-__all__ = ["question_of"]
+__all__ = ["response_request"]
 
 NO_TRANSFER = "none"
 
 
-def question_of(
+def response_request(
     predicted: StoredPredictions,
     first: Predictions,
     *,
@@ -31,8 +31,8 @@ def question_of(
     dt: float | None,
     level: float,
 ) -> tuple[ResponseRequest, list[str]]:
-    """The question that the options ask, and what must be said of it."""
-    from bayes_ssi.predictions.defaults import (
+    """The request that the options make, and remarks on it."""
+    from bayes_ssi.predictions.default_request import (
         MOST_FREQUENCIES,
         default_frequencies,
         default_output,
@@ -85,8 +85,8 @@ def question_of(
 
 
 def _damping(predicted: StoredPredictions, text: str | None) -> tuple[Damping, str]:
-    """The damping that is asked for, or what the data say, and the words for it."""
-    from bayes_ssi.predictions.defaults import default_damping
+    """The damping given, or that of the data, and a sentence about it."""
+    from bayes_ssi.predictions.default_request import default_damping
 
     if text is None:
         default, source = default_damping(predicted.data)

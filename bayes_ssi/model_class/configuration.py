@@ -1,10 +1,10 @@
-"""A configuration: one test of a structure in one known state, and which mode is which in it."""
+"""A configuration: one test of a structure in a known state, and its pairing of modes."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
@@ -17,9 +17,9 @@ from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.paired_modes import check_pairing
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["Configuration", "joint_digest", "label_in", "only_one"]
+__all__ = ["Configuration", "choose_configuration", "joint_digest", "label_in"]
 
-_Item = TypeVar("_Item")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,20 +74,17 @@ class Configuration:
             raise type(error)(f"configuration {self.name!r}: {error}") from None
 
     def likelihood(self, error: ErrorModel, identification: IdentificationModel) -> ModalLikelihood:
-        """The likelihood of this test's modes, with prediction errors as in ``error``.
-
-        ``identification`` says how modes are found and missed.
-        """
+        """The likelihood of this test's modes, given prediction errors and identification model."""
         parts = (self.structure, self.data, error, identification)
         if self.pairing == "any":
             return AnyPairing(*parts, pairing={})
         return ModalLikelihood(*parts, self.pairing)
 
     def check_structure(self) -> None:
-        """Ask the structure once, at the prior medians, whether it answers as it should.
+        """Compute the structure's modes at the prior medians as a check.
 
         Raises:
-            ValueError: it raises, or what it returns has not the shapes that it announces.
+            ValueError: it raises an error, or returns arrays of other shapes than it should.
         """
         n_dof, n_modes = len(self.structure.degrees_of_freedom), self.structure.n_modes
         kind = f"structure {type(self.structure).__name__}"
@@ -99,10 +96,10 @@ class Configuration:
             raise ValueError(
                 f"{kind} fails at the prior medians: {type(error).__name__}: {error}"
             ) from error
-        found = np.shape(frequencies_hz), np.shape(shapes)
-        if found != ((1, n_modes), (1, n_dof, n_modes)):
+        sizes = np.shape(frequencies_hz), np.shape(shapes)
+        if sizes != ((1, n_modes), (1, n_dof, n_modes)):
             raise ValueError(
-                f"{kind} returns frequencies and shapes of shapes {found[0]} and {found[1]} for "
+                f"{kind} returns frequencies and shapes of shapes {sizes[0]} and {sizes[1]} for "
                 f"one set of values, expected {(1, n_modes)} and {(1, n_dof, n_modes)}"
             )
 
@@ -111,23 +108,33 @@ def joint_digest(tests: Mapping[str, ModalData]) -> str:
     """Identifies what an evidence is a density of: the data of all configurations, by name."""
     if list(tests) == [""]:
         return tests[""].digest
-    told = sorted((name, data.digest) for name, data in tests.items())
-    return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
+    digests = sorted((name, data.digest) for name, data in tests.items())
+    return hashlib.sha256(json.dumps(digests).encode()).hexdigest()[:16]
 
 
 def label_in(configuration: str, label: str) -> str:
-    """What a mode is called where several configurations stand side by side."""
+    """A mode's name that is unique among those of several configurations."""
     return f"{configuration}: {label}" if configuration else label
 
 
-def only_one(items: Sequence[_Item], owner: str, names: Sequence[str]) -> _Item:
-    """The one item, for what is asked of something with one configuration.
+def choose_configuration(items: Mapping[str, T], name: str | None, owner: str) -> T:
+    """The item of one configuration, or the only item if no name is given.
+
+    Args:
+        items: by the names of their configurations.
+        name: of the configuration.
+        owner: whose configurations they are, for messages.
 
     Raises:
-        ValueError: there are several.
+        ValueError: there is none of that name, or there are several and none is named.
     """
-    if len(items) == 1:
-        return items[0]
-    raise ValueError(
-        f"{owner} has {len(items)} configurations, {', '.join(map(repr, names))}; ask one of them"
-    )
+    if name is None and len(items) == 1:
+        return next(iter(items.values()))
+    names = ", ".join(map(repr, items))
+    if name is None:
+        raise ValueError(f"{owner} has {len(items)} configurations; choose one of {names}")
+    if name in items:
+        return items[name]
+    if list(items) == [""]:
+        raise ValueError(f"{owner} has one configuration, without a name; got {name!r}")
+    raise ValueError(f"{owner} has no configuration {name!r}; choose from {names}")

@@ -15,7 +15,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.likelihood import ModalLikelihood
-from bayes_ssi.model_class.configuration import Configuration, joint_digest, only_one
+from bayes_ssi.model_class.configuration import Configuration, choose_configuration, joint_digest
 from bayes_ssi.parameters import Parameter, collect_parameters
 from bayes_ssi.priors.prior import Prior
 from bayes_ssi.structures.structure import Structure
@@ -27,7 +27,7 @@ Pairing = Mapping[str, int] | Literal["any"]
 
 @dataclass(frozen=True, eq=False, init=False)
 class ModelClass:
-    """One hypothesis about a structure: which model, which unknowns, which mode is which.
+    """One hypothesis about a structure: its model, its unknowns, and which mode is which.
 
     The structure was tested once, or in several configurations: the likelihood is then the
     product of those of the tests, and parameters of the same name are the same.
@@ -61,7 +61,7 @@ class ModelClass:
         description: str = "",
         priors: Mapping[str, Prior] | None = None,
     ) -> None:
-        """Say what the hypothesis is: by one structure, its data and pairing, or by several.
+        """A hypothesis by a structure, its data and pairing, or by several configurations.
 
         Args:
             name: unique in a study.
@@ -70,8 +70,8 @@ class ModelClass:
             error: prediction errors, inferred by default.
             pairing: which identified mode is which model mode, as in
                 :class:`~bayes_ssi.model_class.configuration.Configuration`.
-            configurations: the tests, where there are several. What is given of structure, data
-                and pairing beside them takes the place of their own.
+            configurations: the tests, where there are several. A structure, data or a pairing
+                given as well replaces theirs.
             identification: how modes are found and missed.
             description: a sentence for reports.
             priors: name of a parameter → prior in place of its own.
@@ -102,28 +102,29 @@ class ModelClass:
         except (TypeError, ValueError) as wrong:
             raise type(wrong)(f"model class {name!r}: {wrong}") from None
 
+    def configuration(self, name: str | None = None) -> Configuration:
+        """The configuration of that name, or the only one if None.
+
+        Raises:
+            ValueError: there is none of that name, or there are several and none is named.
+        """
+        by_name = {each.name: each for each in self.configurations}
+        return choose_configuration(by_name, name, f"model class {self.name!r}")
+
     @property
     def structure(self) -> Structure:
         """The structure of a class with one configuration; ValueError where there are several."""
-        return self._only(self.configurations).structure
+        return self.configuration().structure
 
     @property
     def data(self) -> ModalData:
         """The identified modes of a class with one configuration; ValueError otherwise."""
-        return self._only(self.configurations).data
+        return self.configuration().data
 
     @property
     def pairing(self) -> Pairing:
         """The pairing of a class with one configuration; ValueError otherwise."""
-        return self._only(self.configurations).pairing
-
-    @property
-    def likelihood(self) -> ModalLikelihood:
-        """The likelihood of a class with one configuration; ValueError otherwise."""
-        return self._only(self.likelihoods)
-
-    def _only(self, items: Sequence[Any]) -> Any:
-        return only_one(items, f"model class {self.name!r}", self.configuration_names)
+        return self.configuration().pairing
 
     @property
     def configuration_names(self) -> tuple[str, ...]:
@@ -132,7 +133,7 @@ class ModelClass:
 
     @cached_property
     def likelihoods(self) -> tuple[ModalLikelihood, ...]:
-        """That of each configuration's modes."""
+        """The likelihoods of the configurations' modes."""
         return tuple(c.likelihood(self.error, self.identification) for c in self.configurations)
 
     @cached_property
@@ -147,7 +148,7 @@ class ModelClass:
 
     @property
     def structural_parameters(self) -> tuple[Parameter, ...]:
-        """Those of the structures, the first of :attr:`parameters`; the others are of errors."""
+        """The structures' parameters, the first of :attr:`parameters`; the others are errors."""
         return self.parameters[: len(collect_parameters(self._of_structures))]
 
     @property
@@ -193,7 +194,7 @@ class ModelClass:
 
     @cached_property
     def _columns(self) -> list[NDArray[np.intp]]:
-        """Of each configuration's parameters, among those of all."""
+        """The columns of each configuration's parameters among those of all."""
         column = {parameter.name: i for i, parameter in enumerate(self.parameters)}
         return [
             np.array([column[p.name] for p in likelihood.parameters], dtype=np.intp)
@@ -208,7 +209,7 @@ class ModelClass:
     def log_likelihood_at(self, z: FloatArray) -> FloatArray:
         """The log-likelihood (B,) at standard-normal coordinates ``z`` (B, n_parameters).
 
-        NaN where a structure has no modes, so that whoever samples can count such points.
+        NaN where a structure has no modes, so that samplers can count such points.
         """
         return self._log_density(self.values(z))
 
@@ -227,7 +228,8 @@ class ModelClass:
 
     def with_any_pairing(self, name: str) -> ModelClass:
         """The class, under another name, with the pairing of every configuration inferred."""
-        return self._changed(name, [replace(c, pairing="any") for c in self.configurations])
+        tests = tuple(replace(test, pairing="any") for test in self.configurations)
+        return replace(self, name=name, configurations=tests)
 
     def with_structure(self, structure: Structure, name: str) -> ModelClass:
         """The class, under another name, with another structure in its one configuration.
@@ -235,38 +237,27 @@ class ModelClass:
         Raises:
             ValueError: there are several configurations.
         """
-        only: Configuration = self._only(self.configurations)
-        return self._changed(name, [replace(only, structure=structure)])
+        test = replace(self.configuration(), structure=structure)
+        return replace(self, name=name, configurations=(test,))
 
     def with_structures(self, change: Callable[[Structure, int], Structure]) -> ModelClass:
-        """The class with other structures, of which all else holds; itself if none is another.
+        """The class with other structures; the class itself if none changes.
 
         Args:
-            change: called with the structure of each configuration and the configuration's place.
+            change: called with the structure of each configuration and the configuration's index.
         """
-        made = [change(c.structure, i) for i, c in enumerate(self.configurations)]
-        if all(new is c.structure for new, c in zip(made, self.configurations, strict=True)):
+        structures = [change(test.structure, i) for i, test in enumerate(self.configurations)]
+        pairs = list(zip(self.configurations, structures, strict=True))
+        if all(structure is test.structure for test, structure in pairs):
             return self
-        configurations = [
-            replace(c, structure=new) for new, c in zip(made, self.configurations, strict=True)
-        ]
-        return self._changed(self.name, configurations)
-
-    def _changed(self, name: str, configurations: Sequence[Configuration]) -> ModelClass:
-        return ModelClass(
-            name,
-            configurations=configurations,
-            error=self.error,
-            identification=self.identification,
-            description=self.description,
-            priors=self.priors,
-        )
+        tests = tuple(replace(test, structure=structure) for test, structure in pairs)
+        return replace(self, configurations=tests)
 
     def check_structure(self) -> None:
-        """Ask every structure once, at the prior medians, whether it answers as it should.
+        """Compute every structure's modes at the prior medians as a check.
 
         Raises:
-            ValueError: it raises, or what it returns has not the shapes that it announces.
+            ValueError: it raises an error, or returns arrays of other shapes than it should.
         """
         for configuration in self.configurations:
             try:
@@ -286,7 +277,7 @@ def _of_kind(kind: type, name: str, value: Any) -> Any:
 def _configurations(
     given: Sequence[Configuration] | None, own: Mapping[str, Any]
 ) -> tuple[Configuration, ...]:
-    """Those given, with what is its own in place of theirs; or one of what is its own."""
+    """Those given, with ``own`` fields in place of theirs; or one made of the ``own`` fields."""
     if given is None:
         missing = [name for name in ("structure", "data", "pairing") if name not in own]
         if missing:

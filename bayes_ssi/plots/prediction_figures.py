@@ -41,18 +41,18 @@ MOST_DRAWN, MODES_ACROSS = 3, 6
 
 
 def save_prediction_figures(
-    directory: str | Path, data: ModalData, answers: Sequence[ResponseBands]
+    directory: str | Path, data: ModalData, responses: Sequence[ResponseBands]
 ) -> list[Path]:
-    """Write figures of the answers to one question into ``directory``, which is made.
+    """Write figures of predictions of one request into ``directory``, which is made.
 
-    Transfer functions and time histories of the first three answers, as far as they were asked
-    for; for the most probable class of the first one its mode shapes, their MACs with the
+    Transfer functions and time histories of the first three model classes, where requested;
+    for the most probable class of the first one its mode shapes, their MACs with the
     identified shapes, and its frequencies before and after updating.
 
     Args:
         directory: where to.
         data: the identified modes.
-        answers: as of :func:`~bayes_ssi.predictions.response_bands.answer`.
+        responses: as of :func:`~bayes_ssi.predictions.response_bands.predict_responses`.
 
     Raises:
         FileExistsError: the directory exists.
@@ -61,30 +61,30 @@ def save_prediction_figures(
     with figures_for_files():
         return [
             save_figure(drawn, Path(directory) / f"{name}.png")
-            for name, drawn in _figures(data, answers[:MOST_DRAWN])
+            for name, drawn in _figures(data, responses[:MOST_DRAWN])
         ]
 
 
 def _figures(
-    data: ModalData, answers: Sequence[ResponseBands]
+    data: ModalData, responses: Sequence[ResponseBands]
 ) -> Iterator[tuple[str, Axes | Figure]]:
-    question = answers[0].question
-    if question.frequencies_hz is not None:
-        yield "transfer_functions", _transfer_functions(answers, question.frequencies_hz)
-    for i, motion in enumerate(question.motions, 1):
-        number = f"_{i}" if len(question.motions) > 1 else ""
-        yield f"time_histories{number}", _time_histories(answers, motion)
-    each = max(answers[0].predictions.classes, key=lambda one: len(one.values))
+    request = responses[0].request
+    if request.frequencies_hz is not None:
+        yield "transfer_functions", _transfer_functions(responses, request.frequencies_hz)
+    for i, motion in enumerate(request.motions, 1):
+        number = f"_{i}" if len(request.motions) > 1 else ""
+        yield f"time_histories{number}", _time_histories(responses, motion)
+    each = max(responses[0].predictions.classes, key=lambda one: len(one.values))
     paired = [label for label in data.labels if label in each.pairing]
     if not paired:
         return
     own = Predictions(each.name, (each,))
-    yield "mode_shapes", _mode_shapes(own, data, paired, question.level)
+    yield "mode_shapes", _mode_shapes(own, data, paired, request.level)
     with_shape = [label for label in data.labels if data.mode(label).unit_shape is not None]
     if with_shape:
         yield "mac", _mac(own, data, with_shape, paired)
-    modes = list(predicted_modes(data, own, question.level))
-    yield "frequency_change", plot_frequency_change(modes, data, level=question.level)
+    modes = list(predicted_modes(data, own, request.level))
+    yield "frequency_change", plot_frequency_change(modes, data, level=request.level)
 
 
 def _at(band: Band, i: int) -> Band:
@@ -93,10 +93,10 @@ def _at(band: Band, i: int) -> Band:
 
 
 def _by_place(
-    answers: Sequence[ResponseBands], plot: Callable[[int, Axes], object], title: str
+    responses: Sequence[ResponseBands], plot: Callable[[int, Axes], object], title: str
 ) -> Figure:
     """A panel for each place, one below the other, with one legend."""
-    places = answers[0].question.output.labels
+    places = responses[0].request.output.labels
     figure = figure_of(None, (WIDTH, 1.0 + 2.2 * len(places)))
     axes = figure.subplots(len(places), 1, squeeze=False, sharex=True)[:, 0]
     for i, (place, ax) in enumerate(zip(places, axes, strict=True)):
@@ -107,32 +107,32 @@ def _by_place(
     return figure
 
 
-def _transfer_functions(answers: Sequence[ResponseBands], frequencies_hz: FloatArray) -> Figure:
-    question = answers[0].question
+def _transfer_functions(responses: Sequence[ResponseBands], frequencies_hz: FloatArray) -> Figure:
+    request = responses[0].request
 
     def plot(i: int, ax: Axes) -> None:
         bands = {
             each.name: _at(each.transfer_functions, i)
-            for each in answers
+            for each in responses
             if each.transfer_functions is not None
         }
-        quantity = f"amplitude ({question.transfer_unit})"
+        quantity = f"amplitude ({request.transfer_unit})"
         plot_transfer_functions(frequencies_hz, bands, ax, quantity=quantity, legend=False)
 
-    title = f"{question.transfer_name}, median and {100 * question.level:g} % band"
-    return _by_place(answers, plot, title)
+    title = f"{request.transfer_name}, median and {100 * request.level:g} % band"
+    return _by_place(responses, plot, title)
 
 
-def _time_histories(answers: Sequence[ResponseBands], motion: GroundMotion) -> Figure:
-    question = answers[0].question
+def _time_histories(responses: Sequence[ResponseBands], motion: GroundMotion) -> Figure:
+    request = responses[0].request
 
     def plot(i: int, ax: Axes) -> None:
-        bands = {each.name: _at(each.time_histories[motion.name], i) for each in answers}
-        quantity = f"{question.output.quantity} ({question.unit})"
+        bands = {each.name: _at(each.time_histories[motion.name], i) for each in responses}
+        quantity = f"{request.output.quantity} ({request.unit})"
         plot_time_history(motion.times, bands, ax, quantity=quantity, legend=False)
 
-    title = f"{motion.name}, median and {100 * question.level:g} % envelope"
-    return _by_place(answers, plot, title)
+    title = f"{motion.name}, median and {100 * request.level:g} % envelope"
+    return _by_place(responses, plot, title)
 
 
 def _mode_shapes(own: Predictions, data: ModalData, paired: Sequence[str], level: float) -> Figure:

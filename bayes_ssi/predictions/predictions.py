@@ -1,4 +1,4 @@
-"""Predictions that carry the uncertainty: from posterior draws of one model class or of several.
+"""Predictions with their uncertainty, from posterior draws of one model class or of several.
 
 Nothing is sampled here. Draws of a posterior, thinned evenly, go through the structure; those of
 several classes are joined in the proportions of the classes' probabilities, so that every draw of
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.predictions.bands import Prediction
-from bayes_ssi.predictions.class_draws import DRAWS, ClassDraws, class_draws
+from bayes_ssi.predictions.posterior_draws import DRAWS, PosteriorDraws, thinned_draws
 from bayes_ssi.ranking.comparison import Comparison
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.modal_response import peak_responses, time_histories, transfer_functions
@@ -36,8 +37,8 @@ def predict_class(
     n_draws: int = DRAWS,
     configuration: str | None = None,
 ) -> Predictions:
-    """Predictions of one model class; arguments and errors as those of :func:`class_draws`."""
-    draws = class_draws(posterior, model_class, n_draws, configuration)
+    """Predictions of one model class; arguments and errors as those of :func:`thinned_draws`."""
+    draws = thinned_draws(posterior, model_class, n_draws, configuration)
     return Predictions(posterior.name, (draws,))
 
 
@@ -57,10 +58,10 @@ def predict_average(
         posteriors: of the classes, in any order.
         model_classes: name → class.
         n_draws: of all classes together.
-        configuration: as for :func:`class_draws`.
+        configuration: as for :func:`thinned_draws`.
 
     Raises:
-        ValueError: as for :func:`class_draws`, or a class is missing.
+        ValueError: as for :func:`thinned_draws`, or a class is missing.
     """
     by_name = {posterior.name: posterior for posterior in posteriors}
     names = [row.name for row in comparison.classes]
@@ -70,7 +71,7 @@ def predict_average(
             raise ValueError(f"predictions: no {kind} of model class {missing[0]!r}")
     counts = _shares([row.probability for row in comparison.classes], n_draws)
     classes = tuple(
-        class_draws(by_name[name], model_classes[name], count, configuration)
+        thinned_draws(by_name[name], model_classes[name], count, configuration)
         for name, count in zip(names, counts, strict=True)
         if count
     )
@@ -78,7 +79,7 @@ def predict_average(
 
 
 def _shares(probabilities: Sequence[float], total: int) -> list[int]:
-    """Whole numbers in the proportions of probabilities, by largest remainder."""
+    """Whole numbers proportional to probabilities, rounded by the largest remainder."""
     if total < 1:
         raise ValueError(f"predictions: the number of draws must be at least 1, got {total!r}")
     exact = total * np.array(probabilities) / sum(probabilities)
@@ -90,7 +91,7 @@ def _shares(probabilities: Sequence[float], total: int) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """What one model class predicts, or several in the proportions of their probabilities.
+    """Predictions of one model class, or of several in the proportions of their probabilities.
 
     Attributes:
         name: for titles.
@@ -98,7 +99,7 @@ class Predictions:
     """
 
     name: str
-    classes: tuple[ClassDraws, ...]
+    classes: tuple[PosteriorDraws, ...]
 
     @property
     def n_draws(self) -> int:
@@ -123,13 +124,11 @@ class Predictions:
 
         Arguments and errors as those of :meth:`frequencies_hz`.
         """
-        found = []
+        parts = []
         for each, number in self._classes_with(mode):
-            before = each.structure.modes(each.structure.prior_medians()).frequencies_hz[
-                0, number - 1
-            ]
-            found.append(np.full(len(each.values), before))
-        return self._joined(found)
+            before = each.structure.modes(each.structure.prior_medians()).frequencies_hz
+            parts.append(np.full(len(each.values), before[0, number - 1]))
+        return self._joined(parts)
 
     def shapes(
         self, mode: str | int, places: Sequence[str], unit_over: Sequence[str] | None = None
@@ -147,23 +146,23 @@ class Predictions:
             ValueError: there is no such mode, a class has no such place, or one of ``unit_over``
                 is not among the places.
         """
-        found = []
+        parts = []
         for each, number in self._classes_with(mode):
             with _named(each):
-                found.append(each.shapes(number, places))
+                parts.append(each.shapes(number, places))
         over = places if unit_over is None else unit_over
         for place in over:
             if place not in places:
                 raise ValueError(f"shapes: unit_over names {place!r}, which is not among places")
-        return _aligned(self._joined(found), [list(places).index(place) for place in over])
+        return _aligned(self._joined(parts), [list(places).index(place) for place in over])
 
     def shapes_at_sensors(self, mode: str | int) -> Prediction:
         """The shape of a mode as the sensors see it, at unit length, draws (n, n_sensors).
 
         Arguments and errors as those of :meth:`frequencies_hz`.
         """
-        found = [each.shapes_at_sensors(number) for each, number in self._classes_with(mode)]
-        return _aligned(self._joined(found), list(range(found[0].shape[1])))
+        parts = [each.shapes(number, each.sensors) for each, number in self._classes_with(mode)]
+        return _aligned(self._joined(parts), list(range(parts[0].shape[1])))
 
     def transfer_functions(
         self,
@@ -186,7 +185,9 @@ class Predictions:
                 )
             )
 
-        return self._responses(compute, 4 * np.size(frequencies_hz))
+        # Complex numbers and their products, for every mode.
+        size = 4 * np.size(frequencies_hz)
+        return self._responses(compute, size)
 
     def time_histories(self, motion: GroundMotion, output: Output, damping: Damping) -> Prediction:
         """Time histories, draws (n, n_places, n_samples).
@@ -215,36 +216,36 @@ class Predictions:
     def _responses(
         self,
         compute: Callable[[Structure, FloatArray], FloatArray],
-        numbers_per_mode: int = 0,
+        size_per_mode: int = 0,
     ) -> Prediction:
-        found = []
+        parts = []
         for each in self.classes:
             with _named(each):
-                found += [
-                    compute(each.structure, values)
-                    for values in each.batches(numbers_per_mode * each.structure.n_modes)
-                ]
-        return self._joined(found)
+                function = partial(compute, each.structure)
+                parts.append(each.evaluate(function, size_per_mode * each.structure.n_modes))
+        return self._joined(parts)
 
     def _joined(self, parts: list[FloatArray]) -> Prediction:
         draws = np.concatenate(parts)
         return Prediction(draws, len(draws) / self.n_draws)
 
-    def _classes_with(self, mode: str | int) -> list[tuple[ClassDraws, int]]:
+    def _classes_with(self, mode: str | int) -> list[tuple[PosteriorDraws, int]]:
         """The classes that have a mode, with its number."""
         if isinstance(mode, str):
-            found = [(each, each.pairing[mode]) for each in self.classes if mode in each.pairing]
+            explained = [
+                (each, each.pairing[mode]) for each in self.classes if mode in each.pairing
+            ]
             known = dict.fromkeys(label for each in self.classes for label in each.pairing)
-            if not found:
+            if not explained:
                 raise ValueError(
                     f"{self.name}: no model mode is paired with an identified mode {mode!r}; "
                     f"choose from {', '.join(map(repr, known))}"
                 )
-            return found
+            return explained
         if len(self.classes) > 1:
             raise ValueError(
-                f"{self.name}: mode {mode!r} is another one in each model class; name an "
-                "identified mode by its label"
+                f"{self.name}: mode {mode!r} differs between the model classes; give the "
+                "label of an identified mode"
             )
         n_modes = self.classes[0].structure.n_modes
         if not 1 <= mode <= n_modes:
@@ -263,11 +264,11 @@ def _aligned(shapes: Prediction, over: Sequence[int]) -> Prediction:
 
 
 @contextmanager
-def _named(each: ClassDraws) -> Iterator[None]:
-    """Errors within name the model class."""
+def _named(each: PosteriorDraws) -> Iterator[None]:
+    """Begin the messages of errors with the name of the model class."""
     try:
         yield
-    except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
+    except np.linalg.LinAlgError:  # a ValueError, but not of the input
         raise
     except (ValueError, TypeError) as error:
         raise type(error)(f"model class {each.name!r}: {error}") from None

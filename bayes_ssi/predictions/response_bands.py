@@ -1,26 +1,27 @@
-"""What a stored result predicts: the question and its answer, as bands.
+"""Responses that a stored result predicts, as credible bands.
 
-Responses are computed place by place, and only their bands are kept: the histories of a thousand
-draws at one place already fill a good part of a memory.
+Only bands are kept: the histories of a thousand draws at every place would not fit into memory.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.predictions.bands import Band, Prediction
+from bayes_ssi.predictions.posterior_draws import ARRAY_SIZE
 from bayes_ssi.predictions.predictions import Predictions
 from bayes_ssi.predictions.stored_predictions import StoredPredictions
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.modal_response import checked_frequencies
 from bayes_ssi.response.output import Damping, Output, damping_ratios
 
-__all__ = ["ResponseBands", "ResponseRequest", "answer"]
+__all__ = ["ResponseBands", "ResponseRequest", "predict_responses"]
 
 UNITS = {"displacement": "m", "acceleration": "m/s²", "drift": "m"}
 PER_GROUND = {"displacement": "s²", "acceleration": "-", "drift": "s²"}
@@ -29,20 +30,20 @@ PER_FORCE = {"displacement": "s²/mass", "acceleration": "1/mass", "drift": "s²
 
 @dataclass(frozen=True, eq=False)
 class ResponseRequest:
-    """What is to be predicted.
+    """The responses to be predicted.
 
     Attributes:
         output: the response quantity and its places.
         damping: ratio of all modes, or of each.
         frequencies_hz: (F,), of transfer functions; none are computed if None.
-        force_at: where the force of the transfer functions acts; if None, they are from the
-            ground's acceleration.
+        force_at: where the force of the transfer functions acts; if None, they are those from
+            ground acceleration.
         motions: ground motions of time histories, their names unique.
         level: of the credible bands.
 
     Raises:
-        ValueError: damping, frequencies or level make no sense, or two ground motions have one
-            name.
+        ValueError: damping, frequencies or level are not valid, or two ground motions have the
+            same name.
     """
 
     output: Output
@@ -81,19 +82,19 @@ class ResponseRequest:
 
 @dataclass(frozen=True, eq=False)
 class ResponseBands:
-    """Predictions of one model class, or of the average.
+    """Responses predicted by one model class, or by the average over all.
 
     Attributes:
         predictions: the draws.
-        question: what was asked.
-        transfer_functions: bands of amplitudes (n_places, F), where they were asked for.
+        request: what was predicted.
+        transfer_functions: bands of amplitudes (n_places, F), where requested.
         transfer_peaks: bands of the largest amplitude (n_places,), likewise.
         time_histories: name of a ground motion → bands (n_places, n_samples).
         peaks: name of a ground motion → bands of the largest amplitude (n_places,).
     """
 
     predictions: Predictions
-    question: ResponseRequest
+    request: ResponseRequest
     transfer_functions: Band | None
     transfer_peaks: Band | None
     time_histories: dict[str, Band]
@@ -104,8 +105,10 @@ class ResponseBands:
         return self.predictions.name
 
 
-def answer(predicted: StoredPredictions, name: str, question: ResponseRequest) -> ResponseBands:
-    """Predictions of the model class ``name``, or of the average over all for ``"average"``.
+def predict_responses(
+    predicted: StoredPredictions, name: str, request: ResponseRequest
+) -> ResponseBands:
+    """Responses of the model class ``name``, or of the average over all for ``"average"``.
 
     Raises:
         ValueError: there is no such class, it has changed since it was sampled, or a place is
@@ -113,39 +116,38 @@ def answer(predicted: StoredPredictions, name: str, question: ResponseRequest) -
         TypeError: its structure does not know its masses.
     """
     predictions = predicted.of(name)
-    places = _one_by_one(question.output)
-    damping, level = question.damping, question.level
+    damping, frequencies_hz, force_at = request.damping, request.frequencies_hz, request.force_at
+
+    def bands(compute: Callable[[Output], Prediction], n_points: int) -> tuple[Band, Band]:
+        """Bands of the response at all places, and of its largest amplitude."""
+        curves, peaks = [], []
+        places = list(request.output.places)
+        # Solving for the modes again costs more than another place does.
+        at_once = max(1, ARRAY_SIZE // (predictions.n_draws * n_points))
+        for start in range(0, len(places), at_once):
+            some = tuple(places[start : start + at_once])
+            draws = compute(Output(request.output.quantity, some)).draws  # type: ignore[arg-type]
+            for i in range(len(some)):
+                at_place = draws[:, i]
+                largest = np.maximum(at_place.max(-1), -at_place.min(-1))
+                curves.append(Prediction(at_place).band(request.level))
+                peaks.append(Prediction(largest).band(request.level))
+        return _stacked(curves), _stacked(peaks)
+
     transfer = transfer_peaks = None
-    if question.frequencies_hz is not None:
-        transfer, transfer_peaks = _bands(
-            (
-                predictions.transfer_functions(
-                    question.frequencies_hz, place, damping, force_at=question.force_at
-                )
-                for place in places
+    if frequencies_hz is not None:
+        transfer, transfer_peaks = bands(
+            lambda output: predictions.transfer_functions(
+                frequencies_hz, output, damping, force_at=force_at
             ),
-            level,
+            len(frequencies_hz),
         )
     histories, peaks = {}, {}
-    for motion in question.motions:
-        histories[motion.name], peaks[motion.name] = _bands(
-            (predictions.time_histories(motion, place, damping) for place in places), level
+    for motion in request.motions:
+        histories[motion.name], peaks[motion.name] = bands(
+            partial(predictions.time_histories, motion, damping=damping), len(motion)
         )
-    return ResponseBands(predictions, question, transfer, transfer_peaks, histories, peaks)
-
-
-def _one_by_one(output: Output) -> list[Output]:
-    return [Output(output.quantity, (place,)) for place in output.places]  # type: ignore[arg-type]
-
-
-def _bands(each_place: Iterator[Prediction], level: float) -> tuple[Band, Band]:
-    """Bands of responses at all places, and of their largest amplitudes."""
-    whole, largest = [], []
-    for prediction in each_place:
-        draws = prediction.draws[:, 0]
-        whole.append(Prediction(draws).band(level))
-        largest.append(Prediction(np.maximum(draws.max(-1), -draws.min(-1))).band(level))
-    return _stacked(whole), _stacked(largest)
+    return ResponseBands(predictions, request, transfer, transfer_peaks, histories, peaks)
 
 
 def _stacked(bands: list[Band]) -> Band:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.predictions.class_draws import DRAWS, configuration_of
+from bayes_ssi.predictions.posterior_draws import DRAWS
 from bayes_ssi.predictions.predictions import AVERAGE, Predictions, predict_average, predict_class
 from bayes_ssi.predictions.stored_classes import stored_classes
 from bayes_ssi.ranking.study import load_study
@@ -102,7 +102,7 @@ def load_predictions(
     path = Path(study_file or recorded)
     classes = stored_classes(stored, load_study(path), path)
     for each in classes.values():
-        name = configuration_of(each, configuration).name
+        name = each.configuration(configuration).name
         if name not in stored.tests:
             raise ValueError(
                 f"{path}: model class {each.name!r} has a configuration {name!r}, but "

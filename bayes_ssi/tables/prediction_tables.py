@@ -18,17 +18,17 @@ __all__ = ["frequency_table", "peak_table", "shape_tables"]
 WIDTH, COMPONENT = 80, 9
 
 
-def frequency_table(data: ModalData, answers: Sequence[ResponseBands]) -> Table:
+def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Table:
     """Frequency of every identified mode before and after updating, median and band.
 
     A mode that only some of the averaged classes explain shows in what share of the draws.
     """
-    level = answers[0].question.level
+    level = responses[0].request.level
     table = new_table(f"Natural frequencies (Hz) before and after updating, {100 * level:g} % band")
     _add_columns(table, ("model class", "mode"), ("identified", "before", "median", "band"))
     rows = [
         (each.name, mode)
-        for each in answers
+        for each in responses
         for mode in predicted_modes(data, each.predictions, level)
     ]
     with_shares = any(mode.share < 1.0 for _, mode in rows)
@@ -49,7 +49,7 @@ def shape_tables(data: ModalData, each: ResponseBands) -> Iterator[Table]:
     places = shown_places(each.predictions, data)
     wide = max(COMPONENT, 3 + max((len(label) for label in data.labels), default=0))
     at_once = max(1, (WIDTH - min(30, max(map(len, places))) - 2) // wide)
-    shapes = list(predicted_shapes(data, each.predictions, each.question.level))
+    shapes = list(predicted_shapes(data, each.predictions, each.request.level))
     for start in range(0, len(shapes), at_once):
         part = shapes[start : start + at_once]
         table = new_table(f"Mode shapes of {each.name!r} at unit length, medians")
@@ -60,19 +60,19 @@ def shape_tables(data: ModalData, each: ResponseBands) -> Iterator[Table]:
         yield table
 
 
-def peak_table(answers: Sequence[ResponseBands]) -> Table:
+def peak_table(responses: Sequence[ResponseBands]) -> Table:
     """Peaks of transfer functions and of time histories at every place, median and band."""
-    question = answers[0].question
-    level = f"{100 * question.level:g} % band"
-    table = new_table(f"Peak {question.output.quantity}, absolute value, {level}")
+    request = responses[0].request
+    level = f"{100 * request.level:g} % band"
+    table = new_table(f"Peak {request.output.quantity}, absolute value, {level}")
     _add_columns(table, ("model class", "of", "place"), ("median", "band", "unit"))
-    for each in answers:
-        found = [(name, question.unit, band) for name, band in each.peaks.items()]
+    for each in responses:
+        found = [(name, request.unit, band) for name, band in each.peaks.items()]
         if each.transfer_peaks is not None:
             name = "transfer"
-            found.insert(0, (name, question.transfer_unit, each.transfer_peaks))
+            found.insert(0, (name, request.transfer_unit, each.transfer_peaks))
         for name, unit, band in found:
-            for i, place in enumerate(question.output.labels):
+            for i, place in enumerate(request.output.labels):
                 add_row(table, each.name, name, place, *_interval(band, i), unit)
     return table
 

@@ -20,7 +20,7 @@ def simulate(
     there is then nothing to invert.
     """
     values = candidate.values(rng.standard_normal((1, len(candidate.parameters))))
-    likelihood = candidate.likelihood
+    likelihood = candidate.likelihoods[0]
     modes = likelihood.modes(values)
     shapes = likelihood.shapes_at_sensors(modes)[0]
     low, high = candidate.data.band_hz

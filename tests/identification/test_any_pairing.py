@@ -175,14 +175,14 @@ def test_modes_may_change_places(crossing_data, fixed_error):
 def test_the_pairing_follows_modes_that_change_places(crossing_data, fixed_error):
     free = bs.ModelClass("any", Crossing(), crossing_data, fixed_error, pairing="any")
     for f, expected in ((1.99, {"of x": 2, "of y": 1}), (2.01, {"of x": 1, "of y": 2})):
-        assert infer_pairing(free.likelihood, np.array([[f]])).best == expected
+        assert infer_pairing(free.likelihoods[0], np.array([[f]])).best == expected
 
 
 def test_where_the_structure_has_no_modes_there_is_no_likelihood(crossing_data, fixed_error):
     model = bs.ModelClass("any", Crossing(), crossing_data, fixed_error, pairing="any")
     values = np.array([[2.1], [NAN], [2.2]])
     assert np.isneginf(model.log_likelihood(values)).tolist() == [False, True, False]
-    assert np.isnan(model.likelihood.log_density(values)).tolist() == [False, True, False]
+    assert np.isnan(model.likelihoods[0].log_density(values)).tolist() == [False, True, False]
 
 
 def test_parameters_are_those_of_everything_that_could_be_paired(rigid, case_c, partial_data):
@@ -254,7 +254,7 @@ def near_the_fit(rigid, case_c, fixed_error):
     model = bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any")
     centre, spread = [0.95, 1.1, 0.92], [0.05, 0.06, 0.04]
     values = np.random.default_rng(4).normal(centre, spread, (200, 3))
-    return model.likelihood, values
+    return model.likelihoods[0], values
 
 
 def test_probabilities_of_every_identified_mode_add_up_to_one(near_the_fit):
@@ -296,7 +296,7 @@ def test_more_draws_than_serve_are_thinned(near_the_fit):
 def test_data_that_the_structure_cannot_explain_are_spurious(rigid, fixed_error):
     far_off = bs.ModalData((bs.IdentifiedMode("x", 30.0),), (20.0, 40.0))
     model = bs.ModelClass("any", rigid, far_off, fixed_error, pairing="any")
-    inferred = infer_pairing(model.likelihood, np.ones((10, 3)))
+    inferred = infer_pairing(model.likelihoods[0], np.ones((10, 3)))
     assert inferred.best == {}
     assert inferred.of_modes == {"x": {0: pytest.approx(1.0)}}
 
@@ -339,4 +339,4 @@ def test_notes_say_which_mode_is_which(ranking):
 
 def test_any_pairing_is_a_likelihood_of_its_own(rigid, case_c, fixed_error):
     model = bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any")
-    assert isinstance(model.likelihood, AnyPairing)
+    assert isinstance(model.likelihoods[0], AnyPairing)

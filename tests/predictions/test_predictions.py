@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayes_ssi as bs
-from bayes_ssi.predictions import bands
-from bayes_ssi.predictions import class_draws as class_draws_module
 from bayes_ssi.predictions.bands import Prediction
-from bayes_ssi.predictions.class_draws import class_draws
+from bayes_ssi.predictions.posterior_draws import thinned_draws
 from bayes_ssi.predictions.predictions import predict_average, predict_class
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.modal_response import peak_responses, time_histories, transfer_functions
@@ -54,11 +53,11 @@ def average(tiny_ranking, classes):
 
 def test_draws_are_thinned_evenly(classes, posteriors):
     posterior = posteriors["each k"]
-    found = class_draws(posterior, classes["each k"], 10)
+    found = thinned_draws(posterior, classes["each k"], 10)
     step = len(posterior.values) / 10
     rows = [math.floor(i * step) for i in range(10)]
     np.testing.assert_array_equal(found.values, posterior.values[rows])
-    everything = class_draws(posterior, classes["each k"], 2 * len(posterior.values))
+    everything = thinned_draws(posterior, classes["each k"], 2 * len(posterior.values))
     np.testing.assert_array_equal(everything.values, np.repeat(posterior.values, 2, axis=0))
 
 
@@ -71,14 +70,11 @@ def test_the_band_of_known_draws():
     np.testing.assert_allclose(prediction.quantile(0.25), [25.0, -150.0])
 
 
-def test_a_band_of_many_numbers_is_found_in_parts(monkeypatch):
-    draws = np.random.default_rng(0).standard_normal((50, 3, 7))
-    monkeypatch.setattr(bands, "QUANTILE_NUMBERS", 200)
-    found = Prediction(draws).band(0.8)
-    np.testing.assert_allclose(found, np.quantile(draws, [0.1, 0.5, 0.9], axis=0), rtol=1e-12)
-    np.testing.assert_allclose(
-        Prediction(draws[:, 0, 0]).band(0.8).median, np.median(draws[:, 0, 0])
-    )
+def test_bands_of_many_points_and_of_one():
+    draws = np.random.default_rng(0).standard_normal((5000, 3, 81))  # more than a part holds
+    expected = np.quantile(draws, [0.1, 0.5, 0.9], axis=0)
+    np.testing.assert_allclose(Prediction(draws).band(0.8), expected, rtol=1e-12)
+    np.testing.assert_allclose(Prediction(draws[:, 0, 0]).band(0.8), expected[:, 0, 0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0, 95, math.nan])
@@ -146,7 +142,20 @@ def test_responses_are_those_of_the_draws(predicted):
     )
 
 
-def test_a_large_structure_is_asked_in_parts(predicted, monkeypatch):
+def test_blas_has_one_thread(predicted):
+    threads = []
+
+    def count(_, values):
+        threads.extend(each["num_threads"] for each in threadpool_info()
+                       if each["user_api"] == "blas")  # fmt: skip
+        return values
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        predicted._responses(count)
+    assert set(threads) == {1}
+
+
+def test_draws_of_a_large_structure_are_computed_in_batches(predicted, monkeypatch):
     whole = predicted.transfer_functions(FREQUENCIES, ACCELERATION, 0.02).draws
     shapes = predicted.shapes("1", FLOORS).draws
     sizes = []
@@ -158,7 +167,7 @@ def test_a_large_structure_is_asked_in_parts(predicted, monkeypatch):
         return modal_model(self, values)
 
     monkeypatch.setattr(type(each.structure), "modal_model", counted)
-    monkeypatch.setattr(class_draws_module, "BATCH_NUMBERS", 30 * 4 * 2 * 7)
+    monkeypatch.setattr("bayes_ssi.predictions.posterior_draws.ARRAY_SIZE", 30 * 4 * 2 * 7)
     again = predicted.transfer_functions(FREQUENCIES, ACCELERATION, 0.02).draws
     assert sizes == [7] * 28 + [4]
     np.testing.assert_allclose(again, whole, rtol=1e-12)
@@ -205,7 +214,7 @@ def test_modes_that_are_none(predicted, average):
     for number in (0, 3):
         with pytest.raises(ValueError, match=rf"each k: no mode {number}; choose from 1 to 2"):
             predicted.shapes(number, FLOORS)
-    with pytest.raises(ValueError, match="average: mode 1 is another one in each model class"):
+    with pytest.raises(ValueError, match="average: mode 1 differs between the model classes"):
         average(10, one_k=0.5, each_k=0.5).frequencies_hz(1)
 
 
@@ -226,18 +235,18 @@ def test_errors_name_the_class(predicted):
 
 def test_a_class_that_is_not_the_one_sampled(classes, posteriors, tiny_ranking):
     with pytest.raises(ValueError, match=r"'one k' is not the one .* a parameter 'k1', .* are 'k'"):
-        class_draws(posteriors["one k"], classes["each k"])
+        thinned_draws(posteriors["one k"], classes["each k"])
     structure = classes["one k"].structure
     heavier = classes["one k"].with_structure(replace(structure, masses=(1.0, 1.001)), "one k")
     with pytest.raises(ValueError, match="at a stored draw its structure has the frequencies"):
-        class_draws(posteriors["one k"], heavier)
+        thinned_draws(posteriors["one k"], heavier)
     more = classes["one k"].with_structure(
         structure.with_element(bs.Pendulum(1, 0.1, 1.0)), "one k"
     )
     with pytest.raises(ValueError, match="at a stored draw its structure has the frequencies"):
-        class_draws(posteriors["one k"], more)
+        thinned_draws(posteriors["one k"], more)
     with pytest.raises(ValueError, match="number of draws must be at least 1, got 0"):
-        class_draws(posteriors["one k"], classes["one k"], 0)
+        thinned_draws(posteriors["one k"], classes["one k"], 0)
     with pytest.raises(ValueError, match="number of draws must be at least 1, got 0"):
         predict_average(tiny_ranking.comparison, tiny_ranking.posteriors, classes, 0)
 

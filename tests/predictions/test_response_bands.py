@@ -1,4 +1,4 @@
-"""Answers from a stored result: tables, CSV files and figures."""
+"""Responses predicted from a stored result: tables, CSV files and figures."""
 
 import csv
 from dataclasses import replace
@@ -9,9 +9,13 @@ import pytest
 from rich.console import Console
 
 from bayes_ssi.plots.prediction_figures import save_prediction_figures
-from bayes_ssi.predictions.defaults import default_damping, default_frequencies, default_output
+from bayes_ssi.predictions.default_request import (
+    default_damping,
+    default_frequencies,
+    default_output,
+)
 from bayes_ssi.predictions.prediction_files import save_predictions
-from bayes_ssi.predictions.response_bands import ResponseRequest, answer
+from bayes_ssi.predictions.response_bands import ResponseRequest, predict_responses
 from bayes_ssi.predictions.stored_predictions import load_predictions
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.output import Output
@@ -31,15 +35,15 @@ def predicted(tiny_ranking, tmp_path, tiny_study_file):
 
 
 @pytest.fixture
-def question():
+def response_request():
     rng = np.random.default_rng(0)
     motions = tuple(GroundMotion(rng.standard_normal(64), 0.05, name) for name in ("a", "b"))
     return ResponseRequest(OUTPUT, 0.02, FREQUENCIES, motions=motions, level=0.9)
 
 
 @pytest.fixture
-def answers(predicted, question):
-    return [answer(predicted, name, question) for name in ("average", "one k")]
+def responses(predicted, response_request):
+    return [predict_responses(predicted, name, response_request) for name in ("average", "one k")]
 
 
 def rows(path):
@@ -60,33 +64,33 @@ def out(tmp_path):
     return tmp_path / "out"
 
 
-def test_answers_hold_the_bands_of_all_places(predicted, question, answers):
+def test_responses_hold_the_bands_of_all_places(predicted, response_request, responses):
     average = predicted.average()
-    for motion in question.motions:
+    for motion in response_request.motions:
         draws = average.time_histories(motion, OUTPUT, 0.02)
         np.testing.assert_allclose(
-            answers[0].time_histories[motion.name], draws.band(0.9), rtol=1e-9, atol=1e-12
+            responses[0].time_histories[motion.name], draws.band(0.9), rtol=1e-9, atol=1e-12
         )
         peaks = average.peak_responses(motion, OUTPUT, 0.02).band(0.9)
-        np.testing.assert_allclose(answers[0].peaks[motion.name], peaks, rtol=1e-9)
+        np.testing.assert_allclose(responses[0].peaks[motion.name], peaks, rtol=1e-9)
     draws = average.transfer_functions(FREQUENCIES, OUTPUT, 0.02)
-    np.testing.assert_allclose(answers[0].transfer_functions, draws.band(0.9), rtol=1e-9)
+    np.testing.assert_allclose(responses[0].transfer_functions, draws.band(0.9), rtol=1e-9)
     highest = np.quantile(draws.draws.max(-1), [0.05, 0.5, 0.95], axis=0)
-    np.testing.assert_allclose(answers[0].transfer_peaks, highest, rtol=1e-9)
+    np.testing.assert_allclose(responses[0].transfer_peaks, highest, rtol=1e-9)
 
 
 def test_transfer_functions_from_a_force(predicted):
-    question = ResponseRequest(OUTPUT, 0.02, FREQUENCIES, force_at="floor 1")
-    found = answer(predicted, "one k", question)
+    response_request = ResponseRequest(OUTPUT, 0.02, FREQUENCIES, force_at="floor 1")
+    found = predict_responses(predicted, "one k", response_request)
     own = predicted.of_class("one k")
     expected = own.transfer_functions(FREQUENCIES, OUTPUT, 0.02, force_at="floor 1")
     np.testing.assert_allclose(found.transfer_functions, expected.band(0.95), rtol=1e-9)
-    assert question.transfer_name == "acceleration / force at floor 1"
-    assert question.transfer_unit == "1/mass"
+    assert response_request.transfer_name == "acceleration / force at floor 1"
+    assert response_request.transfer_unit == "1/mass"
 
 
-def test_csv_files_hold_the_bands(predicted, answers, out):
-    save_predictions(out, predicted.data, answers)
+def test_csv_files_hold_the_bands(predicted, responses, out):
+    save_predictions(out, predicted.data, responses)
     assert sorted(path.name for path in out.iterdir()) == [
         "frequencies.csv", "mode_shapes.csv", "peaks.csv", "time_histories.csv",
         "transfer_functions.csv",
@@ -97,7 +101,7 @@ def test_csv_files_hold_the_bands(predicted, answers, out):
         row for row in found if (row["model_class"], row["place"]) == ("average", "floor 2")
     ]
     for column, expected in zip(
-        ("low", "median", "high"), answers[0].transfer_functions, strict=True
+        ("low", "median", "high"), responses[0].transfer_functions, strict=True
     ):
         np.testing.assert_allclose(
             [float(row[column]) for row in second_place], expected[1], rtol=1e-6
@@ -113,7 +117,7 @@ def test_csv_files_hold_the_bands(predicted, answers, out):
                          ("time history: a", "m/s²"), ("time history: b", "m/s²"))
         for place in OUTPUT.places
     ]  # fmt: skip
-    assert float(peaks[3]["high"]) == pytest.approx(answers[0].peaks["a"].high[1], rel=1e-6)
+    assert float(peaks[3]["high"]) == pytest.approx(responses[0].peaks["a"].high[1], rel=1e-6)
     modes = rows(out / "frequencies.csv")
     assert [(row["model_class"], row["mode"], row["share"]) for row in modes] == [
         ("average", "1", "1"), ("average", "2", "1"), ("one k", "1", "1"), ("one k", "2", "1"),
@@ -124,28 +128,28 @@ def test_csv_files_hold_the_bands(predicted, answers, out):
     # The shape (1, φ) at unit length.
     assert [float(row["median"]) for row in shapes[:2]] == pytest.approx([0.5257311, 0.8506508])
     with pytest.raises(FileExistsError):
-        save_predictions(out, predicted.data, answers)
+        save_predictions(out, predicted.data, responses)
 
 
 def test_what_is_not_asked_for_is_not_computed(predicted, out):
     ground_to_1 = Output("drift", (("ground", "floor 1"),))
-    found = answer(predicted, "each k", ResponseRequest(ground_to_1, 0.02, FREQUENCIES))
+    found = predict_responses(predicted, "each k", ResponseRequest(ground_to_1, 0.02, FREQUENCIES))
     assert found.time_histories == found.peaks == {}
     save_predictions(out, predicted.data, [found])
     assert not (out / "time_histories.csv").exists()
     assert "ground to floor 1" in printed(peak_table([found]))
     drawn = save_prediction_figures(out / "figures", predicted.data, [found])
     assert "time_histories" not in {path.stem for path in drawn}
-    found = answer(predicted, "each k", ResponseRequest(OUTPUT, 0.02))
+    found = predict_responses(predicted, "each k", ResponseRequest(OUTPUT, 0.02))
     assert found.transfer_functions is found.transfer_peaks is None
     drawn = save_prediction_figures(out / "again", predicted.data, [found])
     assert [path.stem for path in drawn] == ["mode_shapes", "mac", "frequency_change"]
 
 
-def test_tables_fit_a_terminal(predicted, answers):
-    frequencies = printed(frequency_table(predicted.data, answers))
-    peaks = printed(peak_table(answers))
-    (table,) = shape_tables(predicted.data, answers[0])
+def test_tables_fit_a_terminal(predicted, responses):
+    frequencies = printed(frequency_table(predicted.data, responses))
+    peaks = printed(peak_table(responses))
+    (table,) = shape_tables(predicted.data, responses[0])
     assert max(map(len, (frequencies + peaks + printed(table)).splitlines())) <= 80
     median = predicted.average().frequencies_hz("1").quantile(0.5)
     assert f"{median:.4g}" in frequencies
@@ -154,22 +158,22 @@ def test_tables_fit_a_terminal(predicted, answers):
     assert "0.851" in printed(table)
 
 
-def test_shapes_of_many_modes_are_several_tables(predicted, answers, monkeypatch):
+def test_shapes_of_many_modes_are_several_tables(predicted, responses, monkeypatch):
     monkeypatch.setattr("bayes_ssi.tables.prediction_tables.WIDTH", 20)
-    tables = [printed(each) for each in shape_tables(predicted.data, answers[0])]
+    tables = [printed(each) for each in shape_tables(predicted.data, responses[0])]
     assert len(tables) == 2
     assert all("floor 2" in each for each in tables)
 
 
-def test_figures(predicted, answers, tmp_path):
-    drawn = save_prediction_figures(tmp_path / "figures", predicted.data, answers)
+def test_figures(predicted, responses, tmp_path):
+    drawn = save_prediction_figures(tmp_path / "figures", predicted.data, responses)
     assert [path.stem for path in drawn] == [
         "transfer_functions", "time_histories_1", "time_histories_2", "mode_shapes", "mac",
         "frequency_change",
     ]  # fmt: skip
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in drawn)
     with pytest.raises(FileExistsError):
-        save_prediction_figures(tmp_path / "figures", predicted.data, answers)
+        save_prediction_figures(tmp_path / "figures", predicted.data, responses)
 
 
 def test_a_structure_in_several_directions_is_drawn_by_components(predicted, tmp_path, monkeypatch):
@@ -181,7 +185,7 @@ def test_a_structure_in_several_directions_is_drawn_by_components(predicted, tmp
         "bayes_ssi.plots.prediction_figures.plot_shape_components",
         lambda _, places, *__, title: drawn.append((places, title)),
     )
-    found = answer(predicted, "one k", ResponseRequest(OUTPUT, 0.02))
+    found = predict_responses(predicted, "one k", ResponseRequest(OUTPUT, 0.02))
     save_prediction_figures(tmp_path / "figures", predicted.data, [found])
     assert drawn == [(("floor 1", "floor 2"), "mode 1"), (("floor 1", "floor 2"), "mode 2")]
 
@@ -241,7 +245,7 @@ def test_default_frequencies_meet_every_peak(predicted):
         (0.02, FREQUENCIES, 1.0, "level must lie"),
     ],
 )
-def test_questions_that_make_no_sense(damping, frequencies, level, message):
+def test_requests_that_make_no_sense(damping, frequencies, level, message):
     with pytest.raises(ValueError, match=message):
         ResponseRequest(OUTPUT, damping, frequencies, level=level)
 
@@ -252,9 +256,9 @@ def test_ground_motions_have_names_of_their_own():
         ResponseRequest(OUTPUT, 0.02, motions=(motion, motion))
 
 
-def test_unknown_classes_and_places(predicted, question):
+def test_unknown_classes_and_places(predicted, response_request):
     with pytest.raises(ValueError, match="no model class 'x'; choose from 'one k', 'each k'"):
-        answer(predicted, "x", question)
+        predict_responses(predicted, "x", response_request)
     roof = ResponseRequest(Output("displacement", ("roof",)), 0.02, FREQUENCIES)
     with pytest.raises(ValueError, match=r"place 'roof': .* choose from 'floor 1', 'floor 2'"):
-        answer(predicted, "average", roof)
+        predict_responses(predicted, "average", roof)

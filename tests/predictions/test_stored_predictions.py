@@ -15,7 +15,7 @@ from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.appendages.hypotheses import SearchSettings
 from bayes_ssi.appendages.search_result import search_record
 from bayes_ssi.model_class.class_record import class_record
-from bayes_ssi.predictions.class_draws import class_draws
+from bayes_ssi.predictions.posterior_draws import thinned_draws
 from bayes_ssi.predictions.stored_predictions import load_predictions
 from bayes_ssi.ranking.study import load_study
 from bayes_ssi.response.output import Output
@@ -217,7 +217,7 @@ def test_configurations_that_have_changed(of_two_tests):
         load_predictions(directory, configuration="empty")
     (model_class,) = load_study(path).model_classes
     with pytest.raises(ValueError, match="a configuration 'empty', the stored ones are 'bare'"):
-        class_draws(ranking.posteriors[0], model_class, configuration="empty")
+        thinned_draws(ranking.posteriors[0], model_class, configuration="empty")
 
 
 def test_the_study_file_has_changed(saved, tiny_study_file):

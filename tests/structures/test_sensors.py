@@ -63,7 +63,9 @@ def test_the_likelihood_sees_what_the_sensors_see():
     measured = np.array([1.0, -0.4, 0.3])
     data = bs.ModalData((bs.IdentifiedMode("1", 2.5, measured),), (0.0, 20.0), names)
     error = bs.ErrorModel(0.02, 0.1)
-    found = bs.ModelClass("a", structure, data, error, pairing={"1": 1}).likelihood.terms(values)
+    found = (
+        bs.ModelClass("a", structure, data, error, pairing={"1": 1}).likelihoods[0].terms(values)
+    )
     at_sensors = matrix @ modes.shapes[:, :, 0].T
     cosine = np.abs(measured @ at_sensors) / (
         np.linalg.norm(measured) * np.linalg.norm(at_sensors, axis=0)

@@ -1,4 +1,4 @@
-"""What is predicted where nobody says: damping, place, and frequencies of transfer functions."""
+"""Defaults of a response request: damping, place, and frequencies of transfer functions."""
 
 from __future__ import annotations
 
@@ -15,18 +15,16 @@ from bayes_ssi.response.output import GROUND, Output, Quantity
 
 __all__ = ["MOST_FREQUENCIES", "default_damping", "default_frequencies", "default_output"]
 
-DAMPING = 0.02
-# At a step of this share of half the narrowest peak's width, a peak is met within 0.2 %.
-STEP = 1.0 / 8.0
-FEWEST_FREQUENCIES, MOST_FREQUENCIES = 400, 6000
+# Transfer functions of a thousand draws at more frequencies would take minutes.
+MOST_FREQUENCIES = 6000
 
 
 def default_damping(data: ModalData) -> tuple[float, str]:
-    """A damping ratio for all modes, and where it is from."""
+    """A damping ratio for all modes, and its source in words."""
     identified = [mode.damping for mode in data.modes if mode.damping]
     if identified:
         return float(np.median(identified)), "the median of the identified damping ratios"
-    return DAMPING, "assumed, since none was identified"
+    return 0.02, "assumed, since none was identified"
 
 
 def default_output(predictions: Predictions, quantity: Quantity) -> Output:
@@ -49,12 +47,18 @@ def default_output(predictions: Predictions, quantity: Quantity) -> Output:
 def default_frequencies(
     data: ModalData, lowest_damping: float, band_hz: tuple[float, float] | None = None
 ) -> FloatArray:
-    """Frequencies that meet every peak of a band, the one of the data if None.
+    """Equally spaced frequencies that resolve every peak of a band.
 
-    As many as the narrowest peak asks for, but :data:`MOST_FREQUENCIES` at most.
+    At least 400, for smooth curves, and as many as the narrowest peak needs up to
+    :data:`MOST_FREQUENCIES`.
+
+    Args:
+        data: the identified modes; their band if ``band_hz`` is None.
+        lowest_damping: the smallest of the damping ratios.
+        band_hz: lowest and highest frequency.
 
     Raises:
-        ValueError: the band's limits make no sense.
+        ValueError: the band is not 0 <= lowest < highest.
     """
     low, high = data.band_hz if band_hz is None else band_hz
     if not 0.0 <= low < high < math.inf:
@@ -62,5 +66,6 @@ def default_frequencies(
             f"band: must be two frequencies in Hz, the lower one first, got {low!r} and {high!r}"
         )
     lowest = max(low, min(mode.frequency_hz for mode in data.modes))
-    wanted = math.ceil((high - low) / (STEP * lowest_damping * lowest)) + 1
-    return np.linspace(low, high, min(max(wanted, FEWEST_FREQUENCIES), MOST_FREQUENCIES))
+    # A peak is as wide as ζf on either side; at an eighth of that, it is met within 0.2 %.
+    needed = math.ceil((high - low) / (lowest_damping * lowest / 8.0)) + 1
+    return np.linspace(low, high, min(max(needed, 400), MOST_FREQUENCIES))
