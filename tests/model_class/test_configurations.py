@@ -305,7 +305,6 @@ def test_a_search_says_that_it_needs_one_configuration():
         (lambda: joint().structure, ValueError,
          "model class 'both' has 2 configurations; choose one of 'bare', 'loaded'"),
         (lambda: joint().data, ValueError, "model class 'both' has 2 configurations"),
-        (lambda: joint().likelihoods[0], ValueError, "model class 'both' has 2 configurations"),
     ],
 )  # fmt: skip
 def test_bad_input_is_refused_in_one_line(make, error, message):
