@@ -20,20 +20,10 @@ from bayes_ssi.appendages.search_result import SearchRecord
 from bayes_ssi.codec import from_record
 from bayes_ssi.data.modal_csv import read_modal_csv
 from bayes_ssi.data.modal_data import ModalData
-<<<<<<< HEAD
-from bayes_ssi.model_class.configuration import only_one
+from bayes_ssi.model_class.configuration import choose_configuration
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison
 from bayes_ssi.ranking.sensitivity import Sensitivity
-=======
-from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
-from bayes_ssi.model_class.configuration import choose_configuration
-from bayes_ssi.posterior.configuration_modes import ConfigurationModes
-from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
-from bayes_ssi.posterior.updated_modes import UpdatedModes
-from bayes_ssi.ranking.comparison import Comparison, RankedClass
-from bayes_ssi.results.consistency import require_record, require_whole
->>>>>>> 5f18a9d (Predict responses on request, several places at once and BLAS on one thread; choose configurations in one place)
 from bayes_ssi.results.draws import load_draws
 from bayes_ssi.results.json_files import read_json, read_record
 from bayes_ssi.results.result_record import FORMAT, ResultRecord, check_consistent
