@@ -17,25 +17,22 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.posterior.datum_terms import DatumTerms
 
-__all__ = ["Further", "StoredDraws", "load_draws", "save_draws"]
-
+__all__ = ["ForOtherPackages", "StoredDraws", "load_draws", "save_draws"]
 
 FREQUENCY, MODE = "frequency_hz", "model_mode"
 LOG_LIKELIHOOD, DATUM = "modes", "datum"
 IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"
-NOISE = 1e-9  # nats
-RESERVED = {
-    "chain", "draw", FREQUENCY, MODE, LOG_LIKELIHOOD, DATUM, IDENTIFIED, IDENTIFIED_MODE
-}  # fmt: skip
+# Names of dimensions and coordinates, which a parameter's variable cannot have.
+RESERVED = ("chain", "draw", FREQUENCY, MODE, DATUM, IDENTIFIED, IDENTIFIED_MODE)
 
 
-class Further(NamedTuple):
-    """What arviz makes use of beside the draws.
+class ForOtherPackages(NamedTuple):
+    """What arviz uses besides the draws; it is not read back.
 
     Attributes:
         prior: (n_draws, n_parameters), draws of the prior.
         terms: log-likelihoods and predictions datum by datum, or None.
-        identified_hz: (n_identified,), what was observed of these predictions.
+        identified_hz: (n_identified,), the observations that the terms predict.
     """
 
     prior: FloatArray
@@ -46,8 +43,7 @@ class Further(NamedTuple):
 class StoredDraws(NamedTuple):
     """Arrays of a stored posterior, as in :class:`~bayes_ssi.posterior.posterior.Posterior`.
 
-    ``mode_labels`` name the model modes; numbers from 1 where there is one configuration.
-    ``further`` is for other packages, and is not read back.
+    ``mode_labels`` name the model modes: numbers from 1 where there is one configuration.
     """
 
     parameter_names: tuple[str, ...]
@@ -55,7 +51,7 @@ class StoredDraws(NamedTuple):
     log_likelihoods: FloatArray
     frequencies_hz: FloatArray
     mode_labels: tuple[int | str, ...]
-    further: Further | None = None
+    for_others: ForOtherPackages | None = None
 
 
 def save_draws(path: Path, stored: StoredDraws) -> None:
@@ -64,7 +60,7 @@ def save_draws(path: Path, stored: StoredDraws) -> None:
     ``posterior`` and ``prior`` hold a variable for each parameter, ``sample_stats`` the
     log-likelihood (``log_likelihood_total``), ``log_likelihood`` the same datum by datum
     (``modes``), ``posterior_predictive`` the model's frequencies (``frequency_hz``) and the
-    identified ones as the class would give them (``identified_hz``), which ``observed_data`` has
+    identified ones as the class predicts them (``identified_hz``), which ``observed_data`` holds
     as they were identified.
     """
     arviz = _import_arviz()
@@ -80,8 +76,8 @@ def save_draws(path: Path, stored: StoredDraws) -> None:
         "dims": {FREQUENCY: [MODE]},
         "coords": {MODE: list(stored.mode_labels)},
     }
-    if stored.further is not None:
-        _add_further(groups, labels, stored.parameter_names, stored.further)
+    if stored.for_others is not None:
+        _add_groups(groups, labels, stored.parameter_names, stored.for_others)
     if _is_first_generation(arviz):
         with warnings.catch_warnings():
             # Every walker is a chain: there may well be more of them than steps.
@@ -93,33 +89,39 @@ def save_draws(path: Path, stored: StoredDraws) -> None:
             arviz.from_dict(groups, **labels).to_netcdf(path, engine="h5netcdf")
 
 
-def _add_further(
+def _add_groups(
     groups: dict[str, dict[str, Any]],
     labels: dict[str, Any],
     parameter_names: tuple[str, ...],
-    further: Further,
+    for_others: ForOtherPackages,
 ) -> None:
     names = variable_names(parameter_names)
-    groups["prior"] = {name: further.prior[None, :, i] for i, name in enumerate(names)}
-    terms = further.terms
+    groups["prior"] = {name: for_others.prior[None, :, i] for i, name in enumerate(names)}
+    terms = for_others.terms
     if terms is None:
         return
-    groups["log_likelihood"] = {LOG_LIKELIHOOD: _never_constant(terms.log_likelihoods)}
+    data, log_likelihoods = _varying_terms(terms)
+    groups["log_likelihood"] = {LOG_LIKELIHOOD: log_likelihoods}
     groups["posterior_predictive"][IDENTIFIED] = terms.predicted_hz
-    groups["observed_data"] = {IDENTIFIED: further.identified_hz}
+    groups["observed_data"] = {IDENTIFIED: for_others.identified_hz}
     labels["dims"] |= {LOG_LIKELIHOOD: [DATUM], IDENTIFIED: [IDENTIFIED_MODE]}
-    labels["coords"] |= {DATUM: list(terms.data), IDENTIFIED_MODE: list(terms.identified)}
+    labels["coords"] |= {DATUM: data, IDENTIFIED_MODE: list(terms.identified)}
 
 
-def _never_constant(log_likelihoods: FloatArray) -> FloatArray:
-    """The same with noise far below any that matters where a datum's term does not vary.
+def _varying_terms(terms: DatumTerms) -> tuple[list[str], FloatArray]:
+    """Names and log-likelihoods of the data; constant terms are part of the first that varies.
 
-    A spurious mode has the same density at every draw. arviz 1.x fits the tail of each datum's
-    weights and refuses one that is a single value.
+    A spurious mode has the same density at every draw. Leave-one-out cross-validation fits the
+    tail of each term's distribution, which a constant has not; the term that it is added to only
+    shifts by it, so the sum over the data stays the same.
     """
-    constant = np.ptp(log_likelihoods, axis=(0, 1)) == 0.0
-    noise = NOISE * np.random.default_rng(0).standard_normal(log_likelihoods.shape[:2])
-    return log_likelihoods + np.where(constant, noise[..., None], 0.0)
+    names, constant = np.array(terms.data), np.ptp(terms.log_likelihoods, axis=(0, 1)) == 0.0
+    if constant.all():
+        return names.tolist(), terms.log_likelihoods
+    log_likelihoods = terms.log_likelihoods[..., ~constant]
+    log_likelihoods[..., 0] += terms.log_likelihoods[0, 0, constant].sum()
+    first, *others = names[~constant].tolist()
+    return [" and ".join([first, *names[constant]]), *others], log_likelihoods
 
 
 def load_draws(path: Path, parameter_names: tuple[str, ...]) -> StoredDraws:
@@ -152,15 +154,14 @@ def load_draws(path: Path, parameter_names: tuple[str, ...]) -> StoredDraws:
 
 
 def variable_names(parameter_names: Sequence[str]) -> list[str]:
-    """Names of the parameters' variables in the file: their own, where netCDF allows them.
+    """Names of the parameters' variables: their own, with underscores as far as netCDF needs.
 
-    A slash separates groups and becomes an underscore; a name that arviz uses, or that is taken,
-    gets an underscore at its end.
+    An underscore takes the place of a slash, and is added to a name that is reserved or taken.
     """
     names: list[str] = []
     for parameter_name in parameter_names:
         name = parameter_name.replace("/", "_")
-        while name in RESERVED or name in names:
+        while name in (*RESERVED, *names):
             name += "_"
         names.append(name)
     return names

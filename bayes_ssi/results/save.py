@@ -21,7 +21,7 @@ from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.ranking.study import Ranking, Study
 from bayes_ssi.results import new_directory
-from bayes_ssi.results.draws import Further, StoredDraws, save_draws
+from bayes_ssi.results.draws import ForOtherPackages, StoredDraws, save_draws
 from bayes_ssi.results.json_files import write_json
 from bayes_ssi.results.load import IN_THE_FILE_OF_DRAWS, MARKER, StoredResult, load_result
 from bayes_ssi.results.result_record import DataFile, ResultRecord
@@ -75,7 +75,7 @@ def save_result(
                 posterior.log_likelihoods,
                 posterior.frequencies_hz,
                 _mode_labels(posterior),
-                _further(posterior, classes[posterior.name]),
+                _for_other_packages(posterior, classes[posterior.name]),
             )
             save_draws(partial / draws[posterior.name], stored)
         record = _record(ranking, draws, data, study_file, command, accept_failed_checks)
@@ -108,13 +108,15 @@ def _mode_labels(posterior: Posterior) -> tuple[int | str, ...]:
     )
 
 
-def _further(posterior: Posterior, model_class: ModelClass) -> Further | None:
-    """What other packages make use of beside a posterior's draws."""
+def _for_other_packages(posterior: Posterior, model_class: ModelClass) -> ForOtherPackages | None:
+    """What is stored with a posterior for other packages."""
     if posterior.parameter_names != model_class.parameter_names:
         return None
     z = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, len(posterior.parameter_names)))
     identified = [c.data.frequencies_hz for c in model_class.configurations]
-    return Further(model_class.values(z), posterior.datum_terms, np.concatenate(identified))
+    return ForOtherPackages(
+        model_class.values(z), posterior.datum_terms, np.concatenate(identified)
+    )
 
 
 def _record(
