@@ -13,10 +13,10 @@ PACKAGES = ("bayes_ssi", "numpy", "scipy", "emcee", "arviz")
 
 def versions() -> dict[str, str]:
     """Name → version of Python, the platform and the packages that results depend on."""
-    found = {"python": platform.python_version(), "platform": sys.platform}
+    installed = {"python": platform.python_version(), "platform": sys.platform}
     for package in PACKAGES:
         try:
-            found[package] = version(package)
+            installed[package] = version(package)
         except PackageNotFoundError:  # run from a source tree that is not installed
-            found[package] = "not installed"
-    return found
+            installed[package] = "not installed"
+    return installed

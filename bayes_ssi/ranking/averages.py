@@ -14,20 +14,17 @@ from bayes_ssi.ranking.comparison import Comparison
 
 __all__ = ["AveragedParameter", "averaged_parameters"]
 
-# Classes with a smaller share of the probability change no digit that is shown.
-NEGLIGIBLE_SHARE = 1e-12
-
 
 @dataclass(frozen=True)
 class AveragedParameter:
     """A parameter averaged over the model classes that infer it.
 
-    Classes in which it has a fixed value, or none, say nothing of it here.
+    Classes that give it a fixed value, or do not have it, do not enter.
 
     Attributes:
         name: of the parameter.
-        n_classes: that infer it.
-        probability: of these classes, together, among all that were compared.
+        n_classes: number of classes that infer it.
+        probability: of these classes together, among all that were compared.
         mean, sd, quantile_05, quantile_95: over the classes, in the proportions of their
             probabilities.
     """
@@ -44,10 +41,10 @@ class AveragedParameter:
 def averaged_parameters(
     posteriors: Sequence[Posterior], comparison: Comparison
 ) -> tuple[AveragedParameter, ...]:
-    """Every parameter that several classes infer, in the order in which classes have them.
+    """Every parameter that several classes infer, in the order in which they first appear.
 
-    Parameters of one name are one parameter. One whose classes are all too improbable for a
-    number is left out.
+    Parameters of one name are one parameter. One whose classes all have probability zero is left
+    out.
 
     Args:
         posteriors: of all classes compared, in any order.
@@ -71,10 +68,9 @@ def _averaged(
     total = sum(probabilities)
     draws, weights = [], []
     for posterior, probability in zip(posteriors, probabilities, strict=True):
-        if probability > NEGLIGIBLE_SHARE * total:
-            own = posterior.values[:, posterior.parameter_names.index(name)]
-            draws.append(own)
-            weights.append(np.full(len(own), probability / total / len(own)))
+        own = posterior.values[:, posterior.parameter_names.index(name)]
+        draws.append(own)
+        weights.append(np.full(len(own), probability / total / len(own)))
     x, w = np.concatenate(draws), np.concatenate(weights)
     mean = float((w * x).sum())
     low, high = _quantiles(x, w, (0.05, 0.95))

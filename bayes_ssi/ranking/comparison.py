@@ -10,7 +10,14 @@ from scipy.special import logsumexp
 
 from bayes_ssi.posterior.posterior import Posterior
 
-__all__ = ["Comparison", "RankedClass", "bayes_factor_scale", "checked_weights", "compare"]
+__all__ = [
+    "Comparison",
+    "RankedClass",
+    "bayes_factor_scale",
+    "checked_weights",
+    "class_probabilities",
+    "compare",
+]
 
 # Kass and Raftery (1995), Bayes Factors, section 3.2, in 2 ln B.
 SCALE_NAME = "Kass and Raftery (1995)"
@@ -20,8 +27,12 @@ SCALE = (
     (10.0, "strong"),
     (math.inf, "very strong"),
 )
-# A class is told from the best one when their difference exceeds its error by this factor.
+# A class is distinguishable from the best one if their difference exceeds so many of its standard
+# errors: about 95 % of a normal distribution lie within two.
 STANDARD_ERRORS = 2.0
+# A class less probable than this is not flagged for leaning on its priors: that it must is what
+# makes it improbable.
+PROBABLE = 0.01
 
 
 def bayes_factor_scale(log_bayes_factor: float) -> str:
@@ -36,10 +47,6 @@ def bayes_factor_scale(log_bayes_factor: float) -> str:
     return next((words for limit, words in SCALE if twice < limit), SCALE[-1][1])
 
 
-# From this probability on it matters what a class's posterior leans on.
-PROBABLE = 0.01
-
-
 @dataclass(frozen=True)
 class RankedClass:
     """One row of a ranking.
@@ -51,10 +58,10 @@ class RankedClass:
         log_bayes_factor: log evidence less that of the most probable class; positive only where
             prior weights outweigh it.
         log_bayes_factor_error: standard error of the difference.
-        against: what the Bayes factor says against this class on the named scale; for a class
-            that cannot be told from the best one it says that.
-        distinguishable: whether the class can be told from the best one: the difference is worth
-            more than a bare mention and is larger than its error.
+        against: the evidence against this class in the words of the named scale, or "not
+            distinguishable" from the best one.
+        distinguishable: whether the difference from the best class is more than a bare mention
+            on the scale, and more than two of its standard errors.
         mean_log_likelihood: how well the class fits, in nats.
         information_gained: what the fit cost, in nats.
         n_parameters: inferred.
@@ -80,7 +87,7 @@ class RankedClass:
 
 
 def probability_text(probability: float) -> str:
-    """A probability to four decimals, never rounded to a certainty that it is not."""
+    """A probability to four decimals, never rounded to 0 or 1."""
     if probability < 1e-4:
         return "< 0.0001"
     return "> 0.9999" if probability > 0.9999 else f"{probability:.4f}"
@@ -106,7 +113,7 @@ class Comparison:
 
     @property
     def not_distinguishable(self) -> tuple[str, ...]:
-        """Names of the classes that cannot be told from the best one, itself not among them."""
+        """Names of the classes that are not distinguishable from the best one, without it."""
         return tuple(row.name for row in self.classes[1:] if not row.distinguishable)
 
     @property
@@ -136,17 +143,28 @@ def compare(
         raise ValueError(f"compare: two model classes are named {repeated[0]!r}")
     _require_same_data(posteriors)
     weights = checked_weights(names, prior_weights)
-    log_masses = [p.evidence.log_evidence + math.log(weights[p.name]) for p in posteriors]
-    log_total = float(logsumexp(log_masses))
-    ranked = sorted(zip(log_masses, posteriors, strict=True), key=lambda pair: -pair[0])
-    best = ranked[0][1]
-    rows = [_row(each, best, math.exp(log_mass - log_total)) for log_mass, each in ranked]
-    return Comparison(tuple(rows), best.data_digest)
+    log_evidences = {each.name: each.evidence.log_evidence for each in posteriors}
+    probabilities = class_probabilities(log_evidences, weights)
+    # By the logarithm, which also ranks classes whose probabilities are rounded to zero.
+    ranked = sorted(posteriors, key=lambda p: -log_evidences[p.name] - math.log(weights[p.name]))
+    rows = [_row(each, ranked[0], probabilities[each.name]) for each in ranked]
+    return Comparison(tuple(rows), ranked[0].data_digest)
+
+
+def class_probabilities(
+    log_evidences: Mapping[str, float], prior_weights: Mapping[str, float] | None
+) -> dict[str, float]:
+    """Name → posterior probability of every model class; equal prior weights if None."""
+    log_masses = {
+        name: log_evidence + (math.log(prior_weights[name]) if prior_weights else 0.0)
+        for name, log_evidence in log_evidences.items()
+    }
+    log_total = float(logsumexp(list(log_masses.values())))
+    return {name: math.exp(log_mass - log_total) for name, log_mass in log_masses.items()}
 
 
 def _row(posterior: Posterior, best: Posterior, probability: float) -> RankedClass:
     evidence, top = posterior.evidence, best.evidence
-    # That an improbable class bends its priors is what makes it improbable.
     failed = posterior.failed_checks
     if probability >= PROBABLE:
         failed = (*failed, *posterior.failed_edge_checks)

@@ -1,13 +1,11 @@
-"""How a ranking moves with the settings that nobody measures.
+"""How sensitive a ranking is to settings that are an analyst's choice.
 
-The detection probability, the expected number of spurious modes, the error sizes and the width
-of the priors are an analyst's choice. A ranking is worth as much as it withstands other choices:
-each is changed in turn, and everything is ranked again.
+These are the detection probability, the expected number of spurious modes, the error sizes and
+the width of the priors. Each is changed in turn, and everything is ranked again.
 
-Where only the likelihood changes, the draws that there are serve again: the log evidence changes
-by the log of the mean ratio of the new likelihood to the old. Where these draws do not cover what
-the changed class asks for (the ratios' tail is too heavy), and where priors change, the class is
-sampled anew.
+Where only the likelihood changes, the posterior draws are reweighted: the log evidence changes by
+the log of the mean ratio of the new likelihood to the old. Where the draws do not cover the new
+posterior (the ratios' tail is too heavy), and where priors change, the class is sampled again.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.special import logsumexp
 
 from bayes_ssi.execution.run import Run
 from bayes_ssi.identification.error_model import ErrorModel
@@ -26,6 +23,7 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import as_product
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.class_sampling import sample_all
+from bayes_ssi.ranking.comparison import class_probabilities
 from bayes_ssi.ranking.study import Ranking
 from bayes_ssi.sampling.diagnostics import pareto_shape
 from bayes_ssi.sampling.estimates import Estimate
@@ -39,14 +37,25 @@ __all__ = [
     "sensitivity",
 ]
 
-MAX_DRAWS = 4000
-# Draws serve again while the ratios' variance is surely finite and small: where the changed
-# likelihood is wider than the draws, their tail is where its evidence comes from. Ratios that
-# are all alike have no tail that matters.
-MAX_PARETO_K = 0.5
-MAX_ERROR = 0.03  # nats
-ALIKE = 3.0  # times the mean
 SETTINGS = SamplingSettings(log_evidence_error=0.03)
+
+
+@dataclass(frozen=True)
+class ReweightingLimits:
+    """When posterior draws are reweighted for a changed likelihood, and not drawn again.
+
+    Attributes:
+        draws: evenly spread draws at which the changed likelihood is evaluated.
+        pareto_k: shape of the ratios' tail; below 1/2, their variance is finite.
+        largest: ratio to the mean ratio; where none is larger, there is no tail to judge.
+    """
+
+    draws: int = 4000
+    pareto_k: float = 0.5
+    largest: float = 3.0
+
+
+LIMITS = ReweightingLimits()
 
 
 @dataclass(frozen=True)
@@ -72,8 +81,8 @@ class SensitivityRow:
         name: of the variation.
         log_evidences: model class → log evidence in nats, with its standard error.
         probabilities: model class → posterior probability, with the study's prior weights.
-        sampled: the classes that were sampled anew; for the others the draws served again.
-        failed_checks: of the classes that were sampled anew.
+        sampled: the classes that were sampled again; of the others the draws were reweighted.
+        failed_checks: of the classes that were sampled again.
     """
 
     name: str
@@ -102,7 +111,7 @@ class SensitivityRow:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """A ranking under every variation; the first row is the ranking as it is.
+    """A ranking under every variation; the first row is the ranking without any.
 
     Raises:
         ValueError: there is no first row, or it ranks no class.
@@ -122,16 +131,16 @@ class Sensitivity:
 
 def default_variations() -> tuple[Variation, ...]:
     """Every setting halved and doubled: missed and spurious modes, error sizes, prior widths."""
-    found = []
-    for factor, told in ((2.0, "× 2"), (0.5, "× ½")):
-        found += [
-            Variation(f"missed modes {told}", partial(_missed, factor)),
-            Variation(f"spurious modes {told}", partial(_spurious, factor)),
-            Variation(f"σ_f {told}", partial(_errors, factor, 1.0)),
-            Variation(f"σ_φ {told}", partial(_errors, 1.0, factor)),
-            Variation(f"width of priors {told}", partial(_priors, factor), of_priors=True),
+    variations = []
+    for factor, times in ((2.0, "× 2"), (0.5, "× ½")):
+        variations += [
+            Variation(f"missed modes {times}", partial(_missed, factor)),
+            Variation(f"spurious modes {times}", partial(_spurious, factor)),
+            Variation(f"σ_f {times}", partial(_errors, factor, 1.0)),
+            Variation(f"σ_φ {times}", partial(_errors, 1.0, factor)),
+            Variation(f"width of priors {times}", partial(_priors, factor), of_priors=True),
         ]
-    return tuple(found)
+    return tuple(variations)
 
 
 def sensitivity(
@@ -143,9 +152,10 @@ def sensitivity(
     """Rank again under every variation.
 
     Args:
-        ranking: as it is.
+        ranking: under the study's own settings.
         variations: :func:`default_variations` if None.
-        settings: of the classes that are sampled anew; by default to 0.03 nats.
+        settings: of the classes that are sampled again; their wanted error also limits that of
+            reweighting. By default it is 0.03 nats.
         run: workers for classes that are sampled again, and progress: called after each variation
             with "sensitivity", its name and the share of all that are done. Nothing is kept on
             disk.
@@ -158,7 +168,7 @@ def sensitivity(
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:
         raise ValueError(f"sensitivity: two variations are named {repeated[0]!r}")
-    rows = [_row("as it is", ranking, {p.name: _quoted(p) for p in ranking.posteriors})]
+    rows = [_row("unchanged", ranking, {p.name: _quoted(p) for p in ranking.posteriors})]
     run = run or Run()
     with run.working():
         for done, variation in enumerate(variations):
@@ -174,15 +184,15 @@ def _varied(
     estimates: dict[str, Estimate | None] = {
         posterior.name: None
         if variation.of_priors
-        else _reweighted(posterior, classes[posterior.name])
+        else _reweighted(posterior, classes[posterior.name], settings.log_evidence_error)
         for posterior in ranking.posteriors
     }
-    anew = [name for name, estimate in estimates.items() if estimate is None]
-    sampled = sample_all([classes[name] for name in anew], ranking.seed, settings, run)
+    again = tuple(name for name, estimate in estimates.items() if estimate is None)
+    sampled = sample_all([classes[name] for name in again], ranking.seed, settings, run)
     estimates.update((posterior.name, _quoted(posterior)) for posterior in sampled)
-    found = {name: estimate for name, estimate in estimates.items() if estimate is not None}
+    known = {name: estimate for name, estimate in estimates.items() if estimate is not None}
     failed = tuple(f"{p.name}: {check}" for p in sampled for check in p.failed_checks)
-    return replace(_row(variation.name, ranking, found), sampled=tuple(anew), failed_checks=failed)
+    return replace(_row(variation.name, ranking, known), sampled=again, failed_checks=failed)
 
 
 def _quoted(posterior: Posterior) -> Estimate:
@@ -190,31 +200,27 @@ def _quoted(posterior: Posterior) -> Estimate:
 
 
 def _row(name: str, ranking: Ranking, estimates: Mapping[str, Estimate]) -> SensitivityRow:
-    weights = ranking.study.prior_weights or dict.fromkeys(estimates, 1.0)
-    log_masses = {
-        key: estimate.log_evidence + math.log(weights[key]) for key, estimate in estimates.items()
-    }
-    log_total = float(logsumexp(list(log_masses.values())))
-    probabilities = {key: math.exp(mass - log_total) for key, mass in log_masses.items()}
+    log_evidences = {key: estimate.log_evidence for key, estimate in estimates.items()}
+    probabilities = class_probabilities(log_evidences, ranking.study.prior_weights)
     return SensitivityRow(name, dict(estimates), probabilities)
 
 
-def _reweighted(posterior: Posterior, changed: ModelClass) -> Estimate | None:
-    """The changed class's log evidence by the posterior's draws; None if they do not serve."""
+def _reweighted(posterior: Posterior, changed: ModelClass, max_error: float) -> Estimate | None:
+    """The changed class's log evidence by reweighted draws; None if they do not cover it."""
     values, log_likelihoods = posterior.values, posterior.log_likelihoods.ravel()
-    chosen = np.linspace(0, len(values) - 1, min(MAX_DRAWS, len(values))).astype(np.intp)
+    chosen = np.linspace(0, len(values) - 1, min(LIMITS.draws, len(values))).astype(np.intp)
     log_ratios = changed.log_likelihood(values[chosen]) - log_likelihoods[chosen]
     top = float(log_ratios.max())
     if not math.isfinite(top):
         return None
     ratios = np.exp(log_ratios - top)
-    # nan, of too few draws, is no more to be trusted than a heavy tail.
-    alike = ratios.max() <= ALIKE * ratios.mean()
-    if not (alike or pareto_shape(ratios / ratios.sum()) <= MAX_PARETO_K):
+    # The shape of too few draws is NaN, and trusted no more than that of a heavy tail.
+    no_tail = ratios.max() <= LIMITS.largest * ratios.mean()
+    if not (no_tail or pareto_shape(ratios / ratios.sum()) <= LIMITS.pareto_k):
         return None
     n_independent = min(float(posterior.effective_sample_sizes.min()), len(chosen))
     error = float(ratios.std() / ratios.mean()) / math.sqrt(n_independent)
-    if error > MAX_ERROR:
+    if error > max_error:
         return None
     quoted = posterior.evidence
     log_change = top + math.log(float(ratios.mean()))
@@ -222,7 +228,10 @@ def _reweighted(posterior: Posterior, changed: ModelClass) -> Estimate | None:
 
 
 def _missed(factor: float, candidate: ModelClass) -> ModelClass:
-    """With ``factor`` times the probability that a mode is missed, as far as that can be."""
+    """With ``factor`` times the probability that a mode is missed.
+
+    The probability that it is identified falls to half of itself at most.
+    """
     missed = 1.0 - candidate.identification.detection_probability
     changed = replace(
         candidate.identification,
@@ -249,6 +258,6 @@ def _errors(of_frequencies: float, of_shapes: float, candidate: ModelClass) -> M
 
 
 def _priors(factor: float, candidate: ModelClass) -> ModelClass:
-    """With wider priors of all that the structures leave open; not of the error sizes."""
+    """With wider priors of the structures' parameters, but not of the error sizes."""
     wider = {p.name: p.prior.widened(factor) for p in candidate.structural_parameters}
     return replace(candidate, priors=wider)

@@ -92,7 +92,7 @@ class Study:
         )
 
     def with_any_pairing(self) -> Study:
-        """The study with every pairing inferred; classes that thereby become one are merged.
+        """The study with every pairing inferred; classes that differ in nothing else are merged.
 
         A merged class carries the names of all, the sum of their prior weights, and the
         description of the first.
@@ -195,7 +195,7 @@ def load_study(path: str | Path) -> Study:
     if not path.is_file():
         what = "a directory, not a study file" if path.is_dir() else "no such file"
         raise ValueError(f"{path}: {what}")
-    # No cached bytecode: a study file is read as it stands, and nothing is written beside it.
+    # No cached bytecode: the file may have changed since, and nothing is written next to it.
     spec = importlib.util.spec_from_file_location(f"{STUDY_MODULE}{path.stem}", path)
     if path.suffix != ".py" or spec is None or spec.loader is None:
         raise ValueError(f"{path}: a study is a Python file, its name ending in .py")

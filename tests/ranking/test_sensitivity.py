@@ -39,7 +39,7 @@ def row_of(moved, name):
 
 def test_the_first_row_is_the_ranking(moved, tiny_ranking):
     first = moved.rows[0]
-    assert first.name == "as it is"
+    assert first.name == "unchanged"
     for row in tiny_ranking.comparison.classes:
         assert first.log_evidences[row.name] == Estimate(row.log_evidence, row.error)
         assert first.probabilities[row.name] == pytest.approx(row.probability, rel=1e-12)
