@@ -11,8 +11,11 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, PARETO_K_LIMIT
-from bayes_ssi.sampling.importance import LARGEST_WEIGHT
+from bayes_ssi.sampling.diagnostics import (
+    LARGEST_WEIGHT,
+    LENGTH_IN_AUTOCORRELATION_TIMES,
+    PARETO_K_LIMIT,
+)
 from bayes_ssi.sampling.result import SamplingResult
 
 __all__ = ["failed_checks", "failed_edge_checks"]
@@ -132,9 +135,9 @@ def _check_evidence(sampled: SamplingResult) -> list[str]:
 
 def _check_searches(sampled: SamplingResult) -> list[str]:
     """Maxima that one search found alone; where particles look for regions, too, these decide."""
-    if sampled.starts or sampled.discovery.converged:
+    if sampled.starts or sampled.search.converged:
         return []
-    n = sampled.discovery.n_searches
+    n = sampled.search.n_searches
     return [f"{n} independent searches found different maxima; there may be others"]
 
 
@@ -151,7 +154,7 @@ def _check_regions(sampled: SamplingResult) -> list[str]:
         name = f"a region with {100 * shares[region]:.1f} % of the posterior"
         if n_searches[region] < SEARCHES_WANTED:
             failed.append(
-                f"{name} was found by {n_searches[region]} of {sampled.discovery.n_searches} "
+                f"{name} was found by {n_searches[region]} of {sampled.search.n_searches} "
                 "independent searches; there may be others"
             )
         missed = sum(start[region] == 0 for start in of_starts)

@@ -80,7 +80,7 @@ def sample_as_it_is(
         autocorrelation_time=max(float(e.autocorrelation_times.max()) for e in sampled.draws),
         acceptance=float(np.mean([e.acceptance for e in sampled.draws])),
         n_evaluations=sampled.n_evaluations,
-        n_searches=sampled.discovery.n_searches,
+        n_searches=sampled.search.n_searches,
         seconds=perf_counter() - started,
         failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
         failed_edge_checks=tuple(

@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 from bayes_ssi.arrays import FloatArray
 
 __all__ = [
+    "LARGEST_WEIGHT",
     "LENGTH_IN_AUTOCORRELATION_TIMES",
     "PARETO_K_LIMIT",
     "autocorrelation_times",
@@ -26,6 +27,9 @@ SOKAL_WINDOW = 5.0
 # With a heavier tail of the weights, the error of an importance estimate cannot be trusted
 # (Vehtari et al. 2024).
 PARETO_K_LIMIT = 0.7
+# One importance draw should carry no more of the evidence: it alone would move the log evidence by
+# twice the error that is wanted by default.
+LARGEST_WEIGHT = 0.02
 # Weights that differ by less than this are equal but for rounding.
 FLAT = 1e-10
 
@@ -46,8 +50,8 @@ def autocorrelation_times(chain: FloatArray) -> FloatArray:
         times = 2.0 * np.cumsum(covariance / covariance[0], axis=0) - 1.0
     beyond = np.arange(n)[:, None] > SOKAL_WINDOW * times
     last = np.where(beyond.any(axis=0), beyond.argmax(axis=0), n - 1)
-    found = times[last, np.arange(chain.shape[-1])]
-    return np.where(np.isfinite(found), np.maximum(found, 1.0), 1.0)
+    at_window = times[last, np.arange(chain.shape[-1])]
+    return np.where(np.isfinite(at_window), np.maximum(at_window, 1.0), 1.0)
 
 
 def r_hat(chains: Sequence[FloatArray]) -> FloatArray:

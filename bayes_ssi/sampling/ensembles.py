@@ -1,4 +1,4 @@
-"""Production: independent emcee ensembles from the tempered starts, until they are long enough."""
+"""Independent emcee ensembles that sample a posterior until they are long enough."""
 
 from __future__ import annotations
 
@@ -12,14 +12,12 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, autocorrelation_times
 from bayes_ssi.sampling.mixture import StudentMixture
-from bayes_ssi.sampling.target import Target, log_standard_normal
-from bayes_ssi.sampling.tempering import TemperedStart
+from bayes_ssi.sampling.target import Target
 
 __all__ = [
     "Ensemble",
     "Proposal",
     "Walkers",
-    "first_walkers",
     "run_ensemble",
 ]
 
@@ -29,12 +27,12 @@ class Proposal(NamedTuple):
 
     Attributes:
         mixture: fitted beforehand, and fixed.
-        share: of the steps that it proposes; emcee's differential evolution and stretch moves
-            propose the others.
+        share: of the steps that it proposes; differential evolution and the stretch move propose
+            the others.
     """
 
     mixture: StudentMixture
-    share: float
+    share: float = 0.7
 
 
 class Walkers(NamedTuple):
@@ -120,7 +118,7 @@ def run_ensemble(
     from bayes_ssi.sampling.moves import ensemble_sampler, initial_state, raise_if_failed
 
     n_walkers, d = walkers.positions.shape
-    sampler = ensemble_sampler(target.log_posterior, n_walkers, d, *proposal)
+    sampler = ensemble_sampler(target.log_posterior, n_walkers, d, proposal)
     state = initial_state(*walkers, np.random.default_rng(seed))
     wanted = first = min(2 * LENGTH_IN_AUTOCORRELATION_TIMES, max_steps)
     while True:
@@ -141,11 +139,3 @@ def run_ensemble(
         autocorrelation_times=times,
         acceptance=float(np.mean(sampler.acceptance_fraction)),
     )
-
-
-def first_walkers(start: TemperedStart, n: int, rng: np.random.Generator) -> Walkers:
-    """``n`` walkers from the particles of one tempered start."""
-    scarce = len(start.positions) < n
-    chosen = rng.choice(len(start.positions), size=n, replace=scarce)
-    positions = start.positions[chosen]
-    return Walkers(positions, start.log_likelihoods[chosen] + log_standard_normal(positions))

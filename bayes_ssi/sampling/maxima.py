@@ -11,11 +11,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.estimates import EvidenceEstimate
-from bayes_ssi.sampling.mixture import StudentMixture
+from bayes_ssi.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
 __all__ = ["Maxima", "find_maxima"]
@@ -29,11 +30,8 @@ RISE_TO_GO_ON = 1e-3  # nats
 MAX_MAXIMA = 24
 # Beyond this ratio to the prior's precision, 1, rounding would lose the prior's.
 GREATEST_PRECISION = 1e12
+# A maximum with less than e^-12, 6 in a million, of the mass is left out.
 NEGLIGIBLE_LOG_MASS = -12.0
-# Maxima with less of the mass than this make no component.
-LEAST_WEIGHT = 1e-9
-# A maximum within this many of its own standard deviations of a higher one is that one.
-SAME_MAXIMUM = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +53,11 @@ class Maxima:
         """Inverses of the precisions, (m, d, d)."""
         return _inverse(self.precisions)
 
-    def squared_distances(self, z: FloatArray) -> FloatArray:
-        """Mahalanobis distances squared (m, n) of ``z`` (n, d) from every maximum."""
+    def are_at(self, z: FloatArray) -> NDArray[np.bool_]:
+        """Whether ``z`` (n, d) are within one standard deviation a coordinate, (m, n)."""
         away = z[None] - self.z[:, None]
-        return np.maximum(np.einsum("mni,mij,mnj->mn", away, self.precisions, away), 0.0)
+        squared_distances = np.einsum("mni,mij,mnj->mn", away, self.precisions, away)
+        return squared_distances < z.shape[1]
 
     @property
     def log_masses(self) -> FloatArray:
@@ -72,7 +71,7 @@ class Maxima:
         """Laplace's approximation of the log evidence, summed over the maxima."""
         return EvidenceEstimate("Laplace", float(logsumexp(self.log_masses)))
 
-    def as_mixture(self, beta: float = 1.0, dof: float = 5.0) -> StudentMixture:
+    def as_mixture(self, beta: float = 1.0) -> StudentMixture:
         """One component a maximum, weighted by its mass, for likelihood^beta · prior.
 
         At a temperature the likelihood's share of the precision, what exceeds the prior's 1, is
@@ -87,20 +86,21 @@ class Maxima:
         means = beta * np.einsum("mij,mj->mi", covariances, slopes)
         log_likelihoods = self.log_posteriors - log_standard_normal(self.z)
         steps = means - self.z
-        log_heights = beta * (
+        log_maxima = beta * (
             log_likelihoods
             + np.einsum("mi,mi->m", self.z, steps)
             - 0.5 * np.einsum("mi,mij,mj->m", steps, of_likelihood, steps)
         ) - 0.5 * (means**2).sum(1)
-        log_masses = log_heights + 0.5 * np.linalg.slogdet(covariances)[1]
-        weights = np.asarray(np.exp(log_masses - logsumexp(log_masses)), dtype=float)
+        log_masses = log_maxima + 0.5 * np.linalg.slogdet(covariances)[1]
+        log_weights = log_masses - logsumexp(log_masses)
+        weights = np.asarray(np.exp(log_weights), dtype=float)
         choleskys = np.asarray(np.linalg.cholesky(covariances), dtype=float)
-        kept = weights > LEAST_WEIGHT
+        kept = log_weights > NEGLIGIBLE_LOG_MASS
         return StudentMixture(
             weights[kept] / weights[kept].sum(),
             means[kept],
             choleskys[kept],
-            np.full(int(kept.sum()), dof),
+            np.full(int(kept.sum()), HEAVY_TAILS),
         )
 
 
@@ -120,26 +120,27 @@ def find_maxima(target: Target, starts: FloatArray) -> Maxima:
     return Maxima(maxima.z[kept], maxima.log_posteriors[kept], maxima.precisions[kept])
 
 
-def _distinct(target: Target, tops: FloatArray, heights: FloatArray) -> Maxima:
-    """The highest of every group of ascents that ended on the same top."""
-    reached = np.isfinite(heights)
+def _distinct(target: Target, ends: FloatArray, log_posteriors: FloatArray) -> Maxima:
+    """The highest of every group of ascents that ended at the same maximum."""
+    reached = np.isfinite(log_posteriors)
     if not reached.any():
         raise ValueError("find_maxima: the likelihood is zero at every start")
-    order = np.argsort(-np.where(reached, heights, -np.inf))[: reached.sum()]
-    tops, heights = tops[order], heights[order]
-    found: list[tuple[FloatArray, float, FloatArray]] = []
-    left = np.arange(len(tops))
-    while len(left) and len(found) < MAX_MAXIMA:
-        z, height = tops[left[0]], float(heights[left[0]])
-        if found and height < found[0][1] + NEGLIGIBLE_LOG_MASS - target.n_dimensions:
-            break
-        precision = _precision(target, z, height)
-        found.append((z, height, precision))
-        away = tops[left] - z
-        distances = np.einsum("ni,ij,nj->n", away, precision, away)
-        left = left[np.maximum(distances, 0.0) > SAME_MAXIMUM**2 * target.n_dimensions]
-    z, log_posteriors, precisions = (np.array(column) for column in zip(*found, strict=True))
-    return Maxima(z, log_posteriors, precisions)
+    order = np.argsort(-np.where(reached, log_posteriors, -np.inf))[: reached.sum()]
+    ends, log_posteriors = ends[order], log_posteriors[order]
+    lowest = log_posteriors[0] + NEGLIGIBLE_LOG_MASS - target.n_dimensions
+    distinct: list[Maxima] = []
+    while len(ends) and log_posteriors[0] >= lowest and len(distinct) < MAX_MAXIMA:
+        precision = _precision(target, ends[0], float(log_posteriors[0]))
+        maximum = Maxima(ends[:1], log_posteriors[:1], precision[None])
+        distinct.append(maximum)
+        elsewhere = ~maximum.are_at(ends)[0]
+        elsewhere[0] = False
+        ends, log_posteriors = ends[elsewhere], log_posteriors[elsewhere]
+    return Maxima(
+        np.concatenate([each.z for each in distinct]),
+        np.concatenate([each.log_posteriors for each in distinct]),
+        np.concatenate([each.precisions for each in distinct]),
+    )
 
 
 def _ascend(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,20 +12,28 @@ from scipy.special import gammaln
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["StudentMixture", "choose_mixture", "fit_mixture"]
+__all__ = [
+    "DRAWS_PER_DIMENSION",
+    "HEAVY_TAILS",
+    "StudentMixture",
+    "choose_mixture",
+    "fit_mixture",
+]
 
-MAX_EM_STEPS = 50
-EM_TOLERANCE = 1e-3  # nats per draw
-DEGREES_OF_FREEDOM = (5.0, 30.0)
-# A component whose draws had little weight keeps this share, or all such components share
-# the other: a walker that meets what it covers could not leave again if it were hardly proposed.
-LEAST_SHARE, SHARE_OF_ALL = 0.01, 0.3
+# Degrees of freedom: the variance of importance weights stays finite where a posterior has tails
+# as heavy as those of five; thirty are nearly normal.
+HEAVY_TAILS, LIGHT_TAILS = 5.0, 30.0
+# Weight of what is added to a mixture lest it miss a part of the posterior. The weights of the
+# other draws rise by a ninth at most.
+DEFENSIVE_SHARE = 0.1
+# Numbers of components that are tried in turn.
+COMPONENTS = (1, 2, 3, 4, 6, 8, 12, 16)
 # More components must raise the mean log density of held-out draws by this much, in nats.
 LEAST_GAIN = 0.01
-# Numbers of components that are tried in vain before no larger one is.
-PATIENCE = 2
 # A component needs this many draws a dimension for its covariance to mean something.
 DRAWS_PER_DIMENSION = 10
+# Steps of expectation-maximisation end here, or where one gains less than a tenth of LEAST_GAIN.
+MAX_EM_STEPS = 50
 # Densities of more points than this are computed in parts, which stay in the processor's cache.
 PART = 2048
 
@@ -99,20 +106,20 @@ class StudentMixture:
         prior = -0.5 * (np.einsum("nd,nd->n", z, z) + d * math.log(2.0 * math.pi))
         return np.logaddexp(total, prior + math.log(self.prior_share))
 
-    def with_prior_component(self, prior_share: float) -> StudentMixture:
+    def with_prior_component(self, prior_share: float = DEFENSIVE_SHARE) -> StudentMixture:
         """This mixture with ``prior_share`` of its weight given to the prior N(0, I)."""
         weights = self.weights * ((1.0 - prior_share) / self.weights.sum())
         return StudentMixture(weights, self.means, self.choleskys, self.dof, prior_share)
 
-    def widened(self, factor: float, share: float) -> StudentMixture:
-        """This mixture with ``share`` of its weight given to its own components, widened.
+    def widened(self) -> StudentMixture:
+        """This mixture and, with a defensive share, its components at twice their width.
 
         They cover what lies just beyond a mixture that was fitted to draws: weights of draws
         from it then have no heavy tail.
         """
-        return self.mixed_with(replace(self, choleskys=factor * self.choleskys), share)
+        return self.mixed_with(replace(self, choleskys=2.0 * self.choleskys))
 
-    def mixed_with(self, other: StudentMixture, share: float) -> StudentMixture:
+    def mixed_with(self, other: StudentMixture, share: float = DEFENSIVE_SHARE) -> StudentMixture:
         """This mixture with ``share`` of its weight given to the components of another."""
         return StudentMixture(
             np.concatenate([self.weights * (1.0 - share), other.weights * share]),
@@ -122,12 +129,15 @@ class StudentMixture:
         )
 
     def reweighted(self, z: FloatArray, weights: FloatArray) -> StudentMixture:
-        """The same components with the shares that weighted draws ``z`` (n, d) give them."""
+        """The same components with the shares that weighted draws ``z`` (n, d) give them.
+
+        All components share the defensive share equally: a walker that meets what one of them
+        covers could not leave again if it were hardly proposed.
+        """
         log_parts = self.log_components(z)
         shares = np.exp(log_parts - _log_sum(log_parts)) @ weights
-        least = min(LEAST_SHARE, SHARE_OF_ALL / len(shares))
-        shares = np.maximum(shares / shares.sum(), least)
-        return replace(self, weights=shares / shares.sum())
+        shares = (1.0 - DEFENSIVE_SHARE) * shares / shares.sum() + DEFENSIVE_SHARE / len(shares)
+        return replace(self, weights=shares)
 
     def draw(self, counts: NDArray[np.intp], rng: np.random.Generator) -> FloatArray:
         """``counts[k]`` draws from component k, in order; the last count is of N(0, I).
@@ -157,7 +167,6 @@ def fit_mixture(
     n_components: int,
     dof: float,
     rng: np.random.Generator,
-    max_steps: int = MAX_EM_STEPS,
 ) -> StudentMixture:
     """Fit a Student-t mixture to ``draws`` (n, d) by expectation-maximisation.
 
@@ -170,7 +179,7 @@ def fit_mixture(
     floor = 1e-10 * np.eye(d) * max(float(draws.var(axis=0).max()), 1e-300)
     least = min(n, d + 1.0)
     last = -math.inf
-    for _ in range(max_steps):
+    for _ in range(MAX_EM_STEPS):
         totals = responsibilities.sum(1)
         kept = totals >= least
         if not kept.all() and kept.any():
@@ -194,42 +203,35 @@ def fit_mixture(
         responsibilities = np.exp(log_parts - log_total)
         scale_weights = (dof + d) / (dof + squared_distances)
         mean_log_density = float(log_total.mean())
-        if mean_log_density - last < EM_TOLERANCE:
+        if mean_log_density - last < 0.1 * LEAST_GAIN:
             break
         last = mean_log_density
     return mixture
 
 
 def choose_mixture(
-    draws: FloatArray,
-    held_out: FloatArray,
-    n_components: Iterable[int],
-    rng: np.random.Generator,
+    draws: FloatArray, held_out: FloatArray, rng: np.random.Generator
 ) -> StudentMixture:
     """The mixture, fitted to ``draws``, under which ``held_out`` is most probable.
 
     That is the one nearest to the posterior in the Kullback-Leibler sense. The number of
-    components grows through ``n_components`` until more of them no longer help, and the tails
-    are as heavy as suits the held-out draws.
+    components grows until two larger numbers in turn no longer help, and the tails are as heavy
+    as suits the held-out draws.
     """
     n, d = draws.shape
-    heavy, light = DEGREES_OF_FREEDOM
-    best: StudentMixture | None = None
-    best_count, best_score, in_vain = 0, -math.inf, 0
-    for count in n_components:
-        if count > 1 and count * d * DRAWS_PER_DIMENSION > n:
+    best_count = 1
+    best = fit_mixture(draws, best_count, LIGHT_TAILS, rng)
+    best_score = float(best.log_pdf(held_out).mean())
+    in_vain = 0
+    for count in COMPONENTS[1:]:
+        if in_vain == 2 or count * d * DRAWS_PER_DIMENSION > n:
             break
-        candidate = fit_mixture(draws, count, light, rng)
+        candidate = fit_mixture(draws, count, LIGHT_TAILS, rng)
         score = float(candidate.log_pdf(held_out).mean())
-        if best is None or score > best_score + LEAST_GAIN:
+        in_vain += 1
+        if score > best_score + LEAST_GAIN:
             best, best_count, best_score, in_vain = candidate, count, score, 0
-        else:
-            in_vain += 1
-            if in_vain == PATIENCE:
-                break
-    if best is None:
-        raise ValueError("choose_mixture: no number of components to choose from")
-    heavier = fit_mixture(draws, best_count, heavy, rng)
+    heavier = fit_mixture(draws, best_count, HEAVY_TAILS, rng)
     return heavier if float(heavier.log_pdf(held_out).mean()) > best_score else best
 
 

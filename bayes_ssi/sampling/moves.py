@@ -14,9 +14,10 @@ import numpy as np
 from emcee.moves.red_blue import RedBlueMove
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.sampling.ensembles import Proposal
 from bayes_ssi.sampling.mixture import StudentMixture
 
-__all__ = ["ensemble_moves", "ensemble_sampler", "initial_state", "raise_if_failed"]
+__all__ = ["ensemble_sampler", "initial_state", "raise_if_failed"]
 
 # Proposals that need not wait for one another are evaluated in batches of this size.
 DRAWN_AT_ONCE = 512
@@ -95,22 +96,6 @@ class _FromMixture(emcee.moves.Move):
         )
 
 
-def ensemble_moves(
-    mixture: StudentMixture, mixture_share: float
-) -> list[tuple[emcee.moves.Move, float]]:
-    """Independent proposals from ``mixture`` in that share of the steps, else DE and stretch moves.
-
-    emcee's snooker move is not among them: it divides by zero on the duplicate walkers that
-    resampling makes.
-    """
-    others = 1.0 - mixture_share
-    return [
-        (_FromMixture(mixture), mixture_share),
-        (_DifferentialEvolution(), others * 2 / 3),
-        (_Stretch(), others / 3),
-    ]
-
-
 class _Guarded:
     """A log density that keeps its first error for later, and is -inf from then on.
 
@@ -140,18 +125,24 @@ def ensemble_sampler(
     log_density: Callable[[FloatArray], FloatArray],
     n_walkers: int,
     n_dimensions: int,
-    mixture: StudentMixture,
-    mixture_share: float,
+    proposal: Proposal,
 ) -> emcee.EnsembleSampler:
-    """A vectorised emcee sampler with the moves of :func:`ensemble_moves`.
+    """A vectorised emcee sampler; after it has run, call :func:`raise_if_failed`.
 
-    After it has run, :func:`raise_if_failed` tells of errors in the log density.
+    emcee's snooker move is not used: it divides by zero on the duplicate walkers that resampling
+    makes.
     """
+    others = 1.0 - proposal.share
+    moves = [
+        (_FromMixture(proposal.mixture), proposal.share),
+        (_DifferentialEvolution(), others * 2 / 3),
+        (_Stretch(), others / 3),
+    ]
     return emcee.EnsembleSampler(
         n_walkers,
         n_dimensions,
         _Guarded(log_density),
-        moves=ensemble_moves(mixture, mixture_share),
+        moves=moves,
         vectorize=True,
     )
 

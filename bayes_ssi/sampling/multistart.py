@@ -5,14 +5,14 @@ and an ascent from each draw that is higher than all its neighbours. So the asce
 basin may be that no other ascent is in, and a narrow basin needs one draw in it, not one ascent
 in hundreds.
 
-What no search meets, no later step can tell. Independent searches that find the same maxima are
+No later step can reveal what the searches miss. Independent searches that find the same maxima are
 the evidence that there are no others; they go on until every maximum that matters was found by
 two of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,16 +20,12 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.sampling.maxima import SAME_MAXIMUM, Maxima, find_maxima
+from bayes_ssi.sampling.maxima import Maxima, find_maxima
+from bayes_ssi.sampling.neighbours import nearest_neighbours
 from bayes_ssi.sampling.target import Target
 
-__all__ = ["Effort", "MultistartSearch", "discover"]
+__all__ = ["MultistartSearch", "SearchEffort", "search_maxima"]
 
-# Draws of one search; in many dimensions neighbours are far, and more draws help less.
-DRAWS = 4000
-DRAWS_IN_MANY_DIMENSIONS, MANY_DIMENSIONS = 2000, 7
-NEIGHBOURS = 8
-MAX_ASCENTS = 40
 # Searches go on, to this multiple of those asked for, while only one found a maximum that holds
 # more than this share of the posterior by Laplace's approximation.
 PATIENCE = 3
@@ -37,21 +33,16 @@ SHARE_THAT_MATTERS = 1e-3
 
 
 @dataclass(frozen=True)
-class Effort:
+class SearchEffort:
     """What one search may cost.
 
     Attributes:
-        draws: from the prior.
+        draws: from the prior; a basin with a thousandth of it holds four of 4000.
         ascents: at most, from the highest of the draws that none of their neighbours exceeds.
     """
 
-    draws: int
-    ascents: int = MAX_ASCENTS
-
-    @classmethod
-    def usual(cls, n_dimensions: int) -> Effort:
-        few = n_dimensions < MANY_DIMENSIONS
-        return cls(DRAWS if few else DRAWS_IN_MANY_DIMENSIONS)
+    draws: int = 4000
+    ascents: int = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,18 +69,18 @@ class MultistartSearch:
         return bool((self.found_by[:, matters].sum(axis=0) >= 2).all())
 
 
-def discover(
+def search_maxima(
     target: Target,
     n_searches: int,
     seed: np.random.SeedSequence,
     progress: Callable[[float], None] | None = None,
-    effort: Effort | None = None,
+    effort: SearchEffort | None = None,
 ) -> MultistartSearch:
     """Search for maxima until independent searches agree.
 
     Args:
         target: whose log-likelihood times prior density is climbed.
-        n_searches: at least so many, and more while they do not agree.
+        n_searches: the least number; more follow while they do not agree.
         seed: everything random follows from it.
         progress: called with the share of ``n_searches`` that is done.
         effort: of each search.
@@ -97,54 +88,47 @@ def discover(
     Raises:
         ValueError: the likelihood is zero at every draw from the prior.
     """
-    effort = effort or Effort.usual(target.n_dimensions)
-    found: list[Maxima | None] = []
-    seeds = seed.spawn(max(PATIENCE * n_searches, 2))
-    for each in seeds:
-        found.append(_search(target, effort, np.random.default_rng(each)))
+    effort = effort or SearchEffort()
+    maxima_of_searches: list[FloatArray] = []
+    for each in seed.spawn(max(PATIENCE * n_searches, 2)):
+        maxima_of_searches.append(_search(target, effort, np.random.default_rng(each)))
+        n = len(maxima_of_searches)
         if progress is not None:
-            progress(min(len(found) / n_searches, 1.0))
-        if len(found) < n_searches:
+            progress(min(n / n_searches, 1.0))
+        if n < n_searches:
             continue
-        if not any(found):
-            n = len(found) * effort.draws
+        if not any(map(len, maxima_of_searches)):
             raise ValueError(
-                f"the likelihood is zero at all of {n} draws from the prior; "
+                f"the likelihood is zero at all of {n * effort.draws} draws from the prior; "
                 "are the priors, the pairing and the units those of the data?"
             )
-        discovery = _agreed(target, found)
-        if discovery.converged:
+        search = _merged(target, maxima_of_searches)
+        if search.converged:
             break
-    return discovery
+    return search
 
 
-def _agreed(target: Target, found: list[Maxima | None]) -> MultistartSearch:
+def _merged(target: Target, maxima_of_searches: Sequence[FloatArray]) -> MultistartSearch:
     """The maxima of all searches as one list, and who found which."""
-    tops = [np.empty((0, target.n_dimensions)) if each is None else each.z for each in found]
-    # Climbing on from all of them makes one of those that stopped short of the same top.
-    maxima = find_maxima(target, np.concatenate(tops))
-    reach = SAME_MAXIMUM**2 * target.n_dimensions
-    found_by = [(maxima.squared_distances(own) < reach).any(axis=1) for own in tops]
+    # Climbing on from all of them makes one of those that stopped short of the same maximum.
+    maxima = find_maxima(target, np.concatenate(maxima_of_searches))
+    found_by = [maxima.are_at(own).any(axis=1) for own in maxima_of_searches]
     return MultistartSearch(maxima, np.array(found_by))
 
 
-def _search(target: Target, effort: Effort, rng: np.random.Generator) -> Maxima | None:
-    """The maxima that one search finds; None if the likelihood is zero at all its draws."""
+def _search(target: Target, effort: SearchEffort, rng: np.random.Generator) -> FloatArray:
+    """The maxima (m, d) that one search finds; none if the likelihood is zero at all its draws."""
     draws = rng.standard_normal((effort.draws, target.n_dimensions))
     log_likelihoods = target.log_likelihood(draws)
     possible = np.isfinite(log_likelihoods)
     if not possible.any():
-        return None
-    tops = _tops(draws[possible], log_likelihoods[possible])
-    return find_maxima(target, tops[: effort.ascents])
+        return draws[:0]
+    starts = _local_maxima(draws[possible], log_likelihoods[possible])
+    return find_maxima(target, starts[: effort.ascents]).z
 
 
-def _tops(draws: FloatArray, log_likelihoods: FloatArray) -> FloatArray:
+def _local_maxima(draws: FloatArray, log_likelihoods: FloatArray) -> FloatArray:
     """The draws (k, d) that none of their neighbours exceeds, the highest first."""
-    from scipy.spatial import cKDTree
-
-    neighbours = min(NEIGHBOURS + 1, len(draws))  # the nearest is the draw itself
-    _, nearest = cKDTree(draws).query(draws, k=neighbours)
-    highest = log_likelihoods[np.reshape(nearest, (len(draws), -1))].max(axis=1)
-    tops = np.flatnonzero(log_likelihoods >= highest)
-    return draws[tops[np.argsort(-log_likelihoods[tops], kind="stable")]]
+    highest = log_likelihoods[nearest_neighbours(draws)].max(axis=1)
+    chosen = np.flatnonzero(log_likelihoods >= highest)
+    return draws[chosen[np.argsort(-log_likelihoods[chosen], kind="stable")]]

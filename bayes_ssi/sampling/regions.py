@@ -1,9 +1,9 @@
 """Separate regions of a posterior: which parts of it are joined by a path without a valley.
 
-Every draw leads to the highest of its neighbours, and so, step by step, to a top; draws that lead
-to the same top form a group (quick shift, Vedaldi and Soatto 2008). Groups are joined where a path
-between the two does not lead through a valley. Neighbours are judged by the differences that
-neighbours have, not by the spread of all draws, in which separate regions would seem near.
+Every draw leads to the highest of its neighbours, and so, step by step, to a local maximum; draws
+that lead to the same one form a group (quick shift, Vedaldi and Soatto 2008). Groups are joined
+where a path between the two does not lead through a valley. Distances are scaled by the differences
+between neighbours, not by the spread of all draws, in which separate regions would seem near.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.sampling.neighbours import NEIGHBOURS, nearest_neighbours
 from bayes_ssi.sampling.target import Target
 
 if TYPE_CHECKING:
@@ -26,16 +27,12 @@ __all__ = ["Regions", "find_regions"]
 # Two groups of draws are apart when every path between them leads this many nats below the typical
 # draw of the lower one.
 VALLEY_DEPTH = 2.0
-POINTS_BETWEEN = 3
-# Neighbours of a draw.
-NEIGHBOURS = 8
-# Pairs of draws between which two groups are tested.
-PAIRS = 4
 MAX_DRAWS = 1500
-# Rounds in which neighbours and their differences are found in turn.
-ROUNDS = 3
-# Fewer draws than these are no region of their own.
-FEWEST = 5
+# Points between two draws at which the posterior is evaluated.
+POINTS_BETWEEN = 3
+# Pairs of draws between which two groups are tested; a group of no more draws than that has most
+# of its neighbours outside, and is no region of its own.
+PAIRS = NEIGHBOURS // 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,57 +80,53 @@ def find_regions(
     """Gather draws into regions.
 
     Args:
-        target: evaluated at a few points between neighbouring draws.
-        draws: (n, d), where the posterior is; at most ``max_draws`` of them are used.
+        target: evaluated at three points between neighbouring draws.
+        draws: (n, d), where the posterior is.
         log_posteriors: (n,), up to a constant.
-        max_draws: three times so many points between draws are evaluated.
+        max_draws: of the draws at most this many are used, evenly spread.
     """
     if len(draws) > max_draws:
         chosen = np.linspace(0, len(draws) - 1, max_draws).astype(np.intp)
         draws, log_posteriors = draws[chosen], log_posteriors[chosen]
-    heights = _Heights(target, draws, log_posteriors)
+    paths = _Paths(target, draws, log_posteriors)
     whitened = draws @ _local_whitening(draws)
-    nearest = _neighbours(whitened)
-    groups = _groups(nearest, heights)
-    groups = _joined(groups, _neighbouring_pairs(groups, nearest, heights), heights)
+    nearest = nearest_neighbours(whitened)
+    groups = _groups(nearest, paths)
+    groups = _joined(groups, _neighbouring_pairs(groups, nearest, paths), paths)
     # Groups whose draws are nobody else's neighbours.
-    groups = _joined(groups, _between_groups(groups, whitened, heights), heights)
+    groups = _joined(groups, _between_groups(groups, whitened, paths), paths)
     return Regions(draws, _without_the_smallest(groups, whitened))
 
 
 @dataclass(frozen=True, eq=False)
-class _Heights:
+class _Paths:
     """Draws (n, d) with their log posteriors (n,), and what lies between two of them."""
 
     target: Target
     draws: FloatArray
     log_posteriors: FloatArray
 
-    def lowest_between(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> FloatArray:
-        """The lowest log posterior (m,) on the way between two draws, these included."""
+    def lowest(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> FloatArray:
+        """The lowest log posterior (m,) on the straight path between two draws, ends included."""
         a, b = self.draws[first], self.draws[second]
         fractions = np.arange(1, POINTS_BETWEEN + 1)[:, None, None] / (POINTS_BETWEEN + 1)
         between = a + fractions * (b - a)
-        found = self.target.log_posterior(between.reshape(-1, a.shape[1]))
+        inside = self.target.log_posterior(between.reshape(-1, a.shape[1]))
         lower_end = np.minimum(self.log_posteriors[first], self.log_posteriors[second])
-        return np.minimum(found.reshape(POINTS_BETWEEN, -1).min(axis=0), lower_end)
+        return np.minimum(inside.reshape(POINTS_BETWEEN, -1).min(axis=0), lower_end)
 
-
-def _neighbours(points: FloatArray) -> NDArray[np.intp]:
-    """The nearest points (n, k) of each, itself the first."""
-    from scipy.spatial import cKDTree
-
-    k = min(NEIGHBOURS + 1, len(points))
-    _, nearest = cKDTree(points).query(points, k=k)
-    return np.reshape(nearest, (len(points), -1)).astype(np.intp)
+    def highest_draws(self, groups: NDArray[np.intp]) -> dict[int, int]:
+        """Group → its highest draw, of groups (n,)."""
+        order = np.argsort(self.log_posteriors, kind="stable")
+        return {int(groups[i]): int(i) for i in order}
 
 
 def _local_whitening(draws: FloatArray) -> FloatArray:
     """(d, d): differences between neighbouring draws, times it, have a unit covariance."""
     whitening = _whitening(draws - draws.mean(axis=0))
     if len(draws) > NEIGHBOURS:
-        for _ in range(ROUNDS):
-            nearest = _neighbours(draws @ whitening)
+        for _ in range(3):
+            nearest = nearest_neighbours(draws @ whitening)
             differences = draws[nearest[:, 1:]] - draws[:, None]
             whitening = _whitening(differences.reshape(-1, draws.shape[1]))
     return whitening
@@ -146,17 +139,17 @@ def _whitening(differences: FloatArray) -> FloatArray:
     return vectors / np.sqrt(np.maximum(values, floor))
 
 
-def _groups(nearest: NDArray[np.intp], heights: _Heights) -> NDArray[np.intp]:
-    """The group (n,) of each draw, by the top that it leads to through higher neighbours."""
+def _groups(nearest: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
+    """The group (n,) of each draw, by the local maximum that higher neighbours lead to."""
     n = len(nearest)
     # Of equally high neighbours the first counts, so that no two lead to one another.
-    order = np.lexsort((-np.arange(n), heights.log_posteriors))
+    order = np.lexsort((-np.arange(n), paths.log_posteriors))
     rank = np.empty(n, dtype=np.intp)
     rank[order] = np.arange(n)
     leads_to = nearest[np.arange(n), rank[nearest].argmax(axis=1)]
     higher = np.flatnonzero(rank[leads_to] > rank)
-    lowest = heights.lowest_between(higher, leads_to[higher])
-    led = higher[lowest > heights.log_posteriors[higher] - VALLEY_DEPTH]
+    lowest = paths.lowest(higher, leads_to[higher])
+    led = higher[lowest > paths.log_posteriors[higher] - VALLEY_DEPTH]
     leads_to = np.arange(n)
     leads_to[led] = nearest[led, rank[nearest[led]].argmax(axis=1)]
     while True:
@@ -167,16 +160,14 @@ def _groups(nearest: NDArray[np.intp], heights: _Heights) -> NDArray[np.intp]:
     return np.unique(leads_to, return_inverse=True)[1].astype(np.intp)
 
 
-def _joined(
-    groups: NDArray[np.intp], pairs: NDArray[np.intp], heights: _Heights
-) -> NDArray[np.intp]:
+def _joined(groups: NDArray[np.intp], pairs: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
     """Groups (n,) after those are joined that a high path connects.
 
     ``pairs`` (m, 2) are draws of different groups between which there may be one. The highest
     paths come first; one joins two groups unless it leads far below the typical draw of the lower
     one, as in watersheds by prominence.
     """
-    members = {int(group): heights.log_posteriors[groups == group] for group in np.unique(groups)}
+    members = {int(group): paths.log_posteriors[groups == group] for group in np.unique(groups)}
     parent = {group: group for group in members}
 
     def root(group: int) -> int:
@@ -184,7 +175,7 @@ def _joined(
             group = parent[group]
         return group
 
-    levels = heights.lowest_between(*pairs.T)
+    levels = paths.lowest(*pairs.T)
     for pair in np.argsort(-levels, kind="stable"):
         a, b = (root(int(group)) for group in groups[pairs[pair]])
         typical = min(float(np.median(members[a])), float(np.median(members[b])))
@@ -195,7 +186,7 @@ def _joined(
 
 
 def _neighbouring_pairs(
-    groups: NDArray[np.intp], nearest: NDArray[np.intp], heights: _Heights
+    groups: NDArray[np.intp], nearest: NDArray[np.intp], paths: _Paths
 ) -> NDArray[np.intp]:
     """Pairs of draws (m, 2) at which groups meet, the highest few of every two groups.
 
@@ -204,30 +195,24 @@ def _neighbouring_pairs(
     first = np.repeat(np.arange(len(nearest)), nearest.shape[1])
     pairs = np.sort(np.column_stack([first, nearest.ravel()]), axis=1)
     pairs = np.unique(pairs[groups[pairs[:, 0]] != groups[pairs[:, 1]]], axis=0)
-    order = np.argsort(-heights.log_posteriors[pairs].min(axis=1), kind="stable")
-    tops = _tops(groups, heights)
+    order = np.argsort(-paths.log_posteriors[pairs].min(axis=1), kind="stable")
+    highest = paths.highest_draws(groups)
     kept: dict[tuple[int, int], list[list[int]]] = {}
     for i, j in pairs[order].tolist():
         a, b = sorted((int(groups[i]), int(groups[j])))
-        found = kept.setdefault((a, b), [[tops[a], tops[b]]])
-        if len(found) <= PAIRS:
-            found.append([i, j])
-    return np.array([pair for found in kept.values() for pair in found], dtype=np.intp).reshape(
-        -1, 2
-    )
-
-
-def _tops(groups: NDArray[np.intp], heights: _Heights) -> dict[int, int]:
-    """Group → its highest draw."""
-    order = np.argsort(heights.log_posteriors, kind="stable")
-    return {int(groups[i]): int(i) for i in order}
+        of_groups = kept.setdefault((a, b), [[highest[a], highest[b]]])
+        if len(of_groups) <= PAIRS:
+            of_groups.append([i, j])
+    return np.array(
+        [pair for of_groups in kept.values() for pair in of_groups], dtype=np.intp
+    ).reshape(-1, 2)
 
 
 def _without_the_smallest(groups: NDArray[np.intp], whitened: FloatArray) -> NDArray[np.intp]:
     """Groups (n,) after the draws of those that are too few went to the nearest other draw's."""
     from scipy.spatial import cKDTree
 
-    large = np.bincount(groups)[groups] >= min(FEWEST, np.bincount(groups).max())
+    large = np.bincount(groups)[groups] >= min(PAIRS + 1, np.bincount(groups).max())
     _, nearest = cKDTree(whitened[large]).query(whitened[~large])
     kept = groups.copy()
     kept[~large] = groups[large][np.asarray(nearest, dtype=np.intp)]
@@ -235,19 +220,19 @@ def _without_the_smallest(groups: NDArray[np.intp], whitened: FloatArray) -> NDA
 
 
 def _between_groups(
-    groups: NDArray[np.intp], whitened: FloatArray, heights: _Heights
+    groups: NDArray[np.intp], whitened: FloatArray, paths: _Paths
 ) -> NDArray[np.intp]:
     """The nearest pairs of draws (m, 2) of every two groups, and their highest draws."""
     from scipy.spatial import cKDTree
 
     members = [np.flatnonzero(groups == group) for group in np.unique(groups)]
-    tops = _tops(groups, heights)
-    found: list[list[int]] = []
+    highest = paths.highest_draws(groups)
+    pairs: list[list[int]] = []
     for j, of_j in enumerate(members[1:], start=1):
         tree = cKDTree(whitened[of_j])
         for of_i in members[:j]:
             distances, nearest = (np.asarray(part) for part in tree.query(whitened[of_i]))
             closest = np.argsort(distances, kind="stable")[:PAIRS]
-            found.extend([int(of_i[c]), int(of_j[nearest[c]])] for c in closest)
-            found.append([tops[int(groups[of_i[0]])], tops[int(groups[of_j[0]])]])
-    return np.array(found, dtype=np.intp).reshape(-1, 2)
+            pairs.extend([int(of_i[c]), int(of_j[nearest[c]])] for c in closest)
+            pairs.append([highest[int(groups[of_i[0]])], highest[int(groups[of_j[0]])]])
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)

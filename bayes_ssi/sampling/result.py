@@ -25,7 +25,7 @@ class SamplingResult:
     """Everything that sampling one target produced, in standard-normal coordinates.
 
     Attributes:
-        discovery: what the searches for maxima found.
+        search: independent searches for maxima.
         starts: the tempered starts; none on the economical path.
         maxima: of the posterior, all that were found.
         ensembles: of posterior draws.
@@ -38,7 +38,7 @@ class SamplingResult:
         n_evaluations: of the log-likelihood.
     """
 
-    discovery: MultistartSearch
+    search: MultistartSearch
     starts: tuple[TemperedStart, ...]
     maxima: Maxima
     ensembles: tuple[Ensemble, ...]
@@ -77,9 +77,9 @@ class SamplingResult:
     @property
     def searches_of_regions(self) -> NDArray[np.intp]:
         """How many of the independent searches found a maximum in each region, (n_regions,)."""
-        label = self.regions.assign(self.discovery.maxima.z)
+        label = self.regions.assign(self.search.maxima.z)
         inside = label == np.arange(self.regions.n_regions)[:, None]
-        found: NDArray[np.intp] = (self.discovery.found_by @ inside.T).sum(axis=0)
+        found: NDArray[np.intp] = (self.search.found_by @ inside.T).sum(axis=0)
         return found
 
     @property

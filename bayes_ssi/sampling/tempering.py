@@ -4,9 +4,9 @@ Sequential Monte Carlo through p_β ∝ likelihood^β · prior with 0 = β_0 < �
 is chosen for an effective sample size of one half, then the particles are resampled and moved by
 emcee's ensemble moves. The weights give a first log evidence (Del Moral, Doucet and Jasra 2006).
 
-Proposals around the maxima of the posterior that are known beforehand, widened to each
-temperature, keep the shares of separate regions right on the way: a region that holds few
-particles would otherwise be lost by chance.
+Proposals around the known maxima of the posterior, widened to each temperature, keep the shares
+of separate regions right on the way: a region that holds few particles would otherwise be lost by
+chance.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.sampling.ensembles import Proposal, Walkers
 from bayes_ssi.sampling.estimates import EvidenceEstimate
 from bayes_ssi.sampling.maxima import Maxima
-from bayes_ssi.sampling.mixture import fit_mixture
+from bayes_ssi.sampling.mixture import HEAVY_TAILS, fit_mixture
+from bayes_ssi.sampling.resampling import systematic_indices
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
 __all__ = ["TemperedStart", "tempered_estimate", "tempered_start"]
 
-EFFECTIVE_SHARE = 0.5
-# Moves go on until positions have lost this much of their correlation with where they began.
+# Moves go on until positions have lost about two thirds of their correlation with where they
+# began, or no more of it is lost.
 CORRELATION_LEFT = 0.35
-MIN_STEPS, MAX_STEPS = 2, 25
+MAX_STEPS = 25
 MAX_STAGES = 500
-# Impossible particles are drawn again where fewer than this share are possible, but at most so
-# many times as many draws are made.
-LEAST_POSSIBLE, MOST_REDRAWN = 0.1, 50
-# The mixture that proposes moves: coarse, refitted at every stage.
-MAX_COMPONENTS = 6
-PARTICLES_PER_COMPONENT = 120  # and dimension
-EM_STEPS = 8
-PRIOR_SHARE = 0.05
-MIXTURE_MOVES = 0.7  # share of the moves that the mixture proposes
+# Where most of the prior is impossible, at most this many draws are made for each particle.
+MOST_REDRAWN = 50
+# Particles per dimension that one component of the proposals' mixture is fitted to. Fitted too
+# closely to the very particles that it moves, a mixture keeps them where they are, and the
+# evidence comes out too low.
+PARTICLES_PER_DIMENSION = 120
+# Share of the maxima's components in the proposals.
 MAXIMA_SHARE = 0.3
 # The starts' estimate is coarse: smaller differences from it, in nats, mean nothing.
 TOLERANCE = 1.0
@@ -64,6 +64,12 @@ class TemperedStart:
     log_evidence_error: float
     temperatures: tuple[float, ...]
     steps: tuple[int, ...]
+
+    def walkers(self, n: int, rng: np.random.Generator) -> Walkers:
+        """``n`` of the particles at random; some of them twice only where there are fewer."""
+        chosen = rng.choice(len(self.positions), n, replace=len(self.positions) < n)
+        positions = self.positions[chosen]
+        return Walkers(positions, self.log_likelihoods[chosen] + log_standard_normal(positions))
 
 
 def tempered_start(
@@ -103,7 +109,7 @@ def tempered_start(
         memory = (1.0 + left) / (1.0 - left)
         spread = float(np.sum(weights**2)) - 1.0 / n_particles
         relative_variance += memory * max(0.0, spread)  # equal weights round to below zero
-        chosen = _systematic(weights, rng)
+        chosen = systematic_indices(weights, n_particles, rng)
         beta = 1.0 if beta + increment >= 1.0 - 1e-12 else beta + increment
         positions, log_likelihoods, made, left = _move(
             target, maxima, positions[chosen], log_likelihoods[chosen], beta, rng
@@ -124,60 +130,43 @@ def tempered_start(
 
 def _possible_particles(
     target: Target, n: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray, int]:
-    """``n`` draws from the prior, their log-likelihoods, and of how many draws they are.
-
-    If fewer than a tenth of the first ``n`` draws are possible, impossible ones are drawn again:
-    the particles are then ``n`` draws from the possible part of the prior.
-    """
-    positions = rng.standard_normal((n, target.n_dimensions))
-    log_likelihoods = target.log_likelihood(positions)
-    if np.isfinite(log_likelihoods).sum() >= LEAST_POSSIBLE * n:
-        return positions, log_likelihoods, n
-    n_drawn = n
-    kept, heights = [], []
-    while True:
-        possible = np.isfinite(log_likelihoods)
-        kept.append(positions[possible])
-        heights.append(log_likelihoods[possible])
-        if sum(map(len, kept)) >= n or n_drawn >= MOST_REDRAWN * n:
-            break
-        positions = rng.standard_normal((n, target.n_dimensions))
-        log_likelihoods = target.log_likelihood(positions)
+) -> tuple[FloatArray, FloatArray, float]:
+    """``n`` draws from the possible part of the prior, and of how many prior draws they are."""
+    positions, log_likelihoods = np.empty((0, target.n_dimensions)), np.empty(0)
+    n_drawn = 0
+    while len(positions) < n and n_drawn < MOST_REDRAWN * n:
+        drawn = rng.standard_normal((n, target.n_dimensions))
+        values = target.log_likelihood(drawn)
         n_drawn += n
-    found = sum(map(len, kept))
-    if not found:
+        possible = np.isfinite(values)
+        positions = np.concatenate([positions, drawn[possible]])
+        log_likelihoods = np.concatenate([log_likelihoods, values[possible]])
+    n_possible = len(positions)
+    if not n_possible:
         raise ValueError(f"the likelihood is zero at all of {n_drawn} draws from the prior")
-    # All that were found stand for their share; some of them twice if they are too few.
-    chosen = rng.permutation(found)[:n] if found >= n else rng.integers(found, size=n)
-    share = n_drawn * n / found
-    return np.concatenate(kept)[chosen], np.concatenate(heights)[chosen], round(share)
+    # If there are too few, some of them stand for two particles.
+    chosen = rng.permutation(n_possible)[:n]
+    if n_possible < n:
+        chosen = rng.integers(n_possible, size=n)
+    return positions[chosen], log_likelihoods[chosen], n_drawn * n / n_possible
 
 
 def _next_increment(log_likelihoods: FloatArray, beta: float) -> float:
-    """The step in β at which the effective sample size is the wanted share, by bisection."""
+    """The step in β that halves the effective sample size, by bisection."""
     relative = log_likelihoods - log_likelihoods.max()
-    wanted = EFFECTIVE_SHARE * np.isfinite(relative).sum()
 
     def effective(step: float) -> float:
         weights = np.exp(step * relative)
         return float(weights.sum() ** 2 / (weights**2).sum())
 
+    wanted = 0.5 * len(relative)
     low, high = 0.0, 1.0 - beta
     if effective(high) >= wanted:
         return high
-    for _ in range(60):
+    while np.nextafter(low, high) < high:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if effective(middle) >= wanted else (low, middle)
     return high
-
-
-def _systematic(weights: FloatArray, rng: np.random.Generator) -> np.ndarray:
-    """Indices of resampled particles: one uniform draw serves all (least variance)."""
-    n = len(weights)
-    ladder = (np.arange(n) + rng.random()) / n
-    cumulative = np.cumsum(weights)
-    return np.searchsorted(cumulative / cumulative[-1], ladder)
 
 
 def _move(
@@ -198,13 +187,10 @@ def _move(
         return beta * target.log_likelihood(z) + log_standard_normal(z)
 
     n, d = positions.shape
-    mixture = fit_mixture(
-        positions, n_components=_n_components(n, d), dof=5.0, rng=rng, max_steps=EM_STEPS
-    )
-    mixture = mixture.mixed_with(maxima.as_mixture(beta), MAXIMA_SHARE)
-    sampler = ensemble_sampler(
-        log_density, n, d, mixture.with_prior_component(PRIOR_SHARE), MIXTURE_MOVES
-    )
+    n_components = max(1, n // (PARTICLES_PER_DIMENSION * d))
+    mixture = fit_mixture(positions, n_components, HEAVY_TAILS, rng)
+    mixture = mixture.mixed_with(maxima.as_mixture(beta), MAXIMA_SHARE).with_prior_component()
+    sampler = ensemble_sampler(log_density, n, d, Proposal(mixture))
     density = beta * log_likelihoods + log_standard_normal(positions)
     start = initial_state(positions, density, rng)
     made, left = 0, 1.0
@@ -218,23 +204,14 @@ def _move(
             _correlation(positions, state.coords),
             _correlation(_ranks(log_likelihoods)[:, None], _ranks(log_now)[:, None]),
         )
-        if made >= MIN_STEPS and left < CORRELATION_LEFT:
+        if made >= 2 and left < CORRELATION_LEFT:
             break
         # Between separate regions nothing may move: then the correlation settles above the mark.
-        if made >= 4 * MIN_STEPS and before - left < 0.002:
+        if made >= 8 and before - left < 0.002:
             break
     raise_if_failed(sampler)
     moved = np.array(state.coords)
     return moved, log_now, made, float(np.clip(left, 0.0, 0.9))
-
-
-def _n_components(n: int, d: int) -> int:
-    """Components of the proposals' mixture, few enough that it does not follow single particles.
-
-    Fitted too closely to the very particles that it moves, it keeps them where they are, and the
-    evidence comes out too low.
-    """
-    return max(1, min(MAX_COMPONENTS, n // (PARTICLES_PER_COMPONENT * d)))
 
 
 def _ranks(values: FloatArray) -> FloatArray:

@@ -176,10 +176,10 @@ def test_regions_of_one_are_not_asked_for(sampled):
 
 def searched(sampled, found_by_second):
     """The same result, had only so many searches found the second region."""
-    of_second = sampled.regions.assign(sampled.discovery.maxima.z) == 1
-    found_by = sampled.discovery.found_by.copy()
+    of_second = sampled.regions.assign(sampled.search.maxima.z) == 1
+    found_by = sampled.search.found_by.copy()
     found_by[found_by_second:, of_second] = False
-    return replace(sampled, discovery=replace(sampled.discovery, found_by=found_by))
+    return replace(sampled, search=replace(sampled.search, found_by=found_by))
 
 
 @pytest.mark.parametrize("n", [0, 1])

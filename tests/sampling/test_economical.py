@@ -15,7 +15,7 @@ from bayes_ssi.cli import main
 from bayes_ssi.posterior.checks import failed_checks
 from bayes_ssi.results.load import load_result
 from bayes_ssi.sampling.engine import sample_target
-from bayes_ssi.sampling.importance import ImportanceSample, resampled
+from bayes_ssi.sampling.importance import ImportanceSample
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
@@ -84,7 +84,7 @@ def test_resampled_draws_count_by_their_weights():
     # Weights are likelihood · prior / proposal; a proposal like the prior leaves the likelihood.
 
     sample = replace(sample, log_proposals=log_standard_normal(sample.z))
-    draws = resampled(sample, np.random.default_rng(0))
+    draws = sample.resampled(np.random.default_rng(0))
     assert sorted(draws.draws[:, 0]) == [0.0, 0.0, 1.0, 2.0]
     assert draws.autocorrelation_times[0] == pytest.approx(4.0 * (0.25 + 2.0 * 0.0625))
     assert draws.acceptance == 0.75

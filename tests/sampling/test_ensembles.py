@@ -8,7 +8,6 @@ import pytest
 from bayes_ssi.sampling.ensembles import (
     Ensemble,
     Proposal,
-    first_walkers,
     run_ensemble,
 )
 from bayes_ssi.sampling.maxima import find_maxima
@@ -52,7 +51,7 @@ def run(function=gaussian, proposal=None, seed=0, max_steps=5000, n_walkers=32, 
         proposal = StudentMixture(
             np.ones(1), MEAN[None] + 0.1, 0.4 * np.eye(2)[None], np.full(1, 5.0)
         )
-    walkers = first_walkers(start, n_walkers, np.random.default_rng(seed))
+    walkers = start.walkers(n_walkers, np.random.default_rng(seed))
     return run_ensemble(
         target, walkers, Proposal(proposal, 0.7), max_steps, np.random.SeedSequence(seed), **kwargs
     )

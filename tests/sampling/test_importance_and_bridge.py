@@ -9,16 +9,12 @@ from scipy import stats
 from bayes_ssi.sampling.bridge import bridge_sampling
 from bayes_ssi.sampling.diagnostics import PARETO_K_LIMIT
 from bayes_ssi.sampling.ensembles import Ensemble
-from bayes_ssi.sampling.importance import (
-    FIRST_BATCH,
-    PRIOR_SHARE,
-    ImportanceSample,
-    first_draws,
-    refined,
-)
+from bayes_ssi.sampling.importance import ImportanceSample
+from bayes_ssi.sampling.importance_sampler import ImportanceSampler
 from bayes_ssi.sampling.mixture import StudentMixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
+BATCH, PRIOR_SHARE = ImportanceSampler.batch, ImportanceSampler.prior_share
 LOG_EVIDENCE = -3.25
 MEAN, SD = np.array([0.4, -0.2]), np.array([0.3, 0.5])
 
@@ -46,9 +42,13 @@ def mixture():
     )
 
 
+def sampler_of(target, seed=0):
+    return ImportanceSampler(target, np.random.default_rng(seed))
+
+
 def importance(target, mixture, seed, wanted_error=0.01):
-    rng = np.random.default_rng(seed)
-    return refined(target, first_draws(target, mixture, rng), wanted_error, rng)
+    sampler = sampler_of(target, seed)
+    return sampler.refined(sampler.sample(mixture), wanted_error)
 
 
 def weighted(log_weights, strata=None, log_likelihoods=None):
@@ -134,8 +134,8 @@ def test_importance_sampling_reaches_the_wanted_error(target, mixture):
 
 
 def test_a_coarse_error_takes_the_first_batch_only(target, mixture):
-    sample = first_draws(target, mixture, np.random.default_rng(0))
-    assert len(sample.z) == target.n_evaluations == FIRST_BATCH
+    sample = sampler_of(target, 0).sample(mixture)
+    assert len(sample.z) == target.n_evaluations == BATCH
 
 
 def test_importance_sampling_from_the_posterior_itself_has_no_error(target):
@@ -146,7 +146,7 @@ def test_importance_sampling_from_the_posterior_itself_has_no_error(target):
 
 
 def test_every_component_draws_in_proportion_to_its_weight(target, mixture):
-    sample = first_draws(target, mixture, np.random.default_rng(0))
+    sample = sampler_of(target, 0).sample(mixture)
     counts = np.bincount(sample.strata, minlength=3)
     expected = len(sample.z) * sample.mixture.all_weights
     np.testing.assert_array_less(np.abs(counts - expected), 1.0 + 1e-9)
@@ -198,13 +198,13 @@ def first_bump():
 @pytest.mark.parametrize("seed", range(5))
 def test_a_bump_that_the_mixture_misses_gets_a_component(first_bump, seed):
     target = Target(two_bumps, 2)
-    first = first_draws(target, first_bump, np.random.default_rng(seed))
+    first = sampler_of(target, seed).sample(first_bump)
     assert first.pareto_k > PARETO_K_LIMIT
     sample = importance(target, first_bump, seed)
     assert sample.pareto_k < PARETO_K_LIMIT
     assert sample.mixture.n_components > 1
     assert np.linalg.norm(sample.mixture.means[1] - AT[1]) < 4.0 * WIDTH
-    assert len(sample.z) >= FIRST_BATCH + FIRST_BATCH // 6
+    assert len(sample.z) >= BATCH + BATCH // 6
     found = sample.estimate
     assert found.error <= 0.01
     assert found.log_evidence == pytest.approx(LOG_EVIDENCE, abs=4.0 * found.error)
@@ -266,14 +266,14 @@ def test_bridge_sampling_recovers_the_evidence_within_its_error(target, mixture)
 def test_the_bridge_gets_by_with_a_proposal_that_misses_the_tails(target):
     """Importance sampling from half the posterior's width is poor; the bridge repairs it."""
     narrow = StudentMixture(np.ones(1), MEAN[None] + 0.2, 0.5 * np.diag(SD)[None], np.full(1, 30.0))
-    sample = first_draws(target, narrow, np.random.default_rng(4))
+    sample = sampler_of(target, 4).sample(narrow)
     found = bridge_sampling(exact_ensemble(4), sample)
     assert found.error < sample.estimate.error
     assert found.log_evidence == pytest.approx(LOG_EVIDENCE, abs=4.0 * found.error)
 
 
 def test_correlated_chains_widen_the_error_of_the_bridge(target, mixture):
-    sample = first_draws(target, mixture, np.random.default_rng(5))
+    sample = sampler_of(target, 5).sample(mixture)
     ensemble = exact_ensemble(6)
     repeated = Ensemble(
         ensemble.positions.repeat(10, axis=0),
