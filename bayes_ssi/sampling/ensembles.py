@@ -11,28 +11,14 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, autocorrelation_times
-from bayes_ssi.sampling.mixture import StudentMixture
+from bayes_ssi.sampling.mixture import Proposal
 from bayes_ssi.sampling.target import Target
 
 __all__ = [
     "Ensemble",
-    "Proposal",
     "Walkers",
     "run_ensemble",
 ]
-
-
-class Proposal(NamedTuple):
-    """What proposes the moves of walkers, independently of where they are.
-
-    Attributes:
-        mixture: fitted beforehand, and fixed.
-        share: of the steps that it proposes; differential evolution and the stretch move propose
-            the others.
-    """
-
-    mixture: StudentMixture
-    share: float = 0.7
 
 
 class Walkers(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from bayes_ssi.arrays import FloatArray
 __all__ = [
     "DRAWS_PER_DIMENSION",
     "HEAVY_TAILS",
+    "Proposal",
     "StudentMixture",
     "choose_mixture",
     "fit_mixture",
@@ -160,6 +162,19 @@ class StudentMixture:
     def all_weights(self) -> FloatArray:
         """(K + 1,): the components' weights and the defensive one's."""
         return np.append(self.weights, self.prior_share)
+
+
+class Proposal(NamedTuple):
+    """What proposes the moves of walkers, independently of where they are.
+
+    Attributes:
+        mixture: fitted beforehand, and fixed.
+        share: of the steps that it proposes; differential evolution and the stretch move propose
+            the others.
+    """
+
+    mixture: StudentMixture
+    share: float = 0.7
 
 
 def fit_mixture(

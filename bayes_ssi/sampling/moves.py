@@ -14,8 +14,7 @@ import numpy as np
 from emcee.moves.red_blue import RedBlueMove
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.sampling.ensembles import Proposal
-from bayes_ssi.sampling.mixture import StudentMixture
+from bayes_ssi.sampling.mixture import Proposal, StudentMixture
 
 __all__ = ["ensemble_sampler", "initial_state", "raise_if_failed"]
 

@@ -7,11 +7,10 @@ import pytest
 
 from bayes_ssi.sampling.ensembles import (
     Ensemble,
-    Proposal,
     run_ensemble,
 )
 from bayes_ssi.sampling.maxima import find_maxima
-from bayes_ssi.sampling.mixture import StudentMixture
+from bayes_ssi.sampling.mixture import Proposal, StudentMixture
 from bayes_ssi.sampling.target import Target
 from bayes_ssi.sampling.tempering import tempered_start
 
