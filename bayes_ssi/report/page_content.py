@@ -16,8 +16,7 @@ from bayes_ssi.model_class.class_record import ClassRecord, ConfigurationRecord
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.predictions.saved_predictions import SavedPredictions
-from bayes_ssi.ranking.comparison import Comparison, RankedClass
-from bayes_ssi.report.embedded_figure import EmbeddedFigure
+from bayes_ssi.ranking.comparison import RankedClass
 from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.results.load import StoredResult
 from bayes_ssi.results.result_record import ResultRecord
@@ -59,21 +58,25 @@ def page_content(
         "title": record.study,
         "question": record.description,
         "record": record,
-        "rows": [_ranked(each, comparison, record) for each in ranked],
+        "rows": comparison.classes,
         "best": comparison.best,
         "runner_up": comparison.classes[1] if len(comparison.classes) > 1 else None,
         "alike": comparison.not_distinguishable,
         "failed": comparison.failed_checks,
         "scale": comparison.scale,
-        "tests": [_test(name, data, figures.tests[name]) for name, data in stored.tests.items()],
+        "tests": [
+            # Where no shape was measured at all, that is said once.
+            {"name": name, "data": data, "warnings": data.warnings() if data.sensors else []}
+            for name, data in stored.tests.items()
+        ],
         "several": len(stored.tests) > 1,
         "classes": [
             # A hypothesis of a search carries the description of the class that it was built on.
-            _class(each, stored, figures, described=stored.search is None)
+            _class(each, stored, described=stored.search is None)
             for each in ranked[:most_listed]
         ],
         "n_more": max(0, len(ranked) - most_listed),
-        "checks": [_checks(each, methods) for each in ranked],
+        "checks": [(each.row, each.posterior, _chain_lengths(each.posterior)) for each in ranked],
         "check_names": methods,
         "search": stored.search,
         "sensitivity": stored.sensitivity,
@@ -85,50 +88,10 @@ def page_content(
     }
 
 
-def _ranked(each: _StoredClass, comparison: Comparison, record: ResultRecord) -> dict[str, Any]:
-    row = each.row
-    weights = record.prior_weights or {}
-    total = sum(weights.values()) or len(comparison.classes)
-    return {
-        **asdict(row),
-        "description": each.record.description,
-        "prior_probability": weights.get(row.name, 1.0) / total,
-        "best": row is comparison.best,
-    }
-
-
-def _test(name: str, data: ModalData, figures: list[EmbeddedFigure]) -> dict[str, Any]:
-    return {
-        "name": name,
-        "source": data.source,
-        "band_hz": data.band_hz,
-        "sensors": data.sensors,
-        "digest": data.digest,
-        # Where no shape was measured at all, that is said once.
-        "warnings": data.warnings() if data.sensors else [],
-        "modes": [
-            {
-                "label": mode.label,
-                "hz": mode.frequency_hz,
-                "cov": mode.frequency_cov,
-                "damping": mode.damping,
-                "shape": None
-                if mode.unit_shape is None
-                else [float(component) for component in np.asarray(mode.unit_shape)],
-            }
-            for mode in data.modes
-        ],
-        "figures": figures,
-    }
-
-
-def _class(
-    each: _StoredClass, stored: StoredResult, figures: ReportFigures, *, described: bool
-) -> dict[str, Any]:
+def _class(each: _StoredClass, stored: StoredResult, *, described: bool) -> dict[str, Any]:
     posterior, record = each.posterior, each.record
     records = {configuration.name: configuration for configuration in record.configurations}
     return {
-        "name": each.row.name,
         "row": each.row,
         "description": record.description if described else "",
         "error_sizes": record.error_sizes,
@@ -144,8 +107,6 @@ def _class(
         ],
         "pairings": _nested(pairing_notes(posterior)),
         "regions": _nested(region_notes(posterior)),
-        "figures": figures.classes.get(each.row.name, []),
-        "failed_checks": each.row.failed_checks,
     }
 
 
@@ -165,44 +126,32 @@ def _parameters(posterior: Posterior, record: ClassRecord) -> list[dict[str, Any
 
 def _nested(notes: Sequence[str]) -> list[tuple[str, list[str]]]:
     """Notes by their headings, which are not indented."""
-    found: list[tuple[str, list[str]]] = []
+    nested: list[tuple[str, list[str]]] = []
     for note in notes:
         if note.startswith(" "):
-            found[-1][1].append(note.strip())
+            nested[-1][1].append(note.strip())
         else:
-            found.append((note, []))
-    return found
+            nested.append((note, []))
+    return nested
 
 
 def _structure(record: ConfigurationRecord, first: ConfigurationRecord) -> dict[str, Any]:
     """A structure line by line; where it is much like the first configuration's, what differs."""
-    lines, known = record.structure_lines, first.structure_lines
-    alike = list((Counter(lines) & Counter(known)).elements())
-    if record is first or 2 * len(alike) < len(lines):
-        return {"as_in": None, "lines": _grouped(lines), "without": []}
+    own, known = Counter(record.structure_lines), Counter(first.structure_lines)
+    if record is first or 2 * (own & known).total() < own.total():
+        return {"as_in": None, "lines": _grouped(own), "without": []}
     return {
         "as_in": first.name,
-        "lines": _grouped(_less(lines, alike)),
-        "without": _grouped(_less(known, alike)),
+        "lines": _grouped(own - known),
+        "without": _grouped(known - own),
     }
 
 
-def _less(
-    lines: Sequence[tuple[str, str]], others: Sequence[tuple[str, str]]
-) -> list[tuple[str, str]]:
-    left, found = Counter(others), []
-    for line in lines:
-        if left[line]:
-            left[line] -= 1
-        else:
-            found.append(line)
-    return found
-
-
-def _grouped(lines: Sequence[tuple[str, str]]) -> list[tuple[str, list[str]]]:
-    """Name and texts of lines that follow one another under one name."""
+def _grouped(lines: Counter[tuple[str, str]]) -> list[tuple[str, list[str]]]:
+    """Name and texts of consecutive lines of one name."""
     return [
-        (name, [text for _, text in group]) for name, group in groupby(lines, key=lambda x: x[0])
+        (name, [text for _, text in group])
+        for name, group in groupby(lines.elements(), key=lambda line: line[0])
     ]
 
 
@@ -239,28 +188,10 @@ def _configuration(
     }
 
 
-def _checks(each: _StoredClass, methods: Sequence[str]) -> dict[str, Any]:
-    posterior = each.posterior
-    evidence = posterior.evidence
-    return {
-        "name": each.row.name,
-        "failed": each.row.failed_checks,
-        "remarks": posterior.remarks,
-        "r_hat": posterior.r_hat,
-        "effective_samples": float(posterior.effective_sample_sizes.min()),
-        "chain_lengths": posterior.draws.shape[1] / posterior.autocorrelation_time
-        if posterior.autocorrelation_time > 0
-        else math.nan,
-        "acceptance": posterior.acceptance,
-        "quoted": evidence.log_evidence,
-        "error": evidence.error,
-        "estimates": [evidence.check(name) for name in methods],
-        "pareto_k": evidence.pareto_k,
-        "importance_samples": evidence.effective_sample_size,
-        "n_regions": len(posterior.regions),
-        "n_evaluations": posterior.n_evaluations,
-        "seconds": posterior.seconds,
-    }
+def _chain_lengths(posterior: Posterior) -> float:
+    """Steps of the chains over the longest autocorrelation time; NaN where that is zero."""
+    time = posterior.autocorrelation_time
+    return posterior.draws.shape[1] / time if time > 0 else math.nan
 
 
 def _command(record: ResultRecord) -> str:
