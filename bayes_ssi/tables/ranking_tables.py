@@ -1,8 +1,8 @@
-"""Model classes ranked, their evidences and parameters, and what must be said of them."""
+"""Ranked model classes: evidences, parameters, and notes on them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
@@ -10,7 +10,7 @@ from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingSh
 from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.ranking.averages import AveragedParameter
 from bayes_ssi.ranking.comparison import Comparison, probability_text
-from bayes_ssi.tables.layout import add_row, new_table
+from bayes_ssi.tables.layout import add_row, new_table, number
 
 __all__ = [
     "averages_table",
@@ -25,17 +25,12 @@ __all__ = [
 
 def ranking_table(comparison: Comparison, title: str = "") -> Table:
     """Model classes ranked by log evidence, the best first."""
-    table = new_table(title)
-    table.add_column("model class", overflow="fold")
-    table.add_column("log evidence", justify="right", no_wrap=True)
-    table.add_column("ln B", justify="right", no_wrap=True)
-    table.add_column("probability", justify="right", no_wrap=True)
-    table.add_column("against it", no_wrap=True)
+    table = new_table(title, ["model class"], ["log evidence", "ln B", "probability"])
+    table.add_column("evidence against", no_wrap=True)
     for row in comparison.classes:
-        name = f"{row.name} (!)" if row.failed_checks else row.name
         add_row(
             table,
-            name,
+            f"{row.name} (!)" if row.failed_checks else row.name,
             f"{row.log_evidence:.3f} ± {row.error:.3f}",
             f"{row.log_bayes_factor:.2f}",
             row.probability_text,
@@ -46,33 +41,33 @@ def ranking_table(comparison: Comparison, title: str = "") -> Table:
 
 def evidence_table(posteriors: Sequence[Posterior]) -> Table:
     """What each log evidence is made of, and the estimates that check it, in nats."""
-    table = new_table("Log evidence = fit - information gained, and its checks (nats)")
-    table.add_column("model class", overflow="fold")
     methods = check_names(posteriors)
-    for heading in ("fit", "information", *methods):
-        table.add_column(heading.replace(" ", "\n"), justify="right", no_wrap=True)
+    table = new_table(
+        "Log evidence = fit - information gained, and its checks (nats)",
+        ["model class"],
+        ["fit", "information", *(method.replace(" ", "\n") for method in methods)],
+    )
     for posterior in posteriors:
         evidence = posterior.evidence
         add_row(
             table,
             posterior.name,
             f"{evidence.mean_log_likelihood:.2f}",
-            f"{round(evidence.information_gained, 2) + 0.0:.2f}",  # not -0.00
+            number(evidence.information_gained, ".2f"),
             *("" if check is None else str(check) for check in map(evidence.check, methods)),
         )
     return table
 
 
 def comparison_notes(comparison: Comparison) -> list[str]:
-    """What must be said beside a ranking: scale, classes not told apart, failed checks."""
-    notes = [f"Words for Bayes factors: {comparison.scale}."]
+    """Notes on a ranking: its scale, classes not distinguished, failed checks."""
+    notes = [f"Evidence against: scale of {comparison.scale}."]
     alike = comparison.not_distinguishable
     if alike:
-        notes.append(
-            f"The data do not tell {' or '.join(map(repr, alike))} from {comparison.best.name!r}."
-        )
+        names = " or ".join(map(repr, alike))
+        notes.append(f"The data do not distinguish {names} from {comparison.best.name!r}.")
     if comparison.failed_checks:
-        notes.append("Checks that failed; do not trust the ranking before they are understood:")
+        notes.append("Failed checks; do not trust the ranking until they are understood:")
         notes.extend(f"  (!) {check}" for check in comparison.failed_checks)
     return notes
 
@@ -80,13 +75,14 @@ def comparison_notes(comparison: Comparison) -> list[str]:
 def parameter_table(posterior: Posterior) -> Table:
     """Posterior mean, standard deviation and 90 % interval of every parameter.
 
-    The last column is the posterior's spread as a share of the prior's: 1 where the data say
+    The relative spread is that of the posterior over that of the prior: 1 where the data say
     nothing.
     """
-    table = new_table(f"Parameters of {posterior.name!r}")
-    table.add_column("parameter", overflow="fold")
-    for heading in ("mean", "sd", "5 %", "median", "95 %", "of\nprior"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = new_table(
+        f"Parameters of {posterior.name!r}",
+        ["parameter"],
+        ["mean", "sd", "5 %", "median", "95 %", "relative\nspread"],
+    )
     for row in posterior.summary:
         numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)
         cells = [f"{number:.4g}" for number in numbers]
@@ -97,12 +93,13 @@ def parameter_table(posterior: Posterior) -> Table:
 def averages_table(averaged: Sequence[AveragedParameter]) -> Table:
     """Parameters that several classes infer, averaged over these classes by their probability.
 
-    StoredExtras each stands the probability of these classes together.
+    The probability is that of these classes together.
     """
-    table = new_table("Parameters averaged over the model classes that infer them")
-    table.add_column("parameter", overflow="fold")
-    for heading in ("probability", "mean", "sd", "5 %", "95 %"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = new_table(
+        "Parameters averaged over the model classes that infer them",
+        ["parameter"],
+        ["probability", "mean", "sd", "5 %", "95 %"],
+    )
     for row in averaged:
         numbers = (row.mean, row.sd, row.quantile_05, row.quantile_95)
         add_row(
@@ -125,21 +122,20 @@ def pairing_notes(posterior: Posterior) -> list[str]:
     return notes
 
 
-def _pairing_notes(inferred: InferredPairing) -> list[str]:
-    notes = []
+def _pairing_notes(inferred: InferredPairing) -> Iterator[str]:
+    """The probabilities of modes, then those of whole pairings, as far as they are not 0.000."""
     for label, probabilities in inferred.of_modes.items():
-        ways = sorted(probabilities.items(), key=lambda way: -way[1])
-        told = ", ".join(
+        by_probability = sorted(probabilities.items(), key=lambda item: -item[1])
+        alternatives = ", ".join(
             f"{f'model mode {number}' if number else 'spurious'} with probability "
             f"{probability_text(probability)}"
-            for number, probability in ways
+            for number, probability in by_probability
             if probability >= 0.001
         )
-        notes.append(f"  identified mode {label} is {told}")
+        yield f"  identified mode {label} is {alternatives}"
     for share in inferred.pairings:
         if share.probability >= 0.001:
-            notes.append(f"  {_pairing(share)}: probability {probability_text(share.probability)}")
-    return notes
+            yield f"  {_pairing(share)}: probability {probability_text(share.probability)}"
 
 
 def _pairing(share: PairingShare) -> str:
@@ -148,7 +144,7 @@ def _pairing(share: PairingShare) -> str:
 
 
 def region_notes(posterior: Posterior) -> list[str]:
-    """The separate regions of a posterior, where there are several: the fit is not unique."""
+    """The separate regions of a posterior, where there are several and the fit is not unique."""
     if len(posterior.regions) < 2:
         return []
     notes = [f"The posterior of {posterior.name!r} has {len(posterior.regions)} separate regions:"]

@@ -1,4 +1,4 @@
-"""What a search for appendages found."""
+"""The result of a search for appendages."""
 
 from __future__ import annotations
 
@@ -6,34 +6,27 @@ from rich.table import Table
 
 from bayes_ssi.appendages.search_result import AppendageSearch
 from bayes_ssi.ranking.comparison import probability_text
-from bayes_ssi.tables.layout import add_row, new_table
+from bayes_ssi.tables.layout import add_columns, add_row, interval, new_table
 
-__all__ = [
-    "averaged_table",
-    "search_notes",
-    "search_table",
-]
+__all__ = ["averaged_table", "search_notes", "search_table"]
 
-# Hypotheses, and places, that a table lists.
+# Hypotheses and places listed in a terminal; the saved result has all.
 HYPOTHESES_SHOWN = 8
 
 
-def search_table(found: AppendageSearch) -> Table:
+def search_table(search: AppendageSearch) -> Table:
     """Hypotheses of a search by probability, with medians and 90 % intervals of appendages.
 
-    The mass ratio is that of the mass that vibrates to the mean floor mass.
+    The mass ratio is the vibrating mass over the mean floor mass.
     """
-    table = new_table(found.ranking.study.name)
+    table = new_table(search.ranking.study.name)
     table.add_column("hypothesis", overflow="fold", min_width=18)
-    table.add_column("ln evidence", justify="right", no_wrap=True)
-    table.add_column("probability", justify="right", no_wrap=True)
-    table.add_column("mass ratio", justify="right", no_wrap=True)
-    table.add_column("Hz", justify="right", no_wrap=True)
-    rows = found.ranking.comparison.classes
+    add_columns(table, numbers=["ln evidence", "probability", "mass ratio", "Hz"])
+    rows = search.ranking.comparison.classes
     for rank, row in enumerate(rows):
-        if rank >= HYPOTHESES_SHOWN and found.places[row.name]:
+        if rank >= HYPOTHESES_SHOWN and search.places[row.name]:
             continue
-        appendages = found.appendages(row.name)
+        appendages = search.appendages(row.name)
         lines = " +\n".join(each.place.name for each in appendages) or row.name
         add_row(
             table,
@@ -46,13 +39,13 @@ def search_table(found: AppendageSearch) -> Table:
     return table
 
 
-def averaged_table(found: AppendageSearch) -> Table:
-    """The baseline's parameters averaged over all hypotheses, beside the naive fit."""
-    table = new_table("Parameters, averaged over the hypotheses, and as if no appendage existed")
+def averaged_table(search: AppendageSearch) -> Table:
+    """The baseline's parameters averaged over all hypotheses, and without any appendage."""
+    table = new_table("Parameters averaged over the hypotheses; naive: without any appendage")
     table.add_column("parameter", overflow="fold")
     for heading in ("mean", "sd", "5 %", "95 %", "naive mean", "naive sd"):
         table.add_column(heading, justify="right")
-    for row in found.averaged_parameters:
+    for row in search.averaged_parameters:
         numbers = (
             row.mean, row.sd, row.quantile_05, row.quantile_95, row.naive_mean, row.naive_sd
         )  # fmt: skip
@@ -60,19 +53,19 @@ def averaged_table(found: AppendageSearch) -> Table:
     return table
 
 
-def search_notes(found: AppendageSearch) -> list[str]:
+def search_notes(search: AppendageSearch) -> list[str]:
     """The answer of a search in words."""
     notes = [
         "Probability that there is an appendage: "
-        f"{probability_text(found.probability_of_any)}. By place:"
+        f"{probability_text(search.probability_of_any)}. By place:"
     ]
-    by_probability = sorted(found.place_probabilities.items(), key=lambda item: -item[1])
+    by_probability = sorted(search.place_probabilities.items(), key=lambda item: -item[1])
     notes += [
         f"  {place.name}: {probability_text(probability)}"
         for place, probability in by_probability[:HYPOTHESES_SHOWN]
     ]
-    rows = found.ranking.comparison.classes
-    hidden = sum(bool(found.places[row.name]) for row in rows[HYPOTHESES_SHOWN:])
+    rows = search.ranking.comparison.classes
+    hidden = sum(bool(search.places[row.name]) for row in rows[HYPOTHESES_SHOWN:])
     if hidden > 0:
         notes.append(f"{hidden} less probable hypotheses are in the saved result.")
     return notes
@@ -80,4 +73,4 @@ def search_notes(found: AppendageSearch) -> list[str]:
 
 def _interval(numbers: tuple[float, float, float]) -> str:
     low, middle, high = numbers
-    return f"{middle:.2g} ({low:.2g}-{high:.2g})"
+    return f"{middle:.2g} ({interval(low, high, '.2g')})"

@@ -1,10 +1,11 @@
-"""How a ranking moves with settings."""
+"""How a ranking changes with settings."""
 
 from __future__ import annotations
 
 import math
 
 from rich.table import Table
+from rich.text import Text
 
 from bayes_ssi.ranking.comparison import probability_text
 from bayes_ssi.ranking.sensitivity import Sensitivity
@@ -13,16 +14,16 @@ from bayes_ssi.tables.layout import add_row, new_table
 __all__ = ["sensitivity_notes", "sensitivity_table"]
 
 
-def sensitivity_table(found: Sensitivity) -> Table:
-    """A line a setting: what comes first then, and by how much."""
-    first = found.rows[0].best
-    table = new_table("If settings were others")
+def sensitivity_table(sensitivity: Sensitivity) -> Table:
+    """Setting by setting, which class ranks first, and its lead in nats."""
+    first = sensitivity.rows[0].best
+    table = new_table("Sensitivity to settings")
     table.add_column("setting", no_wrap=True)
     table.add_column("most probable", overflow="fold")
     table.add_column("probability", justify="right", no_wrap=True)
-    table.add_column("nats ahead", justify="right", no_wrap=True)
-    table.add_column(f"of {first}", justify="right")
-    for row in found.rows:
+    table.add_column("lead (nats)", justify="right", no_wrap=True)
+    table.add_column(Text(f"probability of {first}"), justify="right")
+    for row in sensitivity.rows:
         add_row(
             table,
             f"{row.name} (!)" if row.failed_checks else row.name,
@@ -34,14 +35,14 @@ def sensitivity_table(found: Sensitivity) -> Table:
     return table
 
 
-def sensitivity_notes(found: Sensitivity) -> list[str]:
-    """Whether the ranking stands, and which checks failed where classes were sampled anew."""
-    first = found.rows[0].best
-    if found.turning:
-        told = "; ".join(f"{row.best!r} with {row.name}" for row in found.turning)
-        notes = [f"{first!r} does not come first under every setting: {told}."]
+def sensitivity_notes(sensitivity: Sensitivity) -> list[str]:
+    """Whether the same class always ranks first, and which checks of resampled classes failed."""
+    first = sensitivity.rows[0].best
+    if sensitivity.turning:
+        others = "; ".join(f"{row.best!r} does with {row.name}" for row in sensitivity.turning)
+        notes = [f"{first!r} does not rank first under every setting: {others}."]
     else:
-        notes = [f"{first!r} comes first under every setting."]
-    for row in found.rows:
+        notes = [f"{first!r} ranks first under every setting."]
+    for row in sensitivity.rows:
         notes += [f"  (!) {row.name}: {check}" for check in row.failed_checks]
     return notes

@@ -169,5 +169,5 @@ def test_a_failed_check_of_a_search_ends_with_3(run, tiny_study_file, tmp_path, 
     monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_SCATTER", -1e9)
     result = run("search", tiny_study_file, "--error", 0.5, "--out", tmp_path / "r")
     assert result.exit_code == 3
-    assert "Checks that failed" in result.stdout
+    assert "Failed checks" in result.stdout
     assert (tmp_path / "r" / "search.json").is_file()

@@ -95,7 +95,7 @@ def test_a_failed_check_ends_with_3_and_is_said(run, tiny_study_file, tmp_path, 
     result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "one k (!)" in result.stdout
-    assert "Checks that failed" in result.stdout
+    assert "Failed checks" in result.stdout
     assert "one k: the ensembles differ" in result.stdout
     assert load_result(tmp_path / "r").comparison.failed_checks
 

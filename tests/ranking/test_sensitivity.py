@@ -159,7 +159,7 @@ def test_rows_in_which_another_class_comes_first_are_told():
     found = Sensitivity(rows("a", "b", "a"))
     assert [row.name for row in found.turning] == ["row 1"]
     assert sensitivity_notes(found) == [
-        "'a' does not come first under every setting: 'b' with row 1."
+        "'a' does not rank first under every setting: 'b' does with row 1."
     ]
     assert found.rows[0].lead == pytest.approx(math.log(9.0))
     assert sensitivity_table(found).row_count == 3
@@ -167,7 +167,7 @@ def test_rows_in_which_another_class_comes_first_are_told():
 
 def test_a_ranking_that_stands_is_said_to_stand():
     assert sensitivity_notes(Sensitivity(rows("a", "a"))) == [
-        "'a' comes first under every setting."
+        "'a' ranks first under every setting."
     ]
 
 
@@ -195,6 +195,6 @@ def test_from_the_command_line(tmp_path, tiny_study_file):
     out = tmp_path / "r"
     found = CliRunner().invoke(main, [*arguments, "--sensitivity", "--out", str(out)])
     assert found.exit_code == 0, found.output
-    assert "If settings were others" in found.output
-    assert "'one k' comes first under every setting." in found.output
+    assert "Sensitivity to settings" in found.output
+    assert "'one k' ranks first under every setting." in found.output
     assert len(load_result(out).sensitivity.rows) == 11

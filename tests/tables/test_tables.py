@@ -53,8 +53,8 @@ def test_a_failed_check_marks_its_class(make_posterior):
 def test_notes_name_the_scale_and_what_cannot_be_told_apart(make_posterior):
     found = bs.compare([make_posterior("a"), make_posterior("b", -0.1), make_posterior("c", -9.0)])
     assert comparison_notes(found) == [
-        "Words for Bayes factors: Kass and Raftery (1995).",
-        "The data do not tell 'b' from 'a'.",
+        "Evidence against: scale of Kass and Raftery (1995).",
+        "The data do not distinguish 'b' from 'a'.",
     ]
 
 
