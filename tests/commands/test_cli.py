@@ -50,7 +50,7 @@ def test_rank(run, tiny_study_file, tmp_path):
     for words in ("Two storeys", "one k", "each k", "log evidence", "Kass and Raftery",
                   "Parameters of 'one k'", f"Saved in {out}, with 3 figures."):  # fmt: skip
         assert words in result.stdout
-    assert max(map(len, result.stdout.split("Words for")[0].splitlines())) <= 80
+    assert max(map(len, result.stdout.split("Evidence against:")[0].splitlines())) <= 80
     stored = load_result(out)
     assert stored.record.seed == 7
     assert stored.record.study_file == str(tiny_study_file)
