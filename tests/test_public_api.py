@@ -1,4 +1,4 @@
-"""Everything that the package exports says what it takes, gives and raises."""
+"""Every public name says what it takes, returns and raises."""
 
 import dataclasses
 import inspect
@@ -19,9 +19,9 @@ MEMBERS = [
 
 def function_of(member):
     """The function behind a method or property; None for any other member."""
-    plain = getattr(member, "fget", None) or getattr(member, "func", None)
-    found = plain or getattr(member, "__func__", member)
-    return found if inspect.isfunction(found) else None
+    behind = getattr(member, "fget", None) or getattr(member, "func", None)
+    function = behind or getattr(member, "__func__", member)
+    return function if inspect.isfunction(function) else None
 
 
 FUNCTIONS = [
@@ -43,19 +43,19 @@ def docstring(name, function):
     kind, own = name.split(".")
     inherited = (vars(base).get(own) for base in getattr(bs, kind).__mro__)
     functions = (function_of(member) for member in inherited if member is not None)
-    return next((found.__doc__ for found in functions if found and found.__doc__), "")
+    return next((each.__doc__ for each in functions if each and each.__doc__), "")
 
 
 @pytest.mark.parametrize(("name", "function"), FUNCTIONS, ids=[name for name, _ in FUNCTIONS])
 def test_a_function_is_typed_and_described(name, function):
-    told = docstring(name, function)
-    assert told
+    text = docstring(name, function)
+    assert text
     assert function.__annotations__.get("return"), "says what it returns"
     assert {each.name for each in parameters_of(function)} <= set(function.__annotations__)
-    if len(parameters_of(function)) > 1 and "Arguments" not in told:
-        assert [p.name for p in parameters_of(function) if p.name not in told] == []
+    if len(parameters_of(function)) > 1 and "Arguments" not in text:
+        assert [p.name for p in parameters_of(function) if p.name not in text] == []
     if "    raise " in inspect.getsource(function):
-        assert "rror" in told, "says what it raises"
+        assert "rror" in text, "says what it raises"
 
 
 CLASSES = [(name, kind) for name, kind in EXPORTED if dataclasses.is_dataclass(kind)]
@@ -63,13 +63,16 @@ CLASSES = [(name, kind) for name, kind in EXPORTED if dataclasses.is_dataclass(k
 
 @pytest.mark.parametrize("kind", [kind for _, kind in CLASSES], ids=[name for name, _ in CLASSES])
 def test_a_record_describes_its_fields(kind):
-    told = inspect.getdoc(kind)
-    assert [field.name for field in dataclasses.fields(kind) if field.name not in told] == []
+    text = inspect.getdoc(kind)
+    assert [field.name for field in dataclasses.fields(kind) if field.name not in text] == []
     if "__post_init__" in vars(kind):
-        assert "Raises:" in told
+        assert "Raises:" in text
 
 
-def test_the_checks_above_check_something():
+def test_the_checks_above_are_made():
     assert len(FUNCTIONS) > 100
     assert len(CLASSES) > 20
-    assert set(bs.__all__) >= {"rank", "ModelClass", "load_predictions"}
+
+
+def test_names_are_listed_once_and_in_order():
+    assert bs.__all__ == sorted(set(bs.__all__))
