@@ -101,14 +101,14 @@ def main():
         for name, frame in frames.items()
     ]
     started = perf_counter()
-    found = bs.rank(bs.Study("Concrete frame", classes), run=bs.Run(given.workers))
-    spent = sum(full_solutions(posterior) for posterior in found.posteriors)
+    ranking = bs.rank(bs.Study("Concrete frame", classes), run=bs.Run(given.workers))
+    spent = sum(full_solutions(posterior) for posterior in ranking.posteriors)
     print(f"ranked in {perf_counter() - started:.0f} s with {given.workers} workers and "
           f"{spent} full solutions")  # fmt: skip
-    for row in found.comparison.classes:
+    for row in ranking.comparison.classes:
         print(f"{row.name}: log evidence {row.log_evidence:.3f} ± {row.error:.3f}, "
               f"probability {row.probability_text}")  # fmt: skip
-    for posterior in found.posteriors:
+    for posterior in ranking.posteriors:
         print(f"\n{posterior.name}, {posterior.n_evaluations} evaluations")
         for remark in (*posterior.remarks, *(f"(!) {each}" for each in posterior.failed_checks)):
             print(f"  {remark}")

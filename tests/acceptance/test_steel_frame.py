@@ -70,9 +70,9 @@ def test_twelve_sets_on_the_same_three_tests():
 
 def test_the_nominal_frame():
     bare = model_class("1-a M1").configurations[0].structure
-    found = bare.modes(bare.prior_medians())
-    np.testing.assert_allclose(found.frequencies_hz[0], NOMINAL_HZ, rtol=5e-3)
-    fourth = found.shapes[0, :, 3].reshape(2, 3)
+    modes = bare.modes(bare.prior_medians())
+    np.testing.assert_allclose(modes.frequencies_hz[0], NOMINAL_HZ, rtol=5e-3)
+    fourth = modes.shapes[0, :, 3].reshape(2, 3)
     assert np.abs(fourth[:, [0, 2]]).max() < 1e-9  # y alone
     assert fourth[0, 1] * fourth[1, 1] < 0.0  # the second of its direction
 
@@ -81,14 +81,14 @@ def test_the_braces_split_the_second_transverse_mode():
     bare = model_class("2 M3").configurations[0].structure
     augmented = model_class("3 M3+").configurations[0].structure
     single = bare.modes(paper_values(bare))
-    found = augmented.modes(paper_values(augmented))
-    np.testing.assert_allclose(found.frequencies_hz[0, 3:5], [9.84, 11.64], rtol=2e-3)
-    assert found.frequencies_hz[0, 3] < single.frequencies_hz[0, 3] < found.frequencies_hz[0, 4]
+    modes = augmented.modes(paper_values(augmented))
+    np.testing.assert_allclose(modes.frequencies_hz[0, 3:5], [9.84, 11.64], rtol=2e-3)
+    assert modes.frequencies_hz[0, 3] < single.frequencies_hz[0, 3] < modes.frequencies_hz[0, 4]
     x_and_torsion = [1, 2, 5, 6], [1, 2, 4, 5]
     np.testing.assert_allclose(
-        found.frequencies_hz[0, x_and_torsion[0]], single.frequencies_hz[0, x_and_torsion[1]]
+        modes.frequencies_hz[0, x_and_torsion[0]], single.frequencies_hz[0, x_and_torsion[1]]
     )
-    at_floors = [found.shapes[0, :6, number] for number in (3, 4)]
+    at_floors = [modes.shapes[0, :6, number] for number in (3, 4)]
     assert alike(*at_floors) > 0.85  # nearly undistinguishable at the storeys
 
 
@@ -97,15 +97,15 @@ def alike(one, other):
 
 
 def test_masses_lower_all_frequencies_and_one_sided_ones_couple_the_motions():
-    found = {}
+    results = {}
     for test in model_class("3 M3+").configurations:
-        found[test.name] = test.structure.modes(paper_values(test.structure))
-    bare, all_blocks, half = (found[name].frequencies_hz[0] for name in ("BC", "SC", "NC"))
+        results[test.name] = test.structure.modes(paper_values(test.structure))
+    bare, all_blocks, half = (results[name].frequencies_hz[0] for name in ("BC", "SC", "NC"))
     assert (all_blocks < half).all()
     assert (half < bare).all()
     in_y, in_torsion = [1, 4], [2, 5]
     for name, coupled in (("BC", False), ("SC", False), ("NC", True)):
-        first = np.abs(found[name].shapes[0, :, 0])  # the first transverse mode
+        first = np.abs(results[name].shapes[0, :, 0])  # the first transverse mode
         assert (first[in_torsion].max() > 1e-3 * first[in_y].max()) == coupled
 
 
@@ -140,25 +140,26 @@ def test_the_data_have_the_scatter_that_they_say():
 
 
 def test_the_distances_of_the_published_tables():
-    found = {
+    results = {
         approach: tables()["distance"](*map(tables()["paper_values"], (f"{approach} M3", "3 M3+")))
         for approach in APPROACHES
     }
-    assert found == pytest.approx({"1-a": 17.6, "1-b": 72.9, "2": 2.1}, abs=0.06)
+    assert results == pytest.approx({"1-a": 17.6, "1-b": 72.9, "2": 2.1}, abs=0.06)
 
 
 def calibrated(name):
-    found = bs.calibrate(model_class(name), 0.15, n_starts=2)
-    return dict(zip(found.parameter_names, found.best.values, strict=True)), found.best.objective
+    calibration = bs.calibrate(model_class(name), 0.15, n_starts=2)
+    best = calibration.best
+    return dict(zip(calibration.parameter_names, best.values, strict=True)), best.objective
 
 
 def test_approach_2_lies_nearer_to_the_best_model_than_1_a_and_that_nearer_than_1_b():
     best, best_objective = calibrated("3 M3+")
-    found, objectives = {}, {}
+    distances, objectives = {}, {}
     for approach in APPROACHES:
         values, objectives[approach] = calibrated(f"{approach} M3")
-        found[approach] = tables()["distance"](values, best)
-    assert found == pytest.approx({"1-a": 23.3, "1-b": 26.9, "2": 0.6}, abs=0.15)
+        distances[approach] = tables()["distance"](values, best)
+    assert distances == pytest.approx({"1-a": 23.3, "1-b": 26.9, "2": 0.6}, abs=0.15)
     # In the paper, too, leaving mode 4 out halves f_ob, and the augmented model fits best.
     assert best_objective < objectives["2"] < 0.5 * min(objectives["1-a"], objectives["1-b"])
     assert tables()["distance"](best, tables()["paper_values"]("3 M3+")) < 6.0
@@ -178,15 +179,15 @@ def test_masses_that_are_not_published_move_the_tables():
             )
         )
     heavier = bs.ModelClass("1-a", configurations=tests)
-    found = bs.calibrate(heavier, 0.15, n_starts=1)
-    values = dict(zip(found.parameter_names, found.best.values, strict=True))
+    calibration = bs.calibrate(heavier, 0.15, n_starts=1)
+    values = dict(zip(calibration.parameter_names, calibration.best.values, strict=True))
     distance = tables()["distance"](values, tables()["paper_values"]("3 M3+"))
     assert distance == pytest.approx(17.6, abs=1.5)
-    assert 100.0 * found.best.objective == pytest.approx(1.24, abs=0.05)
+    assert 100.0 * calibration.best.objective == pytest.approx(1.24, abs=0.05)
 
 
 @pytest.mark.parametrize("name", SAMPLED)
 def test_evidence_is_that_of_importance_sampling(name):
-    found, error = log_evidence(model_class(name), POSTERIOR[name])
+    evidence, error = log_evidence(model_class(name), POSTERIOR[name])
     assert error < 0.06
-    assert found == pytest.approx(SAMPLED[name], abs=0.03 + 4.0 * error)
+    assert evidence == pytest.approx(SAMPLED[name], abs=0.03 + 4.0 * error)

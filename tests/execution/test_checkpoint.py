@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from behind import Behind
+from delegating import DelegatingStructure
 
 import bayes_ssi as bs
 from bayes_ssi.execution.batch import Evaluated
@@ -16,7 +16,7 @@ from bayes_ssi.versions import versions
 SETTINGS = bs.SamplingSettings()
 
 
-class Hidden(Behind):
+class Hidden(DelegatingStructure):
     """A building whose description tells nothing, not even by how much it is softer."""
 
     def __init__(self, building, softer=1.0, limit=np.inf):

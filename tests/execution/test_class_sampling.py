@@ -3,8 +3,8 @@
 import os
 
 import pytest
-from behind import Behind
 from conftest import COARSE, assert_one_line_error
+from delegating import DelegatingStructure
 from pools import spawning
 
 import bayes_ssi as bs
@@ -57,7 +57,7 @@ def test_as_many_classes_as_workers_are_sampled_whole(tiny_study, alone, two_wor
 
 def test_fewer_classes_share_their_evaluations_unless_they_are_small(tiny_study, alone, shared):
     small, other = tiny_study.model_classes
-    other = other.with_structure(Behind(other.structure), other.name)
+    other = other.with_structure(DelegatingStructure(other.structure), other.name)
     assert_same(sample_all([small, other], 7, COARSE, bs.Run(3)), alone)
     assert shared == {other.name}
 

@@ -62,8 +62,8 @@ def portal_frequencies(columns, beams):
 
 
 def test_portal_frame_by_opensees():
-    found = study("opensees_frame.py", "openseespy.opensees", "opensees")
-    _, apart = found.model_classes
+    loaded = study("opensees_frame.py", "openseespy.opensees", "opensees")
+    _, apart = loaded.model_classes
     values = np.array([[1.0, 1.0], [0.85, 1.2]])
     frequencies = apart.frequencies_hz(values)
     for row, (columns, beams) in zip(frequencies, values, strict=True):
@@ -73,8 +73,8 @@ def test_portal_frame_by_opensees():
 
 
 def test_beam_by_scikit_fem():
-    found = study("beam_on_a_support.py", "skfem", "fem")
-    plain, at_tip, anywhere = found.model_classes
+    loaded = study("beam_on_a_support.py", "skfem", "fem")
+    plain, at_tip, anywhere = loaded.model_classes
     # β_1 L = 1.875104, β_2 L = 4.694091: f = (βL)²/(2π) √(EI/(ρAL⁴)).
     root = math.sqrt(210e9 * 0.012**2 / 12.0 / (7850.0 * 3.0**4)) / (2.0 * math.pi)
     expected = np.array([1.8751041, 4.6940911, 7.8547574]) ** 2 * root
@@ -113,12 +113,12 @@ def test_modes_that_change_places_are_updated_rightly():
     data = bs.ModalData(modes, (0.0, 10.0), tower.degrees_of_freedom)
     error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
     candidate = bs.ModelClass("tower", tower, data, error, pairing="any")
-    found = bs.sample(candidate, settings=bs.SamplingSettings(0.05))
-    assert found.failed_checks == ()
-    for row, true in zip(found.summary, truth[0], strict=True):
+    posterior = bs.sample(candidate, settings=bs.SamplingSettings(0.05))
+    assert posterior.failed_checks == ()
+    for row, true in zip(posterior.summary, truth[0], strict=True):
         assert row.mean == pytest.approx(true, abs=4.0 * row.mean_error + row.sd)
         assert row.sd < 0.03
-    assert len(found.regions) == 1
-    best = found.inferred_pairing
+    assert len(posterior.regions) == 1
+    best = posterior.inferred_pairing
     assert best.best == {str(i): i + 1 for i in range(4)}
     assert best.pairings[0].probability > 0.95

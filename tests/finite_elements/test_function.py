@@ -42,8 +42,8 @@ def test_matrices_and_modes_are_the_same_structure():
     expected = frame.modes(values)
     np.testing.assert_allclose(by_matrices.frequencies_hz, expected.frequencies_hz, rtol=1e-12)
     np.testing.assert_allclose(by_modes.frequencies_hz, expected.frequencies_hz, rtol=1e-12)
-    for found in (by_matrices, by_modes):
-        np.testing.assert_allclose(np.abs(found.shapes), np.abs(expected.shapes), rtol=1e-9)
+    for made in (by_matrices, by_modes):
+        np.testing.assert_allclose(np.abs(made.shapes), np.abs(expected.shapes), rtol=1e-9)
 
 
 def test_large_sparse_matrices():
@@ -53,10 +53,10 @@ def test_large_sparse_matrices():
         off = np.full(n - 1, -1.0)
         return k * sp.diags_array([diagonal, off, off], offsets=[0, 1, -1]), sp.eye_array(n)
 
-    found = bs.FunctionStructure(chain, {"k": factor("k")}, n_modes=3, sensors={"top": 399})
+    made = bs.FunctionStructure(chain, {"k": factor("k")}, n_modes=3, sensors={"top": 399})
     j = np.arange(1, 4)
     expected = np.sin((2 * j - 1) * math.pi / 1602) / math.pi
-    np.testing.assert_allclose(found.modes(np.ones((1, 1))).frequencies_hz[0], expected, rtol=1e-9)
+    np.testing.assert_allclose(made.modes(np.ones((1, 1))).frequencies_hz[0], expected, rtol=1e-9)
 
 
 def test_unsorted_modes_are_put_in_order():
@@ -71,8 +71,8 @@ def test_frequencies_alone():
     def only(a):
         return (a, 2.0 * a), None
 
-    found = bs.FunctionStructure(only, {"a": factor("k")}, n_modes=2)
-    assert found.modes(np.array([[3.0]])).shapes.shape == (1, 0, 2)
+    made = bs.FunctionStructure(only, {"a": factor("k")}, n_modes=2)
+    assert made.modes(np.array([[3.0]])).shapes.shape == (1, 0, 2)
 
 
 @pytest.mark.parametrize(
@@ -93,34 +93,29 @@ def test_frequencies_alone():
         (([1.0, 2.0], 1j * np.eye(2)), "must return real shapes"),
     ],
 )
-def test_wrong_answers_are_told_with_their_values(answer, message):
+def test_wrong_answers_are_reported_with_their_values(answer, message):
     def wrong(a):  # noqa: ARG001
         return answer
 
-    found = bs.FunctionStructure(wrong, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
+    made = bs.FunctionStructure(wrong, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
     with pytest.raises(ValueError, match=f"^at k = 1.25: .*{message}"):
-        found.modes(np.array([[1.25]]))
+        made.modes(np.array([[1.25]]))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"a": 1.0}, "missing a required argument: 'b'"),
-        ({"a": 1.0, "b": 1.0, "c": 1.0}, "unexpected keyword argument 'c'"),
-    ],
-)
-def test_arguments_are_those_of_the_function(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        structure(**arguments)
+def test_arguments_are_those_of_the_function():
+    with pytest.raises(ValueError, match="missing a required argument: 'b'"):
+        structure(a=1.0)
+    with pytest.raises(ValueError, match="unexpected keyword argument 'c'"):
+        structure(a=1.0, b=1.0, c=1.0)
 
 
 def test_a_function_that_leaves_does_not_take_the_program_with_it():
     def leaves(a):  # noqa: ARG001
         raise SystemExit(3)
 
-    found = bs.FunctionStructure(leaves, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
+    made = bs.FunctionStructure(leaves, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
     with pytest.raises(ValueError, match=r"at k = 1\.25: RuntimeError: .*leaves called exit\(3\)"):
-        found.modes(np.array([[1.25]]))
+        made.modes(np.array([[1.25]]))
 
 
 def test_each_set_of_values_is_computed_once():
@@ -132,12 +127,12 @@ def test_each_set_of_values_is_computed_once():
             raise RuntimeError("negative")
         return a * np.eye(2), np.eye(2)
 
-    found = bs.FunctionStructure(counted, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
+    made = bs.FunctionStructure(counted, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
     with pytest.raises(ValueError, match="at k = -1: RuntimeError: negative"):
-        found.modes(np.array([[1.0], [-1.0]]))
-    found.modes(np.array([[1.0]]))
+        made.modes(np.array([[1.0], [-1.0]]))
+    made.modes(np.array([[1.0]]))
     with pytest.raises(ValueError, match="at k = -1"):
-        found.modes(np.array([[-1.0]]))
+        made.modes(np.array([[-1.0]]))
     assert calls == [1.0, -1.0]
 
 
@@ -160,9 +155,9 @@ def test_errors_and_nan_of_a_function_are_reported_from_workers(workers, values,
     run = Run(workers)
     with run.working():
         target = Target(candidate.log_likelihood_at, 2, run.workers)
-        found = target.log_likelihood(z)
-    assert np.isfinite(found[0])
-    assert np.isneginf(found[1])
+        likelihoods = target.log_likelihood(z)
+    assert np.isfinite(likelihoods[0])
+    assert np.isneginf(likelihoods[1])
     assert message in target.first_failure.reason
 
 

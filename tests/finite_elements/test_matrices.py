@@ -105,8 +105,8 @@ class TestModes:
         # Of B Bᵀ φ = μ K φ the nonzero μ are those of Bᵀ K⁻¹ B, (rank, rank).
         flexibility = carried.T @ np.linalg.solve(stiffness.toarray(), carried)
         expected = np.sqrt(1.0 / np.linalg.eigvalsh(flexibility)[::-1][:4]) / (2.0 * math.pi)
-        found, shapes = structure.modes(np.zeros((1, 0)))
-        np.testing.assert_allclose(found[0], expected, rtol=1e-7)
+        frequencies, shapes = structure.modes(np.zeros((1, 0)))
+        np.testing.assert_allclose(frequencies[0], expected, rtol=1e-7)
         moved = carried.T @ shapes[0]
         np.testing.assert_allclose(moved.T @ moved, np.eye(4), atol=1e-7)
         reduced = structure.reduced().modes(np.zeros((1, 0))).frequencies_hz[0]
@@ -132,9 +132,9 @@ class TestModes:
 
     def test_response_needs_how_the_ground_moves_it(self):
         structure = bs.MatrixStructure(K3, np.diag([1.0, 2.0, 3.0]), n_modes=3, influence=[1, 1, 1])
-        found = structure.modal_model(np.zeros((1, 0)))
+        model = structure.modal_model(np.zeros((1, 0)))
         # With all modes the effective masses add up to all of the mass.
-        assert (found.participation**2).sum() == pytest.approx(6.0)
+        assert (model.participation**2).sum() == pytest.approx(6.0)
         with pytest.raises(TypeError, match="give influence="):
             bs.MatrixStructure(K3, np.eye(3), n_modes=3).modal_model(np.zeros((1, 0)))
 
@@ -157,9 +157,9 @@ class TestCounting:
         honest = sparse_modes._lanczos
 
         def forgetful(k, m, factor, n_modes, attempt):
-            found = honest(k, m, factor, n_modes + 1, attempt)
+            result = honest(k, m, factor, n_modes + 1, attempt)
             keep = np.delete(np.arange(n_modes + 1), 1)
-            return Eigenpairs(found.eigenvalues[keep], found.vectors[:, keep])
+            return Eigenpairs(result.eigenvalues[keep], result.vectors[:, keep])
 
         monkeypatch.setattr(sparse_modes, "_lanczos", forgetful)
         with pytest.raises(NoModesError, match="Sylvester"):

