@@ -5,7 +5,7 @@ With r_f = f/f_e - 1 and r_φ = ‖φ - φ_e‖ = √(2(1 - √MAC)) for unit sh
     f_ob = √[(Σ r_f² + λ² Σ r_φ²) / (Σ 1 + λ² Σ 1)]        (paper, Eq. 1)
 
 Updating problems have several minima, often with the same f_ob, so one optimum is never the
-answer: all that many starts find are listed.
+answer: all minima reached from many starts are listed.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class Calibration:
         before: the model at the reference values.
         minima: the best first; of equally good ones the nearest to the prior median first.
         shape_weight: λ.
-        undetermined_directions: how many directions in parameter space the residuals do not
-            determine at the best minimum; where there are any, the minimum listed is the point
-            of a whole surface that lies nearest to the prior median.
+        undetermined_directions: the number of directions in parameter space that the residuals
+            do not determine at the best minimum. If any, the minima form a surface, and its
+            point nearest to the prior median is listed.
         n_starts: local searches made.
     """
 
@@ -69,13 +69,13 @@ def calibrate(
             model before calibration; prior medians where not given.
         n_starts: local searches, spread over the prior and beyond.
         seed: of the starts.
-        progress: called with the name of the step and the share of it that is done.
+        progress: called with the name of the step and the fraction of it completed.
 
     Raises:
         NothingToCalibrateError: no mode is paired, a pairing is inferred, or the structures have
             no parameter.
-        ValueError: a reference of a parameter that does not exist, or a negative
-            weight or no start.
+        ValueError: a reference is given for an unknown parameter, the weight is negative, there
+            is no start, or no search converged.
     """
     if shape_weight is None:
         shape_weight = model_class.error.shape_weight

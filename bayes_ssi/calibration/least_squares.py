@@ -27,26 +27,20 @@ __all__ = [
 
 # The search stays within this many prior standard deviations in standard-normal coordinates.
 FARTHEST = 8.0
-# A direction counts as undetermined when moving one prior standard deviation along it changes
-# the residuals by less than this share of the most sensitive direction's change.
-RANK_TOLERANCE = 1e-6
-# Minima nearer than this in every standard-normal coordinate are one.
-SAME_MINIMUM = 1e-2
-# Ends with a relative slope above this are not minima.
-SLOPE_TOLERANCE = 1e-4
-DIFFERENCE_STEP = 1e-5
+# At the cube root of the rounding error, central differences are the most accurate.
+DIFFERENCE_STEP = float(np.cbrt(np.finfo(float).eps))
 
 
 class NothingToCalibrateError(ValueError):
-    """A model class without a parameter in its structure, or without a pairing of modes."""
+    """A model class without structural parameters, or without paired modes."""
 
 
 @dataclass(frozen=True)
 class ModeFit:
-    """One paired mode: identified, and as the model has it.
+    """One identified mode and the model mode paired with it.
 
     Attributes:
-        configuration: the test in which it was identified; empty where there is but one.
+        configuration: the test in which it was identified; empty where there is only one.
         label: of the identified mode.
         model_mode: number of the model mode, from 1.
         identified_hz: identified frequency.
@@ -107,8 +101,8 @@ class CalibrationProblem:
         self.model_class = model_class
         if any(isinstance(each, AnyPairing) for each in model_class.likelihoods):
             raise NothingToCalibrateError(
-                f"model class {model_class.name!r}: its pairing is 'any'; a fit needs to know "
-                "which identified mode is which model mode"
+                f"model class {model_class.name!r}: its pairing is 'any', but a fit needs "
+                "an explicit pairing"
             )
         self.parameters = collect_parameters(
             p for c in model_class.configurations for p in c.structure.parameters
@@ -214,14 +208,15 @@ class CalibrationProblem:
             return None
         at_bound = np.any(np.abs(result.x) > 0.999 * FARTHEST)
         slope = np.abs(result.grad).max() / max(1e-8, np.linalg.norm(np.asarray(result.jac)))
-        return None if at_bound or slope > SLOPE_TOLERANCE else result.x
+        # A search that ran out of evaluations ends on a slope.
+        return None if at_bound or slope > 1e-4 else result.x
 
     def objective(self, z: FloatArray) -> FloatArray:
         """f_ob, (B,)."""
         return np.sqrt((self.residuals(z) ** 2).sum(1) / self.count)
 
     def fit(self, values: FloatArray, reference: FloatArray) -> Fit:
-        """The model at ``values`` (1, d), beside the identified modes."""
+        """The model at ``values`` (1, d), compared with the identified modes."""
         fits = []
         for configuration, likelihood, modes in self.modes(np.atleast_2d(values)):
             fits += _mode_fits(configuration, likelihood, modes)
@@ -238,7 +233,7 @@ class CalibrationProblem:
 def _mode_fits(
     configuration: Configuration, likelihood: ModalLikelihood, modes: Modes
 ) -> list[ModeFit]:
-    """The paired modes of one configuration beside the model's, of which there is one row."""
+    """The paired modes of one configuration, identified and of the model at one point."""
     data = configuration.data
     criteria = mac(data.unit_shapes, likelihood.shapes_at_sensors(modes)[0])
     return [
@@ -269,13 +264,15 @@ def distinct_minima(
     )
     kept: list[int] = []
     for i in order:
-        if all(np.abs(ends[i] - ends[j]).max() > SAME_MINIMUM for j in kept):
+        # Minima within a hundredth of a prior standard deviation are the same one.
+        if all(np.abs(ends[i] - ends[j]).max() > 1e-2 for j in kept):
             kept.append(i)
     best = ends[kept[0]]
     sensitivities = np.linalg.svd(problem.jacobian(best), compute_uv=False)
-    determined = int((sensitivities > RANK_TOLERANCE * sensitivities.max()).sum())
+    # A millionth of the largest sensitivity is far below any real one and far above rounding.
+    determined = int((sensitivities > 1e-6 * sensitivities.max()).sum())
     undetermined = len(best) - determined
     if undetermined:
-        # The equally good points form a surface; one of them, the nearest, stands for it.
+        # The equally good points form a surface; the nearest of them represents it.
         kept = [kept[0], *(i for i in kept if objectives[i] >= objectives[kept[0]] + 1e-7)]
     return [ends[i] for i in kept], undetermined

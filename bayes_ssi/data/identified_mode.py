@@ -14,7 +14,7 @@ from bayes_ssi.arrays import FloatArray
 
 __all__ = ["RESERVED_NAMES", "IdentifiedMode", "checked_band", "require_name"]
 
-# Columns of a file of modes; a sensor of such a name could not be told from them.
+# Columns of a file of modes, which sensors may not be named after.
 RESERVED_NAMES = ("label", "frequency_hz", "frequency_cov", "shape_sd", "damping")
 
 

@@ -20,18 +20,12 @@ from bayes_ssi.modal import mac
 
 __all__ = ["ModalData"]
 
-# A shape of a lightly damped structure is nearly real; beyond this spread of the phases about
-# one line (in degrees, weighted by amplitude) the real shape is a doubtful summary of it.
-PHASE_SCATTER_WARNING_DEG = 10.0
-# Coefficients of variation above this are more likely percentages.
-LARGE_COV = 0.2
-
 
 @dataclass(frozen=True, eq=False)
 class ModalData:
     """The modes identified in one test of one structure, and the band they were sought in.
 
-    Every mode found in the band belongs here, also one that a model does not explain.
+    Include every mode identified in the band, also those that a model does not explain.
 
     Attributes:
         modes: in ascending order of frequency (unsorted ones are sorted).
@@ -147,48 +141,50 @@ class ModalData:
 
     def warnings(self) -> list[str]:
         """What an analyst should know about these data before using them, a sentence each."""
-        found = []
+        warnings = []
         for mode in self.modes:
             name = f"mode {mode.label!r}"
             if mode.shape is None:
-                found.append(f"{name}: no shape; only its frequency is used")
+                warnings.append(f"{name}: no shape; only its frequency is used")
             elif mode.n_measured == 1:
-                found.append(
-                    f"{name}: a shape at one sensor says nothing; only its frequency is used"
-                )
+                warnings.append(f"{name}: shape at one sensor only; only its frequency is used")
             elif mode.n_measured < len(self.sensors):
                 missing = [
                     sensor
                     for sensor, component in zip(self.sensors, mode.shape, strict=True)
                     if not np.isfinite(component)
                 ]
-                found.append(f"{name}: shape not measured at {', '.join(missing)}")
-            if mode.phase_scatter_deg > PHASE_SCATTER_WARNING_DEG:
-                found.append(
+                warnings.append(f"{name}: shape not measured at {', '.join(missing)}")
+            # Shapes of lightly damped structures are nearly real; this far from one line, weighted
+            # by amplitude, a real shape is a poor summary.
+            if mode.phase_scatter_deg > 10.0:
+                warnings.append(
                     f"{name}: phases scatter by {mode.phase_scatter_deg:.0f} degrees about one "
-                    "line; the shape rotated to a real one loses much"
+                    "line; a real shape is a poor approximation"
                 )
-            if mode.frequency_cov is not None and mode.frequency_cov > LARGE_COV:
-                found.append(
+            # No identification worth using is this uncertain; percentages are above it.
+            if mode.frequency_cov is not None and mode.frequency_cov > 0.2:
+                warnings.append(
                     f"{name}: frequency_cov is {mode.frequency_cov:g}, a fraction; "
                     "is it a percentage, or in Hz?"
                 )
-        found.extend(self._pairs_too_close())
-        return found
+        pairs = zip(self.modes, self.modes[1:], strict=False)
+        return warnings + [text for low, high in pairs if (text := _too_close(low, high))]
 
-    def _pairs_too_close(self) -> list[str]:
-        found = []
-        for low, high in zip(self.modes, self.modes[1:], strict=False):
-            gap = high.frequency_hz / low.frequency_hz - 1.0
-            if gap == 0:
-                found.append(f"modes {low.label!r} and {high.label!r}: the same frequency")
-            elif gap < 0.2 and low.scored_shape is not None and high.scored_shape is not None:
-                common = np.isfinite(low.scored_shape) & np.isfinite(high.scored_shape)
-                alike = mac(low.scored_shape[:, None], high.scored_shape[:, None])[0, 0]
-                if common.sum() >= 2 and alike > 0.8:
-                    found.append(
-                        f"modes {low.label!r} and {high.label!r}: {100 * gap:.0f} % apart with "
-                        f"nearly one shape (MAC {alike:.2f}): an appendage in resonance splits "
-                        "a mode like this"
-                    )
-        return found
+
+def _too_close(low: IdentifiedMode, high: IdentifiedMode) -> str:
+    """A warning if two neighbouring modes look like one that is split; empty if not."""
+    names = f"modes {low.label!r} and {high.label!r}"
+    gap = high.frequency_hz / low.frequency_hz - 1.0
+    if gap == 0:
+        return f"{names}: the same frequency"
+    if gap >= 0.2 or low.scored_shape is None or high.scored_shape is None:
+        return ""
+    common = np.isfinite(low.scored_shape) & np.isfinite(high.scored_shape)
+    criterion = mac(low.scored_shape[:, None], high.scored_shape[:, None])[0, 0]
+    if common.sum() < 2 or criterion <= 0.8:
+        return ""
+    return (
+        f"{names}: {100 * gap:.0f} % apart with similar shapes (MAC {criterion:.2f}), as when an "
+        "appendage in resonance splits a mode"
+    )

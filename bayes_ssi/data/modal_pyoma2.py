@@ -35,7 +35,7 @@ def modal_data_from_pyoma2(
         Modes labelled 1, 2, … in ascending order.
 
     Raises:
-        TypeError: it is no such result.
+        TypeError: it is not such a result.
         ValueError: no modes were selected, names and channels differ in number, or a mode lies
             outside the band.
     """
@@ -80,11 +80,13 @@ def modal_data_from_pyoma2(
 
 
 def _column(result: Any, name: str, n: int) -> np.ndarray:
-    """One number a mode, NaN where the result has none."""
+    """One number for each mode, NaN where the result has none."""
     values = getattr(result, name, None)
     if values is None:
         return np.full(n, np.nan)
-    found = np.atleast_1d(np.asarray(values, dtype=float)).ravel()
-    if len(found) != n:
-        raise ValueError(f"modal_data_from_pyoma2: {name} holds {len(found)} numbers for {n} modes")
-    return found
+    column = np.atleast_1d(np.asarray(values, dtype=float)).ravel()
+    if len(column) != n:
+        raise ValueError(
+            f"modal_data_from_pyoma2: {name} holds {len(column)} numbers, expected {n}"
+        )
+    return column

@@ -15,7 +15,7 @@ from bayes_ssi.data.modal_data import ModalData
 __all__ = ["is_universal_file", "read_modal_uff"]
 
 DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
-MODES = 55
+# The analysis types of data sets 55 that are modes.
 NORMAL, COMPLEX, COMPLEX_SECOND_ORDER = 2, 3, 7
 
 
@@ -56,7 +56,7 @@ def read_modal_uff(
     try:
         file = pyuff.UFF(str(path))
         kinds = np.atleast_1d(file.get_set_types()).astype(int)
-        sets = [file.read_sets(int(i)) for i in np.flatnonzero(kinds == MODES)]
+        sets = [file.read_sets(int(i)) for i in np.flatnonzero(kinds == 55)]
     except Exception as error:  # a damaged file may raise anything there
         reason = " ".join(str(error).split())
         raise ValueError(
@@ -106,7 +106,7 @@ def _moving_sensors(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[int, s
 
 
 def _component(one: Mapping[str, Any], name: str, node: int, direction: str) -> complex:
-    """What a sensor measures of one mode; NaN where the mode was not measured at its node."""
+    """The component of one mode that a sensor measures."""
     axis = str(direction).removeprefix("-")
     if axis not in DIRECTIONS:
         raise ValueError(

@@ -1,7 +1,7 @@
-"""The likelihood when nobody says which identified mode is which model mode.
+"""The likelihood summed over all pairings of identified modes with model modes.
 
-It is summed over all pairings: the analyst's choice is inferred with everything else, and model
-modes may change places as parameters change.
+The pairing is inferred along with the parameters, and the order of model modes may change with
+them.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ ALL_MODES = "all modes"
 class AnyPairing(ModalLikelihood):
     """The log-likelihood of identified modes, summed over all pairings with model modes.
 
-    Its ``pairing`` is empty: what :class:`ModalLikelihood` gives when every identified mode is
-    spurious and every model mode missed is what all pairings are weighed against.
+    Its ``pairing`` is empty: the weights of all pairings are relative to the one in which every
+    identified mode is spurious and every model mode missed.
     """
 
     @cached_property
@@ -50,7 +50,7 @@ class AnyPairing(ModalLikelihood):
         return (ALL_MODES,)
 
     def log_likelihoods(self, values: FloatArray, modes: Modes) -> FloatArray:
-        """As of one datum: a sum over pairings does not fall into parts, mode by mode."""
+        """One column: a sum over pairings has no parts that belong to single modes."""
         return self.log_density(values, modes)[:, None]
 
     def log_density(self, values: FloatArray, modes: Modes | None = None) -> FloatArray:

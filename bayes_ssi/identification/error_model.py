@@ -1,4 +1,4 @@
-"""Error model and identification model: how identified modes differ from those of a model."""
+"""Error model and identification model: how identified modes differ from model modes."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class ErrorModel:
         shape_sd: standard deviation of each component of the shape at unit length.
 
     Raises:
-        ValueError: one of them can be zero or negative.
-        TypeError: one of them is neither a number nor a Parameter.
+        ValueError: a value can be zero or negative.
+        TypeError: a value is neither a number nor a Parameter.
     """
 
     frequency_cov: Value = field(default_factory=_default_frequency_cov)
@@ -51,7 +51,7 @@ class ErrorModel:
 
 @dataclass(frozen=True)
 class IdentificationModel:
-    """How modes are found and missed in the band.
+    """Detection of model modes in the band, and spurious modes.
 
     Attributes:
         detection_probability: p_D, the probability that a model mode in the band is identified.

@@ -1,4 +1,4 @@
-"""Which identified mode is which model mode, with probabilities, after sampling."""
+"""Posterior probabilities of the pairings of identified modes with model modes."""
 
 from __future__ import annotations
 
@@ -19,9 +19,8 @@ from bayes_ssi.identification.pairings import (
 __all__ = ["InferredPairing", "PairingShare", "infer_pairing"]
 
 MAX_DRAWS = 1000
-# Pairings with a smaller probability are not listed.
-LEAST_PROBABILITY = 1e-4
-MAX_LISTED = 10
+# What is less probable than a tenth of one draw is not listed.
+LEAST_PROBABILITY = 0.1 / MAX_DRAWS
 
 
 @dataclass(frozen=True)
@@ -43,9 +42,9 @@ class InferredPairing:
     """Posterior probabilities of pairings of identified with model modes.
 
     Attributes:
-        pairings: the most probable ones, the best first.
+        pairings: the ten most probable ones at most, the best first.
         of_modes: label of an identified mode → number of a model mode, from 1, or 0 for spurious
-            → probability; what is below 0.0001 is left out.
+            → probability. Probabilities below 0.0001 are left out.
     """
 
     pairings: tuple[PairingShare, ...]
@@ -57,7 +56,7 @@ class InferredPairing:
         return self.pairings[0].pairing
 
     def probability(self, pairing: Mapping[str, int]) -> float:
-        """The probability of one pairing; 0 where it is not among those listed."""
+        """The probability of one pairing; 0 where it is not listed."""
         shares = (share for share in self.pairings if dict(share.pairing) == dict(pairing))
         return next((share.probability for share in shares), 0.0)
 
@@ -67,13 +66,14 @@ def infer_pairing(likelihood: AnyPairing, values: FloatArray) -> InferredPairing
 
     Args:
         likelihood: of the model class.
-        values: equally weighted posterior draws (n, n_parameters); at most ``MAX_DRAWS`` serve.
+        values: equally weighted posterior draws (n, n_parameters); at most ``MAX_DRAWS`` are
+            used.
     """
     labels = likelihood.data.labels
     if len(values) > MAX_DRAWS:
         values = values[np.linspace(0, len(values) - 1, MAX_DRAWS).astype(np.intp)]
     weights = likelihood.pairing_weights(values)
-    # Drawing tells which pairings there are; each one's probability is then exact at every draw.
+    # Random pairings show which ones matter; the probability of each is exact at every draw.
     drawn = np.unique(sample_pairings(weights, np.random.default_rng(0)), axis=0)
     total = log_sum(weights)
     shares = [
@@ -84,7 +84,7 @@ def infer_pairing(likelihood: AnyPairing, values: FloatArray) -> InferredPairing
         for pairing in drawn
     ]
     shares.sort(key=lambda share: -share.probability)
-    kept = [share for share in shares if share.probability >= LEAST_PROBABILITY][:MAX_LISTED]
+    kept = [share for share in shares if share.probability >= LEAST_PROBABILITY][:10]
     of_pairs = pair_probabilities(weights).mean(axis=0)
     with_spurious = np.column_stack([1.0 - of_pairs.sum(axis=1), of_pairs])
     return InferredPairing(

@@ -38,18 +38,18 @@ from bayes_ssi.structures.structure import Structure
 
 __all__ = ["MISSED", "ModalLikelihood", "ModalTerms", "row_sums"]
 
-# The datum that other modes were not identified.
+# The datum that no other modes were identified.
 MISSED = "no other mode"
 
 
 class ModalTerms(NamedTuple):
-    """The parts of the log-likelihood of a batch of B parameter values; they add up to it.
+    """The parts of the log-likelihood of a batch of B parameter values; their sum is the whole.
 
     Attributes:
         frequency: (B, n_pairs), of the paired frequencies, p_D included.
         shape: (B, n_shape_pairs), of those paired modes whose shape is scored.
-        undetected: (B,), of the model modes that are paired with nothing.
-        spurious: of the identified modes that are paired with nothing, and e^(-ν).
+        undetected: (B,), of the unpaired model modes.
+        spurious: of the unpaired identified modes, and e^(-ν).
     """
 
     frequency: FloatArray
@@ -75,10 +75,10 @@ class ModalLikelihood:
     """The log-likelihood of identified modes for one explicit pairing with model modes.
 
     Attributes:
-        structure: answers modes for a batch of parameter values.
+        structure: gives the modes for a batch of parameter values.
         data: the identified modes.
         error: prediction errors.
-        identification: how modes are found and missed.
+        identification: probabilities of detection and of spurious modes.
         pairing: label of an identified mode → number of the model mode, from 1.
 
     Raises:
@@ -101,20 +101,15 @@ class ModalLikelihood:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The structure's parameters, then those of the errors that the paired data call for."""
+        """The structure's parameters, then those of the errors that the paired data need."""
         of_errors = (p for product in self._error_products for p in product.parameters)
         return collect_parameters((*self.structure.parameters, *of_errors))
 
-    def log_likelihood(self, values: FloatArray) -> FloatArray:
-        """The log-likelihood (B,) at ``values`` (B, n_parameters); -inf where there are no modes.
+    def log_density(self, values: FloatArray) -> FloatArray:
+        """The log-likelihood (B,) at ``values`` (B, n_parameters); NaN where there are no modes.
 
         Columns are as in :attr:`parameters`.
         """
-        total = self.log_density(values)
-        return np.where(np.isnan(total), -np.inf, total)
-
-    def log_density(self, values: FloatArray) -> FloatArray:
-        """As :meth:`log_likelihood`, but NaN where there are no modes."""
         return self.terms(values).total()
 
     def terms(self, values: FloatArray, modes: Modes | None = None) -> ModalTerms:
@@ -145,29 +140,30 @@ class ModalLikelihood:
         return (*self.data.labels, MISSED)
 
     def log_likelihoods(self, values: FloatArray, modes: Modes) -> FloatArray:
-        """What each datum adds to the log-likelihood, (B, n_data); a row adds up to it.
+        """The log-likelihood of each datum, (B, n_data); the sum of a row is the whole.
 
-        A column an identified mode, paired or spurious; the last one is of what was not
-        identified: model modes that are paired with nothing, and no more spurious modes.
+        One column for each identified mode, paired or spurious; the last one for what was not
+        identified: unpaired model modes, and no further spurious modes.
 
         Args:
             values: (B, n_parameters).
             modes: at these values.
         """
         terms = self.terms(values, modes)
-        found = np.empty((len(values), len(self.data.modes) + 1))
+        log_likelihoods = np.empty((len(values), len(self.data.modes) + 1))
         pair = {label: i for i, label in enumerate(self.pairing)}
         scored = {pair_with_shape: k for k, pair_with_shape in enumerate(self.pairs.with_shape)}
         for column, mode in enumerate(self.data.modes):
             if mode.label not in pair:
-                found[:, column] = self._spurious_term(mode)
+                log_likelihoods[:, column] = self._spurious_term(mode)
                 continue
             i = pair[mode.label]
-            found[:, column] = terms.frequency[:, i]
+            log_likelihoods[:, column] = terms.frequency[:, i]
             if i in scored:
-                found[:, column] += terms.shape[:, scored[i]]
-        found[:, -1] = terms.undetected - self.identification.expected_spurious_modes
-        return found
+                log_likelihoods[:, column] += terms.shape[:, scored[i]]
+        spurious = self.identification.expected_spurious_modes
+        log_likelihoods[:, -1] = terms.undetected - spurious
+        return log_likelihoods
 
     def frequency_sds_hz(self, values: FloatArray) -> FloatArray:
         """Standard deviation of each identified frequency about the model's, (B, n_modes) in Hz."""
@@ -188,24 +184,24 @@ class ModalLikelihood:
         return self._sensor_matrix.apply(modes.shapes)
 
     def least_errors(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Standard errors (B,) of the frequency and of the shape of the surest paired mode.
+        """Smallest standard errors (B,) of a paired frequency and of a paired shape.
 
-        Identification and prediction errors together; infinite where no mode is paired, or no
-        shape scored.
+        Identification and prediction errors together; infinite where no mode is paired or no
+        shape is scored.
         """
         prediction_var = self._error_variances(values)
-        found = [
+        frequency, shape = (
             np.sqrt(prediction_var[:, column] + own.min())
             if len(own)
             else np.full(len(values), np.inf)
             for column, own in ((0, self.pairs.frequency_var), (-1, self.pairs.shape_var))
-        ]
-        return found[0], found[1]
+        )
+        return frequency, shape
 
     def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
-        """Whether each model mode lies on the edge of the band, (B, n_modes).
+        """Whether each model mode is unpaired and at the edge of the band, (B, n_modes).
 
-        That is, paired with nothing and within two standard errors of a limit other than zero.
+        At the edge is within two standard errors of a limit other than zero.
         ``frequencies`` (B, n_modes), in Hz, are those of the model at ``values``.
         """
         return self._near_a_limit(values, frequencies, self._unpaired_model_modes)
@@ -287,7 +283,7 @@ class ModalLikelihood:
 
     @cached_property
     def _typical_frequency_var(self) -> float:
-        """Identification error, squared, that a mode that was not identified would have had."""
+        """Squared identification error assumed for modes that were not identified."""
         return float(np.mean([(mode.frequency_cov or 0.0) ** 2 for mode in self.data.modes]))
 
 

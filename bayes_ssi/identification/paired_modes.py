@@ -1,4 +1,4 @@
-"""Identified modes with the model modes that they are paired with, and how far the two differ."""
+"""Identified modes, the model modes paired with them, and the residuals between the two."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class PairedModes:
         shapes = np.ascontiguousarray(shapes_at_sensors[:, :, self.model_modes[self.with_shape]])
         cosine = np.einsum("bsp,sp->bp", shapes, self.unit_shapes)
         length_sq = np.einsum("bsp,bsp,sp->bp", shapes, shapes, self.measured)
-        # A model shape that vanishes at every sensor (a node at each) points nowhere.
+        # A model shape that vanishes at every sensor has no direction.
         with np.errstate(divide="ignore", invalid="ignore"):
             aligned = np.where(length_sq == 0.0, 0.0, np.abs(cosine) / np.sqrt(length_sq))
         return 1.0 - aligned

@@ -1,16 +1,17 @@
-"""All pairings of identified modes with model modes: their sum, and how probable each one is.
+"""All pairings of identified modes with model modes: their sum and their probabilities.
 
 An identified mode is one model mode or spurious; a model mode is one identified mode or missed.
-Every way to say so is a pairing, and there are very many: 13 327 for 6 by 6 modes, 2·10⁸ for 10
-by 10. Their weights are products, so they are summed by dynamic programming: model mode after
-model mode, remembering only which identified modes are taken, which is exact.
+There are 13 327 such pairings of 6 by 6 modes, 2·10⁸ of 10 by 10. Their weights are products, so
+they are summed by dynamic programming: model mode after model mode, keeping track only of which
+identified modes are taken, which is exact.
 
-That memory doubles with every identified mode. Beyond ``WINDOW`` of them a model mode may only be
-one of the ``WINDOW`` nearest in frequency; :func:`left_out` bounds what is lost.
+The states to keep double with every identified mode. Beyond ``WINDOW`` of them a model mode may
+only be one of the ``WINDOW`` nearest in frequency; :func:`left_out` bounds what that neglects.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +22,11 @@ from bayes_ssi.arrays import FloatArray
 __all__ = ["PairingWeights", "left_out", "log_sum", "pair_probabilities", "sample_pairings"]
 
 WINDOW = 10
-# Pairs that weigh less than this share of leaving both unpaired are left out; what that changes
-# is below rounding.
-NEGLIGIBLE_LOG_WEIGHT = -36.0
-# Below this plain numbers lose digits.
-SMALLEST_LOG = -660.0
+_FLOAT = np.finfo(float)
+# Pairs of less weight relative to leaving both unpaired change the sum by less than rounding.
+NEGLIGIBLE_LOG_WEIGHT = math.log(_FLOAT.eps)
+# Below this the terms of a sum lose digits, as numbers near the smallest that a float holds.
+SMALLEST_LOG = math.log(_FLOAT.tiny / _FLOAT.eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +37,7 @@ class PairingWeights:
         log_ratios: (B, J, I), log of the density of identified mode j as model mode i over that
             of j being spurious and i missed.
         frequencies_hz: (J,), of the identified modes.
-        model_hz: (B, I), ascending; used only to tell what is near where there are more than
+        model_hz: (B, I), ascending; only for the nearest ones where there are more than
             ``WINDOW`` identified modes.
     """
 
@@ -71,7 +72,7 @@ def log_sum(weights: PairingWeights) -> FloatArray:
         total = np.log(
             _sum(np.exp(log_ratios - scales[:, :, None]), np.exp(-scales), starts, _LINEAR)
         )
-    # Several modes that all want the same one: too unlikely for plain numbers.
+    # Several identified modes near one model mode: too unlikely for plain numbers.
     lost = total < SMALLEST_LOG
     total = total + np.ascontiguousarray(scales).sum(axis=1)
     if lost.any():
@@ -96,21 +97,21 @@ def left_out(weights: PairingWeights) -> FloatArray:
 
 
 def pair_probabilities(weights: PairingWeights) -> FloatArray:
-    """Probability (B, J, I) that identified mode j is model mode i; what is missing, spurious."""
+    """Probability (B, J, I) that identified mode j is model mode i; or else spurious."""
     total = log_sum(weights)
-    found = np.zeros(weights.log_ratios.shape)
+    probabilities = np.zeros(weights.log_ratios.shape)
     for j, i in np.argwhere((weights.log_ratios > NEGLIGIBLE_LOG_WEIGHT).any(axis=0)):
         rest = log_sum(weights.without(j, i))
-        found[:, j, i] = np.exp(weights.log_ratios[:, j, i] + rest - total)
-    return found
+        probabilities[:, j, i] = np.exp(weights.log_ratios[:, j, i] + rest - total)
+    return probabilities
 
 
 def sample_pairings(weights: PairingWeights, rng: np.random.Generator) -> NDArray[np.intp]:
-    """One pairing a row, by its probability: (B, J), the model mode of each, -1 if spurious."""
+    """A random pairing for each row: the model mode (B, J) of each mode, -1 if spurious."""
     n_rows, n_data, n_model = weights.log_ratios.shape
     chosen = np.full((n_rows, n_data), -1, dtype=np.intp)
     left = weights
-    for j in range(n_data):  # the identified modes before j are settled and gone
+    for j in range(n_data):  # those before j are paired already
         log_shares = np.full((n_rows, n_model + 1), -np.inf)
         log_shares[:, n_model] = log_sum(left.without(0))
         for i in np.flatnonzero((left.log_ratios[:, 0] > NEGLIGIBLE_LOG_WEIGHT).any(axis=0)):
@@ -126,7 +127,7 @@ def sample_pairings(weights: PairingWeights, rng: np.random.Generator) -> NDArra
 
 @dataclass(frozen=True)
 class _Arithmetic:
-    """Numbers as they are, or as their logarithms."""
+    """Sums and products of numbers, or of numbers given by their logarithms."""
 
     add: np.ufunc
     multiply: np.ufunc
@@ -149,7 +150,7 @@ def _window_starts(frequencies_hz: FloatArray, model_hz: FloatArray) -> NDArray[
 
 
 def _outside(starts: NDArray[np.intp], n_data: int) -> NDArray[np.bool_]:
-    """Which pairs (B, J, I) of sorted identified modes and model modes the window leaves out."""
+    """The pairs (B, J, I) of sorted identified modes and model modes outside the windows."""
     j = np.arange(n_data)[None, :, None]
     return (j < starts[:, None, :]) | (j >= starts[:, None, :] + WINDOW)
 
@@ -190,12 +191,12 @@ def _sum(
             by.add(with_k, by.multiply(without_k, pair), out=with_k)
     for k in range(width):
         state = by.add(by.multiply(state[::2], alone[rows, start + k]), state[1::2])
-    found: FloatArray = state[0]
-    return found
+    total: FloatArray = state[0]
+    return total
 
 
 def _moved_on(state: FloatArray, alone: FloatArray, by: _Arithmetic) -> FloatArray:
-    """The state after its lowest identified mode left the window and a new one came in on top."""
+    """The state once the window leaves its lowest identified mode and takes in the next one."""
     moved = np.full(state.shape, by.zero)
     moved[: len(state) // 2] = by.add(by.multiply(state[::2], alone), state[1::2])
     return moved

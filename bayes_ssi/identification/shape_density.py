@@ -13,11 +13,9 @@ from bayes_ssi.arrays import FloatArray
 __all__ = ["log_shape_normaliser", "log_sphere_area"]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
-# The integral is taken this many standard deviations about the integrand's top.
-WIDTHS = 9.0
-# Of the series for small errors: its terms, and what is left out of it.
+# Terms of the series for small errors, which is used where the last one is negligible.
 TERMS = 12
-NEGLIGIBLE = 1e-17
+NEGLIGIBLE = np.finfo(float).eps / 16.0
 
 
 def log_sphere_area(d: int) -> float:
@@ -39,22 +37,21 @@ def log_shape_normaliser(shape_sd: FloatArray, d: int) -> FloatArray:
     coefficients, largest = _series(d)
     variance = sd * sd
     small = variance < largest
-    # log Z_d of two caps in a flat space, and how the sphere curves.
+    # log Z_d of two caps in a flat space, and a correction for the curvature of the sphere.
     curved = np.full(sd.shape, coefficients[-1])
     for coefficient in coefficients[-2::-1]:
         curved = curved * variance + coefficient
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = math.log(2.0) + 0.5 * (d - 1) * np.log(2.0 * math.pi * variance)
-        found = found + np.log1p(curved * variance)
+        log_caps = math.log(2.0) + 0.5 * (d - 1) * np.log(2.0 * math.pi * variance)
+        normaliser = np.array(log_caps + np.log1p(curved * variance))
     if not small.all():
-        found = np.array(found)
-        found[~small] = _by_quadrature(sd[~small], d)
-    return found
+        normaliser[~small] = _by_quadrature(sd[~small], d)
+    return normaliser
 
 
 @cache
 def _series(d: int) -> tuple[FloatArray, float]:
-    """Coefficients of Z_d / (2 (2πσ²)^((d-1)/2)) - 1 = c_1 σ² + c_2 σ⁴ + ..., and up to which σ².
+    """Coefficients of Z_d / (2 (2πσ²)^((d-1)/2)) - 1 = c_1 σ² + c_2 σ⁴ + ..., and the largest σ².
 
     One of the two caps alone is a von Mises-Fisher density, with κ = 1/σ² and a Bessel function
     e^(-κ) I_(d/2-1)(κ), of which this is the series for a large κ (Abramowitz and Stegun, 9.7.1).
@@ -75,13 +72,13 @@ def _series(d: int) -> tuple[FloatArray, float]:
 def _by_quadrature(shape_sd: FloatArray, d: int) -> FloatArray:
     """Gauss-Legendre, over the part of the interval in which the integrand is not negligible."""
     sd = shape_sd[..., None]
-    # The logarithm of the integrand is highest where sin² t = (d - 2) σ² cos t, and as wide
-    # there as its second derivative says.
+    # The logarithm of the integrand is highest where sin² t = (d - 2) σ² cos t, with the
+    # width that its second derivative there gives.
     a = (d - 2) * sd * sd
     cosine = 2.0 / (a + np.sqrt(a * a + 4.0))
     top = np.sqrt(np.maximum(a * cosine, 0.0))  # sin t
     curvature = cosine / sd**2 + ((d - 2) / top**2 if d > 2 else 0.0)
-    half = WIDTHS / np.sqrt(curvature)
+    half = 9.0 / np.sqrt(curvature)  # nine standard deviations: e^(-40) is left out
     begin = np.maximum(0.0, np.arcsin(np.minimum(top, 1.0)) - half)
     end = np.minimum(0.5 * math.pi, np.arcsin(np.minimum(top, 1.0)) + half)
     t = begin + 0.5 * (end - begin) * (_NODES + 1.0)

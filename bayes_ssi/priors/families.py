@@ -158,7 +158,7 @@ class TruncatedNormal(Prior):
 
     Raises:
         ValueError: a number is not usable, ``lower`` is not below ``upper``, or the bounds hold
-            no probability that a float can tell from zero.
+            no probability larger than the smallest float.
     """
 
     mean: float

@@ -141,7 +141,7 @@ def test_check_says_what_is_odd(run, csv_file):
     swapped = CSV.replace("1,0.618", "1,2.618").replace("0.8507,-0.5257", "0.8507,")
     result = run("check", csv_file(swapped))
     assert result.exit_code == 0
-    assert "(!) mode '2': a shape at one sensor says nothing" in result.stdout
+    assert "(!) mode '2': shape at one sensor only" in result.stdout
     assert "Nothing odd." not in result.stdout
 
 

@@ -1,4 +1,4 @@
-"""Identified modes: what they hold, what is refused, and what is worth a remark."""
+"""Identified modes: what they hold, what is refused, and what they warn of."""
 
 import math
 from dataclasses import FrozenInstanceError, replace
@@ -246,18 +246,18 @@ def test_a_shape_at_one_sensor_is_not_in_the_digest():
     ("modes", "remark"),
     [
         ([mode("x", 1.0)], "mode 'x': no shape; only its frequency is used"),
-        ([mode("x", 1.0, [NAN, 1.0, NAN])], "mode 'x': a shape at one sensor says nothing"),
+        ([mode("x", 1.0, [NAN, 1.0, NAN])], "mode 'x': shape at one sensor only"),
         ([mode("x", 1.0, [NAN, 1.0, 2.0])], "mode 'x': shape not measured at a"),
         ([mode("x", 1.0, [1.0, 1j, 0.5])], "mode 'x': phases scatter by 42 degrees"),
         ([mode("x", 1.0, [1, 1, 1], frequency_cov=1.5)], "mode 'x': frequency_cov is 1.5"),
         ([mode("x", 1.0, [1, 1, 1]), mode("y", 1.0, [1, 0, 0])], "'x' and 'y': the same freq"),
         (
             [mode("x", 2.6, [1, 1, 1]), mode("y", 3.0, [-1, -1, -0.8])],
-            "modes 'x' and 'y': 15 % apart with nearly one shape (MAC 0.99)",
+            "modes 'x' and 'y': 15 % apart with similar shapes (MAC 0.99)",
         ),
     ],
 )
-def test_oddities(modes, remark):
+def test_warnings(modes, remark):
     found = data(*modes).warnings()
     assert len(found) == 1
     assert remark in found[0]
@@ -278,7 +278,7 @@ def test_the_numerical_study_shows_a_split_mode(case_c):
         [mode("x", 1.0, [1.0 + 0.05j, 1.0, 1.0], frequency_cov=0.01)],
     ],
 )
-def test_ordinary_data_have_no_oddities(modes):
+def test_ordinary_data_have_no_warnings(modes):
     assert data(*modes).warnings() == []
 
 
