@@ -39,20 +39,13 @@ def of_a_tall_building(fake_sampling):
     return search(bs.ModelClass("tower", structure, data, bs.ErrorModel(0.01), pairing={}))
 
 
-def test_tables_are_at_most_80_columns_wide(of_a_tall_building):
-    for table in (search_table, averaged_table):
-        assert max(map(len, lines(table(of_a_tall_building)))) <= 80
-    assert max(map(len, search_notes(of_a_tall_building))) <= 80
-
-
-def test_tables_do_not_break_the_names_of_places(of_a_tall_building):
-    text = "\n".join(lines(search_table(of_a_tall_building)))
-    for words in ("pendulum 20", "infill 19-20"):
-        assert words in text
-
-
-def test_tables_do_not_cut_numbers_off(of_a_tall_building):
-    assert "…" not in "\n".join(lines(search_table(of_a_tall_building)))
+def test_tables_are_at_most_80_columns_wide_and_cut_nothing(of_a_tall_building):
+    shown = [*lines(search_table(of_a_tall_building)), *lines(averaged_table(of_a_tall_building))]
+    assert max(map(len, [*shown, *search_notes(of_a_tall_building)])) <= 80
+    text = "\n".join(shown)
+    assert "pendulum 20" in text
+    assert "infill 19-20" in text
+    assert "…" not in text
 
 
 def test_the_table_always_shows_no_appendage(of_a_tall_building):

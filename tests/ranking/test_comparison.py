@@ -112,13 +112,6 @@ def test_a_class_that_only_prior_weights_hold_down(make_posterior):
     assert found.classes[1].against == "prior weights only"
 
 
-def test_equal_weights_are_no_weights(make_posterior):
-    posteriors = [make_posterior("a", 0.0), make_posterior("b", 1.0)]
-    weighted, plain = bs.compare(posteriors, {"b": 2.0, "a": 2.0}), bs.compare(posteriors)
-    for a, b in zip(weighted.classes, plain.classes, strict=True):
-        assert (a.name, a.probability) == (b.name, pytest.approx(b.probability, rel=1e-12))
-
-
 def test_one_class_alone(make_posterior):
     (row,) = bs.compare([make_posterior("a", -5.0)]).classes
     assert (row.probability, row.against, row.probability_text) == (1.0, "best", "> 0.9999")
