@@ -72,9 +72,10 @@ def test_a_class_does_not_depend_on_only(run, tiny_study_file, tiny_ranking, tmp
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_where_results_go_by_default(run, tiny_study_file, tmp_path):
-    assert run("rank", tiny_study_file, "--only", "one k").exit_code == 0
-    assert load_result(tmp_path / "work" / "runs" / "results" / "tiny").comparison.best
+def test_where_results_go_by_default_and_the_wanted_error(run, tiny_study_file, tmp_path):
+    assert run("rank", tiny_study_file, "--only", "one k", "--error", "0.2").exit_code == 0
+    stored = load_result(tmp_path / "work" / "runs" / "results" / "tiny")
+    assert stored.record.settings.log_evidence_error == 0.2
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -98,13 +99,6 @@ def test_a_failed_check_ends_with_3_and_is_said(run, tiny_study_file, tmp_path, 
     assert "Failed checks" in result.stdout
     assert "one k: the ensembles differ" in result.stdout
     assert load_result(tmp_path / "r").comparison.failed_checks
-
-
-@pytest.mark.usefixtures("no_figures")
-def test_the_wanted_error_reaches_the_sampling(run, tiny_study_file, tmp_path):
-    arguments = ("rank", tiny_study_file, "--only", "one k", "--error", "0.2")
-    assert run(*arguments, "--out", tmp_path / "r").exit_code == 0
-    assert load_result(tmp_path / "r").record.settings.log_evidence_error == 0.2
 
 
 def test_calibrate(run, tiny_study_file):
@@ -299,14 +293,6 @@ def test_in_a_process_of_its_own(tiny_study_file, tmp_path):
     assert again.returncode == 2
     assert again.stderr.startswith("Error: ")
     assert again.stderr.count("\n") == 1
-
-
-def test_no_traceback_from_a_process(tmp_path):
-    (tmp_path / "bad.py").write_text("def f():\n    raise ValueError('x')\nf()\n")
-    done = in_a_process("rank", tmp_path / "bad.py")
-    assert done.returncode == 2
-    assert done.stderr == f"Error: {tmp_path / 'bad.py'}: line 2: ValueError: x\n"
-    assert done.stdout == ""
 
 
 def test_help_and_version(run):

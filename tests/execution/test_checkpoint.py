@@ -145,14 +145,6 @@ DIFFERENCES = {
         lambda k: (k, 7, replace(SETTINGS, log_evidence_error=0.1)),
         r"log_evidence_error 0\.01 there and 0\.1 here",
     ),
-    "particles": (
-        lambda k: (k, 7, replace(SETTINGS, particles=600)),
-        r"particles null there and 600 here",
-    ),
-    "searches and steps": (
-        lambda k: (k, 7, replace(SETTINGS, searches=5, max_steps=50)),
-        r"max_steps 5000 there and 50 here, searches 4 there and 5 here",
-    ),
     "data": (
         lambda k: (other_class(k, data=k.data.without_shapes()), 7, SETTINGS),
         r'definition "\w{16}" there and "\w{16}" here',
@@ -194,15 +186,6 @@ def test_other_versions_are_refused(checkpoint, one_k, monkeypatch):
     message = rf'numpy "{np.__version__}" there and "3\.0" here; finish that one, or begin'
     with pytest.raises(ValueError, match=message):
         checkpoint.journal(one_k, 7, SETTINGS)
-
-
-def test_rank_refuses_the_checkpoint_of_another_run(tiny_study, whole_journals, directory):
-    stop(directory, whole_journals, 0.7)
-    with pytest.raises(ValueError, match="seed 7 there and 8 here"):
-        bs.rank(tiny_study, seed=8, run=bs.Run(checkpoint=directory))
-    stopped = {p.name: p.read_bytes() for p in directory.iterdir()}
-    assert all(whole_journals[name].startswith(content) for name, content in stopped.items())
-    assert len(stopped) == 2
 
 
 def test_the_checkpoint_of_another_run_is_discarded_on_request(directory, one_k, said):
@@ -285,26 +268,6 @@ def test_names_need_not_be_file_names(one_k, checkpoint):
             assert journal.path.parent == checkpoint.directory
             paths.add(journal.path.name.lower())
     assert len(paths) == len(names)
-
-
-def test_names_are_those_of_the_journals_that_are_there(directory, checkpoint, tiny_study):
-    assert checkpoint.names() == []
-    for model_class in tiny_study.model_classes:
-        checkpoint.journal(model_class, 7, SETTINGS).close()
-    (directory / "notes.txt").touch()
-    (directory / "damaged.journal").write_bytes(b"\xff{}")
-    (directory / "new.journal").touch()
-    (directory / "other.journal").write_text('{"format": 1, "run": {}}\n')
-    assert sorted(checkpoint.names()) == ["each k", "one k"]
-
-
-def test_saving_is_marked_until_the_checkpoint_is_removed(directory, checkpoint, one_k):
-    checkpoint.journal(one_k, 7, SETTINGS).close()
-    assert not checkpoint.is_saving
-    checkpoint.begin_saving()
-    assert Checkpoint(directory).is_saving
-    checkpoint.remove(("one k",))
-    assert not checkpoint.is_saving
 
 
 def test_removing_leaves_the_journals_of_others(directory, checkpoint, tiny_study):
