@@ -182,9 +182,9 @@ def _too_close(low: IdentifiedMode, high: IdentifiedMode) -> str:
         return ""
     common = np.isfinite(low.scored_shape) & np.isfinite(high.scored_shape)
     criterion = mac(low.scored_shape[:, None], high.scored_shape[:, None])[0, 0]
-    if common.sum() < 2 or criterion <= 0.8:
-        return ""
-    return (
-        f"{names}: {100 * gap:.0f} % apart with similar shapes (MAC {criterion:.2f}), as when an "
-        "appendage in resonance splits a mode"
-    )
+    if common.sum() >= 2 and criterion > 0.8:  # NaN where both shapes vanish at common sensors
+        return (
+            f"{names}: {100 * gap:.0f} % apart with similar shapes (MAC {criterion:.2f}), as when "
+            "an appendage in resonance splits a mode"
+        )
+    return ""
