@@ -1,4 +1,4 @@
-"""The model's modes of each configuration after sampling, and which identified mode is which."""
+"""The model's modes of each configuration after sampling, and their pairing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["ConfigurationModes", "configuration_modes"]
 
 @dataclass(frozen=True)
 class ConfigurationModes:
-    """The model's modes in one configuration, and which identified mode is which of them.
+    """The model's modes in one configuration, and their pairing with the identified modes.
 
     Attributes:
         name: of the configuration; empty where there is but one and it has none.
@@ -40,7 +40,7 @@ class ConfigurationModes:
 def configuration_modes(
     model_class: ModelClass, values: FloatArray
 ) -> tuple[ConfigurationModes, ...]:
-    """Those of a class whose posterior has the draws ``values`` (n, n_parameters)."""
+    """The modes of a class whose posterior has the draws ``values`` (n, n_parameters)."""
     records = []
     # The prior medians go the same way as the draws, as their first row.
     at = np.concatenate([model_class.values(np.zeros((1, values.shape[1]))), values])

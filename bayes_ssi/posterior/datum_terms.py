@@ -81,16 +81,16 @@ def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
 
 def datum_terms(
     model_class: ModelClass,
-    found: AtDraws,
+    model: AtDraws,
     pairings: Sequence[Mapping[str, int]],
     shape: tuple[int, int],
     rng: np.random.Generator,
 ) -> DatumTerms:
-    """The terms of a class.
+    """The terms of a class, datum by datum.
 
     Args:
         model_class: the class.
-        found: the model at all draws, chain after chain.
+        model: the model at all draws, chain after chain.
         pairings: of each configuration.
         shape: (n_chains, n_steps).
         rng: draws the errors of predicted frequencies.
@@ -104,17 +104,17 @@ def datum_terms(
     ):
         data += [label_in(configuration.name, name) for name in likelihood.datum_names]
         for label in configuration.data.labels:
-            sds = found.frequency_sds_hz[:, len(identified)]
+            sds = model.frequency_sds_hz[:, len(identified)]
             identified.append(label_in(configuration.name, label))
             if label in pairing:
-                model = found.frequencies_hz[:, first + pairing[label] - 1]
-                predicted.append(model + sds * rng.standard_normal(len(sds)))
+                frequencies = model.frequencies_hz[:, first + pairing[label] - 1]
+                predicted.append(frequencies + sds * rng.standard_normal(len(sds)))
             else:
                 predicted.append(rng.uniform(*configuration.data.band_hz, len(sds)))
         first += configuration.structure.n_modes
     return DatumTerms(
         tuple(data),
-        found.log_likelihoods.reshape(*shape, -1),
+        model.log_likelihoods.reshape(*shape, -1),
         tuple(identified),
         np.stack(predicted, axis=-1).reshape(*shape, -1),
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Sequence
 from functools import partial
 from time import perf_counter
@@ -20,9 +19,10 @@ from bayes_ssi.posterior.configuration_modes import configuration_modes
 from bayes_ssi.posterior.datum_terms import AtDraws, at_draws, datum_terms
 from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.sampling.engine import sample_target
+from bayes_ssi.sampling.resampling import systematic_indices
 from bayes_ssi.sampling.result import SamplingResult
 from bayes_ssi.sampling.settings import SamplingSettings
-from bayes_ssi.sampling.target import Target
+from bayes_ssi.sampling.target import Target, log_standard_normal
 
 __all__ = ["sample_as_it_is"]
 
@@ -58,12 +58,12 @@ def sample_as_it_is(
         except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
             raise
         except ValueError as error:
-            told = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
-            raise ValueError(f"model class {model_class.name!r}: {error}{told}") from error
+            failures = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
+            raise ValueError(f"model class {model_class.name!r}: {error}{failures}") from error
         rng = np.random.default_rng(seed)
         z, log_likelihoods = _corrected_draws(sampled, rng)
         values = model_class.values(z.reshape(-1, n))
-        found = _at_draws(model_class, values, run.workers)
+        at_values = _at_draws(model_class, values, run.workers)
     configurations = configuration_modes(model_class, values)
     values = values.reshape(z.shape)
     return Posterior(
@@ -71,7 +71,7 @@ def sample_as_it_is(
         parameter_names=model_class.parameter_names,
         draws=values,
         log_likelihoods=log_likelihoods,
-        frequencies_hz=found.frequencies_hz.reshape(*z.shape[:2], -1),
+        frequencies_hz=at_values.frequencies_hz.reshape(*z.shape[:2], -1),
         effective_sample_sizes=sampled.effective_sample_sizes,
         evidence=_evidence(sampled),
         regions=_regions(sampled, z, values),
@@ -84,13 +84,13 @@ def sample_as_it_is(
         seconds=perf_counter() - started,
         failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
         failed_edge_checks=tuple(
-            failed_edge_checks(model_class, z.reshape(-1, n), found.frequencies_hz)
+            failed_edge_checks(model_class, z.reshape(-1, n), at_values.frequencies_hz)
         ),
         data_digest=model_class.data_digest,
         configurations=configurations,
         relative_spreads=z.reshape(-1, n).std(axis=0),
         datum_terms=datum_terms(
-            model_class, found, [each.pairing for each in configurations], z.shape[:2], rng
+            model_class, at_values, [each.pairing for each in configurations], z.shape[:2], rng
         ),
     )
 
@@ -100,16 +100,16 @@ def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None)
     # A draw is the one before it wherever a proposal was not accepted.
     different, which = np.unique(values, axis=0, return_inverse=True)
     if pool is None:
-        found = at_draws(model_class, different)
+        model = at_draws(model_class, different)
     else:
         parts = np.array_split(different, min(pool.n_parts, len(different)))
         done = pool.call_each(partial(at_draws, model_class), parts)
-        found = AtDraws(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
-    return AtDraws(*(array[which.ravel()] for array in found))
+        model = AtDraws(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
+    return AtDraws(*(array[which.ravel()] for array in model))
 
 
 def _failures(model_class: ModelClass, target: Target) -> list[str]:
-    """One sentence on where and why the model has no answer, unless that is hardly ever."""
+    """One sentence on where and why the model has no answer, unless it hardly ever happens."""
     first = target.first_failure
     if first is None or target.n_failed <= NEGLIGIBLE_FAILURES * target.n_evaluations:
         return []
@@ -123,7 +123,7 @@ def _failures(model_class: ModelClass, target: Target) -> list[str]:
 
 
 def _seed_of(name: str, seed: int) -> np.random.SeedSequence:
-    """A seed of its own for every model class, whatever others are sampled beside it."""
+    """The seed of one model class, whatever others are sampled."""
     digest = hashlib.sha256(name.encode()).digest()
     return np.random.SeedSequence([seed, int.from_bytes(digest[:8], "little")])
 
@@ -157,12 +157,10 @@ def _corrected_draws(
         label = sampled.regions.assign(flat)
         counts = np.bincount(label, minlength=sampled.regions.n_regions)
         weights = (sampled.region_shares / np.maximum(counts, 1))[label]
-        ladder = (np.arange(len(flat)) + rng.random()) / len(flat)
-        cumulative = np.cumsum(weights)
-        chosen = rng.permutation(np.searchsorted(cumulative / cumulative[-1], ladder))
+        chosen = rng.permutation(systematic_indices(weights, len(flat), rng))
         z = flat[chosen].reshape(z.shape)
         densities = densities.reshape(-1)[chosen].reshape(densities.shape)
-    prior = -0.5 * (np.einsum("csd,csd->cs", z, z) + z.shape[-1] * math.log(2.0 * math.pi))
+    prior = log_standard_normal(z.reshape(-1, z.shape[-1])).reshape(densities.shape)
     return z, densities - prior
 
 

@@ -16,12 +16,13 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.paired_modes import PairedModes
 from bayes_ssi.model_class.configuration import Configuration
+from bayes_ssi.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.structures.structure import Structure
 
 __all__ = ["LEVEL", "UpdatedMode", "UpdatedModes", "updated_modes"]
 
 LEVEL = 0.95
-# So many draws give the quantiles that a drawing shows, at a small part of the sampling's cost.
+# Enough draws for the quantiles that a plot shows, at a small part of the sampling's cost.
 MOST_DRAWS = 200
 # The shapes of a structure with more degrees of freedom are kept at its sensors only.
 MOST_PLACES = 100
@@ -78,7 +79,7 @@ class UpdatedModes:
     modes: tuple[UpdatedMode, ...]
 
     def heights(self) -> dict[str, float]:
-        """Place → height, as a structure tells it."""
+        """Place → height, as of a structure."""
         return dict(zip(self.places, self.place_heights, strict=True))
 
 
@@ -102,15 +103,14 @@ def updated_modes(
     structure, data = configuration.structure, configuration.data
     labels = [label for label in data.labels if label in pairing]
     pairs = PairedModes.of(data, [(label, pairing[label]) for label in labels])
-    chosen = np.linspace(0, len(values) - 1, min(MOST_DRAWS, len(values))).astype(np.intp)
-    at = np.concatenate([medians, values[chosen]])
+    at = np.concatenate([medians, values[evenly_spaced_indices(len(values), MOST_DRAWS)]])
     modes = likelihood.modes(at)
     seen = likelihood.shapes_at_sensors(modes)
     scored = (1.0 - pairs.shape_distances(seen)) ** 2
     macs = dict(zip(pairs.with_shape.tolist(), scored.T, strict=True))
     rows = _drawn_rows(structure, data.sensors)
     main = [row for row in rows if structure.degrees_of_freedom[row] not in structure.appendages]
-    found = []
+    records = []
     for i, label in enumerate(labels):
         number = pairing[label]
         drawn, of_main = (modes.shapes[:, which, number - 1] for which in (rows, main))
@@ -118,7 +118,7 @@ def updated_modes(
         shapes = _scaled(drawn * signs[:, None], of_main)
         frequencies, own = modes.frequencies_hz[:, number - 1], macs.get(i)
         low, median, high = (tuple(part.tolist()) for part in _interval(shapes[1:]))
-        found.append(
+        records.append(
             UpdatedMode(
                 label=label,
                 model_mode=number,
@@ -137,7 +137,7 @@ def updated_modes(
         tuple(float(heights[place]) for place in places),
         tuple(place for place in places if place in structure.appendages),
         type(structure).heights is not Structure.heights,
-        tuple(found),
+        tuple(records),
     )
 
 

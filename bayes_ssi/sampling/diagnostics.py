@@ -91,7 +91,7 @@ def pareto_shape(weights: FloatArray) -> float:
     n_trials = 30 + int(math.sqrt(n_tail))
     quartile = excess[int(n_tail / 4 + 0.5) - 1]
     if not quartile > 1e-290 * excess[-1]:
-        return math.inf  # so few weights count that their tail cannot be told
+        return math.inf  # too few weights matter for their tail to have a shape
     trials = 1.0 - np.sqrt(n_trials / (np.arange(1, n_trials + 1) - 0.5))
     trials = 1.0 / excess[-1] + trials / (3.0 * quartile)
     shapes = np.log1p(-trials[:, None] * excess).mean(axis=1)

@@ -28,8 +28,6 @@ HEAVY_TAILS, LIGHT_TAILS = 5.0, 30.0
 # Weight of what is added to a mixture lest it miss a part of the posterior. The weights of the
 # other draws rise by a ninth at most.
 DEFENSIVE_SHARE = 0.1
-# Numbers of components that are tried in turn.
-COMPONENTS = (1, 2, 3, 4, 6, 8, 12, 16)
 # More components must raise the mean log density of held-out draws by this much, in nats.
 LEAST_GAIN = 0.01
 # A component needs this many draws a dimension for its covariance to mean something.
@@ -238,7 +236,7 @@ def choose_mixture(
     best = fit_mixture(draws, best_count, LIGHT_TAILS, rng)
     best_score = float(best.log_pdf(held_out).mean())
     in_vain = 0
-    for count in COMPONENTS[1:]:
+    for count in (2, 3, 4, 6, 8, 12, 16):
         if in_vain == 2 or count * d * DRAWS_PER_DIMENSION > n:
             break
         candidate = fit_mixture(draws, count, LIGHT_TAILS, rng)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.neighbours import NEIGHBOURS, nearest_neighbours
+from bayes_ssi.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.sampling.target import Target
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ def find_regions(
         max_draws: of the draws at most this many are used, evenly spread.
     """
     if len(draws) > max_draws:
-        chosen = np.linspace(0, len(draws) - 1, max_draws).astype(np.intp)
+        chosen = evenly_spaced_indices(len(draws), max_draws)
         draws, log_posteriors = draws[chosen], log_posteriors[chosen]
     paths = _Paths(target, draws, log_posteriors)
     whitened = draws @ _local_whitening(draws)

@@ -1,4 +1,4 @@
-"""Systematic resampling: one uniform draw serves all, which adds the least variance."""
+"""Choosing some of many draws: by their weights, or evenly."""
 
 from __future__ import annotations
 
@@ -7,11 +7,19 @@ from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["systematic_indices"]
+__all__ = ["evenly_spaced_indices", "systematic_indices"]
 
 
 def systematic_indices(weights: FloatArray, n: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """``n`` sorted indices of ``weights``: how often each occurs is within one of its mean."""
+    """``n`` sorted indices of ``weights``: how often each occurs is within one of its mean.
+
+    One uniform draw serves all of them (systematic resampling), which adds the least variance.
+    """
     cumulative = np.cumsum(weights)
     points = (np.arange(n) + rng.random()) / max(n, 1)
     return np.searchsorted(cumulative[:-1], points * cumulative[-1], side="right")
+
+
+def evenly_spaced_indices(n: int, most: int) -> NDArray[np.intp]:
+    """At most ``most`` of the indices of ``n`` draws, the first and the last among them."""
+    return np.linspace(0, n - 1, min(n, most)).astype(np.intp)

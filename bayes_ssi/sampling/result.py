@@ -27,7 +27,7 @@ class SamplingResult:
     Attributes:
         search: independent searches for maxima.
         starts: the tempered starts; none on the economical path.
-        maxima: of the posterior, all that were found.
+        maxima: all known maxima of the posterior.
         ensembles: of posterior draws.
         resampled: posterior draws made of the importance draws instead, where ensembles mix too
             slowly and these draws are many; else empty.
@@ -79,8 +79,8 @@ class SamplingResult:
         """How many of the independent searches found a maximum in each region, (n_regions,)."""
         label = self.regions.assign(self.search.maxima.z)
         inside = label == np.arange(self.regions.n_regions)[:, None]
-        found: NDArray[np.intp] = (self.search.found_by @ inside.T).sum(axis=0)
-        return found
+        counts: NDArray[np.intp] = (self.search.found_by @ inside.T).sum(axis=0)
+        return counts
 
     @property
     def region_errors(self) -> FloatArray:

@@ -107,7 +107,7 @@ def spoil_size(s):
         (spoil_tempered, r"importance sampling and tempered starts disagree on the log evidence"),
         (spoil_weights, r"^one importance draw carries 3 % of the evidence"),
         (spoil_tail, r"^a few importance draws may carry .* Pareto k is 0\.[89]\d, above 0\.7$"),
-        (spoil_size, r"^the draws are worth only 204 independent ones, fewer than 400$"),
+        (spoil_size, r"^effective sample size 204, at least 400 needed$"),
     ],
 )
 def test_each_check_fires_alone(sampled, spoil, message):
