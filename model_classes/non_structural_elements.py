@@ -10,7 +10,7 @@ C3  infills out of their plane, in series with it (S-NSE)
 and Cases (a) to (f) carry one or three of them. ``correct`` holds every case with its elements
 as they are; ``incorrect`` with their masses only, on the floors; runs/figure_3.py, figure_4.py
 and figure_5.py draw what the elements change. The study asks of Case (e), three pendulums about
-the first mode, whether its modes, measured at the floors alone, tell the two forms apart.
+the first mode, whether its modes, measured at the floors alone, distinguish the two forms.
 """
 
 import math
@@ -71,7 +71,7 @@ for pendulum in elements["e"]:
     vibrating = vibrating.with_element(pendulum)
     rigid = rigid.with_element(pendulum.as_mass())
 
-# Without noise, as if a test had found every mode.
+# Without noise, as if a test had identified every mode.
 frequencies_hz, shapes = correct["e"].modes(np.empty((1, 0)))
 modes = bs.ModalData(
     tuple(
@@ -104,5 +104,5 @@ study = bs.Study(
             description="the pendulums' masses on the floors; which mode is the first is inferred",
         ),
     ],
-    description="Do the modes of Case (e) tell that the pendulums vibrate?",
+    description="Do the modes of Case (e) show that the pendulums vibrate?",
 )

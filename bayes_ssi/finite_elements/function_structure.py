@@ -1,4 +1,4 @@
-"""A structure that a function computes: any program, script or formula behind the same question."""
+"""A structure computed by a function: any program, script or formula."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.matrix_files import checked_array, checked_matrix
@@ -31,7 +32,7 @@ __all__ = ["FunctionStructure"]
 
 
 class FunctionStructure(PointwiseStructure):
-    """A structure whose modes, or matrices, are what a function of the parameters returns.
+    """A structure whose modes or matrices are returned by a function of the parameters.
 
     The function is called once for each set of values, in whichever process evaluates them
     (``--workers N``). It returns either
@@ -79,21 +80,22 @@ class FunctionStructure(PointwiseStructure):
         if not isinstance(n_modes, Integral) or isinstance(n_modes, bool) or n_modes < 1:
             raise ValueError(f"{where}: n_modes must be a positive whole number, got {n_modes!r}")
         self._n_modes: int = int(n_modes)
-        self._sensors: dict[str, int | str] | tuple[int | str, ...] = (
-            dict(sensors) if isinstance(sensors, Mapping) else tuple(sensors)
-        )
         try:
             inspect.signature(function).bind(**dict.fromkeys(arguments, 1.0))
         except TypeError as error:
             raise ValueError(f"{where}: {error}; arguments are {list(arguments)}") from None
         except ValueError:  # a function of C, perhaps, without a signature
             pass
+        self._numbered = isinstance(sensors, Mapping)
         try:
-            if isinstance(self._sensors, dict):
-                numbers = [place for place in self._sensors.values() if isinstance(place, Integral)]
-                sensor_rows(int(max(numbers, default=0)) + 1, None, self._sensors)
+            if isinstance(sensors, Mapping):
+                numbers = [n for n in sensors.values() if isinstance(n, Integral)]
+                self._names, self._rows = sensor_rows(
+                    int(max(numbers, default=0)) + 1, None, sensors
+                )
             else:
-                sensor_rows(len(self._sensors), tuple(map(str, self._sensors)), None)
+                labels = tuple(map(str, sensors))
+                self._names, self._rows = sensor_rows(len(labels), labels, None)
         except (TypeError, ValueError) as error:
             raise type(error)(f"{where}: {error}") from None
 
@@ -103,7 +105,7 @@ class FunctionStructure(PointwiseStructure):
 
     @property
     def degrees_of_freedom(self) -> tuple[str, ...]:
-        return tuple(str(sensor) for sensor in self._sensors)
+        return self._names
 
     @property
     def n_modes(self) -> int:
@@ -123,7 +125,7 @@ class FunctionStructure(PointwiseStructure):
             "modes": f"the lowest {self._n_modes}",
         }
 
-    def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - no answer here
+    def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - raises
         raise TypeError(
             f"FunctionStructure {_name(self.function)}: its masses are not known, so its response "
             "cannot be computed; use a MatrixStructure with influence="
@@ -151,21 +153,18 @@ class FunctionStructure(PointwiseStructure):
         k, m = checked(stiffness, f"{name}: K"), checked(mass, f"{name}: M", n)
         if n < n_modes:
             raise ValueError(f"{name}: K has {n} rows, fewer than {n_modes} modes")
-        if isinstance(self._sensors, dict):
-            _, rows = sensor_rows(n, None, self._sensors)
-        elif len(self._sensors) in (0, n):
-            rows = np.arange(len(self._sensors))
-        else:
+        rows = self._rows
+        if (rows >= n).any() or not (self._numbered or len(rows) in (0, n)):
             raise ValueError(
                 f"{name}: K has {n} rows; sensors must be a mapping of names to numbers of degrees "
-                "of freedom"
+                f"of freedom, from 0 to {n - 1}"
             )
         if dense:
             modes = lowest_eigenpairs(k, m, n_modes)
             return Eigenpairs(modes.eigenvalues, modes.vectors[rows])
         if not is_semidefinite(m):
             raise NoModesError(f"{name}: M is not positive semi-definite")
-        # The pattern may be another at every call, and so is the order.
+        # The pattern, and so the order, may change from call to call.
         order = fill_reducing_order(k)
         modes = lowest_modes(
             sp.csc_array(k[order][:, order]), sp.csc_array(m[order][:, order]), n_modes
@@ -180,7 +179,7 @@ class FunctionStructure(PointwiseStructure):
             raise ValueError(
                 f"{name} must return at least {self.n_modes} frequencies, got shape {f.shape}"
             )
-        n_sensors = len(self._sensors)
+        n_sensors = len(self._names)
         if shapes is None and not n_sensors:
             shapes = np.empty((0, len(f)))
         phi = np.asarray(shapes)
@@ -208,8 +207,17 @@ class FunctionStructure(PointwiseStructure):
         )
         return (
             f"FunctionStructure({_name(self.function)} <{_digest(self.function)}>, {arguments}, "
-            f"sensors={self._sensors}, n_modes={self._n_modes})"
+            f"sensors={dict(zip(self._names, self._rows.tolist(), strict=True))}, "
+            f"n_modes={self._n_modes})"
         )
+
+
+def _names_and_rows(sensors: Sensors) -> tuple[tuple[str, ...], NDArray[np.intp]]:
+    """Of a model whose number of degrees of freedom is not known yet."""
+    if isinstance(sensors, Mapping):
+        numbers = [int(number) for number in sensors.values() if isinstance(number, Integral)]
+        return sensor_rows(max(numbers, default=0) + 1, None, sensors)
+    return sensor_rows(len(sensors), tuple(map(str, sensors)), None)
 
 
 def _name(function: Callable[..., Any]) -> str:

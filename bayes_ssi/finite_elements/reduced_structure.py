@@ -25,15 +25,9 @@ from bayes_ssi.structures.affine_array import AffineArray
 
 __all__ = ["ReducedStructure"]
 
-# Points of the prior among which full solutions are placed: a power of two, for Sobol's sequence.
-TRAINING_POINTS = 512
-# Rows that are assembled at a time, so that their matrices stay in the processor's cache.
-ROWS_AT_A_TIME = 64
-# Directions that add less than this share of the required accuracy to a mode are left out.
+# Directions that add less than this share of the required accuracy to a mode are left out, some of
+# which together remain below it.
 NEGLIGIBLE = 0.15
-# Bounds from a smaller basis are pessimistic: a point whose present bound is this share of the
-# largest of them is solved next, without computing the others again.
-NEARLY_WORST = 0.7
 
 
 class ReducedStructure(ApproximateStructure):
@@ -56,6 +50,7 @@ class ReducedStructure(ApproximateStructure):
         frequency_error: float = 1e-3,
         shape_error: float = 0.1,
         most_full_solutions: int = 150,
+        training_points: int = 512,
     ) -> None:
         """Set the accuracy; nothing is computed yet.
 
@@ -64,6 +59,8 @@ class ReducedStructure(ApproximateStructure):
             frequency_error: largest relative error of frequencies over the prior.
             shape_error: largest error of shapes, at the sensors and at unit length there.
             most_full_solutions: the limit, at which a larger error is accepted and reported.
+            training_points: of the prior, among which full solutions are placed; best a power of
+                two, since they are Sobol's.
 
         Raises:
             ValueError: one of them is not positive.
@@ -75,12 +72,13 @@ class ReducedStructure(ApproximateStructure):
             ("frequency_error", frequency_error),
             ("shape_error", shape_error),
             ("most_full_solutions", most_full_solutions),
+            ("training_points", training_points),
         ):
             if not (math.isfinite(value) and value > 0):
                 raise ValueError(f"ReducedStructure: {name} must be positive, got {value!r}")
         self.full = full
         self.frequency_error, self.shape_error = frequency_error, shape_error
-        self.most_full_solutions = most_full_solutions
+        self.most_full_solutions, self.training_points = most_full_solutions, training_points
         self.n_full_solutions = 0
         self._basis: ReducedBasis | None = None
 
@@ -183,14 +181,15 @@ class ReducedStructure(ApproximateStructure):
         negligible = NEGLIGIBLE * min(math.sqrt(frequency_error), shape_error)
         of_points = self._coefficients(points)
         basis = self._basis or ReducedBasis.empty(self._reference)
-        # In units of what is required, at most: errors shrink as the basis grows.
+        # In units of what is required, at most: errors shrink as the basis grows, so only that of
+        # the worst point is computed again, until it stays the worst.
         errors = np.full(len(points), np.inf)
         while self.n_full_solutions < self.most_full_solutions:
             worst = int(errors.argmax())
             while basis.size and errors[worst] > 1.0:
                 bounds = basis.bounds(of_points[worst], self.n_modes, self._reference)
                 errors[worst] = _excess(bounds, frequency_error, shape_error).max()
-                if errors[worst] >= NEARLY_WORST * errors.max():
+                if errors[worst] >= errors.max():
                     break
                 worst = int(errors.argmax())
             if errors[worst] <= 1.0:
@@ -211,8 +210,9 @@ class ReducedStructure(ApproximateStructure):
         """Modes of the small problem: shapes are y (B, N, n_modes); NaN in rows without modes."""
         n, size = self.n_modes, self.basis.size
         frequencies_hz, y = np.empty((len(values), n)), np.empty((len(values), size, n))
-        for start in range(0, len(values), ROWS_AT_A_TIME):
-            rows = slice(start, start + ROWS_AT_A_TIME)
+        step = 64  # rows, whose matrices stay in the processor's cache
+        for start in range(0, len(values), step):
+            rows = slice(start, start + step)
             k, m = (each.evaluate(values[rows]) for each in self._in_basis)
             frequencies_hz[rows], y[rows] = solve_modes(k, m, n)
         if len(values) == 1 and np.isnan(frequencies_hz).any():
@@ -243,14 +243,14 @@ class ReducedStructure(ApproximateStructure):
         return [Coefficients(k, m) for k, m in zip(of_stiffness, of_mass, strict=True)]
 
     def _prior_points(self) -> FloatArray:
-        """Points (TRAINING_POINTS, n_parameters) that fill the prior evenly."""
+        """Points (training_points, n_parameters) that fill the prior evenly."""
         from scipy.special import ndtri
         from scipy.stats import qmc
 
         d = len(self.parameters)
         if not d:
             return np.empty((0, 0))
-        uniform = qmc.Sobol(d, rng=np.random.default_rng(0)).random(TRAINING_POINTS)
+        uniform = qmc.Sobol(d, rng=np.random.default_rng(0)).random(self.training_points)
         z = ndtri(np.clip(uniform, 1e-4, 1.0 - 1e-4))
         return np.column_stack(
             [p.prior.from_normal(z[:, i]) for i, p in enumerate(self.parameters)]
@@ -264,7 +264,8 @@ class ReducedStructure(ApproximateStructure):
     def __repr__(self) -> str:
         return (
             f"ReducedStructure({self.full!r}, frequency_error={self.frequency_error}, "
-            f"shape_error={self.shape_error}, most_full_solutions={self.most_full_solutions})"
+            f"shape_error={self.shape_error}, most_full_solutions={self.most_full_solutions}, "
+            f"training_points={self.training_points})"
         )
 
 

@@ -13,8 +13,6 @@ __all__ = ["Sensors", "sensor_rows"]
 
 # A larger model must name its sensors: every mode shape is kept at all of them.
 MOST_WITHOUT_SENSORS = 1000
-# Labels that a message lists.
-LABELS_SHOWN = 20
 
 Sensors = Mapping[str, "int | str"] | Sequence["int | str"]
 
@@ -66,10 +64,10 @@ def _row(name: str, place: object, n: int, row_of: Mapping[str, int]) -> int:
     if isinstance(place, str):
         if place in row_of:
             return row_of[place]
-        known = ", ".join(map(repr, list(row_of)[:LABELS_SHOWN])) or "none: no labels were given"
-        more = ", ..." if len(row_of) > LABELS_SHOWN else ""
+        known = ", ".join(map(repr, row_of)) or "none: no labels were given"
         raise ValueError(
-            f"sensor {name!r}: no degree of freedom is labelled {place!r}; labels are {known}{more}"
+            f"sensor {name!r}: no degree of freedom is labelled {place!r}; labels are "
+            f"{known if len(known) < 300 else known[:300] + ', ...'}"
         )
     if isinstance(place, Integral) and not isinstance(place, bool):
         if 0 <= int(place) < n:

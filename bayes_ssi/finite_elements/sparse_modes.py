@@ -35,8 +35,6 @@ __all__ = ["DENSE_UP_TO", "lowest_modes"]
 
 # Smaller problems are solved faster as dense ones.
 DENSE_UP_TO = 150
-# Lanczos iterations start from another vector, and look for more modes, every time.
-ATTEMPTS = 4
 
 
 def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) -> Eigenpairs:
@@ -75,7 +73,7 @@ def _counted(
     """Modes by Lanczos iterations, counted."""
     n = stiffness.shape[0]
     problem = "there is no gap between eigenvalues"
-    for attempt in range(ATTEMPTS):
+    for attempt in range(4):  # each from another vector, for more modes
         wanted = min(at_most + 2 + 6 * attempt, n - 2)
         try:
             modes = _lanczos(stiffness, mass, factor, wanted, attempt)
@@ -94,7 +92,7 @@ def _counted(
             return Eigenpairs(modes.eigenvalues[:last], modes.vectors[:, :last])
         problem = f"Lanczos iterations found {last} modes where Sylvester's law counts {count}"
     # Iterations end early where M has hardly more modes than are asked for.
-    normal = np.random.default_rng(ATTEMPTS).standard_normal((n, 2 * (at_most + 10)))
+    normal = np.random.default_rng(n).standard_normal((n, 2 * (at_most + 10)))
     loads = mass @ normal
     if _rank(loads.T @ factor.solve(loads)) < loads.shape[1]:
         return _modes_under(loads, mass, factor, n_modes, at_most)

@@ -105,7 +105,7 @@ def measured(size):
     better.log_likelihood(values)
     evaluation = (process_time() - begun) / BATCH
     basis = better.structure.basis.size
-    spent = sum(int(found) for found in re.findall(r"(\d+) full solutions", str(posterior.remarks)))
+    spent = sum(int(count) for count in re.findall(r"(\d+) full solutions", str(posterior.remarks)))
     print(f"{full.size} degrees of freedom: a full solution {direct:.3g} s; basis of {basis} from "
           f"{reduced.n_full_solutions} full solutions in {training:.3g} s; an evaluation "
           f"{1e3 * evaluation:.2f} ms; {posterior.n_evaluations} evaluations in {sampling:.0f} s, "
