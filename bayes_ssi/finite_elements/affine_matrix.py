@@ -56,6 +56,8 @@ class AffineMatrix:
             matrix = sp.csc_array(product.scale * matrix)
             if product.powers in merged:
                 matrix = sp.csc_array(merged[product.powers] + matrix)
+            matrix.eliminate_zeros()
+            matrix.sort_indices()
             merged[product.powers] = matrix
         products = tuple(Product(1.0, powers) for powers in merged)
         return cls(products, tuple(merged.values()))

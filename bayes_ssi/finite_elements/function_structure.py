@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.finite_elements.matrix_files import checked_array, checked_matrix
+from bayes_ssi.finite_elements.matrix_files import checked_matrix
 from bayes_ssi.finite_elements.pointwise_structure import PointwiseStructure
 from bayes_ssi.finite_elements.sensor_rows import Sensors, sensor_rows
 from bayes_ssi.finite_elements.sparse_factors import fill_reducing_order, is_semidefinite
@@ -86,16 +86,11 @@ class FunctionStructure(PointwiseStructure):
             raise ValueError(f"{where}: {error}; arguments are {list(arguments)}") from None
         except ValueError:  # a function of C, perhaps, without a signature
             pass
-        self._numbered = isinstance(sensors, Mapping)
+        self._numbered: bool = isinstance(sensors, Mapping)
+        self._names: tuple[str, ...]
+        self._rows: NDArray[np.intp]
         try:
-            if isinstance(sensors, Mapping):
-                numbers = [n for n in sensors.values() if isinstance(n, Integral)]
-                self._names, self._rows = sensor_rows(
-                    int(max(numbers, default=0)) + 1, None, sensors
-                )
-            else:
-                labels = tuple(map(str, sensors))
-                self._names, self._rows = sensor_rows(len(labels), labels, None)
+            self._names, self._rows = _names_and_rows(sensors)
         except (TypeError, ValueError) as error:
             raise type(error)(f"{where}: {error}") from None
 
@@ -148,9 +143,7 @@ class FunctionStructure(PointwiseStructure):
         """The modes at the sensors."""
         name, n_modes = _name(self.function), self.n_modes
         n = np.shape(stiffness)[0]
-        dense = n <= DENSE_UP_TO
-        checked: Any = checked_array if dense else checked_matrix
-        k, m = checked(stiffness, f"{name}: K"), checked(mass, f"{name}: M", n)
+        k, m = checked_matrix(stiffness, f"{name}: K"), checked_matrix(mass, f"{name}: M", n)
         if n < n_modes:
             raise ValueError(f"{name}: K has {n} rows, fewer than {n_modes} modes")
         rows = self._rows
@@ -159,9 +152,11 @@ class FunctionStructure(PointwiseStructure):
                 f"{name}: K has {n} rows; sensors must be a mapping of names to numbers of degrees "
                 f"of freedom, from 0 to {n - 1}"
             )
-        if dense:
+        if n <= DENSE_UP_TO:
+            k, m = (each.toarray() if hasattr(each, "toarray") else each for each in (k, m))
             modes = lowest_eigenpairs(k, m, n_modes)
             return Eigenpairs(modes.eigenvalues, modes.vectors[rows])
+        k, m = sp.csc_array(k), sp.csc_array(m)
         if not is_semidefinite(m):
             raise NoModesError(f"{name}: M is not positive semi-definite")
         # The pattern, and so the order, may change from call to call.

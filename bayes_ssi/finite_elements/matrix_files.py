@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["FILE_ROUNDING", "Matrix", "checked_array", "checked_matrix", "read_matrix"]
+__all__ = ["FILE_ROUNDING", "Matrix", "checked_matrix", "read_matrix"]
 
 Matrix = sp.csc_array
 
@@ -65,42 +65,25 @@ def read_matrix(path: str | Path, key: str | None = None) -> Any:
         ) from error
 
 
-def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Matrix:
-    """A square, symmetric, finite and real matrix in compressed columns; a copy.
+def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Any:
+    """A square, symmetric, finite and real matrix; a copy.
 
     Args:
         matrix: sparse or dense.
         name: for messages.
         size: how many rows it must have, if that is known.
 
+    Returns:
+        A sparse matrix in compressed columns if a sparse one is given, else an array (n, n).
+
     Raises:
         TypeError: it is not a matrix of numbers.
         ValueError: it is not square, of another size, not finite, not real, or not symmetric.
     """
-    matrix = _checked_kind(matrix, name, size)
-    sparse = sp.csc_array(matrix, dtype=float, copy=True)
-    sparse.sum_duplicates()
-    _check_numbers(sparse.data, (sparse - sparse.T).data, name)
-    sparse = sp.csc_array(0.5 * (sparse + sparse.T))
-    sparse.eliminate_zeros()
-    sparse.sort_indices()
-    return sparse
-
-
-def checked_array(matrix: Any, name: str, size: int | None = None) -> FloatArray:
-    """The same as an array (n, n), for small matrices."""
-    matrix = _checked_kind(matrix, name, size)
-    dense = np.array(matrix.toarray() if hasattr(matrix, "toarray") else matrix, float)
-    _check_numbers(dense, dense - dense.T, name)
-    symmetric: FloatArray = 0.5 * (dense + dense.T)
-    return symmetric
-
-
-def _checked_kind(matrix: Any, name: str, size: int | None) -> Any:
     if isinstance(matrix, (str, Path)):
         raise TypeError(f"{name} must be an array, got {matrix!r}; read a file with read_matrix")
-    if not sp.issparse(matrix):
-        matrix = np.asarray(matrix)
+    is_sparse = sp.issparse(matrix)
+    matrix = matrix if is_sparse else np.asarray(matrix)
     if matrix.dtype.kind not in "biufc":
         raise TypeError(f"{name} must be a sparse or dense matrix of numbers, got {matrix!r}")
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
@@ -111,20 +94,16 @@ def _checked_kind(matrix: Any, name: str, size: int | None) -> Any:
         raise ValueError(f"{name} has {matrix.shape[0]} rows, the matrices before it {size}")
     if matrix.dtype.kind == "c":
         raise ValueError(f"{name} must be real, got complex numbers")
-    return matrix
-
-
-def _check_numbers(entries: FloatArray, differences: FloatArray, name: str) -> None:
-    """Refuse entries that are not finite, and asymmetry that is not rounding."""
-    if not np.isfinite(entries).all():
+    matrix = sp.csc_array(matrix, dtype=float) if is_sparse else matrix.astype(float)
+    if not np.isfinite(matrix.data if is_sparse else matrix).all():
         raise ValueError(f"{name} holds numbers that are not finite")
-    largest = float(np.abs(entries).max(initial=0.0))
-    asymmetry = float(np.abs(differences).max(initial=0.0))
+    largest, asymmetry = abs(matrix).max(), abs(matrix - matrix.T).max()
     if asymmetry > FILE_ROUNDING * largest:
         raise ValueError(
             f"{name} must be symmetric, but entries differ from their transposes by up to "
             f"{asymmetry:.3g}, the largest entry being {largest:.3g}; was only one triangle stored?"
         )
+    return 0.5 * (matrix + matrix.T)
 
 
 class _KeyNotFoundError(Exception):
