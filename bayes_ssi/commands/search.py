@@ -75,21 +75,21 @@ def search(
     )
     place = options.place(loaded, study, f"{study.stem}_search", "search", search_settings)
     with options.running(loaded, place) as run:
-        found = search_appendages(
+        appendages = search_appendages(
             loaded.model_classes[0], search_settings, options.seed, options.settings, run
         )
-        sensitivity = options.sensitivity_of(found.ranking, run)
-    sampled = Sampled(found.ranking, sensitivity, {"search.json": search_record(found)})
+        sensitivity = options.sensitivity_of(appendages.ranking, run)
+    sampled = Sampled(appendages.ranking, sensitivity, {"search.json": search_record(appendages)})
 
     def draw(figures: Path) -> None:
         with figures_for_files():
-            save_figure(plot_places(found.place_probabilities), figures / "places.png")
+            save_figure(plot_places(appendages.place_probabilities), figures / "places.png")
 
     result = options.save(sampled, place, draw)
     place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
 
     where = console()
-    where.print(search_table(found))
-    where.print(averaged_table(found))
-    say(where, *search_notes(found), *notes_of(result, best_only=True))
+    where.print(search_table(appendages))
+    where.print(averaged_table(appendages))
+    say(where, *search_notes(appendages), *notes_of(result, best_only=True))
     options.end(sampled, result)

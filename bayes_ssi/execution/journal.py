@@ -34,7 +34,6 @@ __all__ = ["Journal", "JournalInUseError", "run_of_journal"]
 FORMAT = 1
 DIGEST_SIZE = 16
 PREFIX = struct.Struct("<II")  # length of a record's body, checksum of that length
-LONGEST_HEADER = 1 << 24
 
 
 class JournalInUseError(ValueError):
@@ -141,7 +140,7 @@ class Journal:
         record = {"format": FORMAT, "run": run}
         header = json.dumps(record, sort_keys=True, default=_plain).encode() + b"\n"
         content = self._file.read()
-        end = content.find(b"\n", 0, LONGEST_HEADER)
+        end = content.find(b"\n")
         if end < 0 and header.startswith(content):  # new, or interrupted in this line
             self._restart(0)
             self._write(header)
@@ -208,7 +207,7 @@ class Journal:
 def run_of_journal(path: Path) -> dict[str, Any]:
     """What identifies the run of a journal, even of an open one; empty if that is unreadable."""
     with path.open("rb") as file:
-        header = _read_header(file.readline(LONGEST_HEADER))
+        header = _read_header(file.readline())
     return {} if header is None else header[1]
 
 

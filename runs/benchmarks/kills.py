@@ -64,9 +64,9 @@ class Command:
                     process.kill()
                     break
                 sleep(0.002)
-            _, told = process.communicate()
+            _, stderr = process.communicate()
         if process.returncode not in (0, -signal.SIGKILL):
-            raise RuntimeError(f"exit code {process.returncode}: {told}")
+            raise RuntimeError(f"exit code {process.returncode}: {stderr}")
         return process.returncode == 0
 
     def journal_size(self) -> int:
@@ -105,13 +105,13 @@ def steps_of(study: Path, seed: int, checkpoint: Path) -> Steps:
     return {name: list(steps.items()) for name, steps in ends.items()}
 
 
-def differences(found: Path, expected: Path) -> Iterator[str]:
+def differences(result: Path, expected: Path) -> Iterator[str]:
     """What differs between two results, and what was left beside the first."""
-    yield from sorted(path.name for path in found.parent.iterdir() if path != found)
+    yield from sorted(path.name for path in result.parent.iterdir() if path != result)
     for name in FILES:
-        if (found / name).read_bytes() != (expected / name).read_bytes():
+        if (result / name).read_bytes() != (expected / name).read_bytes():
             yield name
-    pairs = zip(load_result(found).posteriors, load_result(expected).posteriors, strict=True)
+    pairs = zip(load_result(result).posteriors, load_result(expected).posteriors, strict=True)
     for a, b in pairs:
         for array in ARRAYS:
             if getattr(a, array).tobytes() != getattr(b, array).tobytes():
@@ -123,19 +123,19 @@ def differences(found: Path, expected: Path) -> Iterator[str]:
 def killed(command: Command, steps: Steps, seconds: float, rng: np.random.Generator) -> list[str]:
     """Kill a command, once or more if it lasts, and let it end; the steps in which kills fell."""
     total = sum(ends[-1][1] for ends in steps.values())
-    found: list[str] = []
-    while not found or rng.random() < KILL_AGAIN:
+    fallen_in: list[str] = []
+    while not fallen_in or rng.random() < KILL_AGAIN:
         if rng.random() < KILL_BY_TIME:
             ended = command.run(seconds=rng.uniform(0.0, seconds))
         else:
             ended = command.run(size=rng.uniform(command.journal_size(), total))
         if ended:
-            return found
-        found.append(command.step(steps))
-        if found[-1] == AFTER_THE_END:
-            return found
+            return fallen_in
+        fallen_in.append(command.step(steps))
+        if fallen_in[-1] == AFTER_THE_END:
+            return fallen_in
     command.run()
-    return found
+    return fallen_in
 
 
 def main() -> None:
@@ -156,13 +156,13 @@ def main() -> None:
         n_same, counts = 0, Counter[str]()
         for number in range(1, asked.kills + 1):
             command = Command(asked.study, asked.seed, directory / str(number))
-            found = killed(command, steps, seconds, rng)
+            fallen_in = killed(command, steps, seconds, rng)
             different = list(differences(command.result, first.result))
             n_same += not different
-            counts.update(step.split(" of ")[0] for step in found)
+            counts.update(step.split(" of ")[0] for step in fallen_in)
             print(
                 f"{number:3d}: {'DIFFERS: ' + ', '.join(different) if different else 'identical'}; "
-                f"killed in {'; '.join(found) or 'no step, it ended before'}",
+                f"killed in {'; '.join(fallen_in) or 'no step, it ended before'}",
                 flush=True,
             )
     print(f"{counts.total()} kills: " + ", ".join(f"{n} in {step}" for step, n in counts.items()))

@@ -92,7 +92,7 @@ def time_batches(
 
         values(batches[0, : 4 * n])
         ready = perf_counter()
-        found = np.concatenate([values(z) for z in batches])
+        all_values = np.concatenate([values(z) for z in batches])
         seconds = perf_counter() - ready
     ideal = BATCHES * BATCH * SECONDS_A_POINT / n
     print(
@@ -100,7 +100,7 @@ def time_batches(
         f"started in {ready - begun - 4 * SECONDS_A_POINT:.1f} s",
         flush=True,
     )
-    return seconds, found
+    return seconds, all_values
 
 
 def time_sampling(n: int) -> tuple[float, bs.Posterior]:
@@ -128,8 +128,8 @@ def main() -> None:
     seconds, same = {}, True
     for kind, make in (("local", LocalWorkers), ("Dask", dask_cluster)):
         for n in (1, 2):
-            seconds[kind, n], found = time_batches(f"{n} {kind}", n, lambda: make(n))  # noqa: B023
-            same &= found.tobytes() == here.tobytes()
+            seconds[kind, n], there = time_batches(f"{n} {kind}", n, lambda: make(n))  # noqa: B023
+            same &= there.tobytes() == here.tobytes()
         speed_up = seconds[kind, 1] / seconds[kind, 2]
         verdict(f"speed-up of two over one, {kind}: {speed_up:.2f}", speed_up >= LEAST_SPEED_UP)
     ideal = BATCHES * BATCH * SECONDS_A_POINT / 2

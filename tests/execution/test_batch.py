@@ -55,8 +55,8 @@ def test_the_row_that_raises_is_found_wherever_it_is(n):
 
 
 @pytest.mark.parametrize(("bad", "n_calls"), [([700], 21), ([0], 21), ([700, 701], 21)])
-def test_the_rows_at_fault_are_found_by_halving(bad, n_calls):
-    """1024 rows are halved ten times; both halves are asked each time."""
+def test_the_rows_at_fault_are_found_by_splitting(bad, n_calls):
+    """1024 rows are split ten times; both parts are evaluated each time."""
     function = Fragile(*bad)
     evaluate(function, rows(1024))
     assert function.n_calls == n_calls

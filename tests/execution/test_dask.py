@@ -55,10 +55,10 @@ def test_values_do_not_depend_on_who_computes_them(address, model_classes):
     z = points(64, len(candidate.parameters))
     with DaskWorkers(address) as pool:
         for n in (1, 2, 7, 64):
-            found = pool.evaluate(candidate.log_likelihood_at, z[:n])
+            there = pool.evaluate(candidate.log_likelihood_at, z[:n])
             here = evaluate(candidate.log_likelihood_at, z[:n])
-            assert found.values.tobytes() == here.values.tobytes()
-            assert found.failures == {}
+            assert there.values.tobytes() == here.values.tobytes()
+            assert there.failures == {}
 
 
 def test_both_workers_are_used_and_rows_that_raise_say_why(address):
@@ -87,9 +87,9 @@ def test_a_point_at_which_workers_always_die_is_nan_and_the_others_are_right(add
     expected = sums(z)
     expected[3] = np.nan
     with DaskWorkers(address) as pool:
-        found = pool.evaluate(function, z)
-    np.testing.assert_array_equal(found.values, expected)
-    assert found.failures == {3: "the worker that evaluated it died"}
+        there = pool.evaluate(function, z)
+    np.testing.assert_array_equal(there.values, expected)
+    assert there.failures == {3: "the worker that evaluated it died"}
 
 
 @pytest.fixture(scope="module")
@@ -191,9 +191,9 @@ def test_the_command_gives_the_same_with_dask(
         "--out", tmp_path / "result",
     )  # fmt: skip
     assert (result.exit_code, result.stderr) == (0, "sampled one k\n")
-    (found,) = json.loads((tmp_path / "result" / "comparison.json").read_text())["classes"]
+    (row,) = json.loads((tmp_path / "result" / "comparison.json").read_text())["classes"]
     here = bs.rank(tiny_study.only(["one k"]), settings=COARSE).comparison.best
-    assert found["log_evidence"] == here.log_evidence
+    assert row["log_evidence"] == here.log_evidence
 
 
 def test_a_scheduler_that_does_not_answer_ends_the_command_in_one_line(

@@ -71,7 +71,7 @@ def test_a_journal_that_was_read_is_extended(path):
         assert_begins_with(journal, 1)
         for z, evaluated in BATCHES[1:]:
             journal.add(z, evaluated)
-            assert journal.recalled(z) is None, "only what an earlier run found is recalled"
+            assert journal.recalled(z) is None, "only what an earlier run evaluated is recalled"
     with Journal(path, RUN) as journal:
         assert_begins_with(journal, 3)
 

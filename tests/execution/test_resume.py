@@ -173,8 +173,8 @@ class Command:
             assert (self.result / name).read_bytes() == (other / name).read_bytes()
         figures = sorted(path.name for path in (self.result / "figures").iterdir())
         assert figures == ["corner.png", "evidence.png", "frequencies.png"]
-        found, expected = load_result(self.result), load_result(other)
-        for a, b in zip(found.posteriors, expected.posteriors, strict=True):
+        saved, expected = load_result(self.result), load_result(other)
+        for a, b in zip(saved.posteriors, expected.posteriors, strict=True):
             assert a.name == b.name
             for array in ("draws", "log_likelihoods", "frequencies_hz", "maxima"):
                 assert getattr(a, array).tobytes() == getattr(b, array).tobytes()
@@ -320,8 +320,8 @@ def test_another_seed_is_refused_and_nothing_is_lost(sampled_command):
 def test_another_seed_replaces_an_unfinished_run_on_request(sampled_command, tiny_ranking):
     assert sampled_command.run("--seed", "7", "--overwrite") == 0
     assert sampled_command.stderr == "sampled one k\n"
-    found = load_result(sampled_command.result).posteriors[0]
-    assert found.evidence == tiny_ranking.posteriors[0].evidence
+    posterior = load_result(sampled_command.result).posteriors[0]
+    assert posterior.evidence == tiny_ranking.posteriors[0].evidence
     assert not sampled_command.checkpoint.exists()
 
 
