@@ -8,54 +8,31 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.datum_terms import DatumTerms
+from bayes_ssi.posterior.posterior import Posterior
 
-__all__ = ["ForOtherPackages", "StoredDraws", "load_draws", "save_draws"]
+__all__ = ["load_draws", "save_draws"]
 
 FREQUENCY, MODE = "frequency_hz", "model_mode"
 LOG_LIKELIHOOD, DATUM = "modes", "datum"
 IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"
+PRIOR_DRAWS = 1000
 # Names of dimensions and coordinates, which a parameter's variable cannot have.
 RESERVED = ("chain", "draw", FREQUENCY, MODE, DATUM, IDENTIFIED, IDENTIFIED_MODE)
 
 
-class ForOtherPackages(NamedTuple):
-    """What arviz uses besides the draws; it is not read back.
-
-    Attributes:
-        prior: (n_draws, n_parameters), draws of the prior.
-        terms: log-likelihoods and predictions datum by datum, or None.
-        identified_hz: (n_identified,), the observations that the terms predict.
-    """
-
-    prior: FloatArray
-    terms: DatumTerms | None
-    identified_hz: FloatArray
-
-
-class StoredDraws(NamedTuple):
-    """Arrays of a stored posterior, as in :class:`~bayes_ssi.posterior.posterior.Posterior`.
-
-    ``mode_labels`` name the model modes: numbers from 1 where there is one configuration.
-    """
-
-    parameter_names: tuple[str, ...]
-    draws: FloatArray
-    log_likelihoods: FloatArray
-    frequencies_hz: FloatArray
-    mode_labels: tuple[int | str, ...]
-    for_others: ForOtherPackages | None = None
-
-
-def save_draws(path: Path, stored: StoredDraws) -> None:
-    """Write draws to a new netCDF file with the groups that arviz names.
+def save_draws(path: Path, posterior: Posterior, model_class: ModelClass) -> None:
+    """Write the draws of a posterior to a new netCDF file with the groups that arviz names.
 
     ``posterior`` and ``prior`` hold a variable for each parameter, ``sample_stats`` the
     log-likelihood (``log_likelihood_total``), ``log_likelihood`` the same datum by datum
@@ -63,49 +40,45 @@ def save_draws(path: Path, stored: StoredDraws) -> None:
     identified ones as the class predicts them (``identified_hz``), which ``observed_data`` holds
     as they were identified.
     """
-    arviz = _import_arviz()
+    names = variable_names(posterior.parameter_names)
+    z = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, len(model_class.parameters)))
+    prior = model_class.values(z)
     groups: dict[str, dict[str, Any]] = {
-        "posterior": {
-            name: stored.draws[..., i]
-            for i, name in enumerate(variable_names(stored.parameter_names))
-        },
-        "sample_stats": {"log_likelihood_total": stored.log_likelihoods},
-        "posterior_predictive": {FREQUENCY: stored.frequencies_hz},
+        "posterior": {name: posterior.draws[..., i] for i, name in enumerate(names)},
+        "prior": {name: prior[None, :, i] for i, name in enumerate(names)},
+        "sample_stats": {"log_likelihood_total": posterior.log_likelihoods},
+        "posterior_predictive": {FREQUENCY: posterior.frequencies_hz},
     }
-    labels: dict[str, Any] = {
-        "dims": {FREQUENCY: [MODE]},
-        "coords": {MODE: list(stored.mode_labels)},
-    }
-    if stored.for_others is not None:
-        _add_groups(groups, labels, stored.parameter_names, stored.for_others)
-    if _is_first_generation(arviz):
-        with warnings.catch_warnings():
-            # Every walker is a chain: there may well be more of them than steps.
-            warnings.filterwarnings("ignore", "More chains", UserWarning)
-            arviz.from_dict(**groups, **labels).to_netcdf(str(path), engine="h5netcdf")
-    else:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
-            arviz.from_dict(groups, **labels).to_netcdf(path, engine="h5netcdf")
+    dims, coords = {FREQUENCY: [MODE]}, {MODE: _mode_labels(posterior)}
+    if posterior.datum_terms is not None:
+        terms = posterior.datum_terms
+        data, log_likelihoods = _varying_terms(terms)
+        identified_hz = [c.data.frequencies_hz for c in model_class.configurations]
+        groups["log_likelihood"] = {LOG_LIKELIHOOD: log_likelihoods}
+        groups["posterior_predictive"][IDENTIFIED] = terms.predicted_hz
+        groups["observed_data"] = {IDENTIFIED: np.concatenate(identified_hz)}
+        dims |= {LOG_LIKELIHOOD: [DATUM], IDENTIFIED: [IDENTIFIED_MODE]}
+        coords |= {DATUM: data, IDENTIFIED_MODE: list(terms.identified)}
+    arviz = _import_arviz()
+    with warnings.catch_warnings():
+        # Every walker is a chain: there may well be more of them than steps.
+        warnings.filterwarnings("ignore", "More chains|Found chain dimension", UserWarning)
+        if _is_first_generation(arviz):
+            data_tree = arviz.from_dict(**groups, dims=dims, coords=coords)
+        else:
+            data_tree = arviz.from_dict(groups, dims=dims, coords=coords)
+        data_tree.to_netcdf(str(path), engine="h5netcdf")
 
 
-def _add_groups(
-    groups: dict[str, dict[str, Any]],
-    labels: dict[str, Any],
-    parameter_names: tuple[str, ...],
-    for_others: ForOtherPackages,
-) -> None:
-    names = variable_names(parameter_names)
-    groups["prior"] = {name: for_others.prior[None, :, i] for i, name in enumerate(names)}
-    terms = for_others.terms
-    if terms is None:
-        return
-    data, log_likelihoods = _varying_terms(terms)
-    groups["log_likelihood"] = {LOG_LIKELIHOOD: log_likelihoods}
-    groups["posterior_predictive"][IDENTIFIED] = terms.predicted_hz
-    groups["observed_data"] = {IDENTIFIED: for_others.identified_hz}
-    labels["dims"] |= {LOG_LIKELIHOOD: [DATUM], IDENTIFIED: [IDENTIFIED_MODE]}
-    labels["coords"] |= {DATUM: data, IDENTIFIED_MODE: list(terms.identified)}
+def _mode_labels(posterior: Posterior) -> list[int] | list[str]:
+    """Of the model modes: numbers from 1, with the configuration's name if there are several."""
+    if posterior.configuration_names == ("",):
+        return list(range(1, posterior.configurations[0].n_modes + 1))
+    return [
+        label_in(modes.name, str(number))
+        for modes in posterior.configurations
+        for number in range(1, modes.n_modes + 1)
+    ]
 
 
 def _varying_terms(terms: DatumTerms) -> tuple[list[str], FloatArray]:
@@ -124,8 +97,8 @@ def _varying_terms(terms: DatumTerms) -> tuple[list[str], FloatArray]:
     return [" and ".join([first, *names[constant]]), *others], log_likelihoods
 
 
-def load_draws(path: Path, parameter_names: tuple[str, ...]) -> StoredDraws:
-    """Read draws that :func:`save_draws` wrote.
+def load_draws(path: Path, posterior: Posterior) -> Posterior:
+    """The posterior with the draws that :func:`save_draws` wrote of it.
 
     Raises:
         ValueError: the file is missing, damaged, or lacks a group or a parameter.
@@ -134,16 +107,12 @@ def load_draws(path: Path, parameter_names: tuple[str, ...]) -> StoredDraws:
 
     try:
         with h5py.File(path, "r") as file:
-            posterior = file["posterior"]
-            columns = [posterior[name][...] for name in variable_names(parameter_names)]
-            predictive = file["posterior_predictive"]
-            labels = predictive[MODE][...].tolist()
-            return StoredDraws(
-                parameter_names,
-                np.stack(columns, axis=-1),
-                file["sample_stats"]["log_likelihood_total"][...],
-                predictive[FREQUENCY][...],
-                tuple(each.decode() if isinstance(each, bytes) else each for each in labels),
+            names = variable_names(posterior.parameter_names)
+            return replace(
+                posterior,
+                draws=np.stack([file["posterior"][name][...] for name in names], axis=-1),
+                log_likelihoods=file["sample_stats"]["log_likelihood_total"][...],
+                frequencies_hz=file["posterior_predictive"][FREQUENCY][...],
             )
     except PermissionError:
         raise ValueError(f"{path}: cannot be read: permission denied") from None

@@ -9,7 +9,7 @@ file for each in ``data/``), ``comparison.json`` and ``comparison.csv``, and ``p
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
@@ -132,18 +132,11 @@ def load_result(directory: str | Path) -> StoredResult:
 
 
 def _posterior(directory: Path, record: ResultRecord, i: int) -> Posterior:
-    path, not_here = f"posteriors[{i}]", dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0))
+    not_here = dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0)) | {"datum_terms": None}
     try:
-        posterior = from_record(Posterior, record.posteriors[i], path, **not_here)
+        posterior = from_record(Posterior, record.posteriors[i], f"posteriors[{i}]", **not_here)
         if posterior.name not in record.draws:
             raise ValueError(f"draws.{posterior.name}: missing")
     except ValueError as error:
         raise ValueError(f"{directory / MARKER}: {error}") from error
-    stored = load_draws(directory / record.draws[posterior.name], posterior.parameter_names)
-    return replace(
-        posterior,
-        draws=stored.draws,
-        log_likelihoods=stored.log_likelihoods,
-        frequencies_hz=stored.frequencies_hz,
-        datum_terms=None,
-    )
+    return load_draws(directory / record.draws[posterior.name], posterior)

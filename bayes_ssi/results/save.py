@@ -9,27 +9,21 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from bayes_ssi.codec import to_record
 from bayes_ssi.data.modal_csv import write_modal_data
 from bayes_ssi.file_names import file_names
 from bayes_ssi.model_class.class_record import class_record
-from bayes_ssi.model_class.configuration import label_in
-from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.ranking.study import Ranking, Study
 from bayes_ssi.results import new_directory
-from bayes_ssi.results.draws import ForOtherPackages, StoredDraws, save_draws
+from bayes_ssi.results.draws import save_draws
 from bayes_ssi.results.json_files import write_json
 from bayes_ssi.results.load import IN_THE_FILE_OF_DRAWS, MARKER, StoredResult, load_result
 from bayes_ssi.results.result_record import DataFile, ResultRecord
 from bayes_ssi.versions import versions
 
 __all__ = ["require_new", "save_result"]
-
-PRIOR_DRAWS = 1000
 
 
 def require_new(directory: str | Path, *, overwrite: bool = False) -> None:
@@ -69,15 +63,7 @@ def save_result(
         draws = {name: f"posteriors/{file}" for name, file in files.items()}
         classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
         for posterior in ranking.posteriors:
-            stored = StoredDraws(
-                posterior.parameter_names,
-                posterior.draws,
-                posterior.log_likelihoods,
-                posterior.frequencies_hz,
-                _mode_labels(posterior),
-                _for_other_packages(posterior, classes[posterior.name]),
-            )
-            save_draws(partial / draws[posterior.name], stored)
+            save_draws(partial / draws[posterior.name], posterior, classes[posterior.name])
         record = _record(ranking, draws, data, study_file, command, accept_failed_checks)
         write_json(partial / MARKER, record)
         write_json(partial / "comparison.json", ranking.comparison)
@@ -98,25 +84,6 @@ def _save_tests(study: Study, directory: Path) -> tuple[DataFile, ...]:
     for configuration in configurations:
         write_modal_data(configuration.data, directory / files[configuration.name])
     return tuple(DataFile(c.name, files[c.name], c.data.source) for c in configurations)
-
-
-def _mode_labels(posterior: Posterior) -> tuple[int | str, ...]:
-    return tuple(
-        label_in(modes.name, str(number)) if modes.name else number
-        for modes in posterior.configurations
-        for number in range(1, modes.n_modes + 1)
-    )
-
-
-def _for_other_packages(posterior: Posterior, model_class: ModelClass) -> ForOtherPackages | None:
-    """What is stored with a posterior for other packages."""
-    if posterior.parameter_names != model_class.parameter_names:
-        return None
-    z = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, len(posterior.parameter_names)))
-    identified = [c.data.frequencies_hz for c in model_class.configurations]
-    return ForOtherPackages(
-        model_class.values(z), posterior.datum_terms, np.concatenate(identified)
-    )
 
 
 def _record(
