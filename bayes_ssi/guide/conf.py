@@ -25,6 +25,8 @@ python_maximum_signature_line_length = 80
 
 html_theme = "furo"
 html_title = "bayes_ssi"
+html_static_path = ["_static"]
+html_css_files = ["guide.css"]
 html_copy_source = False
 html_show_sourcelink = False
 html_show_copyright = False
