@@ -73,7 +73,7 @@ def test_what_is_wrong_with_a_universal_file_is_said(tmp_path):
 
 def test_a_result_of_pyoma2():
     data = pytest.importorskip(
-        "pyoma2.algorithms.data.result", reason="pip install bayes_ssi[pyoma2]"
+        "pyoma2.algorithms.data.result", reason="pip install pyoma-2"
     )
     result = data.SSIResult(
         Fn=np.array([2.76, 0.96]),
@@ -99,7 +99,7 @@ def test_a_result_of_pyoma2():
 
 def identified_by_pyoma2():
     """Modes that pyOMA2 itself identifies in simulated ambient vibration of two oscillators."""
-    pytest.importorskip("pyoma2", reason="pip install bayes_ssi[pyoma2]")
+    pytest.importorskip("pyoma2", reason="pip install pyoma-2")
     from pyoma2.algorithms import FDD
     from pyoma2.setup import SingleSetup
 
