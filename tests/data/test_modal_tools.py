@@ -72,9 +72,7 @@ def test_what_is_wrong_with_a_universal_file_is_said(tmp_path):
 
 
 def test_a_result_of_pyoma2():
-    data = pytest.importorskip(
-        "pyoma2.algorithms.data.result", reason="pip install pyoma-2"
-    )
+    data = pytest.importorskip("pyoma2.algorithms.data.result", reason="pip install pyoma-2")
     result = data.SSIResult(
         Fn=np.array([2.76, 0.96]),
         Phi=(SHAPES[::-1] * np.exp(0.4j)).T,
