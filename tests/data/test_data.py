@@ -1,7 +1,7 @@
 """Identified modes: what they hold, what is refused, and what they warn of."""
 
 import math
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,12 +96,6 @@ def test_shapes_are_copied_and_read_only():
     for array in (held.shape, held.unit_shape):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
-
-
-def test_modes_and_data_are_frozen():
-    for held, name in ((mode(), "frequency_hz"), (data(mode()), "band_hz")):
-        with pytest.raises(FrozenInstanceError):
-            setattr(held, name, 2.0)
 
 
 @pytest.mark.parametrize(

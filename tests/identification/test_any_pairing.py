@@ -8,7 +8,6 @@ import pytest
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.inferred_pairing import LEAST_PROBABILITY, MAX_DRAWS, infer_pairing
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes
@@ -99,14 +98,6 @@ def test_a_clear_case_is_its_one_pairing(model_classes, case_c, augmented, fixed
         model.log_likelihood(np.ones((1, 4)))[0] for model in (model_classes["3"], free)
     )
     assert 0.0 <= all_pairings - given < 1e-4
-
-
-def test_no_explicit_pairing_is_more_likely_than_all(model_classes, rigid, case_c, fixed_error):
-    free = bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any")
-    values = np.random.default_rng(1).lognormal(0.0, 0.1, (20, 3))
-    for name in ("1-a", "1-b", "2"):
-        explicit = model_classes[name].log_likelihood(values)
-        assert (free.log_likelihood(values) >= explicit - 1e-9).all()
 
 
 def test_the_order_of_identified_modes_does_not_matter(augmented, case_c, fixed_error):
@@ -201,12 +192,6 @@ def test_summary_says_that_the_pairing_is_inferred(rigid, case_c, fixed_error):
 def test_a_pairing_that_is_neither_any_nor_a_mapping_is_refused(rigid, case_c, fixed_error):
     with pytest.raises(TypeError, match=r"^model class 'm': pairing must map .*'any', got 'some'"):
         bs.ModelClass("m", rigid, case_c, fixed_error, pairing="some")
-
-
-def test_a_sensor_off_the_structure_is_refused(rigid, fixed_error):
-    data = bs.ModalData((bs.IdentifiedMode("1", 1.0, [1, 2]),), (0.0, 2.0), ("floor 1", "roof"))
-    with pytest.raises(ValueError, match="sensor 'roof': the structure has no degree of"):
-        bs.ModelClass("m", rigid, data, fixed_error, pairing="any")
 
 
 def test_classes_that_differ_in_their_pairing_alone_become_one(model_classes):
@@ -325,8 +310,3 @@ def test_notes_say_which_mode_is_which(ranking):
     assert notes[1].startswith("  identified mode 1 is model mode 1 with probability ")
     assert notes[2].startswith("  identified mode 2 is model mode 2 with probability ")
     assert notes[3].startswith("  pairing 1-1, 2-2: probability ")
-
-
-def test_any_pairing_is_a_likelihood_of_its_own(rigid, case_c, fixed_error):
-    model = bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any")
-    assert isinstance(model.likelihoods[0], AnyPairing)

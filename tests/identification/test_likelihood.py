@@ -319,15 +319,6 @@ def test_sign_scale_and_phase_of_a_shape_do_not_matter(building, identified, fac
     np.testing.assert_allclose(other, expected, rtol=1e-9)
 
 
-def test_a_batch_equals_one_by_one(building, identified):
-    size = bs.Parameter("e", bs.LogNormal(0.02, 0.5))
-    model = likelihood(building, identified, PAIRING, size, 3.0 * size)
-    rng = np.random.default_rng(3)
-    values = np.exp(0.1 * rng.standard_normal((30, 4))) * [1.0, 1.0, 1.0, 0.02]
-    one_by_one = [model.log_density(row[None])[0] for row in values]
-    np.testing.assert_allclose(model.log_density(values), one_by_one, rtol=1e-10)
-
-
 def test_a_fixed_structure_with_an_inferred_error():
     size = bs.Parameter("e", bs.LogNormal(0.01, 1.0))
     oscillator = bs.ShearBuilding((1.0,), ((2.0 * math.pi) ** 2,))

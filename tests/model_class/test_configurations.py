@@ -107,12 +107,6 @@ def test_parameters_of_structures_come_first_each_once():
     assert found.parameter_names == ("k", "dm", "frequency_cov", "shape_sd")
 
 
-def test_every_row_is_by_itself(draws):
-    whole = joint().log_likelihood(draws)
-    rows = [joint().log_likelihood(draws[i : i + 1])[0] for i in range(len(draws))]
-    np.testing.assert_array_equal(whole, rows)
-
-
 def test_model_frequencies_of_all_configurations_in_turn():
     values = np.array([[1.1, 0.25]])
     expected = [*modes_of(bare, k=1.1)[0], *modes_of(loaded, k=1.1, dm=0.25)[0]]

@@ -222,13 +222,6 @@ def test_two_parameters_of_one_name_are_refused(augmented, case_c, name):
         build(augmented, case_c, error)
 
 
-def test_two_parameters_of_one_name_in_the_structure_are_refused(case_c, fixed_error):
-    k = [bs.Parameter("k", bs.LogNormal(median, 0.3)) for median in (1.0, 2.0, 1.0)]
-    building = bs.ShearBuilding((1.0, 1.0, 1.0), k)
-    with pytest.raises(ValueError, match=r"^model class 'x': two different parameters are named"):
-        build(building, case_c, fixed_error)
-
-
 class _Answers(Structure):
     """A structure that answers whatever it is told to."""
 
