@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bayes_ssi.plots.figure_style import BLUE, GREY, style
-from bayes_ssi.response.modal_response import largest_over_places, transfer_functions
+from bayes_ssi.response.modal_response import transfer_functions
 from bayes_ssi.response.output import Output
 
 HERE = Path(__file__).parent
@@ -43,7 +43,7 @@ def main() -> None:
                 found = transfer_functions(
                     structure, NO_VALUES, FREQUENCIES, output, cases["DAMPING"]
                 )
-                curves[form] = largest_over_places(found)[0]
+                curves[form] = np.abs(found[0]).max(axis=0)
                 peak = int(curves[form].argmax())
                 natural = structure.modes(NO_VALUES).frequencies_hz[0]
                 table.add_row(

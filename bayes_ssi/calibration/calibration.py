@@ -96,7 +96,7 @@ def calibrate(
         raise ValueError(
             f"model class {model_class.name!r}: no local search for a minimum converged"
         )
-    fits = [problem.fit(problem.values(z), reference_values) for z in minima]
+    fits = [problem.fit(problem.values(z[None]), reference_values) for z in minima]
     return Calibration(
         name=model_class.name,
         parameter_names=problem.names,

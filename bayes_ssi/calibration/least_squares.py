@@ -14,7 +14,6 @@ from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes, mac
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.parameters import collect_parameters
 
 __all__ = [
     "CalibrationProblem",
@@ -104,9 +103,7 @@ class CalibrationProblem:
                 f"model class {model_class.name!r}: its pairing is 'any', but a fit needs "
                 "an explicit pairing"
             )
-        self.parameters = collect_parameters(
-            p for c in model_class.configurations for p in c.structure.parameters
-        )
+        self.parameters = model_class.structural_parameters
         self.names = tuple(parameter.name for parameter in self.parameters)
         self.shape_weight = shape_weight
         if not self.parameters:
@@ -152,15 +149,14 @@ class CalibrationProblem:
         return np.vstack([np.zeros(d), np.clip(spread, -0.9 * FARTHEST, 0.9 * FARTHEST)])
 
     def values(self, z: FloatArray) -> FloatArray:
-        """Parameter values (1, d) at one point."""
-        columns = [p.prior.from_normal(z[i]) for i, p in enumerate(self.parameters)]
-        return np.array([columns], dtype=float)
+        """Parameter values (B, d) at standard-normal coordinates (B, d)."""
+        columns = [p.prior.from_normal(z[:, i]) for i, p in enumerate(self.parameters)]
+        return np.column_stack(columns)
 
     def residuals(self, z: FloatArray) -> FloatArray:
         """(B, m): r_f, and λ(φ - φ_e) component by component, whose squares add up to r_φ²."""
-        columns = [p.prior.from_normal(z[:, i]) for i, p in enumerate(self.parameters)]
         residuals = []
-        for _, likelihood, modes in self.modes(np.column_stack(columns)):
+        for _, likelihood, modes in self.modes(self.values(z)):
             pairs = likelihood.pairs
             residuals.append(pairs.frequency_residuals(modes.frequencies_hz))
             if self.shape_weight > 0 and len(pairs.with_shape):
@@ -218,7 +214,7 @@ class CalibrationProblem:
     def fit(self, values: FloatArray, reference: FloatArray) -> Fit:
         """The model at ``values`` (1, d), compared with the identified modes."""
         fits = []
-        for configuration, likelihood, modes in self.modes(np.atleast_2d(values)):
+        for configuration, likelihood, modes in self.modes(values):
             fits += _mode_fits(configuration, likelihood, modes)
         z = np.array([p.prior.to_normal(values.ravel()[i]) for i, p in enumerate(self.parameters)])
         numbers = [float(value) for value in values.ravel()]

@@ -178,16 +178,14 @@ class Predictions:
         :func:`~bayes_ssi.response.modal_response.transfer_functions`; the message names the class.
         """
 
-        def compute(structure: Structure, values: FloatArray) -> FloatArray:
-            return np.abs(
+        return self._responses(
+            lambda structure, values: np.abs(
                 transfer_functions(
                     structure, values, frequencies_hz, output, damping, force_at=force_at
                 )
-            )
-
-        # Complex numbers and their products, for every mode.
-        size = 4 * np.size(frequencies_hz)
-        return self._responses(compute, size)
+            ),
+            size_per_mode=4 * np.size(frequencies_hz),  # complex numbers and their products
+        )
 
     def time_histories(self, motion: GroundMotion, output: Output, damping: Damping) -> Prediction:
         """Time histories, draws (n, n_places, n_samples).
@@ -195,11 +193,9 @@ class Predictions:
         Arguments, units and errors as those of
         :func:`~bayes_ssi.response.modal_response.time_histories`.
         """
-
-        def compute(structure: Structure, values: FloatArray) -> FloatArray:
-            return time_histories(structure, values, motion, output, damping)
-
-        return self._responses(compute)
+        return self._responses(
+            lambda structure, values: time_histories(structure, values, motion, output, damping)
+        )
 
     def peak_responses(self, motion: GroundMotion, output: Output, damping: Damping) -> Prediction:
         """Largest amplitudes of time histories, draws (n, n_places).
@@ -207,11 +203,9 @@ class Predictions:
         Arguments, units and errors as those of
         :func:`~bayes_ssi.response.modal_response.peak_responses`.
         """
-
-        def compute(structure: Structure, values: FloatArray) -> FloatArray:
-            return peak_responses(structure, values, motion, output, damping)
-
-        return self._responses(compute)
+        return self._responses(
+            lambda structure, values: peak_responses(structure, values, motion, output, damping)
+        )
 
     def _responses(
         self,

@@ -26,7 +26,6 @@ from bayes_ssi.structures.structure import Structure
 
 __all__ = [
     "ground_influence",
-    "largest_over_places",
     "peak_responses",
     "time_histories",
     "transfer_functions",
@@ -173,11 +172,6 @@ def peak_responses(
     for own, history in zip(peaks, each, strict=True):
         np.maximum(history.max(-1), -history.min(-1), out=own)
     return peaks
-
-
-def largest_over_places(response: NDArray[np.inexact]) -> FloatArray:
-    """The largest amplitude at any place, (B, n), of a response (B, n_places, n)."""
-    return np.abs(response).max(axis=1)
 
 
 def _each_history(

@@ -7,8 +7,8 @@ First the largest relative difference between transfer functions by modes and th
 
 Then the building of Case (c), three storeys and an infill that vibrates, for 500 draws of its
 parameters under a record of 18,000 samples: the time of ``time_histories`` divided by that of one
-call of ``scipy.signal.lfilter``, of second order, for each history that it returns. Modal
-superposition by filters takes four such calls a history, one for each mode.
+call of ``scipy.signal.lfilter``, of second order, for each history that it returns. A draw takes
+four such calls, one for each mode, for all its places.
 """
 
 import math

@@ -15,7 +15,6 @@ import bayes_ssi as bs
 from bayes_ssi.modal import ModalModel, Modes, modal_model
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.modal_response import (
-    largest_over_places,
     peak_responses,
     time_histories,
     transfer_functions,
@@ -137,20 +136,6 @@ def test_a_draw_does_not_depend_on_its_batch(augmented, values, n_places):
     alone = [time_histories(augmented, row[None], motion, output, RATIOS)[0] for row in values]
     together = time_histories(augmented, values, motion, output, RATIOS)
     np.testing.assert_array_equal(together, alone)
-
-
-def test_the_largest_over_places(augmented, values):
-    frequencies = np.linspace(0.1, 5.0, 20)
-    found = transfer_functions(augmented, values, frequencies, Output("acceleration", FLOORS), 0.02)
-    each = [
-        np.abs(
-            transfer_functions(
-                augmented, values, frequencies, Output("acceleration", (floor,)), 0.02
-            )[:, 0]
-        )
-        for floor in FLOORS
-    ]
-    np.testing.assert_allclose(largest_over_places(found), np.maximum.reduce(each), rtol=1e-12)
 
 
 @pytest.mark.parametrize("dt", [0.3, 0.01, 0.0004])
