@@ -1,6 +1,5 @@
 """Parameters, products of them, and their evaluation for a batch."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 
 from bayes_ssi.parameters import (
     Parameter,
-    Product,
     ProductTable,
     as_product,
     collect_parameters,
@@ -61,11 +59,6 @@ def test_columns_follow_the_given_parameters():
     np.testing.assert_array_equal(forward, backward)
 
 
-def test_table_of_fixed_numbers_needs_no_columns():
-    table = ProductTable((Product(3.0), Product(4.0)), ())
-    np.testing.assert_array_equal(table.evaluate(np.empty((2, 0))), [[3.0, 4.0], [3.0, 4.0]])
-
-
 def test_median_of_a_product():
     # The medians of a and b are 2 and 3.
     assert as_product(5.0 * a**2 * b).median == pytest.approx(60.0, rel=1e-12)
@@ -90,11 +83,6 @@ def test_equal_parameters_are_tied():
 def test_two_parameters_of_one_name_are_refused(other):
     with pytest.raises(ValueError, match="two different parameters are named 'a'"):
         collect_parameters([a, b, other])
-
-
-def test_parameters_are_frozen():
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        a.name = "c"
 
 
 @pytest.mark.parametrize(
@@ -123,15 +111,9 @@ def test_multiplying_by_text_is_refused():
         a * "2"
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, math.inf, math.nan])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.inf, math.nan, -2.0 * a, 0.0 * a])
 def test_numbers_that_are_not_positive_are_refused(value):
-    with pytest.raises(ValueError, match=f"mass must be positive and finite, got {value!r}"):
-        positive_product(value, "mass")
-
-
-@pytest.mark.parametrize("value", [-2.0 * a, 0.0 * a])
-def test_scales_that_are_not_positive_are_refused(value):
-    with pytest.raises(ValueError, match="mass must be positive and finite"):
+    with pytest.raises(ValueError, match="mass must be positive and finite, got"):
         positive_product(value, "mass")
 
 

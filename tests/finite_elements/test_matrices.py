@@ -193,7 +193,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("wrong", "message"), BAD)
-def test_bad_input_is_said_in_one_line(wrong, message):
+def test_bad_input_is_refused_in_one_line(wrong, message):
     with pytest.raises((ValueError, TypeError), match=message) as caught:
         bs.MatrixStructure(**{"stiffness": K3, "mass": np.eye(3), "n_modes": 2, **wrong})
     assert "\n" not in str(caught.value)
@@ -285,18 +285,18 @@ class TestFiles:
         np.testing.assert_array_equal(read.toarray(), sparse.toarray())
         np.testing.assert_array_equal(bs.read_matrix(tmp_path / "k.mat", "M"), np.eye(5))
 
-    @pytest.mark.parametrize("name", ["k.npz", "k.mtx", "k.mat", "k.npy"])
-    def test_truncated(self, tmp_path, name):
+    @pytest.mark.parametrize(
+        ("name", "write"),
+        [
+            ("k.npz", sp.save_npz),
+            ("k.mtx", scipy.io.mmwrite),
+            ("k.mat", lambda path, sparse: scipy.io.savemat(path, {"K": sparse})),
+            ("k.npy", lambda path, sparse: np.save(path, sparse.toarray())),
+        ],
+    )
+    def test_truncated(self, tmp_path, name, write):
         path = tmp_path / name
-        sparse = chain(60)
-        if name == "k.npz":
-            sp.save_npz(path, sparse)
-        elif name == "k.mtx":
-            scipy.io.mmwrite(path, sparse)
-        elif name == "k.mat":
-            scipy.io.savemat(path, {"K": sparse})
-        else:
-            np.save(path, sparse.toarray())
+        write(path, chain(60))
         whole = path.read_bytes()
         path.write_bytes(whole[: len(whole) // 2])
         with pytest.raises(ValueError, match=rf"{name}: cannot be read; damaged or truncated"):

@@ -162,7 +162,7 @@ def test_rows_without_modes_are_nan_and_say_why_when_asked_alone():
         structure.modes(np.array([[-1.0]]))
 
 
-def test_no_solution_at_the_medians_is_said():
+def test_no_solution_at_the_medians_is_an_error():
     (k,) = factors(1)
     frame = bs.MatrixStructure((k, -beam(N, 1)[0]), sp.eye_array(N), n_modes=2)
     with pytest.raises(ValueError, match="the stiffness matrix is not positive definite"):

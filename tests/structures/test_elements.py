@@ -33,61 +33,43 @@ def check(structure, stiffness, mass):
     np.testing.assert_allclose(np.abs(modes.shapes[0]), np.abs(vectors), atol=1e-11)
 
 
-def test_in_plane_infill(building):
-    stiffness, mass = bare_matrices()
-    stiffness[1:, 1:] += 250.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    mass += [0.0, 0.4, 0.4]
-    check(building.with_element(bs.InPlaneInfill((2, 3), 0.8, 250.0)), stiffness, mass)
+# Half of an out-of-plane infill's mass is the new degree of freedom, on a spring to the mean of the
+# two floors; a quarter goes to each floor.
+INFILL, PENDULUM = 0.3 * (math.tau * 1.7) ** 2, 0.2 * (math.tau * 2.2) ** 2
+TANK = bs.Pendulum(2, 0.2, 2.2, label="tank")
+# Elements; the springs that they add, as stiffness and direction; and the masses.
+ADDED = {
+    "in plane": ([bs.InPlaneInfill((2, 3), 0.8, 250.0)], [(250.0, [0, -1, 1])], [0, 0.4, 0.4]),
+    "in plane, on the ground": (
+        [bs.InPlaneInfill((0, 1), 0.8, 250.0)], [(250.0, [1, 0, 0])], [0.4, 0, 0]
+    ),
+    "out of plane": (
+        [bs.OutOfPlaneInfill((1, 2), 0.6, 1.7)], [(INFILL, [-0.5, -0.5, 0, 1])],
+        [0.15, 0.15, 0, 0.3],
+    ),
+    "out of plane, on the ground": (
+        [bs.OutOfPlaneInfill((0, 1), 0.6, 1.7)], [(INFILL, [-0.5, 0, 0, 1])], [0.15, 0, 0, 0.3]
+    ),
+    "pendulum": ([TANK], [(PENDULUM, [0, -1, 0, 1])], [0, 0, 0, 0.2]),
+    "pendulum on a pendulum": (
+        [TANK, bs.Pendulum("tank", 0.1, 1.2)],
+        [(PENDULUM, [0, -1, 0, 1, 0]), (0.1 * (math.tau * 1.2) ** 2, [0, 0, 0, -1, 1])],
+        [0, 0, 0, 0.2, 0.1],
+    ),
+    "added mass": ([bs.AddedMass(1.0, ((1, 0.25), (3, 0.75)))], [], [0.25, 0, 0.75]),
+}  # fmt: skip
 
 
-def test_in_plane_infill_on_the_ground(building):
-    stiffness, mass = bare_matrices()
-    stiffness[0, 0] += 250.0
-    mass[0] += 0.4
-    check(building.with_element(bs.InPlaneInfill((0, 1), 0.8, 250.0)), stiffness, mass)
-
-
-def test_out_of_plane_infill(building):
-    # Half of the mass is the new degree of freedom, on a spring to the mean of the two floors;
-    # a quarter goes to each floor.
-    stiffness, mass = bare_matrices(1)
-    spring = 0.3 * (2.0 * math.pi * 1.7) ** 2
-    v = np.array([-0.5, -0.5, 0.0, 1.0])
-    stiffness += spring * np.outer(v, v)
-    mass += [0.15, 0.15, 0.0, 0.3]
-    structure = building.with_element(bs.OutOfPlaneInfill((1, 2), 0.6, 1.7))
-    check(structure, stiffness, mass)
-    assert structure.degrees_of_freedom == ("floor 1", "floor 2", "floor 3", "infill 1-2")
-
-
-def test_out_of_plane_infill_on_the_ground(building):
-    stiffness, mass = bare_matrices(1)
-    v = np.array([-0.5, 0.0, 0.0, 1.0])
-    stiffness += 0.3 * (2.0 * math.pi * 1.7) ** 2 * np.outer(v, v)
-    mass += [0.15, 0.0, 0.0, 0.3]
-    check(building.with_element(bs.OutOfPlaneInfill((0, 1), 0.6, 1.7)), stiffness, mass)
-
-
-def test_pendulum(building):
-    stiffness, mass = bare_matrices(1)
-    stiffness[[1, 3, 1, 3], [1, 3, 3, 1]] += np.array([1, 1, -1, -1]) * 0.2 * (math.tau * 2.2) ** 2
-    mass[3] = 0.2
-    check(building.with_element(bs.Pendulum(2, 0.2, 2.2)), stiffness, mass)
-
-
-def test_pendulum_on_another_element(building):
-    stiffness, mass = bare_matrices(2)
-    stiffness[[1, 3, 1, 3], [1, 3, 3, 1]] += np.array([1, 1, -1, -1]) * 0.2 * (math.tau * 2.2) ** 2
-    stiffness[[3, 4, 3, 4], [3, 4, 4, 3]] += np.array([1, 1, -1, -1]) * 0.1 * (math.tau * 1.2) ** 2
-    mass[3:] = 0.2, 0.1
-    first = building.with_element(bs.Pendulum(2, 0.2, 2.2, label="tank"))
-    check(first.with_element(bs.Pendulum("tank", 0.1, 1.2)), stiffness, mass)
-
-
-def test_added_mass(building):
-    stiffness, mass = bare_matrices()
-    mass += [0.25, 0.0, 0.75]
-    check(building.with_element(bs.AddedMass(1.0, ((1, 0.25), (3, 0.75)))), stiffness, mass)
+@pytest.mark.parametrize(("elements", "springs", "masses"), ADDED.values(), ids=ADDED)
+def test_elements_add_springs_and_masses(building, elements, springs, masses):
+    stiffness, mass = bare_matrices(len(masses) - 3)
+    for k, direction in springs:
+        stiffness += k * np.outer(direction, direction)
+    for element in elements:
+        building = building.with_element(element)
+    check(building, stiffness, mass + masses)
+    own = [e.label for e in elements if e.own_degree_of_freedom]
+    assert building.degrees_of_freedom == ("floor 1", "floor 2", "floor 3", *own)
 
 
 @pytest.mark.parametrize(

@@ -57,12 +57,6 @@ def test_storey_i_stands_below_floor_i():
     np.testing.assert_allclose(np.abs(modes.shapes[0]), np.abs(vectors), rtol=1e-10)
 
 
-def test_floors_are_labelled_upwards():
-    building = uniform(3)
-    assert building.degrees_of_freedom == ("floor 1", "floor 2", "floor 3")
-    assert building.n_modes == 3
-
-
 def test_one_factor_on_every_stiffness_scales_every_frequency(frame):
     # f goes with the square root of k, and the columns are k1, k2, k3.
     modes = frame.modes(np.array([[1.0, 1.0, 1.0], [1.21, 1.21, 1.21]]))
@@ -78,17 +72,6 @@ def test_parameters_in_masses_and_stiffnesses():
     frequencies = building.modes(np.array([[3.0, 2.0], [5.0, 0.5]])).frequencies_hz
     expected = np.sqrt([30.0 / 2.0, 50.0 / 0.5])[:, None] * [golden, golden + 1.0] / math.tau
     np.testing.assert_allclose(frequencies, expected, rtol=1e-12)
-
-
-def test_same_parameter_twice_ties_the_storeys():
-    k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
-    tied = bs.ShearBuilding((1.0, 1.0), (k, k))
-    assert tied.parameters == (k,)
-    np.testing.assert_allclose(
-        tied.modes(np.array([[2.0]])).frequencies_hz,
-        uniform(2, stiffness=2.0).modes(NO_VALUES).frequencies_hz,
-        rtol=1e-13,
-    )
 
 
 CAN_BE_NEGATIVE = 10.0 * bs.Parameter("k", bs.Normal(1.0, 0.5))
@@ -113,11 +96,3 @@ CAN_BE_NEGATIVE = 10.0 * bs.Parameter("k", bs.Normal(1.0, 0.5))
 def test_impossible_buildings_are_refused(masses, stiffnesses, message):
     with pytest.raises((ValueError, TypeError), match=f"ShearBuilding: {message}"):
         bs.ShearBuilding(masses, stiffnesses)
-
-
-def test_two_parameters_of_one_name_are_refused():
-    first = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
-    second = bs.Parameter("k", bs.LogNormal(2.0, 0.3))
-    building = bs.ShearBuilding((1.0, 1.0), (first, second))
-    with pytest.raises(ValueError, match="two different parameters are named 'k'"):
-        building.parameters  # noqa: B018
