@@ -1,4 +1,4 @@
-"""``bayes-ssi calibrate``: the minima of the paper's objective."""
+"""``bayes-ssi calibrate``: the minima of the deterministic objective."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ __all__ = ["calibrate"]
 @study_argument
 @click.option("--only", metavar="NAME,…", help="Calibrate only these model classes.")
 @click.option("--shape-weight", type=float,
-              help="λ: weight of shapes relative to frequencies, 0 leaves them out; "
-              "σ_f/σ_φ of the class's error model if not given.")  # fmt: skip
-@click.option("--starts", type=int, default=64, show_default=True, help="Local searches.")
+              help="λ, weight of shapes relative to frequencies; 0 leaves shapes out.  "
+              "[default: σ_f/σ_φ of the class's error model]")  # fmt: skip
+@click.option("--starts", type=int, default=64, show_default=True, help="Number of local searches.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
-              help="Seed of the starts.")  # fmt: skip
+              help="Seed of their starting points.")  # fmt: skip
 @json_option
 def calibrate(
     study: Path, only: str | None, shape_weight: float | None, starts: int, seed: int
 ) -> None:
-    """List every distinct minimum of the paper's objective for the model classes of STUDY."""
+    """List every distinct minimum of the deterministic objective of the model classes of STUDY."""
     from bayes_ssi.calibration.calibration import calibrate as calibrate_class
     from bayes_ssi.calibration.least_squares import NothingToCalibrateError
     from bayes_ssi.tables import calibration_modes_table, calibration_table
@@ -38,23 +38,23 @@ def calibrate(
         try:
             with progress_bars() as tell:
                 report = partial(tell, candidate.name)
-                found = calibrate_class(candidate, shape_weight, None, starts, seed, report)
+                calibration = calibrate_class(candidate, shape_weight, None, starts, seed, report)
         except NothingToCalibrateError as error:
             if len(candidates) == 1:
                 raise
             say(where, f"(!) {error}")
             continue
-        records.append(asdict(found))
-        where.print(calibration_table(found))
-        where.print(calibration_modes_table(found))
-        if found.undetermined_directions:
+        records.append(asdict(calibration))
+        where.print(calibration_table(calibration))
+        where.print(calibration_modes_table(calibration))
+        if calibration.undetermined_directions:
             where.print(
-                f"(!) the data leave {found.undetermined_directions} direction(s) of the "
-                "parameters undetermined: minimum 1 is the point of a surface of equally "
-                "good ones that lies nearest to the prior median"
+                f"(!) The data leave {calibration.undetermined_directions} direction(s) of the "
+                "parameters undetermined: minimum 1 is, among equally good points, the one "
+                "closest to the prior median."
             )
-        elif _is_not_unique([fit.objective for fit in found.minima]):
-            where.print("(!) the fit is not unique: several minima are equally good")
+        elif _is_not_unique([fit.objective for fit in calibration.minima]):
+            where.print("(!) The fit is not unique: several minima are equally good.")
         where.print()
     print_record(lambda: {"calibrations": records})
 

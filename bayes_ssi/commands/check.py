@@ -1,4 +1,4 @@
-"""``bayes-ssi check``: what a file of identified modes says."""
+"""``bayes-ssi check``: how a file of identified modes is read."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["check"]
 @click.argument("data", type=click.Path(path_type=Path))
 @json_option
 def check(data: Path) -> None:
-    """Say what was read from the identified modes in DATA (CSV) and what is odd."""
+    """Show the identified modes read from DATA (CSV), with warnings about them."""
     from bayes_ssi.data.modal_files import read_modal_data
     from bayes_ssi.tables import modes_table
 
@@ -34,7 +34,7 @@ def check(data: Path) -> None:
         where,
         f"Band: {low:g} to {high:g} Hz. Sensors: {sensors}. Digest: {modes.digest}.",
         *(f"(!) {remark}" for remark in remarks),
-        *([] if remarks else ["Nothing odd."]),
+        *([] if remarks else ["No warnings."]),
     )
 
 

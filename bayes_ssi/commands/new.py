@@ -1,4 +1,4 @@
-"""``bayes-ssi new``: a small study to begin with, which runs as it stands."""
+"""``bayes-ssi new``: a small study to start from."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ KINDS = ("shear-building", "matrices", "function")
 @click.command()
 @click.argument("name", type=click.Path(path_type=Path))
 @click.option("--kind", type=click.Choice(KINDS), default="shear-building", show_default=True,
-              help="What the structure is: storeys and floors, matrices of a finite-element "
-              "program, or a Python function (around OpenSees, for instance).")  # fmt: skip
+              help="Kind of structure: storeys and floors, matrices of a finite-element program, "
+              "or a Python function (around OpenSees, for instance).")  # fmt: skip
 def new(name: Path, kind: str) -> None:
-    """Write a study NAME.py and its identified modes NAME.csv, to be changed into your own.
+    """Write an example study NAME.py and its identified modes NAME.csv, to adapt to your own.
 
-    Both run as they stand: bayes-ssi rank NAME.py. Nothing is overwritten.
+    The example runs unchanged: bayes-ssi rank NAME.py. Existing files are not overwritten.
     """
     from bayes_ssi.commands.scaffold import write_study
 
     study, data = write_study(name, kind)
     say(
         console(),
-        f"Wrote {study} and {data}. Now:",
+        f"Wrote {study} and {data}. Next:",
         f"  bayes-ssi check {data}",
         f"  bayes-ssi rank {study}",
     )

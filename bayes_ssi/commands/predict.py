@@ -1,4 +1,4 @@
-"""``bayes-ssi predict``: modes and responses from a stored result, with their uncertainty."""
+"""``bayes-ssi predict``: modes and responses from a stored result, with credible bands."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ __all__ = ["predict"]
 @click.option(
     "--study",
     type=click.Path(path_type=Path),
-    help="The study file, where it is no longer where the result says.",
+    help="Study file, if it has moved since the result was saved.",
 )
 @click.option(
     "--class",
     "classes",
     metavar="NAME",
     multiple=True,
-    help="Model class, or hypothesis of a search; 'average' over all by their probabilities if "
-    "not given. May be repeated.",
+    help="Model class, or hypothesis of a search; may be repeated.  [default: average, over all by "
+    "their probabilities]",
 )
 @click.option(
     "--configuration",
     metavar="NAME",
-    help="State of the structure, where several were tested.",
+    help="Configuration of the structure, if several were tested.",
 )
 @click.option(
     "--quantity",
@@ -54,27 +54,26 @@ __all__ = ["predict"]
     "places",
     metavar="PLACE",
     multiple=True,
-    help="Degree of freedom, or sensor of the structure; for drift LOWER:UPPER, the lower one may "
-    "be 'ground'. The top if not given. May be repeated.",
+    help="Degree of freedom or sensor of the structure; for drift LOWER:UPPER, where LOWER may be "
+    "'ground'; may be repeated.  [default: the top]",
 )
 @click.option(
     "--damping",
     metavar="RATIO,…",
-    help="Fraction of critical damping, one for all modes or one for each; the median of the "
-    "identified ones, or 0.02, if not given.",
+    help="Fraction of critical damping, one for all modes or one for each.  [default: median "
+    "of the identified ones, or 0.02]",
 )
 @click.option(
     "--transfer",
     metavar="SOURCE",
-    help="Transfer functions from the acceleration of the 'ground', from a force at a degree of "
-    "freedom, or 'none'; from the ground if not given, where the structures know how it moves "
-    "them.",
+    help="Input of transfer functions: acceleration of the 'ground', a force at a degree of "
+    "freedom, or 'none'.  [default: ground, if the influence of ground motion is known]",
 )
 @click.option(
     "--band",
     type=(float, float),
     metavar="LOW HIGH",
-    help="Frequencies of transfer functions in Hz; the band of the data if not given.",
+    help="Frequencies of transfer functions in Hz.  [default: band of the data]",
 )
 @click.option(
     "--record",
@@ -82,30 +81,30 @@ __all__ = ["predict"]
     type=click.Path(path_type=Path),
     metavar="FILE",
     multiple=True,
-    help="Ground motion (AT2, text or CSV) of time histories. May be repeated.",
+    help="Ground motion (AT2, text or CSV) for time histories; may be repeated.",
 )
-@click.option("--unit", help="Unit of the records (g, m/s2, cm/s2), where they do not say.")
-@click.option("--dt", type=float, help="Time step of the records in s, where they do not say.")
+@click.option("--unit", help="Unit of the records (g, m/s2, cm/s2), if not in the file.")
+@click.option("--dt", type=float, help="Time step of the records in s, if not in the file.")
 @click.option(
     "--level",
     type=float,
     default=0.95,
     show_default=True,
-    help="Probability that each credible band holds.",
+    help="Probability of the credible bands.",
 )
 @click.option(
     "--draws",
     type=click.IntRange(min=1),
     default=1000,
     show_default=True,
-    help="Posterior draws of every prediction.",
+    help="Number of posterior draws.",
 )
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="Where to save tables and figures; 'predictions' in RESULT if not given.",
+    help="Directory for tables and figures.  [default: RESULT/predictions]",
 )
-@click.option("--overwrite", is_flag=True, help="Replace predictions that exist.")
+@click.option("--overwrite", is_flag=True, help="Replace existing predictions.")
 @json_option
 def predict(
     result: Path, study: Path | None, classes: tuple[str, ...], out: Path | None, overwrite: bool,
@@ -113,9 +112,9 @@ def predict(
 ) -> None:  # fmt: skip
     """Predict modes and responses from RESULT, a directory that rank or search saved.
 
-    Nothing is sampled: the draws are the stored ones, the structures those of the study file.
-    Frequencies and mode shapes, transfer functions, and time histories and peaks under records,
-    all with credible bands.
+    Frequencies and mode shapes, transfer functions, and time histories and peaks under ground
+    motions, all with credible bands. Nothing is sampled: draws are those stored, structures those
+    of the study file.
     """
     from bayes_ssi.plots.prediction_figures import save_prediction_figures
     from bayes_ssi.predictions.prediction_files import save_predictions
@@ -134,11 +133,11 @@ def predict(
     require_new(directory, marker=MARKER, overwrite=overwrite)
     record = _record(predicted, list(names), request)
     responses = []
-    with progress_bars() as tell:
+    with progress_bars() as report:
         for done, name in enumerate(names, 1):
-            tell("predictions", name, (done - 1) / len(names))
+            report("predictions", name, (done - 1) / len(names))
             responses.append(predict_responses(predicted, name, request))
-            tell("predictions", name, done / len(names))
+            report("predictions", name, done / len(names))
     with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         write_json(partial / MARKER, record)
         save_predictions(partial, predicted.data, responses)
@@ -149,7 +148,7 @@ def predict(
     where = console()
     title = predicted.stored.record.study
     test = f", configuration {predicted.configuration!r}" if predicted.configuration else ""
-    say(where, f"{title}{test}: {draws} stored draws, nothing sampled.")
+    say(where, f"{title}{test}: {draws} stored draws; nothing was sampled.")
     say(where, *(_composition(each.predictions) for each in responses), *remarks)
     where.print(frequency_table(predicted.data, responses))
     for table in shape_tables(predicted.data, responses[0]):
@@ -181,7 +180,7 @@ def _modes(predicted: StoredPredictions, responses: Sequence[ResponseBands]) -> 
 
 
 def _composition(predictions: Predictions) -> str:
-    """What the draws of a prediction are of."""
+    """From which model classes the draws of a prediction are."""
     from bayes_ssi.predictions.predictions import AVERAGE
 
     if predictions.name != AVERAGE:
@@ -190,7 +189,7 @@ def _composition(predictions: Predictions) -> str:
     shares = [f"{len(each.values)} of {each.name!r}" for each in by_share[:4]]
     if len(by_share) > 4:
         shares.append(f"{sum(len(each.values) for each in by_share[4:])} of others")
-    return f"{AVERAGE}: draws by probability, {', '.join(shares)}."
+    return f"{AVERAGE}: draws in proportion to probability, {', '.join(shares)}."
 
 
 def _record(

@@ -45,11 +45,11 @@ def response_request(
 
     for name, value in (("--unit", unit), ("--dt", dt)):
         if value is not None and not records:
-            raise ValueError(f"{name}: says something of records, but there is no --record")
-    ratios, said = _damping(predicted, damping)
+            raise ValueError(f"{name}: applies to records, but no --record is given")
+    ratios, remark = _damping(predicted, damping)
     lowest = min(damping_ratios(ratios, len(_listed(ratios))))
     output = _output(quantity, places) if places else default_output(first, quantity)
-    remarks = [said]
+    remarks = [remark]
     frequencies = None
     if transfer is None:
         structures = [each.structure for each in first.classes]
@@ -57,8 +57,8 @@ def response_request(
         transfer = NO_TRANSFER if unknown else GROUND
         if unknown:
             remarks.append(
-                f"No transfer functions: the {type(unknown[0]).__name__} does not know how "
-                "the ground moves its degrees of freedom."
+                "No transfer functions: how ground motion acts on the degrees of freedom of the "
+                f"{type(unknown[0]).__name__} is not known."
             )
     if transfer != NO_TRANSFER:
         frequencies = default_frequencies(predicted.data, lowest, band)
@@ -69,11 +69,10 @@ def response_request(
         )
         if len(frequencies) == MOST_FREQUENCIES:
             remarks.append(
-                "(!) So many frequencies may pass by the top of a narrow peak; a narrower --band "
-                "helps."
+                "(!) The frequencies may miss the top of a narrow peak; give a narrower --band."
             )
     elif band is not None:
-        raise ValueError("--band: says something of transfer functions, but --transfer is none")
+        raise ValueError("--band: applies to transfer functions, but --transfer is none")
     motions = tuple(read_ground_motion(file, unit=unit, dt=dt) for file in records)
     remarks += [
         f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
@@ -90,12 +89,11 @@ def _damping(predicted: StoredPredictions, text: str | None) -> tuple[Damping, s
 
     if text is None:
         default, source = default_damping(predicted.data)
-        said = f"Damping: {100 * default:.3g} % in all modes, {source} (--damping changes it)."
-        return default, said
+        return default, f"Damping: {100 * default:.3g} % in all modes, {source}."
     ratios = _ratios(text)
-    of = "in all modes" if isinstance(ratios, float) else "mode by mode"
+    where = "in all modes" if isinstance(ratios, float) else "mode by mode"
     each = ", ".join(f"{100 * ratio:.3g}" for ratio in _listed(ratios))
-    return ratios, f"Damping: {each} % {of}, as given."
+    return ratios, f"Damping: {each} % {where}, as given."
 
 
 def _listed(ratios: Damping) -> Sequence[float]:
@@ -107,7 +105,7 @@ def _ratios(text: str) -> Damping:
         ratios = tuple(float(part) for part in text.split(","))
     except ValueError:
         raise ValueError(
-            f"--damping: must be a fraction, or one for each mode between commas, got {text!r}"
+            f"--damping: must be a fraction, or one for each mode separated by commas, got {text!r}"
         ) from None
     return ratios if len(ratios) > 1 else ratios[0]
 
@@ -119,6 +117,6 @@ def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
         return Output(quantity, places)
     for place in places:
         if place.count(":") != 1:
-            raise ValueError(f"--at: a drift is from LOWER:UPPER, got {place!r}")
+            raise ValueError(f"--at: a drift is given as LOWER:UPPER, got {place!r}")
     lower, upper = zip(*(place.split(":") for place in places), strict=True)
     return Output(quantity, tuple(zip(lower, upper, strict=True)))

@@ -1,4 +1,4 @@
-"""Studies to begin with: a file of identified modes and a study, commented, that run as they stand.
+"""Example studies: a commented study and its identified modes, which run unchanged.
 
 The modes are those of a shear building of three storeys with unit masses, its first frequency
 1 Hz and its second storey 20 % softer, with identification errors of half a per cent.
@@ -11,9 +11,9 @@ from pathlib import Path
 __all__ = ["write_study"]
 
 DATA = """\
-# source, an example; replace it by where your modes come from
+# source, an example; replace it by the origin of your modes
 # band_hz, 0, 6
-# One row a mode, one column a sensor; frequency_cov, shape_sd and damping may be left out.
+# One row per mode, one column per sensor; frequency_cov, shape_sd and damping are optional.
 label, frequency_hz, frequency_cov, shape_sd, floor 1, floor 2, floor 3
 1,     0.960,        0.005,         0.02,     0.291,   0.608,   0.738
 2,     2.755,        0.005,         0.02,     -0.779,  -0.294,  0.554
@@ -28,21 +28,21 @@ Run it with: bayes-ssi rank {stem}.py
 {imports}
 import bayes_ssi as bs
 
-# The identified modes; `bayes-ssi check {stem}.csv` says how they are read.
+# The identified modes; `bayes-ssi check {stem}.csv` shows how they are read.
 modes = bs.read_modal_data(Path(__file__).with_suffix(".csv"))
 
-# What is to be inferred: factors on nominal stiffnesses, about 1 and known to 30 %.
+# The parameters to infer: factors of nominal stiffnesses, about 1 and known to 30 %.
 prior = bs.LogNormal(median=1.0, cov=0.3)
 k, k1, k2, k3 = (bs.Parameter(name, prior) for name in ("k", "k1", "k2", "k3"))
 
 '''
 
 TAIL = """
-# How far the model's frequencies (as a fraction) and shapes (per component) are from the real
-# ones, beyond the identification errors. Without this line, both are inferred.
+# Prediction errors of the model, beyond the identification errors: standard deviations of
+# frequencies (as a fraction) and of shapes (per component). Without it, both are inferred.
 error = bs.ErrorModel(frequency_cov=0.005, shape_sd=0.02)
 
-# Identified mode -> model mode. What is left out counts as spurious; "any" infers the pairing.
+# Identified mode -> model mode. Modes left out count as spurious; "any" infers the pairing.
 pairing = {"1": 1, "2": 2, "3": 3}
 
 study = bs.Study(
@@ -64,7 +64,7 @@ def structure(*factors):
 
 MATRICES = '''
 def storey(i):
-    """The nominal stiffness matrix of storey i: what your finite-element program writes."""
+    """The nominal stiffness matrix of storey i, as your finite-element program writes it."""
     # bs.read_matrix("model.mat", key="K1") reads MATLAB files, .npz and Matrix Market files.
     direction = np.zeros(3)
     direction[i] = 1.0
@@ -74,7 +74,7 @@ def storey(i):
 
 
 def structure(*factors):
-    """K = sum of factor times matrix; sparse matrices of any size may stand here."""
+    """K = sum of factor times matrix; the matrices may be sparse and of any size."""
     return bs.MatrixStructure(
         stiffness=[(factor, storey(i)) for i, factor in enumerate(factors)],
         mass=np.eye(3),
@@ -98,7 +98,7 @@ def structure(*factors):
     return bs.FunctionStructure(
         model,
         arguments=dict(zip(("factor_1", "factor_2", "factor_3"), factors, strict=True)),
-        # Name of a sensor -> its degree of freedom, from 0. Of a function that returns shapes:
+        # Name of a sensor -> its degree of freedom, from 0. For a function that returns shapes:
         # the names of their rows.
         sensors={"floor 1": 0, "floor 2": 1, "floor 3": 2},
         n_modes=3,
@@ -118,15 +118,15 @@ def write_study(name: str | Path, kind: str) -> tuple[Path, Path]:
     """Write a study and its data.
 
     Args:
-        name: of the files, without or with ``.py``; perhaps in another directory, which exists.
+        name: of the files, with or without ``.py``; its directory must exist.
         kind: one of ``KINDS``.
 
     Returns:
         The paths of the study and of the data.
 
     Raises:
-        FileExistsError: one of the files exists; nothing is written then.
-        ValueError: there is no such kind, or the name is none for a file.
+        FileExistsError: one of the files exists; nothing is written.
+        ValueError: there is no such kind, or the name is not one of a file.
         OSError: they cannot be written.
     """
     if kind not in KINDS:
@@ -134,7 +134,7 @@ def write_study(name: str | Path, kind: str) -> tuple[Path, Path]:
     path = Path(name)
     path = path.with_suffix("") if path.suffix == ".py" else path
     if not path.name or not path.name.isprintable():
-        raise ValueError(f"name of the study: {str(name)!r} is none for a file")
+        raise ValueError(f"name of the study: {str(name)!r} is not a file name")
     study, data = (path.with_name(path.name + suffix) for suffix in (".py", ".csv"))
     for file in (study, data):
         if file.exists():

@@ -88,6 +88,6 @@ def _joint(ax: Axes, x: FloatArray, y: FloatArray) -> None:
     falling = np.sort(density, axis=None)[::-1]
     held = np.cumsum(falling) / falling.sum()
     outer, inner = falling[np.searchsorted(held, CONTOURS[::-1])]
-    ax.contourf(*centres, density, [outer, inner, np.inf], colors=[BLUE], alpha=0.25)
+    ax.contourf(*centres, density, [outer, inner, np.inf], colors=[(BLUE, 0.2), (BLUE, 0.5)])
     ax.contour(*centres, density, np.unique([outer, inner]), colors=[BLUE], linewidths=0.9)
     ax.set_ylim(edges[1][0], edges[1][-1])

@@ -166,7 +166,7 @@ def legend_of_figure(figure: Any, ax: Axes, columns: int = 3) -> None:
 def _labelled(ax: Axes) -> tuple[list[Any], list[str]]:
     """What is drawn under a name, and the names."""
     # matplotlib leaves out labels that begin with an underscore, its own and a class's alike.
-    drawn: Iterable[Any] = (*ax.containers, *ax.collections, *ax.lines)
+    drawn: Iterable[Any] = (*ax.lines, *ax.collections, *ax.containers)
     labelled = [(artist, str(artist.get_label() or "_nolegend_")) for artist in drawn]
     own = ("_child", "_container", "_nolegend_")
     shown = [(artist, label) for artist, label in labelled if not label.startswith(own)]

@@ -128,7 +128,7 @@ def test_check(run, csv_file):
     assert result.exit_code == 0
     for words in ("test of May", "0.618", "2 of 2", "Band: 0 to 3 Hz", "floor 1, floor 2"):
         assert words in result.stdout
-    assert "Nothing odd." in result.stdout
+    assert "No warnings." in result.stdout
 
 
 def test_check_says_what_is_odd(run, csv_file):
@@ -136,7 +136,7 @@ def test_check_says_what_is_odd(run, csv_file):
     result = run("check", csv_file(swapped))
     assert result.exit_code == 0
     assert "(!) mode '2': shape at one sensor only" in result.stdout
-    assert "Nothing odd." not in result.stdout
+    assert "No warnings." not in result.stdout
 
 
 @pytest.mark.parametrize("name", ["2[b]", "[east]", "[/]"])

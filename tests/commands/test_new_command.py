@@ -21,7 +21,7 @@ def test_a_new_study_runs(tmp_path, monkeypatch, kind):
     assert "bayes-ssi rank mine.py" in done.output
     checked = run("check", "mine.csv")
     assert checked.exit_code == 0
-    assert "Nothing odd." in checked.output
+    assert "No warnings." in checked.output
     study = load_study("mine.py")
     one, each = study.model_classes
     assert [p.name for p in one.parameters] == ["k"]

@@ -61,9 +61,9 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
     assert done.exit_code == 0, done.output
     text = " ".join(done.stdout.split())
     for words in (
-        "Two storeys: 1000 stored draws, nothing sampled.",
-        "average: draws by probability,",
-        "Damping: 2 % in all modes, assumed, since none was identified (--damping changes it).",
+        "Two storeys: 1000 stored draws; nothing was sampled.",
+        "average: draws in proportion to probability,",
+        "Damping: 2 % in all modes, assumed, since none was identified.",
         "Transfer functions: from the ground's acceleration, 1943 frequencies from 0 to 3 Hz.",
         "Natural frequencies (Hz) before and after updating, 95 % band",
         "Mode shapes of 'average'",
@@ -133,13 +133,13 @@ def test_modes_alone_of_a_structure_without_masses(predict, monkeypatch):
     monkeypatch.setattr("bayes_ssi.structures.lumped.LumpedStructure.modal_model", unknown)
     done = predict()
     assert done.exit_code == 0, done.output
-    assert "No transfer functions: the ShearBuilding does not know how the ground" in done.stdout
+    assert "No transfer functions: how ground motion acts on the degrees of freedom" in done.stdout
     assert_one_line_error(predict("--transfer", "ground", "--overwrite"), "give influence=")
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_narrow_peak_is_spoken_of(predict):
-    assert "(!) So many frequencies may pass by" in predict("--damping", 1e-5).stdout
+    assert "(!) The frequencies may miss the top" in predict("--damping", 1e-5).stdout
 
 
 @pytest.mark.usefixtures("no_figures")

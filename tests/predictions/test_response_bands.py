@@ -159,7 +159,7 @@ def test_tables_fit_a_terminal(predicted, responses):
 
 
 def test_shapes_of_many_modes_are_several_tables(predicted, responses, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.tables.prediction_tables.WIDTH", 20)
+    monkeypatch.setattr("bayes_ssi.tables.prediction_tables.TERMINAL", 20)
     tables = [printed(each) for each in shape_tables(predicted.data, responses[0])]
     assert len(tables) == 2
     assert all("floor 2" in each for each in tables)
