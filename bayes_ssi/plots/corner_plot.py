@@ -17,20 +17,26 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_corner"]
 
-# Inches of a panel, and how much of it is left for a title between its neighbours.
-PANEL, TITLE = 1.5, 1.2
-BINS = 30
 # Probability within one and within two standard deviations of a normal density of two variables.
 CONTOURS = 1.0 - np.exp(-0.5 * np.array([1.0, 2.0]) ** 2)
 
 
 def plot_corner(
-    posterior: Posterior, figure: Figure | None = None, parameters: Sequence[str] | None = None
+    posterior: Posterior,
+    figure: Figure | None = None,
+    parameters: Sequence[str] | None = None,
+    bins: int = 30,
 ) -> Figure:
     """Marginal and joint posterior densities of the parameters, or of those that are named.
 
     Dashed lines are the 5 %, 50 % and 95 % quantiles; contours hold 39 % and 86 % of the draws, as
     one and two standard deviations of a normal density do.
+
+    Args:
+        posterior: the draws.
+        figure: to draw on; a new one if None.
+        parameters: names; all if None.
+        bins: of the histograms, across the range of a parameter's draws.
 
     Raises:
         ValueError: there is no parameter of such a name.
@@ -44,17 +50,18 @@ def plot_corner(
         )
     values = posterior.values[:, [posterior.parameter_names.index(name) for name in names]]
     n = len(names)
-    points = 9.0 * min(1.0, letters_across(TITLE) / max(map(len, names)))
-    figure = figure_of(figure, (0.6 + PANEL * n, 1.4 + PANEL * n))
+    # Of a panel of 1.5 in, 1.2 in hold its title.
+    points = 9.0 * min(1.0, letters_across(1.2) / max(map(len, names)))
+    figure = figure_of(figure, (0.6 + 1.5 * n, 1.4 + 1.5 * n))
     axes: Any = figure.subplots(n, n, squeeze=False, sharex="col")
     for row, column in np.ndindex(n, n):
         ax = axes[row, column]
         if column > row:
             ax.remove()
         elif column == row:
-            _marginal(ax, values[:, row], names[row], min(7.5, points))
+            _marginal(ax, values[:, row], bins, names[row], min(7.5, points))
         else:
-            _joint(ax, values[:, column], values[:, row])
+            _joint(ax, values[:, column], values[:, row], bins)
         ax.tick_params("both", labelsize=7, labelleft=column == 0 < row)
         ax.tick_params("x", rotation=45)
         ax.locator_params(nbins=4)
@@ -67,9 +74,9 @@ def plot_corner(
     return figure
 
 
-def _marginal(ax: Axes, values: FloatArray, name: str, points: float) -> None:
+def _marginal(ax: Axes, values: FloatArray, bins: int, name: str, points: float) -> None:
     low, median, high = quantiles = np.quantile(values, [0.05, 0.5, 0.95])
-    ax.hist(values, bins=BINS, histtype="step", color=BLUE)
+    ax.hist(values, bins=bins, histtype="step", color=BLUE)
     for value in quantiles:
         ax.axvline(value, color=BLUE, linestyle="--", linewidth=0.9)
     ax.set_yticks([])
@@ -78,11 +85,11 @@ def _marginal(ax: Axes, values: FloatArray, name: str, points: float) -> None:
     without_math(ax.set_title(title, fontsize=points, loc="center"))
 
 
-def _joint(ax: Axes, x: FloatArray, y: FloatArray) -> None:
+def _joint(ax: Axes, x: FloatArray, y: FloatArray, bins: int) -> None:
     """Contours of a histogram, smoothed by a Gaussian of one bin."""
     from scipy.ndimage import gaussian_filter
 
-    counts, *edges = np.histogram2d(x, y, bins=BINS)
+    counts, *edges = np.histogram2d(x, y, bins=bins)
     centres = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
     density = gaussian_filter(counts, 1.0).T
     falling = np.sort(density, axis=None)[::-1]

@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_frequencies"]
 
-# The standard normal's 97.5 % quantile: half a 95 % interval in standard deviations.
-HALF_95 = 1.96
-
 
 def plot_frequencies(
     data: ModalData,
@@ -52,7 +49,7 @@ def plot_frequencies(
     ax = axes_of(ax, (max(WIDTH, 0.7 + 0.72 * len(data.modes)), 3.4))
     for i, mode in enumerate(data.modes):
         if mode.frequency_cov is not None:
-            half = 100.0 * HALF_95 * mode.frequency_cov
+            half = 196.0 * mode.frequency_cov  # 1.96 standard deviations, in per cent
             ax.fill_between([i - 0.42, i + 0.42], -half, half, color=GREY, alpha=0.3, linewidth=0)
     offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
     for k, (posterior, offset) in enumerate(zip(posteriors, offsets, strict=True)):

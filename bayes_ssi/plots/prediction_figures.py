@@ -13,6 +13,7 @@ from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.modal import mac
 from bayes_ssi.plots.before_and_after import plot_frequency_change
 from bayes_ssi.plots.figure_style import (
+    LINES,
     WIDTH,
     figure_of,
     figures_for_files,
@@ -20,6 +21,7 @@ from bayes_ssi.plots.figure_style import (
     save_figure,
     without_math,
 )
+from bayes_ssi.plots.identified_modes import PANELS_ACROSS
 from bayes_ssi.plots.matrix_plots import plot_mac
 from bayes_ssi.plots.response_plots import plot_time_history, plot_transfer_functions
 from bayes_ssi.plots.shape_plots import plot_building_shape, plot_shape_components
@@ -36,16 +38,13 @@ if TYPE_CHECKING:
 
 __all__ = ["save_prediction_figures"]
 
-# Bands that one panel, and mode shapes that one row, can show legibly.
-MOST_DRAWN, MODES_ACROSS = 3, 6
-
 
 def save_prediction_figures(
     directory: str | Path, data: ModalData, responses: Sequence[ResponseBands]
 ) -> list[Path]:
     """Write figures of predictions of one request into ``directory``, which is made.
 
-    Transfer functions and time histories of the first three model classes, where requested;
+    Transfer functions and time histories of the first four model classes, where requested;
     for the most probable class of the first one its mode shapes, their MACs with the
     identified shapes, and its frequencies before and after updating.
 
@@ -61,7 +60,7 @@ def save_prediction_figures(
     with figures_for_files():
         return [
             save_figure(drawn, Path(directory) / f"{name}.png")
-            for name, drawn in _figures(data, responses[:MOST_DRAWN])
+            for name, drawn in _figures(data, responses[: len(LINES)])
         ]
 
 
@@ -142,7 +141,7 @@ def _mode_shapes(own: Predictions, data: ModalData, paired: Sequence[str], level
     influence = ground_influence(structure)
     sideways = influence is None or bool((influence == 1.0).all())
     plot: Callable[..., Axes] = plot_building_shape if sideways else plot_shape_components
-    across = min(len(paired), MODES_ACROSS)
+    across = min(len(paired), PANELS_ACROSS)
     down = -(-len(paired) // across)
     height = 3.2 if sideways else 0.8 + 0.2 * len(places)
     figure = figure_of(None, (0.8 + 1.7 * across, 0.3 + height * down))

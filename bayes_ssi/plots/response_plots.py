@@ -16,10 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_time_history", "plot_transfer_functions"]
 
-# A logarithmic axis begins no lower than this fraction of its highest value: at rest, and where it
-# cancels out, a response is as low as rounding lets it.
-LOWEST = 1e-4
-
 
 def plot_transfer_functions(
     frequencies_hz: FloatArray,
@@ -43,7 +39,8 @@ def plot_transfer_functions(
     ax = _draw(ax, frequencies_hz, bands, reference, 1.1)
     ax.set_yscale("log")
     highest = max((float(np.max(band.high)) for band in bands.values()), default=1.0)
-    ax.set_ylim(bottom=max(ax.get_ylim()[0], LOWEST * highest))
+    # At rest, and where it cancels out, a response is as low as rounding lets it: show 4 decades.
+    ax.set_ylim(bottom=max(ax.get_ylim()[0], 1e-4 * highest))
     _label(ax, "frequency (Hz)", quantity, legend)
     return ax
 

@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_sensitivity"]
 
-# Nats beyond which a linear axis would press together the classes that matter.
-FAR = 30.0
-
 
 def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
     """Log of each class's probability over that of the first class, setting by setting.
@@ -50,7 +47,8 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
                                markersize=5, linestyle="none",
                                label=None if y else name)  # fmt: skip
             hover(point, f"{name}, {row.name}: probability {probability_text(probability)}")
-    if max(map(abs, ax.get_xlim())) > FAR:
+    # Classes further behind than 30 nats would press together those that matter.
+    if max(map(abs, ax.get_xlim())) > 30.0:
         ax.set_xscale("symlog", linthresh=1.0)
         ax.xaxis.set_major_formatter("{x:g}")
         ax.margins(x=0.06)

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["EmbeddedFigure", "embedded_drawing", "embedded_file"]
 
-# A CSS inch has 96 pixels, and SVG drawings are made in points.
-CSS_PIXELS, POINTS = 96, 72
 PNG_HEADER = b"\x89PNG\r\n\x1a\n"
 
 
@@ -43,7 +41,7 @@ def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigur
         caption: what it shows.
         prefix: of the identities in the drawing, its own on the page.
     """
-    figure.set_dpi(POINTS)
+    figure.set_dpi(72)  # SVG is drawn in points
     # Laid out once: a figure that is saved with its layout engine is drawn twice.
     layout = figure.get_layout_engine()
     if layout is not None:
@@ -71,7 +69,7 @@ def embedded_file(path: Path, caption: str) -> EmbeddedFigure:
     if not content.startswith(PNG_HEADER) or len(content) < 24:
         raise ValueError(f"{path}: damaged: not a PNG file")
     pixels = int.from_bytes(content[16:20], "big")  # the width, first of the first chunk
-    width = round(CSS_PIXELS * pixels / RC["savefig.dpi"])
+    width = round(96 * pixels / RC["savefig.dpi"])  # a CSS inch has 96 pixels
     data = base64.b64encode(content).decode("ascii")
     alt = escape(caption, quote=True)
     html = f'<img alt="{alt}" width="{width}" src="data:image/png;base64,{data}">'

@@ -17,6 +17,7 @@ from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.predictions.saved_predictions import SavedPredictions
 from bayes_ssi.ranking.comparison import RankedClass
+from bayes_ssi.report.limits import LIMITS
 from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.results.load import StoredResult
 from bayes_ssi.results.result_record import ResultRecord
@@ -38,7 +39,6 @@ def page_content(
     stored: StoredResult,
     predictions: SavedPredictions | None,
     figures: ReportFigures,
-    most_listed: int,
 ) -> dict[str, Any]:
     """The variables of the template.
 
@@ -46,7 +46,6 @@ def page_content(
         stored: the ranking.
         predictions: those saved with it.
         figures: of the report.
-        most_listed: model classes that are described in full, the best first.
     """
     record, comparison = stored.record, stored.comparison
     ranked = [
@@ -73,9 +72,9 @@ def page_content(
         "classes": [
             # A hypothesis of a search carries the description of the class that it was built on.
             _class(each, stored, described=stored.search is None)
-            for each in ranked[:most_listed]
+            for each in ranked[: LIMITS.classes]
         ],
-        "n_more": max(0, len(ranked) - most_listed),
+        "n_more": max(0, len(ranked) - LIMITS.classes),
         "checks": [(each.row, each.posterior, _chain_lengths(each.posterior)) for each in ranked],
         "check_names": methods,
         "search": stored.search,
@@ -83,6 +82,7 @@ def page_content(
         "turning": stored.sensitivity.turning if stored.sensitivity else (),
         "predictions": predictions,
         "figures": figures,
+        "limits": LIMITS,
         "command": record.command or _command(record),
         "sampled_seconds": sum(each.posterior.seconds for each in ranked),
     }

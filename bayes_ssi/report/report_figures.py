@@ -32,6 +32,7 @@ from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.predictions.saved_predictions import SavedPredictions
 from bayes_ssi.report.embedded_figure import EmbeddedFigure, embedded_drawing, embedded_file
+from bayes_ssi.report.limits import LIMITS
 from bayes_ssi.results.load import StoredResult
 
 if TYPE_CHECKING:
@@ -40,19 +41,6 @@ if TYPE_CHECKING:
 
 __all__ = ["ReportFigures", "draw_figures"]
 
-
-@dataclass(frozen=True)
-class Limits:
-    """How much a report draws: what a page has room for, and a reader patience."""
-
-    classes_in_frequencies: int = 5
-    classes_with_modes: int = 2
-    parameters_in_corner: int = 6
-    # A class less probable than this is drawn only if it is the first, or the second of one test.
-    least_probability: float = 0.01
-
-
-LIMITS = Limits()
 
 # A caption, and how the figure is drawn.
 Plot = tuple[str, Callable[[], "Axes | Figure"]]

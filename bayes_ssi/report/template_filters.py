@@ -21,7 +21,7 @@ NUMBERS = ("low", "median", "high", "share")
 
 
 def number(value: Any, digits: int = 4) -> str:
-    """So many significant digits; a dash where there is no number."""
+    """A number to some significant digits; a dash for None, NaN and infinities."""
     if value is None:
         return MISSING
     value = float(value)
@@ -29,7 +29,7 @@ def number(value: Any, digits: int = 4) -> str:
 
 
 def fixed(value: Any, decimals: int = 2) -> str:
-    """So many decimals, never -0.00."""
+    """A number to some decimals, never -0.00; a dash for None, NaN and infinities."""
     if value is None or not math.isfinite(float(value)):
         return MISSING
     return f"{round(float(value), decimals) + 0.0:.{decimals}f}"
@@ -48,7 +48,7 @@ def percent(fraction: Any, digits: int = 3) -> str:
 
 
 def error_percent(model: Any, identified: float) -> str:
-    """By how much a frequency is off, with its sign."""
+    """The relative error of a frequency, with its sign."""
     if model is None or not math.isfinite(float(model)):
         return MISSING
     error = round(100.0 * (float(model) / identified - 1.0), 1)
@@ -70,12 +70,10 @@ def prior(distribution: Any) -> str:
     return f"{name.replace('log-normal', 'lognormal')}: {', '.join(numbers)}"
 
 
-def names(items: Sequence[Any], last: str = "and") -> str:
-    """A list in a sentence: 'a', 'b' and 'c'."""
-    told = [str(item) for item in items]
-    if len(told) < 2:
-        return "".join(told)
-    return f"{', '.join(told[:-1])} {last} {told[-1]}"
+def names(items: Sequence[Any]) -> str:
+    """A list in a sentence: a, b and c."""
+    *first, last = map(str, items)
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def quoted(items: Sequence[Any]) -> list[str]:
@@ -97,7 +95,7 @@ def settings(given: SamplingSettings) -> str:
 
 
 def heading(name: str) -> str:
-    """A column of a CSV file as a table heads it."""
+    """The heading of a CSV file's column in a table."""
     for ending, unit in UNITS.items():
         if name.endswith(ending):
             return f"{name.removesuffix(ending).replace('_', ' ')} ({unit})"

@@ -15,8 +15,6 @@ from bayes_ssi.versions import versions
 __all__ = ["write_report"]
 
 PAGE = "report.html"
-# Model classes that are described in full; a search may have sampled dozens.
-MOST_LISTED = 8
 
 
 def write_report(
@@ -34,31 +32,31 @@ def write_report(
         result: the result directory.
         directory: where to; ``report`` in the result directory if None.
         overwrite: replace a report that exists.
-        progress: called with the name of a step and the share of all that is done.
+        progress: called with the name of a step and the fraction of all that is done.
 
     Returns:
         The path of the page, ``report.html`` in the directory.
 
     Raises:
         FileExistsError: the directory exists and ``overwrite`` is false, or holds no report.
-        ValueError: the result is none, damaged, or another version's.
+        ValueError: it is not a result, damaged, or of another version.
     """
     import jinja2
 
     from bayes_ssi.report.page_content import page_content  # it loads rich
 
-    def tell(step: str, done: float) -> None:
+    def report(step: str, done: float) -> None:
         if progress is not None:
             progress(step, done)
 
-    tell("reading", 0.0)
+    report("reading", 0.0)
     stored = load_result(result)
     predictions = load_saved_predictions(stored.directory)
     directory = Path(directory) if directory is not None else stored.directory / "report"
     require_new(directory, marker=PAGE, overwrite=overwrite)
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("bayes_ssi", "report/templates"),
-        autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",)),
+        autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -66,11 +64,13 @@ def write_report(
     environment.filters.update(FILTERS)
     environment.tests.update(TESTS)
     try:
-        tell("figures", 0.1)
-        figures = draw_figures(stored, predictions, lambda done: tell("figures", 0.1 + 0.8 * done))
-        tell("page", 0.9)
+        report("figures", 0.1)
+        figures = draw_figures(
+            stored, predictions, lambda done: report("figures", 0.1 + 0.8 * done)
+        )
+        report("page", 0.9)
         page = environment.get_template(f"{PAGE}.j2").render(
-            page_content(stored, predictions, figures, MOST_LISTED),
+            page_content(stored, predictions, figures),
             page_versions=versions(),
             result=str(stored.directory),
         )
@@ -79,5 +79,5 @@ def write_report(
         raise ValueError(f"{stored.directory}: incomplete or damaged result: {what}") from error
     with new_directory(directory, marker=PAGE, overwrite=overwrite) as partial:
         (partial / PAGE).write_text(page.rstrip() + "\n", encoding="utf-8")
-    tell("page", 1.0)
+    report("page", 1.0)
     return directory / PAGE

@@ -6,12 +6,9 @@ from rich.table import Table
 
 from bayes_ssi.calibration.calibration import Calibration
 from bayes_ssi.model_class.configuration import label_in
-from bayes_ssi.tables.layout import TERMINAL, add_columns, add_row, new_table, number
+from bayes_ssi.tables.layout import NUMBER, TERMINAL, add_columns, add_row, new_table, number
 
 __all__ = ["calibration_modes_table", "calibration_table"]
-
-# Characters that a column of numbers takes, with the space between columns.
-NUMBER = 9
 
 
 def calibration_table(calibration: Calibration) -> Table:

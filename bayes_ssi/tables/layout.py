@@ -9,10 +9,10 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["TERMINAL", "add_columns", "add_row", "interval", "new_table", "number"]
+__all__ = ["NUMBER", "TERMINAL", "add_columns", "add_row", "interval", "new_table", "number"]
 
-# Columns of a terminal.
-TERMINAL = 80
+# Columns of a terminal, and those that a number takes with the space next to it.
+TERMINAL, NUMBER = 80, 9
 
 
 def new_table(title: str, texts: Sequence[str] = (), numbers: Sequence[str] = ()) -> Table:

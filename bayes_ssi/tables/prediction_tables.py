@@ -9,12 +9,17 @@ from rich.table import Table
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.predictions.predicted_modes import predicted_modes, predicted_shapes, shown_places
 from bayes_ssi.predictions.response_bands import ResponseBands
-from bayes_ssi.tables.layout import TERMINAL, add_columns, add_row, interval, new_table, number
+from bayes_ssi.tables.layout import (
+    NUMBER,
+    TERMINAL,
+    add_columns,
+    add_row,
+    interval,
+    new_table,
+    number,
+)
 
 __all__ = ["frequency_table", "peak_table", "shape_tables"]
-
-# Characters of a component of a shape, with the space around it, and of the name of its place.
-COMPONENT, PLACE = 9, 30
 
 
 def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Table:
@@ -55,8 +60,8 @@ def shape_tables(data: ModalData, each: ResponseBands) -> Iterator[Table]:
     """Medians of the shapes of identified modes, as many modes a table as a terminal is wide."""
     places = shown_places(each.predictions, data)
     shapes = list(predicted_shapes(data, each.predictions, each.request.level))
-    wide = max(COMPONENT, 3 + max((len(label) for label, _ in shapes), default=0))
-    across = max(1, (TERMINAL - min(PLACE, max(map(len, places))) - 2) // wide)
+    wide = max(NUMBER, 3 + max((len(label) for label, _ in shapes), default=0))
+    across = max(1, (TERMINAL - min(30, max(map(len, places))) - 2) // wide)
     for start in range(0, len(shapes), across):
         part = shapes[start : start + across]
         table = new_table(
