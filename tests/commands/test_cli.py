@@ -91,13 +91,12 @@ def test_existing_results_are_kept_unless_told_otherwise(run, tiny_study_file, t
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_ends_with_3_and_is_said(run, tiny_study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_LIMIT", 0.5)
-    monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_SCATTER", -1e9)
+    monkeypatch.setattr("bayes_ssi.posterior.checks.REACHED", 0.0)
     result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "one k (!)" in result.stdout
     assert "Failed checks" in result.stdout
-    assert "one k: the ensembles differ" in result.stdout
+    assert "one k: the standard error of the log evidence" in result.stdout
     assert load_result(tmp_path / "r").comparison.failed_checks
 
 
