@@ -1,7 +1,7 @@
 """The search for hidden appendages: is there one, where, how heavy, and at which frequency?
 
 From a baseline model class it builds hypotheses: no appendage; one appendage of each kind at each
-of its places; then one more beside the best of these, as long as the evidence grows. Which
+of its places; then one more added to the best of these, as long as the evidence grows. Which
 identified mode is which is never assumed: every hypothesis is scored over all pairings.
 """
 

@@ -18,7 +18,7 @@ class AppendagePlace(ABC):
     Attributes:
         title: of the kind, for the legend of a drawing.
         marker: that draws it, as matplotlib names markers.
-        is_outside: whether it is drawn beside the building, joined to its floor.
+        is_outside: whether it is drawn next to the building, joined to its floor.
     """
 
     # Where a stored record names the kind.

@@ -15,7 +15,7 @@ from bayes_ssi.ranking.study import Ranking
 __all__ = [
     "AppendageSearch",
     "AppendageSummary",
-    "AveragedBesideNaive",
+    "AveragedAndNaive",
     "HypothesisRecord",
     "PlaceProbability",
     "SearchRecord",
@@ -41,7 +41,7 @@ class AppendageSummary:
 
 
 @dataclass(frozen=True)
-class AveragedBesideNaive(AveragedParameter):
+class AveragedAndNaive(AveragedParameter):
     """A parameter of the baseline, averaged over all hypotheses by their probability.
 
     Attributes:
@@ -71,7 +71,7 @@ class HypothesisRecord:
 
 @dataclass(frozen=True)
 class SearchRecord:
-    """What is stored of a search beside its ranking.
+    """What is stored of a search in addition to its ranking.
 
     Attributes:
         baseline: name of the model class that the hypotheses were built on.
@@ -89,7 +89,7 @@ class SearchRecord:
     probability_of_any: float
     places: tuple[PlaceProbability, ...]
     hypotheses: tuple[HypothesisRecord, ...]
-    averaged_parameters: tuple[AveragedBesideNaive, ...]
+    averaged_parameters: tuple[AveragedAndNaive, ...]
 
     @property
     def place_probabilities(self) -> dict[AppendagePlace, float]:
@@ -154,13 +154,13 @@ class AppendageSearch:
         )
 
     @property
-    def averaged_parameters(self) -> tuple[AveragedBesideNaive, ...]:
-        """The baseline's parameters averaged over the hypotheses, beside the naive fit."""
+    def averaged_parameters(self) -> tuple[AveragedAndNaive, ...]:
+        """The baseline's parameters averaged over the hypotheses, and without appendages."""
         naive = next(p for p in self.ranking.posteriors if not self.places[p.name])
         averaged = averaged_parameters(self.ranking.posteriors, self.ranking.comparison)
         by_name = {row.name: row for row in averaged}
         return tuple(
-            AveragedBesideNaive(
+            AveragedAndNaive(
                 **asdict(by_name[name]),
                 naive_mean=float(naive.values[:, i].mean()),
                 naive_sd=float(naive.values[:, i].std()),
@@ -170,7 +170,7 @@ class AppendageSearch:
 
 
 def search_record(result: AppendageSearch) -> SearchRecord:
-    """What is stored of a search beside its ranking."""
+    """What is stored of a search in addition to its ranking."""
     return SearchRecord(
         result.baseline,
         result.search_settings,

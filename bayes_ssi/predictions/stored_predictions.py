@@ -18,13 +18,13 @@ __all__ = ["StoredPredictions", "load_predictions"]
 
 @dataclass(frozen=True, eq=False)
 class StoredPredictions:
-    """A stored result with the model classes that it is of.
+    """A stored result and its model classes.
 
     Attributes:
         stored: the result.
         model_classes: name → class.
-        n_draws: of every prediction.
-        configuration: what is predicted is the structure in this one.
+        n_draws: number of posterior draws of every prediction.
+        configuration: the state of the structure that is predicted.
     """
 
     stored: StoredResult
@@ -48,7 +48,7 @@ class StoredPredictions:
         """Predictions of one model class.
 
         Raises:
-            ValueError: there is none of that name, or it has changed since it was sampled.
+            ValueError: there is no class of that name, or it has changed since it was sampled.
         """
         posterior = self.stored.posterior(name)
         return predict_class(posterior, self.model_classes[name], self.n_draws, self.configuration)
@@ -74,22 +74,21 @@ def load_predictions(
     n_draws: int = DRAWS,
     configuration: str | None = None,
 ) -> StoredPredictions:
-    """What a stored result can predict.
+    """What a stored result of a ranking or a search can predict.
 
-    The draws come from the result directory, the structures from the study file; whether they
-    belong together is checked at stored draws. The result of a search does as well.
+    The draws come from the result directory, the structures from the study file; that they belong
+    together is checked at stored draws.
 
     Args:
         directory: the result.
-        study_file: of the study; where the result says if None.
-        n_draws: of every prediction.
-        configuration: the state of the structure that is predicted; not needed where there was
-            one test only.
+        study_file: the study; the file that the result names if None.
+        n_draws: number of posterior draws of every prediction.
+        configuration: the state of the structure that is predicted; not needed where there is
+            only one.
 
     Raises:
-        ValueError: the result is none or incomplete, the study file is not there, is no study, or
-            defines other model classes, or there is no such configuration, or several and none
-            is named.
+        ValueError: the result is damaged or incomplete, the study file is missing, defines no
+            study or other model classes, or the configuration is unknown or not given.
     """
     if n_draws < 1:
         raise ValueError(f"predictions: the number of draws must be at least 1, got {n_draws!r}")

@@ -1,4 +1,4 @@
-"""Results on disk: written once and whole, and read back without sampling again."""
+"""Result directories: written at once or not at all, and read back without sampling."""
 
 from bayes_ssi.results.load import StoredResult, load_result
 from bayes_ssi.results.save import save_result

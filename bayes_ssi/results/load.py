@@ -1,4 +1,4 @@
-"""A ranking on disk: written once, whole, and read back without sampling again.
+"""Reading a result directory.
 
 A result directory holds ``result.json`` (study, inputs, versions, seed, settings and everything
 but the draws), ``data.csv`` (the identified modes; where there are several configurations, a
@@ -63,7 +63,7 @@ class StoredResult:
 
     @cached_property
     def sensitivity(self) -> Sensitivity | None:
-        """How the ranking depends on settings; None if that was not asked.
+        """How the ranking depends on settings; None if that was not computed.
 
         Raises:
             ValueError: its file is damaged.
@@ -72,7 +72,7 @@ class StoredResult:
 
     @cached_property
     def search(self) -> SearchRecord | None:
-        """The search for appendages that gave the ranking; None if it is no search's.
+        """The search for appendages that gave the ranking; None if there was none.
 
         Raises:
             ValueError: its file is damaged.

@@ -1,4 +1,4 @@
-"""A directory that is written once and whole: it is there with all its files, or not at all."""
+"""Directories that appear with all their files, or not at all."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ __all__ = ["new_directory", "require_new"]
 
 
 def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) -> None:
-    """Refuse a directory that exists, unless it is of its kind and may be overwritten.
+    """Refuse a directory that exists, unless it is of the same kind and may be overwritten.
 
-    The directory above it is made, so that a place that cannot be written is known at once.
+    Its parent is created, so that a location that cannot be written is reported at once.
 
     Args:
         directory: what is to be written.
@@ -22,7 +22,7 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
 
     Raises:
         FileExistsError: it exists, and ``overwrite`` is false or it holds something else.
-        OSError: the directory above it cannot be made.
+        OSError: its parent cannot be created.
     """
     path = Path(directory)
     if not path.exists():
@@ -41,7 +41,7 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
 
 @contextmanager
 def new_directory(directory: str | Path, *, marker: str, overwrite: bool = False) -> Iterator[Path]:
-    """A directory to write into, which becomes ``directory`` at the end; nothing is left if not.
+    """A temporary directory that becomes ``directory`` at the end, and is removed on failure.
 
     Arguments and errors as those of :func:`require_new`.
     """
@@ -54,7 +54,7 @@ def new_directory(directory: str | Path, *, marker: str, overwrite: bool = False
     partial.mkdir()
     try:
         yield partial
-        # One of the two is there, whole, at every moment but between these two.
+        # Between these two renames alone, neither the old nor the new directory is in place.
         if directory.exists():
             directory.rename(replaced)
         partial.rename(directory)

@@ -1,4 +1,4 @@
-"""Writing a ranking to a result directory: once, and whole."""
+"""Writing a ranking to a result directory."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def save_result(
         directory: where to.
         study_file: the file that defines the study, for the record.
         overwrite: replace a result that exists.
-        accept_failed_checks: put on record that failed checks were accepted.
-        command: that gives the result again, for the record.
+        accept_failed_checks: record that failed checks were accepted.
+        command: the command that gives the result again, for the record.
         extra: name of a further JSON file → the object whose record it holds.
 
     Raises:
