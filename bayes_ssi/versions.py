@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 import sys
-from importlib.metadata import PackageNotFoundError, version
 
 __all__ = ["versions"]
 
@@ -13,6 +12,8 @@ PACKAGES = ("bayes_ssi", "numpy", "scipy", "emcee", "arviz")
 
 def versions() -> dict[str, str]:
     """Name → version of Python, the platform and the packages that results depend on."""
+    from importlib.metadata import PackageNotFoundError, version
+
     installed = {"python": platform.python_version(), "platform": sys.platform}
     for package in PACKAGES:
         try:

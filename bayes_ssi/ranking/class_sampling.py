@@ -2,8 +2,8 @@
 
 Workers can take whole classes, or share the evaluations of one. Whole classes keep all workers
 busy when there are at least as many classes as workers. Where there are fewer, evaluations are
-shared, except those of small and of reduced matrices: these are solved in batches, in less time
-than it takes to send them. Results do not depend on it.
+shared, except those of small matrices and of approximate structures: these are solved in batches,
+in less time than it takes to send them. Results do not depend on it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from bayes_ssi.execution.run import Run
-from bayes_ssi.finite_elements.reduced_structure import ReducedStructure
+from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.sample import sample
@@ -77,6 +77,6 @@ def _side_by_side(
 
 
 def _is_cheap(candidate: ModelClass) -> bool:
-    """Whether all structures have small or reduced matrices."""
+    """Whether all structures have small matrices or are approximate."""
     structures = [configuration.structure for configuration in candidate.configurations]
-    return all(isinstance(each, (LumpedStructure, ReducedStructure)) for each in structures)
+    return all(isinstance(each, (LumpedStructure, ApproximateStructure)) for each in structures)
