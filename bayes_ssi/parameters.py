@@ -74,9 +74,10 @@ class Parameter(_Multiplies):
         if not self.name.strip():
             raise ValueError("Parameter: name must not be empty")
         if not isinstance(self.prior, Prior):
+            known = ", ".join(kind.__name__ for kind in Prior.__subclasses__())
             raise TypeError(
                 f"Parameter {self.name!r}: prior must be a prior distribution, got {self.prior!r}; "
-                "choose LogNormal, Normal, TruncatedNormal, HalfNormal, Uniform or LogUniform"
+                f"choose from {known}"
             )
 
 
