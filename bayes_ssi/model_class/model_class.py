@@ -36,7 +36,7 @@ class ModelClass:
         name: unique in a study.
         configurations: the tests; one without a name where ``structure`` and ``data`` were given.
         error: prediction errors, inferred by default, the same in all configurations.
-        identification: how modes are found and missed, the same in all configurations.
+        identification: detection and spurious modes, the same in all configurations.
         description: a sentence for reports.
         priors: name of a parameter → prior in place of its own.
     """
@@ -72,7 +72,7 @@ class ModelClass:
                 :class:`~bayes_ssi.model_class.configuration.Configuration`.
             configurations: the tests, where there are several. A structure, data or a pairing
                 given as well replaces theirs.
-            identification: how modes are found and missed.
+            identification: probabilities of detection and of spurious modes.
             description: a sentence for reports.
             priors: name of a parameter → prior in place of its own.
 
