@@ -42,7 +42,7 @@ class ApproximateStructure(Structure):
         """This structure if it is accurate enough, or else a more accurate one.
 
         Args:
-            values: (B, n_parameters), where it is to be accurate.
+            values: (B, n_parameters), where it must be accurate.
             frequency_error: largest relative error of frequencies.
             shape_error: largest error of shapes at unit length.
         """

@@ -107,7 +107,7 @@ def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Any:
 
 
 class _KeyNotFoundError(Exception):
-    """The file can be read, but does not hold the array that was asked for."""
+    """The file can be read, but does not hold the requested array."""
 
 
 def _chosen(key: str | None, keys: list[str]) -> str:

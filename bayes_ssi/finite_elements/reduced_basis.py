@@ -173,7 +173,7 @@ class ReducedBasis:
         )
 
     def bounds(self, at: Coefficients, n_modes: int, reference: Reference) -> Bounds:
-        """Of the errors of the first ``n_modes`` reduced modes; infinite where there is none."""
+        """Bounds on errors of the first ``n_modes`` reduced modes; infinite where unknown."""
         unknown = Bounds(np.full(n_modes, np.inf), np.full(n_modes, np.inf))
         if self.size == len(self.vectors):  # the basis spans the whole space
             return Bounds(np.zeros(n_modes), np.zeros(n_modes))

@@ -91,7 +91,7 @@ def _counted(
         if count == last:
             return Eigenpairs(modes.eigenvalues[:last], modes.vectors[:, :last])
         problem = f"Lanczos iterations found {last} modes where Sylvester's law counts {count}"
-    # Iterations end early where M has hardly more modes than are asked for.
+    # Iterations stop early where M has hardly more modes than are wanted.
     normal = np.random.default_rng(n).standard_normal((n, 2 * (at_most + 10)))
     loads = mass @ normal
     if _rank(loads.T @ factor.solve(loads)) < loads.shape[1]:

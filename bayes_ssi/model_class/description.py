@@ -106,7 +106,7 @@ def _words(name: str) -> str:
 
 def _first_paragraph(structure: Structure) -> str:
     text = (inspect.getdoc(type(structure)) or "").strip().split("\n\n")[0]
-    # The docstring that a dataclass generates says nothing.
+    # The docstring that a dataclass generates describes nothing.
     own = "" if text.startswith(f"{type(structure).__name__}(") else text
     without_roles = re.sub(r":\w+:`~?([^`]*)`", r"\1", own)
     return " ".join(without_roles.replace("``", "").split())

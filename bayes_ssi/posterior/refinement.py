@@ -1,7 +1,7 @@
 """Sampling with approximate structures: accurate where the posterior lies, and corrected.
 
 A reduced model is accurate over the prior to about the data's own errors, which is all that
-searches need. Where the posterior lies its certified error is to be a small share of the
+searches need. Where the posterior lies, its certified error must be a small share of the
 identification and prediction errors. Where it is not, the reduced model is refined there and the
 class is sampled again, which costs little. Finally, full solutions at some draws show how far the
 likelihood is off, and correct the evidence:

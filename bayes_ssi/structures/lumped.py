@@ -1,7 +1,7 @@
 """Structures made of springs and point masses, with any number of elements on them.
 
 Stiffness and mass are sums of fixed matrices times products of parameters, assembled for a whole
-batch at once; a structure may add stiffness of another kind to them.
+batch at once; a subclass may add stiffness of another kind.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ class LumpedStructure(Structure):
         return self.degrees_of_freedom[len(self.main_degrees_of_freedom()) :]
 
     def heights(self) -> dict[str, float]:
-        """As :meth:`Structure.heights`; an appendage is drawn amid the places that it hangs on."""
+        """As :meth:`Structure.heights`; an appendage is drawn between the places that carry it."""
         main = self.main_degrees_of_freedom()
         heights = {label: float(i) for i, label in enumerate(main, 1)}
         for element, own in self._in_series:

@@ -150,7 +150,7 @@ def floor_sensor(label: str, floor: int, at: tuple[float, float], direction: str
         direction: in which it measures: "x", "y", or degrees from x towards y.
 
     Raises:
-        ValueError: the point or the direction is none.
+        ValueError: the point or the direction is not valid.
     """
     angles = {"x": 0.0, "y": 90.0}
     angle = angles.get(direction) if isinstance(direction, str) else float(direction)
