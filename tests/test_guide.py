@@ -149,5 +149,7 @@ def test_built_pages_need_no_network(html):
 def test_the_built_api_page_shows_every_name_and_its_signature(html):
     text = (html / "api.html").read_text("utf-8")
     assert [name for name in bs.__all__ if f'id="bayes_ssi.{name}"' not in text] == []
+    # A colon in the first line of a property's docstring would make the words before it a type.
+    assert "Type<span" not in text
     plain = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", "", text))
     assert "Parameter(name: str, prior: Prior, unit: str = '')" in unescape(plain)

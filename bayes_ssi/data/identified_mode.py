@@ -121,7 +121,7 @@ class IdentifiedMode:
 
     @property
     def scored_shape(self) -> FloatArray | None:
-        """``unit_shape`` if it carries information: one component alone has no shape."""
+        """``unit_shape`` if it carries information; one component alone has no shape."""
         return self.unit_shape if self.n_measured >= 2 else None
 
 

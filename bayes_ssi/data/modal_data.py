@@ -116,7 +116,7 @@ class ModalData:
 
     @cached_property
     def digest(self) -> str:
-        """Identifies what an evidence is a density of: frequencies, scored shapes and the band.
+        """Identifies the frequencies, scored shapes and band that an evidence is a density of.
 
         Evidences are comparable only where their digests agree.
         """

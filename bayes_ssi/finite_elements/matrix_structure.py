@@ -114,7 +114,7 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
 
     @property
     def degrees_of_freedom(self) -> tuple[str, ...]:
-        """The measured ones: the sensors, or all."""
+        """The measured ones (the sensors) or all."""
         return self._names
 
     @property

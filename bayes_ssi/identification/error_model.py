@@ -45,7 +45,7 @@ class ErrorModel:
 
     @property
     def shape_weight(self) -> float:
-        """λ = σ_f/σ_φ: the weight at which the paper's objective is this likelihood's exponent."""
+        """λ = σ_f/σ_φ, the weight at which the paper's objective is this likelihood's exponent."""
         return as_product(self.frequency_cov).median / as_product(self.shape_sd).median
 
 

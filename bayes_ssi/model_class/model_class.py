@@ -138,7 +138,7 @@ class ModelClass:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The inferred parameters: the columns of ``values`` and of ``z``.
+        """The inferred parameters, the columns of ``values`` and of ``z``.
 
         Those of the structures come first, then those of the errors.
         """
@@ -172,7 +172,7 @@ class ModelClass:
 
     @property
     def data_digest(self) -> str:
-        """Identifies what the evidence is a density of: the data of all configurations."""
+        """Identifies the data (of all configurations) whose density the evidence is."""
         return joint_digest({c.name: c.data for c in self.configurations})
 
     def values(self, z: FloatArray) -> FloatArray:

@@ -46,7 +46,7 @@ class Evidence:
 
     @property
     def information_gained(self) -> float:
-        """What the data taught about the parameters, in nats: the price of the fit.
+        """Information gained by the data about the parameters, in nats; the price of the fit.
 
         The relative entropy of posterior to prior; log evidence = mean log-likelihood - this.
         """

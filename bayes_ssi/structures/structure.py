@@ -26,12 +26,12 @@ class Structure(ABC):
     @property
     @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
-        """The inferred parameters, in order of first appearance: the columns of ``values``."""
+        """The inferred parameters in order of first appearance, the columns of ``values``."""
 
     @property
     @abstractmethod
     def degrees_of_freedom(self) -> tuple[str, ...]:
-        """Labels of the degrees of freedom: the rows of a mode shape."""
+        """Labels of the degrees of freedom, the rows of a mode shape."""
 
     @property
     @abstractmethod
