@@ -35,8 +35,8 @@ def log_evidence(candidate, posterior):
         weights = np.exp(log_weights - np.nanmax(log_weights))
         mean_weight = weights.mean()
         error = weights.std() / mean_weight / math.sqrt(n)
-        found = math.log(mean_weight) + np.nanmax(log_weights)
+        estimate = math.log(mean_weight) + np.nanmax(log_weights)
         weights /= weights.sum()
         centre = weights @ z
         root = np.linalg.cholesky((weights * (z - centre).T) @ (z - centre))
-    return found, error
+    return estimate, error

@@ -146,17 +146,17 @@ def _distinct(target: Target, ends: FloatArray, log_posteriors: FloatArray) -> M
 def _ascend(
     target: Target, starts: FloatArray, inverse: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """All ascents at once, by BFGS with finite differences: where they end, and how high.
+    """All ascents at once, by BFGS with finite differences: ends and their log posteriors.
 
     ``inverse`` (S, d, d) are the first inverse Hessians.
     """
     inverse = inverse.copy()
     z = np.array(starts, dtype=float)
     n, d = z.shape
-    height = target.log_posterior(z)
+    value = target.log_posterior(z)
     gradient = np.zeros((n, d))
-    active = np.flatnonzero(np.isfinite(height))
-    gradient[active] = _gradient(target, z[active], height[active])
+    active = np.flatnonzero(np.isfinite(value))
+    gradient[active] = _gradient(target, z[active], value[active])
     reach = np.full(n, 1.0)
     for _ in range(MAX_ASCENT_STEPS):
         if not len(active):
@@ -167,32 +167,32 @@ def _ascend(
         lengths = np.linalg.norm(direction, axis=1)
         direction *= np.minimum(1.0, LONGEST_STEP / np.maximum(lengths, 1e-300))[:, None]
         tried = z[active][None] + (STEP_LENGTHS[:, None] * reach[active])[..., None] * direction
-        heights = target.log_posterior(tried.reshape(-1, d)).reshape(len(STEP_LENGTHS), -1)
-        best = heights.argmax(0)
+        values = target.log_posterior(tried.reshape(-1, d)).reshape(len(STEP_LENGTHS), -1)
+        best = values.argmax(0)
         rows = np.arange(len(active))
-        rise = heights[best, rows] - height[active]
+        rise = values[best, rows] - value[active]
         better = rise > 0
         # An ascent that found nothing higher tries nearer; one that did goes back to full steps.
         reach[active] = np.where(better, 1.0, reach[active] * STEP_LENGTHS[-1])
         moved = active[better]
         step = tried[best, rows][better] - z[moved]
         z[moved] += step
-        height[moved] = heights[best, rows][better]
-        new_gradient = _gradient(target, z[moved], height[moved])
+        value[moved] = values[best, rows][better]
+        new_gradient = _gradient(target, z[moved], value[moved])
         _update_inverse(inverse, moved, step, gradient[moved] - new_gradient)
         gradient[moved] = new_gradient
         finished = (better & (rise < RISE_TO_GO_ON) & (expected < 10 * RISE_TO_GO_ON)) | (
             reach[active] < 1e-5
         )
         active = active[~finished]
-    return z, height
+    return z, value
 
 
-def _gradient(target: Target, z: FloatArray, height: FloatArray) -> FloatArray:
+def _gradient(target: Target, z: FloatArray, value: FloatArray) -> FloatArray:
     """Forward differences, (n, d), all in one batch."""
     n, d = z.shape
     ahead = z[:, None, :] + GRADIENT_STEP * np.eye(d)
-    rise = target.log_posterior(ahead.reshape(-1, d)).reshape(n, d) - height[:, None]
+    rise = target.log_posterior(ahead.reshape(-1, d)).reshape(n, d) - value[:, None]
     return np.nan_to_num(rise / GRADIENT_STEP, nan=0.0, posinf=0.0, neginf=0.0)
 
 
@@ -211,7 +211,7 @@ def _update_inverse(
     )
 
 
-def _precision(target: Target, z: FloatArray, height: float) -> FloatArray:
+def _precision(target: Target, z: FloatArray, value: float) -> FloatArray:
     """Negative Hessian (d, d) at a maximum, by central differences, made positive definite.
 
     Where the posterior is flat or rises the curvature of the prior, 1, stands in.
@@ -222,13 +222,13 @@ def _precision(target: Target, z: FloatArray, height: float) -> FloatArray:
     signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
     points = [z + s * steps[i] for i in range(d) for s in (1, -1)]
     points += [z + a * steps[i] + b * steps[j] for i, j in pairs for a, b in signs]
-    heights = target.log_posterior(np.array(points))
-    if not np.isfinite(heights).all():  # at the edge of where the likelihood is positive
+    values = target.log_posterior(np.array(points))
+    if not np.isfinite(values).all():  # at the edge of where the likelihood is positive
         return np.eye(d)
     hessian = np.empty((d, d))
-    hessian[range(d), range(d)] = heights[: 2 * d].reshape(d, 2).sum(1) - 2.0 * height
-    for (i, j), values in zip(pairs, heights[2 * d :].reshape(-1, 4), strict=True):
-        hessian[i, j] = hessian[j, i] = (values[0] - values[1] - values[2] + values[3]) / 4.0
+    hessian[range(d), range(d)] = values[: 2 * d].reshape(d, 2).sum(1) - 2.0 * value
+    for (i, j), corners in zip(pairs, values[2 * d :].reshape(-1, 4), strict=True):
+        hessian[i, j] = hessian[j, i] = (corners[0] - corners[1] - corners[2] + corners[3]) / 4.0
     eigenvalues, vectors = np.linalg.eigh(-hessian / HESSIAN_STEP**2)
     return (vectors * np.clip(eigenvalues, 1.0, GREATEST_PRECISION)) @ vectors.T
 

@@ -64,15 +64,18 @@ def main():
 
     candidate = model_class()
     reference = bs.sample(candidate, settings=CAREFUL)
-    found, asked = [], []
+    posteriors, asked = [], []
     for seed in range(n_seeds):
         candidate.structure.n_asked = 0
-        found.append(bs.sample(candidate, seed=seed, settings=SETTINGS))
+        posteriors.append(bs.sample(candidate, seed=seed, settings=SETTINGS))
         asked.append(candidate.structure.n_asked)
-    off = np.array([one.evidence.log_evidence for one in found]) - reference.evidence.log_evidence
+    off = (
+        np.array([one.evidence.log_evidence for one in posteriors])
+        - reference.evidence.log_evidence
+    )
     means, other = (
         np.array([[row.mean for row in one.summary] for one in several])
-        for several in (found, [reference])
+        for several in (posteriors, [reference])
     )
     sd = np.array([row.sd for row in reference.summary])
     print(f"reference: {reference.evidence.log_evidence:.3f} ± {reference.evidence.error:.3f}, "
@@ -80,9 +83,9 @@ def main():
     print(f"{n_seeds} seeds: {min(asked)} to {max(asked)} evaluations in all; log evidence off by "
           f"{off.mean():+.3f} on average, {np.sqrt((off**2).mean()):.3f} rms, "
           f"{np.abs(off).max():.3f} at most, {np.mean(np.abs(off) <= 0.05):.0%} of them within "
-          f"0.05; error bar {np.mean([one.evidence.error for one in found]):.3f}; posterior means "
+          f"0.05; error bar {np.mean([one.evidence.error for one in posteriors]):.3f}; means "
           f"off by {np.sqrt(np.mean(((means - other) / sd) ** 2)):.3f} standard deviations rms; "
-          f"{sum(bool(one.failed_checks) for one in found)} failed a check")  # fmt: skip
+          f"{sum(bool(one.failed_checks) for one in posteriors)} failed a check")  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -50,11 +50,11 @@ def dynesty_default(problem: Problem, seed: int) -> dict[str, float]:
         log_likelihood, from_unit_cube, problem.n_dimensions, rstate=np.random.default_rng(seed)
     )
     sampler.run_nested(print_progress=False)
-    found = sampler.results
+    result = sampler.results
     return {
-        "log_evidence": float(found.logz[-1]),
-        "claimed": float(found.logzerr[-1]),
-        "evaluations": int(np.sum(found.ncall)),
+        "log_evidence": float(result.logz[-1]),
+        "claimed": float(result.logzerr[-1]),
+        "evaluations": int(np.sum(result.ncall)),
         "seconds": process_time() - begun,
     }
 
@@ -77,17 +77,17 @@ def nautilus_default(problem: Problem, seed: int) -> dict[str, float]:
 
 
 def report(name: str, runs: list[dict[str, float]], exact: float) -> None:
-    found = {key: np.array([run[key] for run in runs]) for key in runs[0]}
-    errors = found["log_evidence"] - exact
+    values = {key: np.array([run[key] for run in runs]) for key in runs[0]}
+    errors = values["log_evidence"] - exact
     line = (
         f"  {name:9s} rms error {np.sqrt(np.mean(errors**2)):.4f}  largest "
-        f"{np.abs(errors).max():.4f}  claimed {found['claimed'].mean():.4f}"
+        f"{np.abs(errors).max():.4f}  claimed {values['claimed'].mean():.4f}"
     )
     if len(runs) > 3:
-        line += f"  claimed/scatter {found['claimed'].mean() / errors.std(ddof=1):.2f}"
-    if "share_error" in found:
-        line += f"  region {found['share_error'].max():.3f}  flagged {found['flagged'].sum():.0f}"
-    line += f"  evaluations {found['evaluations'].mean():.0f}  {found['seconds'].mean():.2f} s"
+        line += f"  claimed/scatter {values['claimed'].mean() / errors.std(ddof=1):.2f}"
+    if "share_error" in values:
+        line += f"  region {values['share_error'].max():.3f}  flagged {values['flagged'].sum():.0f}"
+    line += f"  evaluations {values['evaluations'].mean():.0f}  {values['seconds'].mean():.2f} s"
     print(line, flush=True)
 
 

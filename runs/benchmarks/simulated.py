@@ -24,7 +24,7 @@ def simulate(
     modes = likelihood.modes(values)
     shapes = likelihood.shapes_at_sensors(modes)[0]
     low, high = candidate.data.band_hz
-    found, pairing = [], {}
+    observed, pairing = [], {}
     for i, frequency in enumerate(modes.frequencies_hz[0]):
         identified = frequency * (1.0 + candidate.error.frequency_cov * rng.standard_normal())
         detected = rng.random() < candidate.identification.detection_probability
@@ -34,15 +34,15 @@ def simulate(
             # mirror image at -φ adds nothing but the sign.
             kappa = candidate.error.shape_sd**-2
             shape = vonmises_fisher(direction, kappa, seed=rng).rvs(1)[0]
-            label = str(len(found) + 1)
-            found.append(bs.IdentifiedMode(label, identified, shape))
+            label = str(len(observed) + 1)
+            observed.append(bs.IdentifiedMode(label, identified, shape))
             pairing[label] = i + 1
     for _ in range(rng.poisson(candidate.identification.expected_spurious_modes)):
         shape = rng.standard_normal(len(candidate.data.sensors))
-        found.append(bs.IdentifiedMode(f"s{len(found)}", rng.uniform(low, high), shape))
-    if not found:
+        observed.append(bs.IdentifiedMode(f"s{len(observed)}", rng.uniform(low, high), shape))
+    if not observed:
         return simulate(candidate, rng)
-    data = bs.ModalData(tuple(found), candidate.data.band_hz, candidate.data.sensors)
+    data = bs.ModalData(tuple(observed), candidate.data.band_hz, candidate.data.sensors)
     return values[0], data, pairing
 
 

@@ -268,8 +268,8 @@ def test_sampling_reports_the_edge_of_a_prior():
     low, high, error, _ = LEANING[0]
     z, share = on_grid(lambda z: fit(low + (high - low) * ndtr(z), error))
     (check,) = bs.sample(one_mass(bs.Uniform(low, high), error)).failed_edge_checks
-    found = re.match(r"parameter 'k': (\d+) % of the posterior lies at the lower edge", check)
-    assert float(found[1]) == pytest.approx(100 * share[z < -3.09].sum(), abs=4.0)
+    result = re.match(r"parameter 'k': (\d+) % of the posterior lies at the lower edge", check)
+    assert float(result[1]) == pytest.approx(100 * share[z < -3.09].sum(), abs=4.0)
 
 
 def two_storeys(upper_hz):
@@ -304,5 +304,5 @@ def test_a_mode_at_the_edge_of_the_band_is_reported(factor, reported):
         f"in {100 * at_edge:.0f} % of the posterior: whether it counts as missed depends on where "
         "the band ends"
     )
-    found = edge_checks_of(two_storeys(upper), draws_of(z, share))
-    assert found == ([expected] if reported else [])
+    result = edge_checks_of(two_storeys(upper), draws_of(z, share))
+    assert result == ([expected] if reported else [])

@@ -45,13 +45,13 @@ def by_quadrature():
 
 def test_evidence_and_summary_are_those_of_quadrature(posterior):
     log_evidence, mean, sd, quantiles, fit = by_quadrature()
-    found, (row,) = posterior.evidence, posterior.summary
-    assert found.log_evidence == pytest.approx(log_evidence, abs=4.0 * found.error)
-    bridge, tempered, laplace = found.checks
+    result, (row,) = posterior.evidence, posterior.summary
+    assert result.log_evidence == pytest.approx(log_evidence, abs=4.0 * result.error)
+    bridge, tempered, laplace = result.checks
     assert bridge.log_evidence == pytest.approx(log_evidence, abs=4.0 * bridge.error)
     assert tempered.log_evidence == pytest.approx(log_evidence, abs=0.3)
     assert laplace.log_evidence == pytest.approx(log_evidence, abs=0.02)
-    assert found.mean_log_likelihood == pytest.approx(fit, abs=0.03)
+    assert result.mean_log_likelihood == pytest.approx(fit, abs=0.03)
     assert row.name == "k"
     assert row.mean == pytest.approx(mean, abs=4.0 * row.mean_error)
     assert row.sd == pytest.approx(sd, abs=4.0 * row.sd_error)
@@ -129,15 +129,15 @@ class WithoutModes(Structure):
 def test_a_model_that_breaks_down_in_places_is_reported():
     whole = one_mass()
     broken = replace(whole, structure=WithoutModes(whole.parameters, limit=0.9))
-    found = bs.sample(broken, seed=1)
-    (check,) = found.failed_checks
+    result = bs.sample(broken, seed=1)
+    (check,) = result.failed_checks
     number = r"[0-9.e+-]+"
     assert re.fullmatch(
-        rf"the model failed at \d+ of {found.n_evaluations} evaluations, which count as likelihood "
-        rf"zero; the first time at k = {number}: the answer is NaN",
+        rf"the model failed at \d+ of {result.n_evaluations} evaluations, which count as "
+        rf"likelihood zero; the first time at k = {number}: the answer is NaN",
         check,
     )
-    assert found.values.min() > 0.9
+    assert result.values.min() > 0.9
 
 
 def test_a_few_failures_in_the_far_tails_of_a_prior_are_let_pass():
@@ -147,10 +147,10 @@ def test_a_few_failures_in_the_far_tails_of_a_prior_are_let_pass():
 
 
 def test_a_chain_that_is_cut_short_is_reported():
-    found = bs.sample(one_mass(), settings=bs.SamplingSettings(max_steps=20))
-    assert found.draws.shape[1] == 20
+    result = bs.sample(one_mass(), settings=bs.SamplingSettings(max_steps=20))
+    assert result.draws.shape[1] == 20
     expected = "a chain of 20 steps is shorter than 50 autocorrelation times"
-    assert len([check for check in found.failed_checks if check.startswith(expected)]) == 2
+    assert len([check for check in result.failed_checks if check.startswith(expected)]) == 2
 
 
 def test_the_summary_counts_draws_by_their_effective_number(make_posterior):

@@ -33,10 +33,10 @@ def test_frequencies_and_macs(model_classes, case_c, values, updated):
         assert (mode.label, mode.model_mode) == (label, i + 1)
         expected = np.quantile(frequencies[:, i], [0.025, 0.5, 0.975])
         assert mode.after_hz == pytest.approx(expected)
-        found = [
+        result = [
             mac(shape[:3, i : i + 1], case_c.unit_shapes[:, i : i + 1])[0, 0] for shape in shapes
         ]
-        assert mode.mac_after == pytest.approx(np.quantile(found, [0.025, 0.5, 0.975]))
+        assert mode.mac_after == pytest.approx(np.quantile(result, [0.025, 0.5, 0.975]))
         # At the prior medians this is the model that made the data.
         assert mode.before_hz == pytest.approx(case_c.modes[i].frequency_hz, rel=1e-6)
         assert mode.mac_before == pytest.approx(1.0, abs=1e-9)
@@ -80,26 +80,26 @@ def test_shapes_of_a_large_structure_are_kept_at_its_sensors():
 def test_log_likelihoods_of_the_data_add_up(model_classes, values, name):
     candidate = model_classes[name]
     own = values[:, : len(candidate.parameters)]
-    found = at_draws(candidate, own)
-    np.testing.assert_allclose(found.log_likelihoods.sum(1), candidate.log_likelihood(own))
-    np.testing.assert_array_equal(found.frequencies_hz, candidate.frequencies_hz(own))
+    result = at_draws(candidate, own)
+    np.testing.assert_allclose(result.log_likelihoods.sum(1), candidate.log_likelihood(own))
+    np.testing.assert_array_equal(result.frequencies_hz, candidate.frequencies_hz(own))
     if name == "2":  # 2a and 2b are spurious: ν over the band and over the half of 4π
         expected = np.log(0.1 / 6.0) - np.log(4.0 * np.pi)
-        np.testing.assert_allclose(found.log_likelihoods[:, 1:3], expected)
+        np.testing.assert_allclose(result.log_likelihoods[:, 1:3], expected)
 
 
 def test_of_an_inferred_pairing_there_is_one_datum_a_test(model_classes, values):
     candidate = model_classes["3"].with_any_pairing("any")
-    found = at_draws(candidate, values)
-    np.testing.assert_allclose(found.log_likelihoods[:, 0], candidate.log_likelihood(values))
+    result = at_draws(candidate, values)
+    np.testing.assert_allclose(result.log_likelihoods[:, 0], candidate.log_likelihood(values))
 
 
 def test_predicted_frequencies_scatter_as_the_errors_say(model_classes):
     candidate = model_classes["1-a"]
     n = 20000
-    found = at_draws(candidate, np.ones((n, 3)))
+    result = at_draws(candidate, np.ones((n, 3)))
     terms = datum_terms(
-        candidate, found, [candidate.pairing], (20, n // 20), np.random.default_rng(1)
+        candidate, result, [candidate.pairing], (20, n // 20), np.random.default_rng(1)
     )
     assert terms.data == ("1", "2a", "2b", "3", "no other mode")
     predicted = terms.predicted_hz.reshape(n, 4)

@@ -38,12 +38,12 @@ def exact_ensemble(seed, n_steps=200, n_walkers=32):
 
 
 def test_bridge_sampling_recovers_the_evidence_within_its_error():
-    found = []
+    result = []
     for seed in range(30):
         sample = importance_draws(MEAN + 0.1, 1.2 * SD, 100 + seed)
-        found.append(bridge_sampling(exact_ensemble(seed), sample))
-    errors = np.array([estimate.error for estimate in found])
-    off = np.array([estimate.log_evidence for estimate in found]) - LOG_EVIDENCE
+        result.append(bridge_sampling(exact_ensemble(seed), sample))
+    errors = np.array([estimate.error for estimate in result])
+    off = np.array([estimate.log_evidence for estimate in result]) - LOG_EVIDENCE
     assert errors.max() < 0.02
     assert (np.abs(off) < 4.0 * errors).all()
     assert 0.7 < off.std(ddof=1) / errors.mean() < 1.5
@@ -52,9 +52,9 @@ def test_bridge_sampling_recovers_the_evidence_within_its_error():
 def test_the_bridge_gets_by_with_a_proposal_that_misses_the_tails():
     """Importance sampling from half the posterior's width is poor; the bridge repairs it."""
     sample = importance_draws(MEAN + 0.2, 0.5 * SD, 4)
-    found = bridge_sampling(exact_ensemble(4), sample)
-    assert found.error < sample.estimate.error
-    assert found.log_evidence == pytest.approx(LOG_EVIDENCE, abs=4.0 * found.error)
+    result = bridge_sampling(exact_ensemble(4), sample)
+    assert result.error < sample.estimate.error
+    assert result.log_evidence == pytest.approx(LOG_EVIDENCE, abs=4.0 * result.error)
 
 
 def test_correlated_chains_widen_the_error_of_the_bridge():

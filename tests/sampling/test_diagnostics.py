@@ -63,9 +63,9 @@ def test_r_hat_of_shifted_ensembles(shift):
     """Four chains with means 0, 0, δ, δ and unit variance: √(1 + δ²/3)."""
     draws = np.random.default_rng(3).standard_normal((2, 500, 32, 2))
     draws[1, ..., 0] += shift
-    found = r_hat(draws)
-    assert found[0] == pytest.approx(math.sqrt(1.0 + shift**2 / 3.0), rel=0.02)
-    assert found[1] == pytest.approx(1.0, abs=1e-3)
+    result = r_hat(draws)
+    assert result[0] == pytest.approx(math.sqrt(1.0 + shift**2 / 3.0), rel=0.02)
+    assert result[1] == pytest.approx(1.0, abs=1e-3)
 
 
 def test_r_hat_sees_a_drift_within_every_ensemble():
@@ -76,8 +76,8 @@ def test_r_hat_sees_a_drift_within_every_ensemble():
 
 def test_r_hat_of_ensembles_of_unlike_length():
     draws = np.random.default_rng(3).standard_normal((600, 32, 1))
-    found = r_hat([draws, draws[:301]])
-    assert found[0] == pytest.approx(1.0, abs=2e-3)
+    result = r_hat([draws, draws[:301]])
+    assert result[0] == pytest.approx(1.0, abs=2e-3)
 
 
 @pytest.mark.parametrize(("other", "expected"), [(0.0, 1.0), (1.0, np.inf)])
@@ -93,10 +93,10 @@ N_TAIL = 164  # of 3000 weights: 3 √3000
 def test_the_tail_of_pareto_distributed_weights(k):
     """Maximum likelihood has a standard error of (1 + k)/√n; a prior worth ten draws is at 1/2."""
     rng = np.random.default_rng(1)
-    found = [pareto_shape(stats.genpareto(k).rvs(3000, random_state=rng)) for _ in range(200)]
+    result = [pareto_shape(stats.genpareto(k).rvs(3000, random_state=rng)) for _ in range(200)]
     shrunk = N_TAIL / (N_TAIL + 10.0)
-    assert np.mean(found) == pytest.approx(shrunk * k + (1.0 - shrunk) * 0.5, abs=0.05)
-    assert 0.75 < np.std(found) / (shrunk * (1.0 + k) / math.sqrt(N_TAIL)) < 1.25
+    assert np.mean(result) == pytest.approx(shrunk * k + (1.0 - shrunk) * 0.5, abs=0.05)
+    assert 0.75 < np.std(result) / (shrunk * (1.0 + k) / math.sqrt(N_TAIL)) < 1.25
 
 
 @pytest.mark.parametrize("k", [-0.3, 0.2, 0.9])

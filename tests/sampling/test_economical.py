@@ -42,11 +42,11 @@ def correlated_gaussian(d):
 def test_the_evidence_of_a_gaussian(d):
     function, exact = correlated_gaussian(d)
     for seed in range(3):
-        found = sampled(function, d, seed)
-        assert found.evidence.error <= 0.05
-        assert found.evidence.log_evidence == pytest.approx(exact, abs=4.0 * found.evidence.error)
-        assert failed_checks(found) == []
-        assert found.n_evaluations < 1500 + 500 * d
+        result = sampled(function, d, seed)
+        assert result.evidence.error <= 0.05
+        assert result.evidence.log_evidence == pytest.approx(exact, abs=4.0 * result.evidence.error)
+        assert failed_checks(result) == []
+        assert result.n_evaluations < 1500 + 500 * d
 
 
 def test_a_curved_ridge():
@@ -65,8 +65,8 @@ def test_a_curved_ridge():
 
 def test_draws_are_those_of_the_posterior():
     """Standard normal prior, one datum of variance 1/9 at 1: the posterior is N(0.9, 0.1)."""
-    found = sampled(lambda z: -4.5 * (z[:, 0] - 1.0) ** 2, 1)
-    for ensemble in found.ensembles:
+    result = sampled(lambda z: -4.5 * (z[:, 0] - 1.0) ** 2, 1)
+    for ensemble in result.ensembles:
         draws = ensemble.draws[:, 0]
         independent = len(draws) / float(ensemble.autocorrelation_times[0])
         assert independent >= 250
@@ -100,10 +100,12 @@ def test_two_regions_have_their_shares():
         prior = -0.5 * (z**2).sum(1)
         return np.logaddexp.reduce(np.log(shares) - 0.5 * squares, axis=1) - prior
 
-    found = sampled(log_likelihood, 2)
-    assert found.regions.n_regions == 2
+    result = sampled(log_likelihood, 2)
+    assert result.regions.n_regions == 2
     np.testing.assert_allclose(
-        np.sort(found.region_shares), [0.3, 0.7], atol=4.0 * found.region_errors.max()
+        np.sort(result.region_shares),
+        [0.3, 0.7],
+        atol=4.0 * result.region_errors.max(),
     )
 
 
@@ -153,16 +155,16 @@ def test_a_black_box_of_six_parameters_in_5000_evaluations(black_box, seed):
     """The other path needs some 90,000; both give the same evidence and the same means."""
     structure = black_box.structure
     structure.n_asked = 0
-    found = bs.sample(black_box, seed=seed, settings=ECONOMICAL)
+    result = bs.sample(black_box, seed=seed, settings=ECONOMICAL)
     assert structure.n_asked <= 5000
-    assert found.failed_checks == ()
-    assert found.evidence.error <= 0.05
+    assert result.failed_checks == ()
+    assert result.evidence.error <= 0.05
     whole = whole_path(black_box)
-    error = math.hypot(found.evidence.error, whole.evidence.error)
-    assert found.evidence.log_evidence == pytest.approx(
+    error = math.hypot(result.evidence.error, whole.evidence.error)
+    assert result.evidence.log_evidence == pytest.approx(
         whole.evidence.log_evidence, abs=4.0 * error
     )
-    for own, other in zip(found.summary, whole.summary, strict=True):
+    for own, other in zip(result.summary, whole.summary, strict=True):
         error = math.hypot(own.mean_error, other.mean_error)
         assert own.mean == pytest.approx(other.mean, abs=4.0 * error)
 
@@ -187,7 +189,7 @@ def test_results_follow_from_the_seed(tiny_study):
 def test_from_the_command_line(tmp_path, tiny_study_file):
 
     arguments = ["rank", str(tiny_study_file), "--economical", "--error", "0.05"]
-    found = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "r")])
-    assert found.exit_code == 0, found.output
+    invoked = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "r")])
+    assert invoked.exit_code == 0, invoked.output
     result = load_result(tmp_path / "r")
     assert all(posterior.n_evaluations < 3000 for posterior in result.posteriors)

@@ -39,25 +39,26 @@ def run(function, d=2, seed=0, **kwargs):
 
 
 def test_a_gaussian_target():
-    found = run(one_observation)
-    assert found.evidence.log_evidence == pytest.approx(EXACT, abs=4.0 * found.evidence.error)
-    assert found.evidence.error <= 0.01
-    assert failed_checks(found) == []
-    assert found.region_shares.tolist() == [1.0]
-    assert found.maxima.laplace_estimate.log_evidence == pytest.approx(EXACT, abs=0.01)
-    weights = found.importance.weights
-    assert weights @ found.importance.z[:, 0] == pytest.approx(1.2, abs=0.02)
+    result = run(one_observation)
+    assert result.evidence.log_evidence == pytest.approx(EXACT, abs=4.0 * result.evidence.error)
+    assert result.evidence.error <= 0.01
+    assert failed_checks(result) == []
+    assert result.region_shares.tolist() == [1.0]
+    assert result.maxima.laplace_estimate.log_evidence == pytest.approx(EXACT, abs=0.01)
+    weights = result.importance.weights
+    assert weights @ result.importance.z[:, 0] == pytest.approx(1.2, abs=0.02)
 
 
 def test_far_regions_keep_their_shares():
-    found = run(two_bumps)
-    assert found.regions.n_regions == 2
-    order = np.argsort(-found.region_shares)
-    assert (found.region_errors < 0.02).all()
+    result = run(two_bumps)
+    assert result.regions.n_regions == 2
+    order = np.argsort(-result.region_shares)
+    assert (result.region_errors < 0.02).all()
     np.testing.assert_array_less(
-        np.abs(found.region_shares[order] - [0.9, 0.1]), 4.0 * found.region_errors[order]
+        np.abs(result.region_shares[order] - [0.9, 0.1]),
+        4.0 * result.region_errors[order],
     )
-    assert found.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * found.evidence.error)
+    assert result.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * result.evidence.error)
 
 
 def test_the_seed_decides_everything():
@@ -79,11 +80,11 @@ def test_the_global_random_state_is_left_alone():
 
 
 def test_starts_and_ensembles_are_independent():
-    found = run(one_observation)
-    assert len(found.starts) == len(found.ensembles) == 2
-    assert found.starts[0].log_evidence != found.starts[1].log_evidence
-    n = min(e.n_steps for e in found.ensembles)
-    assert not np.array_equal(found.ensembles[0].positions[:n], found.ensembles[1].positions[:n])
+    result = run(one_observation)
+    assert len(result.starts) == len(result.ensembles) == 2
+    assert result.starts[0].log_evidence != result.starts[1].log_evidence
+    n = min(e.n_steps for e in result.ensembles)
+    assert not np.array_equal(result.ensembles[0].positions[:n], result.ensembles[1].positions[:n])
 
 
 def test_evaluations_are_counted():
@@ -98,14 +99,14 @@ def test_evaluations_are_counted():
 
 @pytest.mark.parametrize("wanted", [0.05, 0.001])
 def test_the_wanted_error_is_reached(wanted):
-    found = run(two_bumps, settings=SamplingSettings(log_evidence_error=wanted))
-    assert found.evidence.error <= wanted
-    assert (len(found.importance.z) > 2 * ImportanceSampler.batch) == (wanted < 0.01)
+    result = run(two_bumps, settings=SamplingSettings(log_evidence_error=wanted))
+    assert result.evidence.error <= wanted
+    assert (len(result.importance.z) > 2 * ImportanceSampler.batch) == (wanted < 0.01)
 
 
 def test_the_longest_chain_is_kept_to():
-    found = run(one_observation, settings=SamplingSettings(max_steps=30))
-    assert [ensemble.n_steps for ensemble in found.ensembles] == [30, 30]
+    result = run(one_observation, settings=SamplingSettings(max_steps=30))
+    assert [ensemble.n_steps for ensemble in result.ensembles] == [30, 30]
 
 
 def test_progress_covers_every_step_in_order():
@@ -123,9 +124,9 @@ def test_progress_covers_every_step_in_order():
 
 def test_points_at_which_the_model_fails_are_counted():
     target = Target(lambda z: np.where(z[:, 1] > 3.0, np.nan, one_observation(z)), 2)
-    found = sample_target(target, np.random.SeedSequence(0))
+    result = sample_target(target, np.random.SeedSequence(0))
     assert target.n_failed > 0
-    assert found.evidence.log_evidence == pytest.approx(EXACT - 0.00135, abs=0.04)
+    assert result.evidence.log_evidence == pytest.approx(EXACT - 0.00135, abs=0.04)
 
 
 def test_an_impossible_likelihood():
@@ -154,14 +155,14 @@ def test_too_few_particles_are_refused():
     "settings", [{"particles": 8}, {"particles": 20}, {"searches": 1}, {"max_steps": 1}]
 )
 def test_the_least_settings_that_are_accepted_work(settings):
-    found = run(one_observation, settings=SamplingSettings(**settings))
-    assert found.evidence.log_evidence == pytest.approx(EXACT, abs=0.1)
+    result = run(one_observation, settings=SamplingSettings(**settings))
+    assert result.evidence.log_evidence == pytest.approx(EXACT, abs=0.1)
 
 
 def test_a_likelihood_that_is_zero_in_places():
-    found = run(lambda z: np.where(z[:, 0] > 0.0, 0.0, -np.inf))
-    assert found.evidence.log_evidence == pytest.approx(
-        math.log(0.5), abs=4.0 * found.evidence.error
+    result = run(lambda z: np.where(z[:, 0] > 0.0, 0.0, -np.inf))
+    assert result.evidence.log_evidence == pytest.approx(
+        math.log(0.5), abs=4.0 * result.evidence.error
     )
 
 
@@ -170,23 +171,23 @@ def test_importance_draws_take_the_place_of_chains_that_are_too_short(monkeypatc
     variance = 1.0 / 99.0
     target = Target(lambda z: -0.5 * (z[:, 0] - 0.909) ** 2 / variance, 1)
     monkeypatch.setattr(sampling, "FEW_STEPS", 20)
-    found = sample_target(target, np.random.SeedSequence(3))
-    assert not any(ensemble.is_long_enough for ensemble in found.ensembles)
-    assert found.draws == found.resampled
+    result = sample_target(target, np.random.SeedSequence(3))
+    assert not any(ensemble.is_long_enough for ensemble in result.ensembles)
+    assert result.draws == result.resampled
     exact = 0.909 / (1.0 + variance)
-    for part in found.draws:
+    for part in result.draws:
         draws = part.draws[:, 0]
         independent = len(draws) / float(part.autocorrelation_times[0])
         assert independent > 1000
         assert draws.mean() == pytest.approx(exact, abs=4.0 * 0.1 / np.sqrt(independent))
         assert draws.std() == pytest.approx(0.1, rel=4.0 / np.sqrt(2.0 * independent))
-    assert failed_checks(found) == []
+    assert failed_checks(result) == []
 
 
 def test_chains_that_suffice_are_the_draws():
-    found = sample_target(Target(lambda z: -2.0 * z[:, 0] ** 2, 1), np.random.SeedSequence(3))
-    assert found.resampled == ()
-    assert found.draws == found.ensembles
+    result = sample_target(Target(lambda z: -2.0 * z[:, 0] ** 2, 1), np.random.SeedSequence(3))
+    assert result.resampled == ()
+    assert result.draws == result.ensembles
 
 
 def two_places(z):

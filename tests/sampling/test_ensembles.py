@@ -57,23 +57,23 @@ def run(function=gaussian, proposal=None, seed=0, max_steps=5000, n_walkers=32, 
 
 
 def test_an_ensemble_samples_its_target():
-    found = run()
-    assert found.is_long_enough
-    assert found.positions.shape == (found.n_steps, 32, 2)
-    size = found.effective_sample_sizes.min()
+    result = run()
+    assert result.is_long_enough
+    assert result.positions.shape == (result.n_steps, 32, 2)
+    size = result.effective_sample_sizes.min()
     assert size > 500
     sd = np.sqrt(np.diag(COVARIANCE))
-    np.testing.assert_array_less(np.abs(found.draws.mean(0) - MEAN) / sd, 4.0 / math.sqrt(size))
+    np.testing.assert_array_less(np.abs(result.draws.mean(0) - MEAN) / sd, 4.0 / math.sqrt(size))
     tolerance = 6.0 / math.sqrt(size)
-    np.testing.assert_allclose(np.cov(found.draws.T) / np.outer(sd, sd),
+    np.testing.assert_allclose(np.cov(result.draws.T) / np.outer(sd, sd),
                                COVARIANCE / np.outer(sd, sd), atol=tolerance)  # fmt: skip
-    assert 0.2 < found.acceptance < 0.9
+    assert 0.2 < result.acceptance < 0.9
 
 
 def test_the_densities_stored_are_those_of_the_positions():
-    found = run(max_steps=60)
-    expected = Target(gaussian, 2).log_posterior(found.draws)
-    np.testing.assert_allclose(found.log_posteriors.ravel(), expected, rtol=1e-10, atol=1e-10)
+    result = run(max_steps=60)
+    expected = Target(gaussian, 2).log_posterior(result.draws)
+    np.testing.assert_allclose(result.log_posteriors.ravel(), expected, rtol=1e-10, atol=1e-10)
 
 
 def test_walkers_change_between_far_regions():
@@ -89,18 +89,18 @@ def test_walkers_change_between_far_regions():
         np.array([0.1 * np.eye(2)] * 2),
         np.full(2, 5.0),
     )
-    found = run(regions, proposal)
-    share = np.mean(found.draws[:, 0] > 0)
-    size = found.effective_sample_sizes.min()
+    result = run(regions, proposal)
+    share = np.mean(result.draws[:, 0] > 0)
+    size = result.effective_sample_sizes.min()
     assert share == pytest.approx(0.75, abs=4.0 * math.sqrt(0.75 * 0.25 / size))
 
 
 @pytest.mark.parametrize("max_steps", [20, 70])
 def test_the_longest_chain_is_kept_to(max_steps):
     proposal = StudentMixture(np.ones(1), np.full((1, 2), 9.0), np.eye(2)[None], np.full(1, 5.0))
-    found = run(proposal=proposal, max_steps=max_steps)
-    assert found.n_steps == max_steps
-    assert not found.is_long_enough
+    result = run(proposal=proposal, max_steps=max_steps)
+    assert result.n_steps == max_steps
+    assert not result.is_long_enough
 
 
 def test_the_seed_decides():

@@ -114,9 +114,9 @@ def test_errors_of_shares_with_equal_weights_are_binomial():
 
 
 def test_importance_sampling_reaches_the_wanted_error(target, mixture):
-    found = [importance(target, mixture, seed, wanted_error=0.004) for seed in range(20)]
-    errors = np.array([sample.estimate.error for sample in found])
-    off = np.array([sample.estimate.log_evidence for sample in found]) - LOG_EVIDENCE
+    result = [importance(target, mixture, seed, wanted_error=0.004) for seed in range(20)]
+    errors = np.array([sample.estimate.error for sample in result])
+    off = np.array([sample.estimate.log_evidence for sample in result]) - LOG_EVIDENCE
     assert errors.max() <= 0.004
     assert errors.min() > 0.002  # no more draws than it takes
     assert (np.abs(off) < 4.0 * errors).all()
@@ -188,9 +188,9 @@ def test_a_bump_that_the_mixture_misses_gets_a_component(first_bump, seed):
     assert sample.mixture.n_components > 1
     assert np.linalg.norm(sample.mixture.means[1] - AT[1]) < 4.0 * WIDTH
     assert len(sample.z) >= BATCH + BATCH // 6
-    found = sample.estimate
-    assert found.error <= 0.01
-    assert found.log_evidence == pytest.approx(LOG_EVIDENCE, abs=4.0 * found.error)
+    result = sample.estimate
+    assert result.error <= 0.01
+    assert result.log_evidence == pytest.approx(LOG_EVIDENCE, abs=4.0 * result.error)
     assert sample.weights @ (sample.z[:, 0] < 0) == pytest.approx(SHARE_MISSED, abs=0.03)
 
 
@@ -219,9 +219,9 @@ def test_each_stratum_has_the_draws_of_its_own_component(first_bump):
 
 
 def test_evidence_is_unbiased_and_its_error_honest_where_components_were_added(first_bump):
-    found = [importance(Target(two_bumps, 2), first_bump, seed).estimate for seed in range(100)]
-    errors = np.array([estimate.error for estimate in found])
-    off = np.array([estimate.log_evidence for estimate in found]) - LOG_EVIDENCE
+    result = [importance(Target(two_bumps, 2), first_bump, seed).estimate for seed in range(100)]
+    errors = np.array([estimate.error for estimate in result])
+    off = np.array([estimate.log_evidence for estimate in result]) - LOG_EVIDENCE
     ratios = np.exp(off)
     assert ratios.mean() == pytest.approx(1.0, abs=3.0 * ratios.std(ddof=1) / 10.0)
     assert (np.abs(off) < 4.0 * errors).all()

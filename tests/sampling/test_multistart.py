@@ -98,12 +98,12 @@ def of_four_regions(seed):
 @pytest.mark.parametrize("d", [1, 2, 4, 10])
 def test_all_tops_are_found_by_every_search(d):
     centres, shares = peaks_on_axes(d)
-    found = searches(Target(peaks(centres, 0.3, shares), d))
-    np.testing.assert_allclose(found.maxima.z, centres, atol=0.01)  # the highest first
-    np.testing.assert_allclose(np.exp(found.maxima.log_masses), shares, rtol=1e-2)
-    assert found.found_by.shape == (4, len(centres))
-    assert found.found_by.all()
-    assert found.converged
+    result = searches(Target(peaks(centres, 0.3, shares), d))
+    np.testing.assert_allclose(result.maxima.z, centres, atol=0.01)  # the highest first
+    np.testing.assert_allclose(np.exp(result.maxima.log_masses), shares, rtol=1e-2)
+    assert result.found_by.shape == (4, len(centres))
+    assert result.found_by.all()
+    assert result.converged
 
 
 @pytest.mark.parametrize("seed", [7, 27])
@@ -120,33 +120,33 @@ def test_a_narrow_basin_is_found_by_most_searches(seed):
 
 def test_who_found_what(monkeypatch):
     scripted(monkeypatch, ["A", "AB", "B", "BA"])
-    found = searches(two_peaks(0.3), 4)
-    np.testing.assert_allclose(found.maxima.z, [A, B], atol=0.01)
-    assert found.found_by.tolist() == [[True, False], [True, True], [False, True], [True, True]]
-    assert found.n_searches == 4
+    result = searches(two_peaks(0.3), 4)
+    np.testing.assert_allclose(result.maxima.z, [A, B], atol=0.01)
+    assert result.found_by.tolist() == [[True, False], [True, True], [False, True], [True, True]]
+    assert result.n_searches == 4
 
 
 def test_searches_go_on_until_a_second_one_finds_what_only_one_found(monkeypatch):
     scripted(monkeypatch, ["A", "A", "AB", "A", "AB", "A"])
-    found = searches(two_peaks(0.3), 3)
-    assert found.found_by.sum(axis=0).tolist() == [5, 2]
-    assert found.converged
+    result = searches(two_peaks(0.3), 3)
+    assert result.found_by.sum(axis=0).tolist() == [5, 2]
+    assert result.converged
 
 
 @pytest.mark.parametrize("n_searches", [1, 2, 4])
 def test_patience_ends(monkeypatch, n_searches):
     scripted(monkeypatch, ["AB", "A"])
-    found = searches(two_peaks(0.3), n_searches)
-    assert found.n_searches == PATIENCE * n_searches
-    assert found.found_by.sum(axis=0).tolist() == [PATIENCE * n_searches, 1]
-    assert not found.converged
+    result = searches(two_peaks(0.3), n_searches)
+    assert result.n_searches == PATIENCE * n_searches
+    assert result.found_by.sum(axis=0).tolist() == [PATIENCE * n_searches, 1]
+    assert not result.converged
 
 
 def test_a_single_search_is_repeated(monkeypatch):
     scripted(monkeypatch, ["A"])
-    found = searches(two_peaks(0.3), 1)
-    assert found.n_searches == 2
-    assert found.converged
+    result = searches(two_peaks(0.3), 1)
+    assert result.n_searches == 2
+    assert result.converged
 
 
 @pytest.mark.parametrize(("share_of_b", "n_searches"), [(5e-4, 3), (2e-3, 3 * PATIENCE)])
@@ -173,11 +173,11 @@ def test_settled_is_twice_found(shares, found_by, converged):
 
 @pytest.mark.parametrize("d", [1, 3])
 def test_a_flat_likelihood_has_the_maximum_of_the_prior(d):
-    found = searches(Target(lambda z: np.full(len(z), -7.0), d))
-    np.testing.assert_allclose(found.maxima.z, np.zeros((1, d)), atol=0.1)
-    np.testing.assert_allclose(found.maxima.precisions, np.eye(d)[None], atol=1e-3)
-    assert found.maxima.laplace_estimate.log_evidence == pytest.approx(-7.0, abs=2e-3)
-    assert found.converged
+    result = searches(Target(lambda z: np.full(len(z), -7.0), d))
+    np.testing.assert_allclose(result.maxima.z, np.zeros((1, d)), atol=0.1)
+    np.testing.assert_allclose(result.maxima.precisions, np.eye(d)[None], atol=1e-3)
+    assert result.maxima.laplace_estimate.log_evidence == pytest.approx(-7.0, abs=2e-3)
+    assert result.converged
 
 
 def test_a_likelihood_that_is_zero_nearly_everywhere():
@@ -190,14 +190,14 @@ def test_a_likelihood_that_is_zero_nearly_everywhere():
 
     draws = np.random.default_rng(2).standard_normal((100_000, 2))
     assert 5e-4 < np.isfinite(cut_off(draws)).mean() < 4e-3
-    found = searches(Target(cut_off, 2))
+    result = searches(Target(cut_off, 2))
     # Prior and likelihood are normal, so their product is: precision 1 + 1/sd².
-    np.testing.assert_allclose(found.maxima.z, [centre / (1.0 + sd**2)], atol=0.05 * sd)
+    np.testing.assert_allclose(result.maxima.z, [centre / (1.0 + sd**2)], atol=0.05 * sd)
     precision = 1.0 + sd**-2
     np.testing.assert_allclose(
-        found.maxima.precisions[0], precision * np.eye(2), atol=1e-3 * precision
+        result.maxima.precisions[0], precision * np.eye(2), atol=1e-3 * precision
     )
-    assert found.found_by.all()
+    assert result.found_by.all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 8, 9, 10])
@@ -214,8 +214,8 @@ def test_fewer_possible_draws_than_neighbours():
     def far_out(z):
         return np.where(z[:, 0] > 3.09, -0.5 * ((z[:, 0] - 3.4) / 0.1) ** 2, -np.inf)
 
-    found = searches(Target(far_out, 1), 2)
-    assert found.maxima.z[0, 0] == pytest.approx(3.4 / 1.01, abs=0.01)
+    result = searches(Target(far_out, 1), 2)
+    assert result.maxima.z[0, 0] == pytest.approx(3.4 / 1.01, abs=0.01)
 
 
 def test_an_impossible_likelihood_is_reported():
@@ -273,8 +273,8 @@ def test_the_number_of_evaluations_is_bounded():
         return 8.0 * np.sin(40.0 * z).sum(axis=1)
 
     target = Target(rough, 2)
-    found = searches(target, 2)
-    assert not found.converged
+    result = searches(target, 2)
+    assert not result.converged
     # At most 40 ascents of 60 steps with four tries and a gradient each, and some to gather up.
     of_ascents = 40 * 60 * (4 + 2) * 2
     assert target.n_evaluations < 2 * PATIENCE * (DRAWS + 2 * of_ascents)

@@ -52,12 +52,12 @@ def banana(n=2000):
 
 def test_two_far_bumps_are_two_regions():
     log_density, draws = bumps(12.0)
-    found = regions_of(log_density, draws)
-    assert found.n_regions == 2
+    result = regions_of(log_density, draws)
+    assert result.n_regions == 2
     right = draws[:, 0] > 6.0
-    labels = found.assign(draws)
+    labels = result.assign(draws)
     assert len(set(labels[right])) == len(set(labels[~right])) == 1
-    assert sorted(found.shares(draws)) == pytest.approx([1.0 - right.mean(), right.mean()][::-1])
+    assert sorted(result.shares(draws)) == pytest.approx([1.0 - right.mean(), right.mean()][::-1])
 
 
 @pytest.mark.parametrize(("distance", "n_regions"), [(3.0, 1), (4.5, 1), (6.0, 2), (8.0, 2)])
@@ -74,9 +74,9 @@ def test_a_valley_of_two_nats_divides(distance, n_regions):
 @pytest.mark.parametrize("make", [ring, banana])
 def test_a_bent_region_is_one(make):
     log_density, draws = make()
-    found = regions_of(log_density, draws)
-    assert found.n_regions == 1
-    np.testing.assert_array_equal(found.assign(draws), 0)
+    result = regions_of(log_density, draws)
+    assert result.n_regions == 1
+    np.testing.assert_array_equal(result.assign(draws), 0)
 
 
 @pytest.mark.parametrize("sd", [1.0, 1e-3])
@@ -107,9 +107,9 @@ def test_two_shells_are_two_regions(d):
             *(-50.0 * (np.linalg.norm(z - c, axis=1) - 2.0) ** 2 for c in (centre, -centre))
         )
 
-    found = regions_of(log_density, draws)
-    assert found.n_regions == 2
-    np.testing.assert_array_equal(found.assign(draws) == found.assign(centre[None])[0], right)
+    result = regions_of(log_density, draws)
+    assert result.n_regions == 2
+    np.testing.assert_array_equal(result.assign(draws) == result.assign(centre[None])[0], right)
 
 
 def test_three_regions_in_four_dimensions():
@@ -120,16 +120,16 @@ def test_three_regions_in_four_dimensions():
     def log_density(z):
         return np.logaddexp.reduce([log_standard_normal(z - c) for c in centres])
 
-    found = regions_of(log_density, draws)
-    assert found.n_regions == 3
-    np.testing.assert_allclose(found.shares(draws), 1.0 / 3.0)
+    result = regions_of(log_density, draws)
+    assert result.n_regions == 3
+    np.testing.assert_allclose(result.shares(draws), 1.0 / 3.0)
 
 
 def test_a_few_stray_draws_are_no_region():
     log_density, draws = bumps(0.0, n=500)
     stray = np.array([[9.0, 9.0], [9.1, 9.0], [-9.0, 9.0]])
-    found = regions_of(log_density, np.concatenate([draws, stray]))
-    assert found.n_regions == 1
+    result = regions_of(log_density, np.concatenate([draws, stray]))
+    assert result.n_regions == 1
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 8, 9])
@@ -140,9 +140,9 @@ def test_a_handful_of_draws(n):
 
 def test_many_draws_are_thinned():
     log_density, draws = bumps(12.0, n=20_000)
-    found = regions_of(log_density, draws)
-    assert len(found.draws) == MAX_DRAWS
-    assert found.n_regions == 2
+    result = regions_of(log_density, draws)
+    assert len(result.draws) == MAX_DRAWS
+    assert result.n_regions == 2
 
 
 def test_shares_of_weighted_draws():

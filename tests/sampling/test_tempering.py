@@ -136,5 +136,5 @@ def tempered(log_evidence, error):
     ],
 )
 def test_tempered_estimates_are_averaged_with_the_larger_error(starts, log_evidence, error):
-    found = tempered_estimate([tempered(*start) for start in starts])
-    assert (found.log_evidence, found.error) == pytest.approx((log_evidence, error))
+    result = tempered_estimate([tempered(*start) for start in starts])
+    assert (result.log_evidence, result.error) == pytest.approx((log_evidence, error))
