@@ -36,8 +36,8 @@ def calibrate(
     candidates = load(study, only).model_classes
     for candidate in candidates:
         try:
-            with progress_bars() as tell:
-                report = partial(tell, candidate.name)
+            with progress_bars() as progress:
+                report = partial(progress, candidate.name)
                 calibration = calibrate_class(candidate, shape_weight, None, starts, seed, report)
         except NothingToCalibrateError as error:
             if len(candidates) == 1:

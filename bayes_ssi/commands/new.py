@@ -6,16 +6,15 @@ from pathlib import Path
 
 import click
 
+from bayes_ssi.commands.scaffold import KINDS, write_study
 from bayes_ssi.commands.terminal import console, say
 
 __all__ = ["new"]
 
-KINDS = ("shear-building", "matrices", "function")
-
 
 @click.command()
 @click.argument("name", type=click.Path(path_type=Path))
-@click.option("--kind", type=click.Choice(KINDS), default="shear-building", show_default=True,
+@click.option("--kind", type=click.Choice(list(KINDS)), default="shear-building", show_default=True,
               help="Kind of structure: storeys and floors, matrices of a finite-element program, "
               "or a Python function (around OpenSees, for instance).")  # fmt: skip
 def new(name: Path, kind: str) -> None:
@@ -23,8 +22,6 @@ def new(name: Path, kind: str) -> None:
 
     The example runs unchanged: bayes-ssi rank NAME.py. Existing files are not overwritten.
     """
-    from bayes_ssi.commands.scaffold import write_study
-
     study, data = write_study(name, kind)
     say(
         console(),

@@ -30,7 +30,7 @@ def report(result: Path, out: Path | None, overwrite: bool) -> None:
     """
     from bayes_ssi.report import write_report
 
-    with progress_bars() as tell:
-        page = write_report(result, out, overwrite=overwrite, progress=partial(tell, "report"))
+    with progress_bars() as progress:
+        page = write_report(result, out, overwrite=overwrite, progress=partial(progress, "report"))
     print_record(lambda: {"page": str(page)})
     say(console(), f"Report saved in {page}.")

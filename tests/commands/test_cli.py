@@ -111,7 +111,7 @@ def test_calibrate(run, tiny_study_file):
 
 def test_calibrate_says_what_is_not_unique(run, tiny_study_file):
     result = run("calibrate", tiny_study_file, "--only", "each k", "--shape-weight", "0")
-    assert "the fit is not unique" in result.stdout
+    assert "The fit is not unique" in result.stdout
     assert "'one k'" not in result.stdout
 
 

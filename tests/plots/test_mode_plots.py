@@ -1,6 +1,5 @@
 """Figures of stored modes and parameters: what is drawn where, on axes given or new."""
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -20,15 +19,6 @@ from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
 from bayes_ssi.plots.updated_shapes import plot_mode_shapes
 from bayes_ssi.posterior.configuration_modes import configuration_modes
 from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow
-
-
-@pytest.fixture(autouse=True)
-def _close():
-    import matplotlib.pyplot as plt
-
-    mpl.use("agg")
-    yield
-    plt.close("all")
 
 
 @pytest.fixture

@@ -1,12 +1,9 @@
 """Figures: what is drawn where, and with which words."""
 
 import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 
 import bayes_ssi as bs
 from bayes_ssi.plots.corner_plot import plot_corner
@@ -16,12 +13,6 @@ from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.plots.result_figures import save_figures
 
 PNG = b"\x89PNG\r\n"
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 @pytest.fixture

@@ -1,12 +1,7 @@
 """Figures of responses: what is drawn where, and with which words."""
 
-import matplotlib as mpl
 import numpy as np
 import pytest
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 
 import bayes_ssi as bs
 from bayes_ssi.plots.before_and_after import plot_frequency_change
@@ -17,12 +12,6 @@ from bayes_ssi.predictions.bands import Band
 from bayes_ssi.predictions.predicted_modes import PredictedMode
 
 X = np.linspace(0.5, 2.5, 5)
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 def band(middle, half):
