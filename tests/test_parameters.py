@@ -92,7 +92,7 @@ def test_two_parameters_of_one_name_are_refused(other):
         ("", LogNormal(1.0, 0.3), ValueError, "name must not be empty"),
         ("  ", LogNormal(1.0, 0.3), ValueError, "name must not be empty"),
         ("k", 1.0, TypeError, "Parameter 'k': prior must be a prior distribution, got 1.0"),
-        ("k", LogNormal, TypeError, "Parameter 'k': prior must be .* choose from .*Normal, LogNormal"),
+        ("k", LogNormal, TypeError, "Parameter 'k': prior must .* choose from .*Normal, LogNormal"),
     ],
 )
 def test_wrong_parameters_are_refused(name, prior, error, message):
