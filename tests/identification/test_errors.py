@@ -9,15 +9,11 @@ from bayes_ssi.parameters import Parameter
 from bayes_ssi.priors.families import HalfNormal, LogNormal, Normal
 
 
-def test_both_prediction_errors_are_inferred_by_default():
-    error = ErrorModel()
-    assert isinstance(error.frequency_cov, Parameter)
-    assert isinstance(error.shape_sd, Parameter)
-    assert error.frequency_cov.name != error.shape_sd.name
-
-
-def test_default_errors_of_two_models_are_one_parameter():
-    assert ErrorModel() == ErrorModel()
+def test_defaults():
+    error, identification = ErrorModel(), IdentificationModel()
+    assert error == ErrorModel()
+    assert {error.frequency_cov.name, error.shape_sd.name} == {"frequency_cov", "shape_sd"}
+    assert identification == IdentificationModel(0.95, 0.1)
 
 
 @pytest.mark.parametrize(
@@ -53,11 +49,6 @@ def test_an_error_size_that_can_be_negative_is_refused(name):
 def test_error_sizes_that_are_no_numbers_are_refused(name, value):
     with pytest.raises(TypeError, match=f"ErrorModel: {name} must be a number.* got {value!r}"):
         ErrorModel(**{name: value})
-
-
-def test_default_identification():
-    model = IdentificationModel()
-    assert (model.detection_probability, model.expected_spurious_modes) == (0.95, 0.1)
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, -0.1, 1.1, math.nan])
