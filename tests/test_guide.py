@@ -20,7 +20,7 @@ WITH_CODE = [page for page in CHAPTERS if {b.language for b in blocks(page)} & {
 
 @pytest.fixture
 def printed(tmp_path, monkeypatch, capsys):
-    """Runs a chapter beside the studies of the repository; returns what it printed."""
+    """Runs a chapter next to the repository's studies; returns its output."""
     import matplotlib as mpl
 
     mpl.use("agg")

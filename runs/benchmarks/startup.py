@@ -1,9 +1,9 @@
-"""What starting up costs, beside the libraries that every computation needs.
+"""The cost of starting up, compared with the libraries that every computation needs.
 
     python runs/benchmarks/startup.py [RUNS]
 
 Import times, by ``python -X importtime``, of numpy, scipy.linalg and scipy.special together, of
-bayes_ssi, and of ``bayes-ssi --help``, each in a process of its own, in turn, RUNS times (9 if
+bayes_ssi, and of ``bayes-ssi --help``, each in its own process, alternating, RUNS times (9 if
 not given); medians, and their ratios. The package promises at most 1.5 and 2.
 """
 
@@ -19,15 +19,17 @@ STARTS = {
     "bayes-ssi --help": "from bayes_ssi.cli import main; main(['--help'])",
 }
 # Compiling the modules at every start is not what is measured.
-KEEPING = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+ENVIRONMENT = {
+    name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"
+}
 LIMITS = {"import bayes_ssi": 1.5, "bayes-ssi --help": 2.0}
 
 
 def import_seconds(code: str) -> float:
     """Time in imports of a process that runs ``code``: the sum of every module's own time."""
     command = [sys.executable, "-X", "importtime", "-c", code]
-    told = subprocess.run(command, capture_output=True, text=True, check=True, env=KEEPING).stderr
-    rows = (line.removeprefix("import time:").split("|") for line in told.splitlines())
+    report = subprocess.run(command, capture_output=True, text=True, check=True, env=ENVIRONMENT)
+    rows = (line.removeprefix("import time:").split("|") for line in report.stderr.splitlines())
     return sum(int(row[0]) for row in rows if len(row) == 3 and row[0].strip().isdigit()) / 1e6
 
 
@@ -35,12 +37,12 @@ def main() -> None:
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else 9
     for code in STARTS.values():  # what Python compiles on the first run
         import_seconds(code)
-    found = {name: [] for name in STARTS}
+    times = {name: [] for name in STARTS}
     for _ in range(runs):
         for name, code in STARTS.items():
-            found[name].append(import_seconds(code))
-    base = statistics.median(found["numpy, scipy.linalg, scipy.special"])
-    for name, seconds in found.items():
+            times[name].append(import_seconds(code))
+    base = statistics.median(times["numpy, scipy.linalg, scipy.special"])
+    for name, seconds in times.items():
         median = statistics.median(seconds)
         ratio = median / base
         limit = LIMITS.get(name)
