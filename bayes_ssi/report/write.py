@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from bayes_ssi.predictions.saved_predictions import load_saved_predictions
-from bayes_ssi.report.report_figures import draw_figures
-from bayes_ssi.report.template_filters import FILTERS, TESTS
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.new_directory import new_directory, require_new
 from bayes_ssi.versions import versions
@@ -43,7 +40,11 @@ def write_report(
     """
     import jinja2
 
-    from bayes_ssi.report.page_content import page_content  # it loads rich
+    # Not at the start, which everyone waits for: figures, tables and filters are for reports alone.
+    from bayes_ssi.predictions.saved_predictions import load_saved_predictions
+    from bayes_ssi.report.page_content import page_content
+    from bayes_ssi.report.report_figures import draw_figures
+    from bayes_ssi.report.template_filters import FILTERS, TESTS
 
     def report(step: str, done: float) -> None:
         if progress is not None:

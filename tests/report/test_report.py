@@ -203,7 +203,7 @@ def no_drawings(monkeypatch):
     def none(stored, *_):
         return ReportFigures(tests={name: [] for name in stored.tests})
 
-    monkeypatch.setattr("bayes_ssi.report.write.draw_figures", none)
+    monkeypatch.setattr("bayes_ssi.report.report_figures.draw_figures", none)
 
 
 def two_classes(make_posterior, **changes):
