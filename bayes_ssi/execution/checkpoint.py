@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_ssi.codec import to_record
-from bayes_ssi.execution.journal import Journal, JournalInUseError, run_of_journal
+from bayes_ssi.execution.journal import DamagedJournalError, Journal, OtherRunError
 from bayes_ssi.file_names import file_stem
 from bayes_ssi.model_class.class_record import class_record
 from bayes_ssi.model_class.model_class import ModelClass
@@ -28,6 +28,7 @@ __all__ = ["Checkpoint", "name_of_run"]
 
 # Exists from when the result of the run begins to be written.
 SAVING = "saving"
+SUFFIX = ".journal"
 
 
 def _warn(text: str) -> None:
@@ -69,10 +70,10 @@ class Checkpoint:
         self._say = say
 
     def journal(self, model_class: ModelClass, seed: int, settings: DataclassInstance) -> Journal:
-        """The journal of one model class, to be closed by the caller.
+        """The journal of one model class, to be closed by the caller; a damaged one is replaced.
 
         Raises:
-            ValueError: it belongs to another run, is damaged beyond use, or is in use.
+            ValueError: it belongs to another run, or is in use.
             OSError: it cannot be read or written.
         """
         self.directory.mkdir(exist_ok=True)
@@ -86,20 +87,19 @@ class Checkpoint:
         }
         try:
             journal = Journal(path, run)
-        except JournalInUseError:
-            raise
-        except ValueError:
+        except DamagedJournalError as error:
+            self._say(f"{error}; everything is computed again")
+        except OtherRunError:
             if not self._discard_others:
                 raise
-            path.unlink()
-            journal = Journal(path, run)
-        if journal.damage:
-            self._say(journal.damage)
-        elif journal.n_kept:
-            self._say(
-                f"model class {model_class.name!r}: resumes after {journal.n_kept} evaluations"
-            )
-        return journal
+        else:
+            if journal.n_kept:
+                self._say(
+                    f"model class {model_class.name!r}: resumes after {journal.n_kept} evaluations"
+                )
+            return journal
+        _remove(path)
+        return Journal(path, run)
 
     def silent(self) -> Checkpoint:
         """The same, saying nothing, for use in another process."""
@@ -109,8 +109,7 @@ class Checkpoint:
 
     def say_resumed(self, names: Iterable[str]) -> None:
         """Say which of these model classes have a journal, before they are sampled silently."""
-        known = self.names()
-        resumed = [name for name in names if name in known]
+        resumed = [name for name in names if self._path(name).exists()]
         if resumed:
             self._say(f"resumes an earlier run of {', '.join(map(repr, resumed))}")
 
@@ -124,15 +123,11 @@ class Checkpoint:
         """Mark that whatever stands where the result belongs is this run's own from now on."""
         (self.directory / SAVING).write_text(self._run, encoding="utf-8")
 
-    def names(self) -> list[str]:
-        """Of the model classes that have a journal here."""
-        run_of = map(run_of_journal, self.directory.glob("*.journal"))
-        return [str(run["model class"]) for run in run_of if "model class" in run]
-
     def remove(self, names: Iterable[str] | None = None) -> None:
         """Remove the journals of these classes, or of all, and the directory if that empties it."""
-        for name in self.names() if names is None else names:
-            self._path(name).unlink(missing_ok=True)
+        journals = self.directory.glob(f"*{SUFFIX}") if names is None else map(self._path, names)
+        for path in journals:
+            _remove(path)
         (self.directory / SAVING).unlink(missing_ok=True)
         if self.directory.exists() and not any(self.directory.iterdir()):
             self.directory.rmdir()
@@ -140,7 +135,13 @@ class Checkpoint:
     def _path(self, name: str) -> Path:
         stem = file_stem(name)[:60]
         digest = hashlib.sha256(name.encode()).hexdigest()[:8]
-        return self.directory / f"{stem}-{digest}.journal"
+        return self.directory / f"{stem}-{digest}{SUFFIX}"
+
+
+def _remove(journal: Path) -> None:
+    """Remove a journal, with the file that SQLite leaves beside it where a run was killed."""
+    for path in (journal.with_name(f"{journal.name}-journal"), journal):
+        path.unlink(missing_ok=True)
 
 
 def name_of_run(model_classes: Iterable[ModelClass], *options: object) -> str:

@@ -6,38 +6,46 @@ its log-likelihoods from there while they last: wherever the first run was inter
 is the same to the last digit. Only the algebra between the evaluations is done twice, which costs
 little where evaluations are expensive.
 
-The file is a line of JSON that identifies the run, followed by records. A record is its length, a
-checksum of these four bytes, a digest of the rest and the rest: a digest of the coordinates and
-the values. A record that is incomplete because the run was interrupted is dropped; if one does not
-match its checksums the file is damaged, and only what precedes it is used.
+The file is an SQLite database. Every batch is a transaction, so that a run that is killed leaves
+whole batches, and the lock on the file ends with its process.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
-import struct
-import weakref
-import zlib
-from collections.abc import Mapping
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.codec import to_record
 from bayes_ssi.execution.batch import Evaluated
 
-__all__ = ["Journal", "JournalInUseError", "run_of_journal"]
+__all__ = ["DamagedJournalError", "Journal", "OtherRunError"]
 
-FORMAT = 1
-DIGEST_SIZE = 16
-PREFIX = struct.Struct("<II")  # length of a record's body, checksum of that length
+FORMAT = 2
+OPEN = (
+    "PRAGMA locking_mode = EXCLUSIVE",
+    # What was written survives the process, if not the machine.
+    "PRAGMA synchronous = OFF",
+    "BEGIN EXCLUSIVE",
+    "CREATE TABLE IF NOT EXISTS run (description TEXT)",
+    "CREATE TABLE IF NOT EXISTS batches "
+    "(number INTEGER PRIMARY KEY, digest BLOB, log_likelihoods BLOB, failures TEXT)",
+)
 
 
-class JournalInUseError(ValueError):
-    """Another run, still going, writes the same journal."""
+class OtherRunError(ValueError):
+    """The journal belongs to another run."""
+
+
+class DamagedJournalError(ValueError):
+    """The file cannot be read as a journal."""
 
 
 class Journal:
@@ -46,7 +54,7 @@ class Journal:
     Attributes:
         path: of the file.
         n_kept: evaluations that the file held when it was opened.
-        damage: what is wrong with the file; empty if nothing is.
+        is_empty: whether it holds no evaluation.
     """
 
     def __init__(self, path: str | Path, run: Mapping[str, Any]) -> None:
@@ -54,36 +62,51 @@ class Journal:
 
         Args:
             path: of the file; its directory must exist.
-            run: identifies the run, JSON-ready. Another run's journal is refused.
+            run: identifies the run.
 
         Raises:
-            JournalInUseError: another run has it open.
-            ValueError: the file belongs to another run, or is not a journal.
+            OtherRunError: the file belongs to another run.
+            DamagedJournalError: it is damaged, or no journal.
+            ValueError: another run has it open.
             OSError: it cannot be read or written.
         """
         self.path = Path(path)
-        self.damage = ""
-        self.n_kept = 0
-        self._kept: list[tuple[bytes, Evaluated]] = []
-        self._next, self._n_added = 0, 0
-        descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
-        # Unbuffered: what was written survives the process.
-        self._file: BinaryIO = os.fdopen(descriptor, "r+b", buffering=0)
-        _close_in_children(self._file)
+        with self._errors_of_file():
+            # Without waiting for a lock; every statement is a transaction.
+            self._database = sqlite3.connect(self.path, timeout=0.0, isolation_level=None)
         try:
-            self._lock()
-            self._read(run)
+            with self._errors_of_file():
+                self._open({"format": FORMAT, **run})
         except BaseException:
-            self._file.close()
+            self.close()
             raise
+        self.is_empty = self.n_kept == 0
+        self._n_recalled = 0
+
+    def _open(self, run: Mapping[str, Any]) -> None:
+        for statement in OPEN:
+            self._database.execute(statement)
+        (state,) = self._database.execute("PRAGMA quick_check(1)").fetchone()
+        if state != "ok":
+            raise sqlite3.DatabaseError(state)
+        here = json.dumps(to_record(run), sort_keys=True)
+        stored = self._database.execute("SELECT description FROM run").fetchone()
+        if stored is None:
+            self._database.execute("INSERT INTO run VALUES (?)", [here])
+        elif stored[0] != here:
+            raise OtherRunError(
+                f"{self.path}: the checkpoint of another run, with "
+                f"{_differences(json.loads(stored[0]), json.loads(here))}; finish that one, or "
+                "begin again without it (--overwrite)"
+            )
+        self._database.execute("COMMIT")
+        self._n_batches, n_bytes = self._database.execute(
+            "SELECT count(*), coalesce(sum(length(log_likelihoods)), 0) FROM batches"
+        ).fetchone()
+        self.n_kept = n_bytes // np.dtype(float).itemsize
 
     def close(self) -> None:
-        self._file.close()
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether it holds no evaluation."""
-        return not (self.n_kept or self._n_added)
+        self._database.close()
 
     def __enter__(self) -> Journal:
         return self
@@ -97,156 +120,59 @@ class Journal:
         Raises:
             ValueError: the journal's next batch was at other coordinates.
         """
-        if self._next == len(self._kept):
+        if self._n_recalled == self._n_batches:
             return None
-        digest, evaluated = self._kept[self._next]
-        if digest != _digest(z) or len(evaluated.values) != len(z):
+        number = self._n_recalled + 1
+        with self._errors_of_file():
+            digest, log_likelihoods, failures = self._database.execute(
+                "SELECT digest, log_likelihoods, failures FROM batches WHERE number = ?", [number]
+            ).fetchone()
+        values = np.frombuffer(log_likelihoods)
+        if digest != _digest(z) or len(values) != len(z):
             raise ValueError(
-                f"{self.path}: batch {self._next + 1} of this checkpoint is at other coordinates "
-                "than the run asks for: it was made on another machine or with other versions of "
-                "the libraries; remove it to begin again"
+                f"{self.path}: batch {number} of this checkpoint is at other coordinates than the "
+                "run asks for: it was made on another machine or with other versions of the "
+                "libraries; remove it to begin again"
             )
-        self._next += 1
-        return evaluated
+        self._n_recalled = number
+        return Evaluated(values, {int(row): why for row, why in json.loads(failures).items()})
 
     def add(self, z: FloatArray, evaluated: Evaluated) -> None:
-        """Write one more batch."""
-        values = np.ascontiguousarray(evaluated.values, dtype="<f8").tobytes()
-        failures = {str(row): reason for row, reason in evaluated.failures.items()}
-        text = json.dumps(failures).encode() if failures else b""
-        body = _digest(z) + struct.pack("<I", len(z)) + values + text
-        length = struct.pack("<I", len(body))
-        record = PREFIX.pack(len(body), zlib.crc32(length)) + _sum(body) + body
-        self._write(record)
-        self._n_added += len(z)
+        """Write one more batch.
 
-    def _write(self, data: bytes) -> None:
-        view = memoryview(data)
-        while view:  # an unbuffered write may take only a part
-            view = view[self._file.write(view) or 0 :]
+        Raises:
+            OSError: it cannot be written.
+        """
+        batch = (_digest(z), evaluated.values.tobytes(), json.dumps(dict(evaluated.failures)))
+        with self._errors_of_file():
+            self._database.execute("INSERT INTO batches VALUES (NULL, ?, ?, ?)", batch)
+        self.is_empty = False
 
-    def _lock(self) -> None:
+    @contextmanager
+    def _errors_of_file(self) -> Iterator[None]:
+        """Errors of SQLite as those that callers expect of a file."""
         try:
-            import fcntl
-        except ImportError:  # not on this platform
-            return
-        try:
-            # The system releases it when the process ends, however it ends.
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise JournalInUseError(f"{self.path}: another run is using this checkpoint") from None
-
-    def _read(self, run: Mapping[str, Any]) -> None:
-        record = {"format": FORMAT, "run": run}
-        header = json.dumps(record, sort_keys=True, default=_plain).encode() + b"\n"
-        content = self._file.read()
-        end = content.find(b"\n")
-        if end < 0 and header.startswith(content):  # new, or interrupted in this line
-            self._restart(0)
-            self._write(header)
-            return
-        self._check_header(content[: end + 1], header)
-        good = end + 1
-        while good < len(content):
-            read = self._record(content, good)
-            if read is None:
-                break
-            good, digest, evaluated = read
-            self._kept.append((digest, evaluated))
-            self.n_kept += len(evaluated.values)
-        self._restart(good)
-
-    def _check_header(self, actual: bytes, expected: bytes) -> None:
-        if actual == expected:
-            return
-        if (header := _read_header(actual)) is None:
-            raise ValueError(f"{self.path}: damaged, or not a checkpoint; remove it to begin again")
-        number, there = header
-        here = json.loads(expected)["run"]
-        names = [name for name in {**there, **here} if there.get(name) != here.get(name)]
-        what = ", ".join(
-            f"{name} {_short(there.get(name))} there and {_short(here.get(name))} here"
-            for name in names
-        )
-        raise ValueError(
-            f"{self.path}: the checkpoint of another run, with "
-            f"{what or f'format {number!r} there and {FORMAT} here'}; finish that one, or begin "
-            "again without it (--overwrite)"
-        )
-
-    def _record(self, content: bytes, at: int) -> tuple[int, bytes, Evaluated] | None:
-        """The end, digest and values of the record at a position; None if it is not whole."""
-        begin = at + PREFIX.size
-        if begin > len(content):
-            return None
-        length, checksum = PREFIX.unpack_from(content, at)
-        sound = zlib.crc32(content[at : at + 4]) == checksum
-        end = begin + DIGEST_SIZE + length
-        if sound and end > len(content):
-            return None
-        body = content[begin + DIGEST_SIZE : end]
-        if not sound or _sum(body) != content[begin : begin + DIGEST_SIZE]:
-            self.damage = (
-                f"{self.path}: damaged after {self.n_kept} evaluations, which are used; the rest "
-                "is computed again"
-            )
-            return None
-        (n,) = struct.unpack_from("<I", body, DIGEST_SIZE)
-        values_end = DIGEST_SIZE + 4 + 8 * n
-        values = np.frombuffer(body[DIGEST_SIZE + 4 : values_end], dtype="<f8").astype(float)
-        failures = json.loads(body[values_end:]) if len(body) > values_end else {}
-        evaluated = Evaluated(values, {int(row): reason for row, reason in failures.items()})
-        return end, body[:DIGEST_SIZE], evaluated
-
-    def _restart(self, position: int) -> None:
-        """Continue writing at ``position``; what follows it is dropped."""
-        self._file.seek(position)
-        self._file.truncate()
+            yield
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+                raise ValueError(f"{self.path}: another run is using this checkpoint") from None
+            raise OSError(f"{self.path}: {error}") from error
+        except sqlite3.DatabaseError as error:
+            raise DamagedJournalError(f"{self.path}: damaged, or not a checkpoint") from error
 
 
-def run_of_journal(path: Path) -> dict[str, Any]:
-    """What identifies the run of a journal, even of an open one; empty if that is unreadable."""
-    with path.open("rb") as file:
-        header = _read_header(file.readline())
-    return {} if header is None else header[1]
-
-
-def _read_header(line: bytes) -> tuple[Any, dict[str, Any]] | None:
-    """Number of the format, and the run; None if the line does not hold them."""
-    try:
-        record = json.loads(line)
-        return record["format"], dict(record["run"])
-    except (ValueError, TypeError, KeyError, RecursionError):
-        return None
-
-
-def _close_in_children(file: BinaryIO) -> None:
-    """Forked children would hold the lock as long as they live, which may be longer."""
-    alive = weakref.ref(file)
-
-    def close() -> None:
-        if (kept := alive()) is not None:
-            kept.close()
-
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(after_in_child=close)
-
-
-def _plain(value: Any) -> Any:
-    """A NumPy number as a Python one."""
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{value!r} cannot be stored as JSON")
-
-
-def _digest(z: FloatArray) -> bytes:
-    return _sum(np.ascontiguousarray(z, dtype="<f8").tobytes())
-
-
-def _sum(data: bytes) -> bytes:
-    return hashlib.blake2b(data, digest_size=DIGEST_SIZE).digest()
+def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
+    return ", ".join(
+        f"{name} {_short(there.get(name))} there and {_short(here.get(name))} here"
+        for name in {**there, **here}
+        if there.get(name) != here.get(name)
+    )
 
 
 def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _digest(z: FloatArray) -> bytes:
+    return hashlib.blake2b(z.tobytes(), digest_size=16).digest()
