@@ -66,6 +66,8 @@ def from_record(kind: type[T], record: Any, path: str = "", **given: Any) -> T:
 
 def _read(hint: Any, record: Any, path: str) -> Any:
     kind, arguments = get_origin(hint) or hint, get_args(hint)
+    # From numpy 2.5 on an array's type is an alias that holds its value.
+    kind = get_origin(alias) or alias if (alias := getattr(kind, "__value__", None)) else kind
     if kind is Any:
         return record
     if kind in (Union, UnionType):
