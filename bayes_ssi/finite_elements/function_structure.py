@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import inspect
 from collections.abc import Callable, Mapping
-from functools import cached_property
 from numbers import Integral
 from typing import Any
 
@@ -19,14 +18,15 @@ from bayes_ssi.finite_elements.pointwise_structure import PointwiseStructure
 from bayes_ssi.finite_elements.sensor_rows import Sensors, sensor_rows
 from bayes_ssi.finite_elements.sparse_factors import fill_reducing_order, is_semidefinite
 from bayes_ssi.finite_elements.sparse_modes import DENSE_UP_TO, lowest_modes
-from bayes_ssi.modal import (
-    Eigenpairs,
-    ModalModel,
-    NoModesError,
-    frequencies_hz,
-    lowest_eigenpairs,
+from bayes_ssi.modal import ModalModel, NoModesError, frequencies_hz
+from bayes_ssi.parameters import (
+    Parameter,
+    Product,
+    ProductTable,
+    Value,
+    as_product,
+    collect_parameters,
 )
-from bayes_ssi.parameters import Parameter, ProductTable, Value, as_product, collect_parameters
 
 __all__ = ["FunctionStructure"]
 
@@ -72,11 +72,13 @@ class FunctionStructure(PointwiseStructure):
             raise TypeError(f"FunctionStructure: function must be callable, got {function!r}")
         self.function = function
         where = f"FunctionStructure {_name(function)}"
-        self._products = tuple(
-            as_product(value, f"{where}: argument {name!r}") for name, value in arguments.items()
-        )
-        self._arguments = tuple(arguments)
-        self._parameters = collect_parameters(p for each in self._products for p in each.parameters)
+        self._arguments: dict[str, Product] = {
+            name: as_product(value, f"{where}: argument {name!r}")
+            for name, value in arguments.items()
+        }
+        products = tuple(self._arguments.values())
+        self._parameters = collect_parameters(p for each in products for p in each.parameters)
+        self._table = ProductTable(products, self._parameters)
         if not isinstance(n_modes, Integral) or isinstance(n_modes, bool) or n_modes < 1:
             raise ValueError(f"{where}: n_modes must be a positive whole number, got {n_modes!r}")
         self._n_modes: int = int(n_modes)
@@ -106,17 +108,16 @@ class FunctionStructure(PointwiseStructure):
     def n_modes(self) -> int:
         return self._n_modes
 
-    def modes_at(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
         first, second = self._called(values)
         if np.ndim(first) == 2 or sp.issparse(first):
-            modes = self._of_matrices(first, second)
-            return frequencies_hz(modes.eigenvalues), modes.vectors
+            return self._of_matrices(first, second)
         return self._checked_modes(first, second)
 
     def description(self) -> Mapping[str, Any]:
         return {
             "function": _name(self.function),
-            "arguments": dict(zip(self._arguments, self._products, strict=True)),
+            "arguments": self._arguments,
             "modes": f"the lowest {self._n_modes}",
         }
 
@@ -139,8 +140,7 @@ class FunctionStructure(PointwiseStructure):
             f"got {_kind(answer)}"
         )
 
-    def _of_matrices(self, stiffness: Any, mass: Any) -> Eigenpairs:
-        """The modes at the sensors."""
+    def _of_matrices(self, stiffness: Any, mass: Any) -> tuple[FloatArray, FloatArray]:
         name, n_modes = _name(self.function), self.n_modes
         n = np.shape(stiffness)[0]
         k, m = checked_matrix(stiffness, f"{name}: K"), checked_matrix(mass, f"{name}: M", n)
@@ -152,20 +152,16 @@ class FunctionStructure(PointwiseStructure):
                 f"{name}: K has {n} rows; sensors must be a mapping of names to numbers of degrees "
                 f"of freedom, from 0 to {n - 1}"
             )
-        if n <= DENSE_UP_TO:
-            k, m = (each.toarray() if hasattr(each, "toarray") else each for each in (k, m))
-            modes = lowest_eigenpairs(k, m, n_modes)
-            return Eigenpairs(modes.eigenvalues, modes.vectors[rows])
         k, m = sp.csc_array(k), sp.csc_array(m)
-        if not is_semidefinite(m):
-            raise NoModesError(f"{name}: M is not positive semi-definite")
-        # The pattern, and so the order, may change from call to call.
-        order = fill_reducing_order(k)
-        modes = lowest_modes(
-            sp.csc_array(k[order][:, order]), sp.csc_array(m[order][:, order]), n_modes
-        )
-        at_sensors = modes.vectors[np.argsort(order)[rows], :n_modes]
-        return Eigenpairs(modes.eigenvalues[:n_modes], at_sensors)
+        if n > DENSE_UP_TO:
+            if not is_semidefinite(m):
+                raise NoModesError(f"{name}: M is not positive semi-definite")
+            # The pattern, and so the order, may change from call to call.
+            order = fill_reducing_order(k)
+            k, m = (sp.csc_array(matrix[order][:, order]) for matrix in (k, m))
+            rows = np.argsort(order)[rows]
+        modes = lowest_modes(k, m, n_modes)
+        return frequencies_hz(modes.eigenvalues[:n_modes]), modes.vectors[rows, :n_modes]
 
     def _checked_modes(self, frequencies: Any, shapes: Any) -> tuple[FloatArray, FloatArray]:
         name = _name(self.function)
@@ -191,15 +187,8 @@ class FunctionStructure(PointwiseStructure):
             raise ValueError(f"{name} returned a frequency of {f[0]:.6g} Hz, which is not positive")
         return f, phi
 
-    @cached_property
-    def _table(self) -> ProductTable:
-        return ProductTable(self._products, self._parameters)
-
     def __repr__(self) -> str:
-        arguments = ", ".join(
-            f"{name}={product!r}"
-            for name, product in zip(self._arguments, self._products, strict=True)
-        )
+        arguments = ", ".join(f"{name}={each!r}" for name, each in self._arguments.items())
         return (
             f"FunctionStructure({_name(self.function)} <{_digest(self.function)}>, {arguments}, "
             f"sensors={dict(zip(self._names, self._rows.tolist(), strict=True))}, "

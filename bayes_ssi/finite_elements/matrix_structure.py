@@ -14,35 +14,17 @@ from numbers import Integral
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.affine_matrix import AffineMatrix
-from bayes_ssi.finite_elements.matrix_files import Matrix
 from bayes_ssi.finite_elements.pointwise_structure import PointwiseStructure
 from bayes_ssi.finite_elements.reduced_structure import ReducedStructure
-from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure, System
+from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 from bayes_ssi.finite_elements.sensor_rows import Sensors, sensor_rows
-from bayes_ssi.finite_elements.sparse_factors import (
-    count_below,
-    fill_reducing_order,
-    is_semidefinite,
-)
-from bayes_ssi.finite_elements.sparse_modes import lowest_modes
-from bayes_ssi.modal import (
-    BATCHED_UP_TO,
-    Eigenpairs,
-    ModalModel,
-    Modes,
-    NoModesError,
-    frequencies_hz,
-    solve_modes,
-)
-from bayes_ssi.parameters import Parameter, collect_parameters
+from bayes_ssi.finite_elements.sparse_factors import count_below
+from bayes_ssi.modal import BATCHED_UP_TO, ModalModel, Modes, frequencies_hz, solve_modes
 from bayes_ssi.structures.affine_array import AffineArray
-
-__all__ = ["MatrixStructure"]
 
 # Modes are computed up to this share above the highest frequency of interest, since they come down
 # as parameters change: by a fifth where a stiffness is a third lower than its median.
@@ -87,15 +69,11 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
             ValueError, TypeError: an argument is not valid; the message says which.
         """
         try:
-            self._stiffness = AffineMatrix.of(stiffness, "stiffness")
-            self._mass = AffineMatrix.of(mass, "mass", self._stiffness.size)
-            n = self._stiffness.size
-            self._names, self._rows = sensor_rows(n, labels, sensors)
-            self._parameters = collect_parameters(
-                [*self._stiffness.parameters, *self._mass.parameters]
-            )
-            self._n_modes, self._up_to_hz = _checked_n_modes(n_modes, up_to_hz, n)
-            self._influence = _checked_influence(influence, n)
+            k = AffineMatrix.of(stiffness, "stiffness")
+            m = AffineMatrix.of(mass, "mass", k.size)
+            rows = sensor_rows(k.size, labels, sensors)
+            own_modes, self._up_to_hz = _checked_n_modes(n_modes, up_to_hz, k.size)
+            super().__init__(k, m, rows, own_modes, _checked_influence(influence, k.size))
         except (TypeError, ValueError) as error:
             raise type(error)(f"MatrixStructure: {error}") from None
 
@@ -107,19 +85,6 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
                 :class:`~bayes_ssi.finite_elements.reduced_structure.ReducedStructure`.
         """
         return ReducedStructure(self, **options)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self._parameters
-
-    @property
-    def degrees_of_freedom(self) -> tuple[str, ...]:
-        """The measured ones (the sensors) or all."""
-        return self._names
-
-    @property
-    def size(self) -> int:
-        return self._stiffness.size
 
     @cached_property
     def n_modes(self) -> int:
@@ -148,7 +113,7 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
         failed = np.isnan(modes.frequencies_hz).any(axis=1)
         if failed.any():
             row = values[failed.argmax()]
-            self._cached("modes", row, self.modes_at)  # raises, and says why
+            self.solution(row)  # raises, and says why
             raise ValueError(f"at {self._named(row)}: the matrices are too close to singular")
         return Modes(modes.frequencies_hz, modes.shapes[:, self.system.sensor_rows])
 
@@ -158,12 +123,15 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
         system = self.system
         return system.stiffness.dense(self.parameters), system.mass.dense(self.parameters)
 
-    def modes_at(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
+        """Frequencies, shapes and, where it is known how the ground drives them, participation."""
         modes, n = self.full_modes(values), self.n_modes
-        return frequencies_hz(modes.eigenvalues[:n]), modes.vectors[self.system.sensor_rows, :n]
-
-    def full_modes(self, values: FloatArray, extra: int = 0) -> Eigenpairs:
-        return lowest_modes(*self.matrices(values), self.n_modes, extra)
+        frequencies, rows = frequencies_hz(modes.eigenvalues[:n]), self.system.sensor_rows
+        shapes = modes.vectors[:, :n]
+        if self.system.influence is None:
+            return frequencies, shapes[rows]
+        _, mass = self.matrices(values)
+        return frequencies, shapes[rows], shapes.T @ (mass @ self.system.influence)
 
     def description(self) -> Mapping[str, Any]:
         up_to = f", those up to {self._up_to_hz:g} Hz and a margin" if self._up_to_hz else ""
@@ -181,75 +149,11 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
             TypeError: the structure was not given ``influence``.
         """
         influence = self.require_influence()
-        responses = [self._cached("response", row, self._response_at) for row in values]
-        return ModalModel(
-            np.array([frequencies for frequencies, _, _ in responses]),
-            np.array([shapes for _, shapes, _ in responses]),
-            np.array([participation for _, _, participation in responses]),
-            influence[self.system.sensor_rows],
+        solutions = [self.solution(row) for row in values]
+        frequencies, shapes, participation = (
+            np.array([solution[i] for solution in solutions]) for i in range(3)
         )
-
-    def matrices(self, values: FloatArray) -> tuple[Matrix, Matrix]:
-        """K and M at ``values`` (n_parameters,), rows as in :attr:`system`.
-
-        Raises:
-            NoModesError: a coefficient is not finite, or a mass on the diagonal is negative.
-        """
-        of_stiffness, of_mass = self._coefficients(values)
-        mass = self.system.mass.at(of_mass)
-        if mass.diagonal().min() < 0.0:
-            raise NoModesError("the mass matrix has a negative entry on its diagonal")
-        return self.system.stiffness.at(of_stiffness), mass
-
-    def _coefficients(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Those of the stiffness and of the mass at ``values`` (n_parameters,)."""
-        system, parameters = self.system, self.parameters
-        of_both = (
-            system.stiffness.coefficients(values[None], parameters)[0],
-            system.mass.coefficients(values[None], parameters)[0],
-        )
-        for name, coefficients in zip(("stiffness", "mass"), of_both, strict=True):
-            if not np.isfinite(coefficients).all():
-                raise NoModesError(f"a coefficient of the {name} matrix is not finite")
-        return of_both
-
-    @cached_property
-    def system(self) -> System:
-        """The matrices in a good order, checked at the prior medians.
-
-        Raises:
-            NoModesError: M is not positive semi-definite, or has mass at too few places.
-        """
-        pattern = self._stiffness.pattern + self._mass.pattern
-        # Of a diagonally dominant matrix with this pattern, which is positive definite.
-        row_sums = np.asarray(pattern.sum(axis=1)).ravel()
-        order = fill_reducing_order(sp.csc_array(sp.diags_array(row_sums + 1.0) - pattern))
-        place = np.argsort(order)
-        system = System(
-            self._stiffness.ordered(order),
-            self._mass.ordered(order),
-            place[self._rows],
-            None if self._influence is None else self._influence[order],
-        )
-        mass = system.mass
-        at_medians = mass.at(mass.coefficients(self.prior_medians(), self.parameters)[0])
-        if not is_semidefinite(at_medians):
-            raise NoModesError("the mass matrix is not positive semi-definite")
-        n_with_mass = int(np.count_nonzero(np.diff(at_medians.indptr)))
-        wanted = self._n_modes or 1
-        if n_with_mass < wanted:
-            raise NoModesError(
-                f"the mass matrix has mass at {n_with_mass} degrees of freedom, which gives fewer "
-                f"modes than the {wanted} asked for"
-            )
-        return system
-
-    def _response_at(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        modes, n = self.full_modes(values), self.n_modes
-        _, mass = self.matrices(values)
-        participation = modes.vectors[:, :n].T @ (mass @ self.require_influence())
-        shapes = modes.vectors[self.system.sensor_rows, :n]
-        return frequencies_hz(modes.eigenvalues[:n]), shapes, participation
+        return ModalModel(frequencies, shapes, participation, influence[self.system.sensor_rows])
 
     def __repr__(self) -> str:
         modes = f"n_modes={self._n_modes}" if self._n_modes else f"up_to_hz={self._up_to_hz}"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections import OrderedDict
-from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +17,6 @@ __all__ = ["PointwiseStructure"]
 # Memory for recent solutions: those of hundreds of draws at a thousand sensors.
 CACHE_BYTES = 64_000_000
 
-_S = TypeVar("_S")
-
 
 class PointwiseStructure(Structure):
     """A structure that is solved at one row of values after the other.
@@ -29,11 +26,13 @@ class PointwiseStructure(Structure):
     """
 
     @abstractmethod
-    def modes_at(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
         """Frequencies (n_modes,) and shapes (n_dof, n_modes) at ``values`` (n_parameters,).
 
+        What else a structure computes there may follow.
+
         Raises:
-            Exception: there are none; :meth:`modes` adds the values to the message.
+            Exception: there are none; :meth:`solution` adds the values to the message.
         """
 
     def modes(self, values: FloatArray) -> Modes:
@@ -42,26 +41,26 @@ class PointwiseStructure(Structure):
         Raises:
             ValueError: a row has no modes; the message gives its values, and why.
         """
-        solutions = [self._cached("modes", row, self.modes_at) for row in values]
+        solutions = [self.solution(row) for row in values]
         n, n_dof, n_modes = len(values), len(self.degrees_of_freedom), self.n_modes
         return Modes(
-            np.array([frequencies for frequencies, _ in solutions]).reshape(n, n_modes),
-            np.array([shapes for _, shapes in solutions]).reshape(n, n_dof, n_modes),
+            np.array([frequencies for frequencies, *_ in solutions]).reshape(n, n_modes),
+            np.array([shapes for _, shapes, *_ in solutions]).reshape(n, n_dof, n_modes),
         )
 
-    def _cached(self, kind: str, row: FloatArray, solve: Callable[[FloatArray], _S]) -> _S:
-        """What ``solve`` returns, or returned before, for one row of values.
+    def solution(self, row: FloatArray) -> tuple[FloatArray, ...]:
+        """:meth:`solved_at` for one row of values, computed once.
 
         Raises:
             ValueError: it raised; the message is that of the error, with the values.
         """
-        cache: OrderedDict[tuple[str, bytes], Any]
+        cache: OrderedDict[bytes, tuple[FloatArray, ...] | str]
         cache = self.__dict__.setdefault("_cache", OrderedDict())
-        key = (kind, np.ascontiguousarray(row).tobytes())
+        key = np.ascontiguousarray(row).tobytes()
         answer = cache.pop(key, None)
         if answer is None:
             try:
-                answer = solve(row)
+                answer = self.solved_at(row)
             except Exception as error:  # noqa: BLE001 - whatever a user's function may raise
                 name = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
                 answer = f"at {self._named(row)}: {name}{' '.join(str(error).split())}"
@@ -71,8 +70,7 @@ class PointwiseStructure(Structure):
             cache.popitem(last=False)
         if isinstance(answer, str):
             raise ValueError(answer)
-        solution: _S = answer
-        return solution
+        return answer
 
     def _named(self, row: FloatArray) -> str:
         """One row of values with the parameters' names."""

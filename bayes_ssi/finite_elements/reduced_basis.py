@@ -26,14 +26,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.finite_elements.affine_matrix import AffineMatrix
+from bayes_ssi.finite_elements.reducible_structure import Coefficients, System
 from bayes_ssi.finite_elements.sparse_factors import is_semidefinite, stiffness_factor
 from bayes_ssi.modal import ROUNDING, Eigenpairs, NoModesError, lowest_eigenpairs
 
-__all__ = ["Bounds", "Coefficients", "ReducedBasis", "Reference"]
+__all__ = ["Bounds", "ReducedBasis", "Reference"]
 
 # Random combinations in the sketch of a residual, and a factor on their mean square: the square of
 # the norm is larger in 4 of 10 000 cases (χ² with so many degrees of freedom).
@@ -45,14 +44,6 @@ CLOSE = 0.02
 # count as if they moved them by as much: no test identifies them, and their shapes there follow
 # from small asymmetries of the mesh.
 VISIBLE = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class Coefficients:
-    """c_t(θ) (T,) of the stiffness and d_u(θ) (U,) of the mass, at one θ."""
-
-    stiffness: FloatArray
-    mass: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,28 +69,22 @@ class Reference:
         definite: whether every K_t is positive semi-definite.
     """
 
-    def __init__(
-        self,
-        stiffness: AffineMatrix,
-        mass: AffineMatrix,
-        sensors: NDArray[np.intp],
-        coefficients: Coefficients,
-    ) -> None:
+    def __init__(self, system: System, coefficients: Coefficients) -> None:
         """Factorise the stiffness at the reference.
 
         Raises:
             NoModesError: it is not positive definite.
         """
-        self.stiffness, self.mass, self.coefficients = stiffness, mass, coefficients
-        self.matrix = stiffness.at(coefficients.stiffness)
-        self.sensors = sensors
+        self.stiffness, self.mass, self.sensors, _ = system
+        self.coefficients = coefficients
+        self.matrix = self.stiffness.at(coefficients.stiffness)
         factor = stiffness_factor(self.matrix)
         n = self.matrix.shape[0]
         normal = np.random.default_rng(0).standard_normal((n, SKETCH_SIZE)) / np.sqrt(SKETCH_SIZE)
-        unit_loads = np.zeros((n, len(sensors)))
-        unit_loads[sensors, np.arange(len(sensors))] = 1.0
+        unit_loads = np.zeros((n, len(self.sensors)))
+        unit_loads[self.sensors, np.arange(len(self.sensors))] = 1.0
         self.sketch = np.hstack([factor.solve(factor.root_times(normal)), factor.solve(unit_loads)])
-        self.definite = all(is_semidefinite(each) for each in stiffness.matrices)
+        self.definite = all(is_semidefinite(each) for each in self.stiffness.matrices)
 
 
 @dataclass(frozen=True, eq=False)

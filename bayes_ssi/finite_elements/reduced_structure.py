@@ -12,12 +12,7 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.approximate_structure import Accuracy, ApproximateStructure
-from bayes_ssi.finite_elements.reduced_basis import (
-    Bounds,
-    Coefficients,
-    ReducedBasis,
-    Reference,
-)
+from bayes_ssi.finite_elements.reduced_basis import Bounds, ReducedBasis, Reference
 from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 from bayes_ssi.modal import ModalModel, Modes, NoModesError, lowest_eigenpairs, solve_modes
 from bayes_ssi.parameters import Parameter
@@ -144,7 +139,7 @@ class ReducedStructure(ApproximateStructure):
     def bounds(self, values: FloatArray) -> Bounds:
         """The certified errors at ``values`` (B, n_parameters): arrays (B, n_modes)."""
         basis, n, reference = self.basis, self.n_modes, self._reference
-        rows = [basis.bounds(each, n, reference) for each in self._coefficients(values)]
+        rows = [basis.bounds(each, n, reference) for each in self.full.coefficients(values)]
         return Bounds(
             np.array([row.frequency for row in rows]).reshape(-1, n),
             np.array([row.shape for row in rows]).reshape(-1, n),
@@ -179,7 +174,7 @@ class ReducedStructure(ApproximateStructure):
     def _train(self, points: FloatArray, frequency_error: float, shape_error: float) -> None:
         """Add full solutions where errors are largest, until they are small at all ``points``."""
         negligible = NEGLIGIBLE * min(math.sqrt(frequency_error), shape_error)
-        of_points = self._coefficients(points)
+        of_points = self.full.coefficients(points)
         basis = self._basis or ReducedBasis.empty(self._reference)
         # In units of what is required, at most: errors shrink as the basis grows, so only that of
         # the worst point is computed again, until it stays the worst.
@@ -230,17 +225,8 @@ class ReducedStructure(ApproximateStructure):
 
     @cached_property
     def _reference(self) -> Reference:
-        (medians,) = self._coefficients(self.full.prior_medians())
-        system = self.full.system
-        return Reference(system.stiffness, system.mass, system.sensor_rows, medians)
-
-    def _coefficients(self, values: FloatArray) -> list[Coefficients]:
-        """Of every row of values."""
-        of_stiffness, of_mass = (
-            each.coefficients(values, self.parameters)
-            for each in (self.full.system.stiffness, self.full.system.mass)
-        )
-        return [Coefficients(k, m) for k, m in zip(of_stiffness, of_mass, strict=True)]
+        (medians,) = self.full.coefficients(self.full.prior_medians())
+        return Reference(self.full.system, medians)
 
     def _prior_points(self) -> FloatArray:
         """Points (training_points, n_parameters) that fill the prior evenly."""
