@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from bayes_ssi.plots.figure_style import (
 )
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.updated_modes import LEVEL, UpdatedMode
+from bayes_ssi.predictions.predicted_modes import PredictedMode
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,22 +29,18 @@ if TYPE_CHECKING:
 __all__ = ["plot_frequency_change", "plot_mac_change", "plot_parameters"]
 
 
-class ModeBeforeAndAfter(Protocol):
-    """What a row of :func:`plot_frequency_change` shows; records of stored and of predicted modes
-    have it."""
+class _Row(NamedTuple):
+    """One mode: where it is drawn before, and (low, median, high) after; texts are for hovering."""
 
-    @property
-    def label(self) -> str: ...
-
-    @property
-    def before_hz(self) -> float: ...
-
-    @property
-    def after_hz(self) -> Sequence[Any]: ...
+    name: str
+    before: float
+    after: Sequence[float] | FloatArray
+    text_before: str
+    text_after: str
 
 
 def plot_frequency_change(
-    modes: Sequence[ModeBeforeAndAfter],
+    modes: Sequence[UpdatedMode] | Sequence[PredictedMode],
     data: ModalData,
     ax: Axes | None = None,
     *,
@@ -52,28 +49,29 @@ def plot_frequency_change(
     """Frequencies of modes before and after updating, relative to the identified ones.
 
     Args:
-        modes: label of an identified mode, the model's frequency at the prior medians (NaN where
-            it has no such mode), and low, median and high of the posterior.
+        modes: stored or predicted.
         data: the identified modes.
         ax: axes; new ones if None.
         level: probability of the intervals, for the legend.
     """
-    identified = np.array([data.mode(mode.label).frequency_hz for mode in modes])
-    before = np.array([mode.before_hz for mode in modes])
-    after = np.array([mode.after_hz for mode in modes]).reshape(-1, 3)
-    names = [f"{mode.label}\n{hz:.4g} Hz" for mode, hz in zip(modes, identified, strict=True)]
-    errors = 100.0 * (np.c_[before, after] / identified[:, None] - 1.0)
-    texts = [
-        (
-            f"mode {mode.label} before: {hz:.4g} Hz, {error:+.2f} %",
-            f"mode {mode.label} after: {mode.after_hz[1]:.4g} Hz, {median:+.2f} % "
-            f"({low:+.2f} to {high:+.2f} %)",
+    rows = []
+    for mode in modes:
+        label, hz = mode.label, data.mode(mode.label).frequency_hz
+        before, *after = 100.0 * (np.array([mode.before_hz, *mode.after_hz]) / hz - 1.0)
+        low, median, high = after
+        rows.append(
+            _Row(
+                f"{label}\n{hz:.4g} Hz",
+                before,
+                after,
+                f"mode {label} before: {mode.before_hz:.4g} Hz, {before:+.2f} %",
+                f"mode {label} after: {mode.after_hz[1]:.4g} Hz, {median:+.2f} % "
+                f"({low:+.2f} to {high:+.2f} %)",
+            )
         )
-        for mode, hz, (error, low, median, high) in zip(modes, before, errors, strict=True)
-    ]
-    ax = axes_of(ax, (WIDTH, 1.4 + 0.4 * len(modes)))
+    ax = axes_of(ax, (WIDTH, 1.4 + 0.4 * len(rows)))
     ax.axvline(0.0, color="black", linewidth=0.8)
-    _draw(ax, names, errors[:, 0], errors[:, 1:], texts, level)
+    _draw(ax, rows, level)
     ax.set_xlabel("model / identified - 1 (%)")
     return ax
 
@@ -86,49 +84,36 @@ def plot_mac_change(modes: Sequence[UpdatedMode], ax: Axes | None = None) -> Axe
     Raises:
         ValueError: no mode has an identified shape.
     """
-    shown = [(mode, mode.mac_after) for mode in modes if mode.mac_after is not None]
-    if not shown:
+    rows = []
+    for mode in modes:
+        if mode.mac_after is not None and mode.mac_before is not None:
+            low, median, high = mode.mac_after
+            rows.append(
+                _Row(
+                    mode.label,
+                    mode.mac_before,
+                    mode.mac_after,
+                    f"mode {mode.label} before: MAC {mode.mac_before:.4f}",
+                    f"mode {mode.label} after: MAC {median:.4f} ({low:.4f} to {high:.4f})",
+                )
+            )
+    if not rows:
         raise ValueError("plot_mac_change: no paired mode has an identified shape")
-    ax = axes_of(ax, (WIDTH, 1.4 + 0.35 * len(shown)))
-    before = np.array([mode.mac_before for mode, _ in shown], dtype=np.float64)
-    texts = [
-        (
-            f"mode {mode.label} before: MAC {first:.4f}",
-            f"mode {mode.label} after: MAC {median:.4f} ({low:.4f} to {high:.4f})",
-        )
-        for (mode, (low, median, high)), first in zip(shown, before, strict=True)
-    ]
-    after = np.array([mac for _, mac in shown])
-    _draw(ax, [mode.label for mode, _ in shown], before, after, texts, LEVEL)
+    ax = axes_of(ax, (WIDTH, 1.4 + 0.35 * len(rows)))
+    _draw(ax, rows, LEVEL)
     ax.set_xlabel("MAC with the identified shape (1: the same shape)")
     return ax
 
 
-def _draw(
-    ax: Axes,
-    names: Sequence[str],
-    before: FloatArray,
-    after: FloatArray,
-    texts: Sequence[tuple[str, str]],
-    level: float,
-) -> None:
-    """A row a mode: a circle before updating, a square with its interval after.
-
-    Args:
-        ax: axes.
-        names: of the rows.
-        before: (n,).
-        after: (n, 3), low, median and high.
-        texts: that circle and square show under the pointer.
-        level: probability of the intervals.
-    """
-    ax.hlines(range(len(names)), before, after[:, 1], color=GREY, linewidth=0.8)
-    for y, (of_circle, of_square) in enumerate(texts):
-        (circle,) = ax.plot(before[y], y, "o", color=VERMILION, markerfacecolor="white",
+def _draw(ax: Axes, rows: Sequence[_Row], level: float) -> None:
+    """Rows of a circle before updating, joined to a square with its interval after."""
+    for y, row in enumerate(rows):
+        ax.plot([row.before, row.after[1]], [y, y], color=GREY, linewidth=0.8)
+        (circle,) = ax.plot(row.before, y, "o", color=VERMILION, markerfacecolor="white",
                             markersize=6, label=None if y else "before: prior medians")  # fmt: skip
-        hover(circle, of_circle)
-        _square(ax, y, after[y], f"after: posterior, {100 * level:g} %", of_square)
-    name_rows(ax, names)
+        hover(circle, row.text_before)
+        _square(ax, y, row.after, f"after: posterior, {100 * level:g} %", row.text_after)
+    name_rows(ax, [row.name for row in rows])
     ax.set_ylabel("identified mode")
     ax.grid(axis="x", alpha=0.3)
     legend_below(ax, columns=2)

@@ -21,6 +21,7 @@ __all__ = [
     "LINES",
     "MARKERS",
     "ORANGE",
+    "PANELS_ACROSS",
     "VERMILION",
     "WIDTH",
     "axes_of",
@@ -47,6 +48,8 @@ LINES = ("-", "--", "-.", ":")
 
 # Inches: the width of a figure whose axes are as wide as the page.
 WIDTH = 6.4
+# Panels of mode shapes that are legible next to one another on a page.
+PANELS_ACROSS = 4
 # How the SVG identity of a point with a hover text begins.
 HOVER = "hover: "
 
@@ -148,26 +151,25 @@ def legend_below(ax: Axes, columns: int) -> None:
     if len(ax.figure.axes) == 1:
         legend_of_figure(ax.figure, ax, columns)
         return
-    without_math(*ax.legend(*_labelled(ax), loc="best", fontsize="small").get_texts())
+    drawn = _labelled(ax)
+    legend = ax.legend([*drawn.values()], [*drawn], loc="best", fontsize="small")
+    without_math(*legend.get_texts())
 
 
 def legend_of_figure(figure: Any, ax: Axes, columns: int = 3) -> None:
     """The legend of one axes below its figure, in fewer columns where names are long."""
-    artists, labels = _labelled(ax)
-    handle = 6  # letters that the line of an entry takes, with the space about it
-    longest = max(map(len, labels), default=1) + handle
-    fit = int(letters_across(figure.get_figwidth()) / longest)
+    drawn = _labelled(ax)
+    longest = max(map(len, drawn), default=1) + 6  # the line of an entry takes 6 letters
+    columns = min(columns, int(letters_across(figure.get_figwidth()) / longest))
     legend = figure.legend(
-        artists, labels, loc="outside lower center", ncols=max(1, min(columns, fit))
+        [*drawn.values()], [*drawn], loc="outside lower center", ncols=max(1, columns)
     )
     without_math(*legend.get_texts())
 
 
-def _labelled(ax: Axes) -> tuple[list[Any], list[str]]:
-    """What is drawn under a name, and the names."""
-    # matplotlib leaves out labels that begin with an underscore, its own and a class's alike.
+def _labelled(ax: Axes) -> dict[str, Any]:
+    """What is drawn by its name; matplotlib itself leaves out names that begin with a "_"."""
     drawn: Iterable[Any] = (*ax.lines, *ax.collections, *ax.containers)
-    labelled = [(artist, str(artist.get_label() or "_nolegend_")) for artist in drawn]
+    labelled = {str(artist.get_label() or "_nolegend_"): artist for artist in drawn}
     own = ("_child", "_container", "_nolegend_")
-    shown = [(artist, label) for artist, label in labelled if not label.startswith(own)]
-    return [artist for artist, _ in shown], [label for _, label in shown]
+    return {label: artist for label, artist in labelled.items() if not label.startswith(own)}

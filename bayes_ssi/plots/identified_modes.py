@@ -9,16 +9,20 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.model_class.configuration import label_in
-from bayes_ssi.plots.figure_style import BLUE, GREY, figure_of, hover, without_math
+from bayes_ssi.plots.figure_style import (
+    BLUE,
+    GREY,
+    PANELS_ACROSS,
+    figure_of,
+    hover,
+    without_math,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["PANELS_ACROSS", "plot_identified_modes"]
-
-# Panels of mode shapes that are legible next to one another on a page.
-PANELS_ACROSS = 4
+__all__ = ["plot_identified_modes"]
 
 
 def plot_identified_modes(

@@ -1,24 +1,37 @@
-"""One mode shape with its band, on the building or component by component."""
+"""Mode shapes with their bands, on the building or component by component."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.plots.figure_style import BLUE, GREY, VERMILION, axes_of, without_math
+from bayes_ssi.plots.figure_style import (
+    BLUE,
+    GREY,
+    PANELS_ACROSS,
+    VERMILION,
+    axes_of,
+    figure_of,
+    legend_of_figure,
+    without_math,
+)
 from bayes_ssi.predictions.bands import Band
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-__all__ = ["plot_building_shape", "plot_shape_components"]
+__all__ = ["DrawnShape", "plot_building_shape", "plot_shape_components", "plot_shapes"]
 
 # Half the width of a building, in the unit of the shapes that are drawn on it, and how far from its
 # axis anything is drawn: appendages may move many times as far as floors.
 HALF_WIDTH, REACH = 0.7, 2.1
+# Rows of a panel whose labels have room; of more, panels grow no taller and labels become smaller.
+MOST_ROWS = 40
 
 # Name, places and components of a shape to compare with.
 Reference = tuple[str, Sequence[str], FloatArray]
@@ -33,6 +46,56 @@ class Building(Protocol):
     def heights(self) -> dict[str, float]: ...
 
 
+@dataclass(frozen=True, eq=False)
+class DrawnShape:
+    """A mode shape of a figure; attributes as the arguments of :func:`plot_building_shape`."""
+
+    title: str
+    shape: Band
+    reference: Reference | None = None
+    before: Sequence[float] | None = None
+
+
+def plot_shapes(
+    structure: Building,
+    places: Sequence[str],
+    shapes: Sequence[DrawnShape],
+    figure: Figure | None = None,
+    *,
+    sideways: bool,
+) -> Figure:
+    """Mode shapes of one structure next to one another, with one legend.
+
+    Args:
+        structure: gives heights and appendages.
+        places: degrees of freedom of the shapes.
+        shapes: at least one.
+        figure: to draw on; a new one if None.
+        sideways: whether the places are floors that move sideways, to be drawn as a building; if
+            not, shapes are drawn component by component.
+    """
+    across = min(len(shapes), PANELS_ACROSS)
+    down = -(-len(shapes) // across)
+    height = 2.8 if sideways else 1.0 + 0.2 * min(MOST_ROWS, len(places))
+    figure = figure_of(figure, (1.4 + 1.45 * across, 0.5 + down * height))
+    axes = figure.subplots(down, across, squeeze=False).ravel()
+    for i, (each, ax) in enumerate(zip(shapes, axes, strict=False)):
+        if sideways:
+            plot_building_shape(structure, places, each.shape, ax, reference=each.reference,
+                                before=each.before, title=each.title)  # fmt: skip
+        else:
+            plot_shape_components(structure, places, each.shape, ax, reference=each.reference,
+                                  title=each.title)  # fmt: skip
+        ax.title.set_fontsize(8)
+        ax.tick_params(labelsize=7)
+        ax.tick_params("y", labelsize=7.0 * min(1.0, MOST_ROWS / len(places)),
+                       labelleft=i % across == 0)  # fmt: skip
+    for ax in axes[len(shapes) :]:
+        ax.remove()
+    legend_of_figure(figure, axes[0], columns=4)
+    return figure
+
+
 def plot_building_shape(
     structure: Building,
     places: Sequence[str],
@@ -41,7 +104,6 @@ def plot_building_shape(
     *,
     reference: Reference | None = None,
     before: Sequence[float] | None = None,
-    name: str = "model",
     title: str = "",
 ) -> Axes:
     """A mode shape as the deformed building: floors and columns, appendages marked, with bands.
@@ -57,7 +119,6 @@ def plot_building_shape(
         ax: axes; new ones if None.
         reference: another shape, drawn as crosses.
         before: components (n_places,) before updating, drawn as dashed columns.
-        name: of the shape, for a legend.
         title: above the building.
     """
     ax = axes_of(ax, (2.2, 3.0))
@@ -74,17 +135,18 @@ def plot_building_shape(
             ax.plot(earlier + side, y, color=GREY, linewidth=0.9, linestyle="--",
                     label="before updating" if labelled else None)  # fmt: skip
         ax.fill_betweenx(y, low + side, high + side, color=BLUE, alpha=0.35, linewidth=0)
-        ax.plot(median + side, y, color=BLUE, linewidth=1.2, label=name if labelled else None)
+        ax.plot(median + side, y, color=BLUE, linewidth=1.2,
+                label="model, with its band" if labelled else None)  # fmt: skip
     for x, height in zip(median[1:], y[1:], strict=True):
         ax.plot([x - HALF_WIDTH, x + HALF_WIDTH], [height, height], color="black", linewidth=2.5)
     for i, place in enumerate(places):
         if place in structure.appendages:
-            _appendage(ax, heights[place], *(float(part[i]) for part in shape))
+            _draw_appendage(ax, heights[place], *(float(part[i]) for part in shape))
     _write_below(ax, structure, places, shape, REACH - 0.1)
     if reference is not None:
-        other, at, components = reference
+        name, at, components = reference
         ax.plot(components, [heights[place] for place in at], "x", color="black", markersize=7,
-                markeredgewidth=1.5, label=other)  # fmt: skip
+                markeredgewidth=1.5, label=name)  # fmt: skip
     ax.set_xlim(-REACH, REACH)
     ax.set_ylim(-0.15, max(heights.values()) + 0.4)
     ax.set_yticks(y, ["ground", *(places[i] for i in floors)])
@@ -95,7 +157,7 @@ def plot_building_shape(
     return ax
 
 
-def _appendage(ax: Axes, height: float, low: float, median: float, high: float) -> None:
+def _draw_appendage(ax: Axes, height: float, low: float, median: float, high: float) -> None:
     inside = abs(median) < REACH - 0.1
     at = median if inside else np.copysign(REACH - 0.1, median)
     if inside:
@@ -116,7 +178,7 @@ def _write_below(
         for i, (place, (low, median, high)) in enumerate(zip(places, rounded, strict=True))
         if place in structure.appendages and abs(shape.median[i]) >= reach
     ]
-    without_math(ax.set_xlabel("\n".join(far), fontsize=7))
+    ax.set_xlabel("\n".join(far), fontsize=6, parse_math=False)
 
 
 def plot_shape_components(
@@ -131,15 +193,8 @@ def plot_shape_components(
     """A mode shape component by component, for structures that move in several directions.
 
     The axes reach as far as the main structure moves; components of appendages that move further
-    are written below.
-
-    Args:
-        structure: names its appendages.
-        places: degrees of freedom, from the lowest bar upwards.
-        shape: median and band of the components (n_places,).
-        ax: axes; new ones if None.
-        reference: another shape, drawn as crosses.
-        title: above the figure.
+    are written below. Arguments as those of :func:`plot_building_shape`; the first place is the
+    lowest bar.
     """
     ax = axes_of(ax, (2.6, 0.8 + 0.22 * len(places)))
     y = np.arange(len(places))
@@ -153,9 +208,9 @@ def plot_shape_components(
     ax.errorbar(median, y, xerr=[median - low, high - median], fmt="none", ecolor="black",
                 elinewidth=0.8, capsize=2)  # fmt: skip
     if reference is not None:
-        other, at, components = reference
+        name, at, components = reference
         ax.plot(components, [places.index(place) for place in at], "x", color="black",
-                markersize=6, label=other)  # fmt: skip
+                markersize=6, label=name)  # fmt: skip
     ax.set_xlim(-reach, reach)
     ax.set_ylim(-0.5, len(places) - 0.5)
     ax.set_yticks(y, places)

@@ -1,5 +1,7 @@
 """Figures of stored modes and parameters: what is drawn where, on axes given or new."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -12,7 +14,6 @@ from bayes_ssi.plots.before_and_after import (
     plot_mac_change,
     plot_parameters,
 )
-from bayes_ssi.plots.corner_plot import plot_corner
 from bayes_ssi.plots.identified_modes import plot_identified_modes
 from bayes_ssi.plots.matrix_plots import plot_pairing
 from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
@@ -66,8 +67,6 @@ def test_macs(updated):
     ax = plot_mac_change(updated.modes)
     (after,) = [at for text, at in points(ax).items() if text.startswith("mode 2b after")]
     assert after == pytest.approx([updated.modes[2].mac_after[1], 2])
-    from dataclasses import replace
-
     none = [replace(mode, mac_after=None) for mode in updated.modes]
     with pytest.raises(ValueError, match="no paired mode has an identified shape"):
         plot_mac_change(none)
@@ -88,17 +87,14 @@ def test_shapes_on_floors(updated, case_c):
     np.testing.assert_allclose(middle, [0.0, *before], atol=1e-12)
 
 
-def test_shapes_in_several_directions(updated, case_c):
-    from dataclasses import replace
-
-    own = replace(
-        updated,
-        places=("floor 1 x", "floor 1 y", "floor 1 torsion", "infill 1-2"),
-        place_heights=(1.0, 2.0, 3.0, 2.0),
-    )
-    figure = plot_mode_shapes(own, case_c.without_shapes())
-    labels = figure.axes[0].get_legend_handles_labels()[1]
-    assert labels == ["x", "y", "torsion (rad)", "appendage"]
+def test_shapes_without_floors_are_bars(updated, case_c):
+    figure = plot_mode_shapes(replace(updated, has_floors=False), case_c)
+    first = figure.axes[0]
+    assert [bar.get_width() for bar in first.patches] == list(updated.modes[0].shape_after[1])
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["identified", "model"]
+    with pytest.raises(ValueError, match="no mode is paired"):
+        plot_mode_shapes(replace(updated, modes=()), case_c)
 
 
 def test_pairing():
@@ -121,31 +117,24 @@ def test_parameters(make_posterior):
 
 def test_sensitivity():
     rows = [
-        SensitivityRow("as it is", {}, {"a": 0.75, "b": 0.25}),
+        SensitivityRow("as sampled", {}, {"a": 0.75, "b": 0.25}),
         SensitivityRow("σ_f × 2", {}, {"a": 0.2, "b": 0.8}),
     ]
     ax = plot_sensitivity(Sensitivity(tuple(rows)))
     found = points(ax)
-    assert found["b, as it is: probability 0.2500"] == pytest.approx([-np.log(3.0), 0])
+    assert found["b, as sampled: probability 0.2500"] == pytest.approx([-np.log(3.0), 0])
     assert found["b, σ_f × 2: probability 0.8000"] == pytest.approx([np.log(4.0), 1])
     with pytest.raises(ValueError, match="no ranking"):
         Sensitivity(())
 
 
 def test_classes_far_behind_do_not_hide_a_close_one():
-    row = SensitivityRow("as it is", {}, {"a": 0.7, "b": 0.3, "c": 1e-200})
+    row = SensitivityRow("as sampled", {}, {"a": 0.7, "b": 0.3, "c": 1e-200})
     assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "symlog"
-    row = SensitivityRow("as it is", {}, {"a": 0.7, "b": 0.3})
+    row = SensitivityRow("as sampled", {}, {"a": 0.7, "b": 0.3})
     assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "linear"
 
 
 def test_places_of_a_record():
     ax = plot_places({PendulumPlace(2): 0.9, InfillPlace((0, 1)): 0.1})
     assert {"0.9000", "0.1000"} <= {text.get_text() for text in ax.texts}
-
-
-def test_a_corner_plot_of_some_parameters(make_posterior):
-    figure = plot_corner(make_posterior("a", names=("k1", "k2", "k3")), parameters=("k1", "k3"))
-    assert len(figure.axes) == 3
-    with pytest.raises(ValueError, match="no parameter 'k9'; choose from 'k1', 'k2'"):
-        plot_corner(make_posterior("a"), parameters=("k9",))

@@ -176,20 +176,6 @@ def test_figures(predicted, responses, tmp_path):
         save_prediction_figures(tmp_path / "figures", predicted.data, responses)
 
 
-def test_a_structure_in_several_directions_is_drawn_by_components(predicted, tmp_path, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(
-        "bayes_ssi.plots.prediction_figures.ground_influence", lambda _: np.array([1.0, 0.0])
-    )
-    monkeypatch.setattr(
-        "bayes_ssi.plots.prediction_figures.plot_shape_components",
-        lambda _, places, *__, title: drawn.append((places, title)),
-    )
-    found = predict_responses(predicted, "one k", ResponseRequest(OUTPUT, 0.02))
-    save_prediction_figures(tmp_path / "figures", predicted.data, [found])
-    assert drawn == [(("floor 1", "floor 2"), "mode 1"), (("floor 1", "floor 2"), "mode 2")]
-
-
 def test_defaults(predicted):
     average = predicted.average()
     assert default_output(average, "acceleration").places == ("floor 2",)
