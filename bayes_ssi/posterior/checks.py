@@ -1,13 +1,13 @@
 """Checks of a sampled posterior: estimates that should agree, and what the result depends on.
 
-A check is one function, registered by its decorator, that yields a sentence for each thing that
-fails. No check can see a region that no part of the sampling ever met; the agreement of independent
-searches is the best evidence that there is none.
+A check is one function in ``CHECKS`` that yields a sentence for each thing that fails. No check
+can see a region that no part of the sampling ever met; the agreement of independent searches is
+the best evidence that there is none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -22,11 +22,6 @@ from bayes_ssi.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.sampling.result import SamplingResult
 
 __all__ = ["failed_checks", "failed_edge_checks"]
-
-Check = Callable[[SamplingResult], Iterator[str]]
-EdgeCheck = Callable[[ModelClass, FloatArray, FloatArray], Iterator[str]]
-CHECKS: list[Check] = []
-EDGE_CHECKS: list[EdgeCheck] = []
 
 # Vehtari et al. (2021) ask for both.
 R_HAT_LIMIT, LEAST_EFFECTIVE_SAMPLE_SIZE = 1.01, 400
@@ -58,20 +53,9 @@ def failed_edge_checks(
         z: draws from its posterior (n, d).
         frequencies_hz: of the model at the draws (n, n_modes), of all configurations in turn.
     """
-    return [message for check in EDGE_CHECKS for message in check(model_class, z, frequencies_hz)]
+    return [*_prior_edges(model_class, z), *_band_edges(model_class, z, frequencies_hz)]
 
 
-def _check(function: Check) -> Check:
-    CHECKS.append(function)
-    return function
-
-
-def _edge_check(function: EdgeCheck) -> EdgeCheck:
-    EDGE_CHECKS.append(function)
-    return function
-
-
-@_check
 def _chain_lengths(sampled: SamplingResult) -> Iterator[str]:
     for ensemble in sampled.draws:
         if not ensemble.is_long_enough:
@@ -82,7 +66,6 @@ def _chain_lengths(sampled: SamplingResult) -> Iterator[str]:
             )
 
 
-@_check
 def _effective_sample_size(sampled: SamplingResult) -> Iterator[str]:
     smallest = float(sampled.effective_sample_sizes.min())
     if smallest < LEAST_EFFECTIVE_SAMPLE_SIZE:
@@ -91,7 +74,6 @@ def _effective_sample_size(sampled: SamplingResult) -> Iterator[str]:
         )
 
 
-@_check
 def _r_hat(sampled: SamplingResult) -> Iterator[str]:
     # Between a few hundred independent draws R-hat exceeds 1 by chance.
     limit = max(R_HAT_LIMIT, 1.0 + 10.0 / float(sampled.effective_sample_sizes.min()))
@@ -99,7 +81,6 @@ def _r_hat(sampled: SamplingResult) -> Iterator[str]:
         yield f"the ensembles differ: R-hat is {sampled.r_hat:.3f}, above {limit:.3g}"
 
 
-@_check
 def _evidence_error(sampled: SamplingResult) -> Iterator[str]:
     error = sampled.evidence.error
     if error > REACHED * sampled.wanted_error:
@@ -109,7 +90,6 @@ def _evidence_error(sampled: SamplingResult) -> Iterator[str]:
         )
 
 
-@_check
 def _importance_weights(sampled: SamplingResult) -> Iterator[str]:
     largest = float(sampled.importance.weights.max())
     if largest > LARGEST_WEIGHT:
@@ -122,7 +102,6 @@ def _importance_weights(sampled: SamplingResult) -> Iterator[str]:
         )
 
 
-@_check
 def _evidence_estimates(sampled: SamplingResult) -> Iterator[str]:
     quoted = sampled.evidence
     for other in sampled.evidence_checks:
@@ -133,7 +112,6 @@ def _evidence_estimates(sampled: SamplingResult) -> Iterator[str]:
             )
 
 
-@_check
 def _regions(sampled: SamplingResult) -> Iterator[str]:
     """Regions that a part of the sampling missed."""
     regions, shares = sampled.regions, sampled.region_shares
@@ -159,7 +137,6 @@ def _regions(sampled: SamplingResult) -> Iterator[str]:
             yield f"{name} was never visited by the chains"
 
 
-@_check
 def _searches(sampled: SamplingResult) -> Iterator[str]:
     """Maxima that only one search found, where no particles look for regions, too."""
     if not (sampled.starts or sampled.search.converged):
@@ -169,12 +146,19 @@ def _searches(sampled: SamplingResult) -> Iterator[str]:
         )
 
 
-@_edge_check
-def _prior_edges(
-    model_class: ModelClass,
-    z: FloatArray,
-    frequencies_hz: FloatArray,  # noqa: ARG001
-) -> Iterator[str]:
+CHECKS = (
+    _chain_lengths,
+    _effective_sample_size,
+    _r_hat,
+    _evidence_error,
+    _importance_weights,
+    _evidence_estimates,
+    _regions,
+    _searches,
+)
+
+
+def _prior_edges(model_class: ModelClass, z: FloatArray) -> Iterator[str]:
     for column, parameter in enumerate(model_class.parameters):
         for side, beyond in (("lower", z[:, column] < -EDGE), ("upper", z[:, column] > EDGE)):
             if beyond.mean() > EDGE_SHARE:
@@ -185,7 +169,6 @@ def _prior_edges(
                 )
 
 
-@_edge_check
 def _band_edges(
     model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray
 ) -> Iterator[str]:
@@ -196,8 +179,8 @@ def _band_edges(
         low, high = configuration.data.band_hz
         where = f"configuration {configuration.name!r}: " if configuration.name else ""
         n_modes = configuration.structure.n_modes
-        own, remaining = remaining[:, :n_modes], remaining[:, n_modes:]
-        shares = times @ likelihood.at_band_edge(values, own) / len(chosen)
+        frequencies, remaining = remaining[:, :n_modes], remaining[:, n_modes:]
+        shares = times @ likelihood.at_band_edge(values, frequencies) / len(chosen)
         for mode, share in enumerate(shares, start=1):
             if share > EDGE_SHARE:
                 yield (

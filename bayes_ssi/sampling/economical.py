@@ -24,7 +24,7 @@ from bayes_ssi.sampling.importance import ImportanceSample
 from bayes_ssi.sampling.importance_sampler import ImportanceSampler
 from bayes_ssi.sampling.maxima import Maxima
 from bayes_ssi.sampling.mixture import DRAWS_PER_DIMENSION, StudentMixture, choose_mixture
-from bayes_ssi.sampling.multistart import SearchEffort, search_maxima
+from bayes_ssi.sampling.multistart import search_maxima
 from bayes_ssi.sampling.regions import Regions, find_regions
 from bayes_ssi.sampling.result import SamplingResult
 from bayes_ssi.sampling.settings import SamplingSettings, StepProgress
@@ -34,7 +34,6 @@ __all__ = ["sample_economically"]
 
 # Draws at once are this many a dimension, for at least six dimensions; a search has half of them.
 BATCH_PER_DIMENSION = 50
-ASCENTS = 4
 # A mixture fitted to the draws gives new ones, until these agree with the last within two standard
 # errors, or so often.
 MOST_FITS = 5
@@ -46,7 +45,7 @@ def sample_economically(
     target: Target,
     seed: np.random.SeedSequence,
     settings: SamplingSettings,
-    progress: StepProgress | None = None,
+    progress: StepProgress,
 ) -> SamplingResult:
     """Sample the posterior of ``target`` and estimate its evidence with few evaluations.
 
@@ -55,9 +54,8 @@ def sample_economically(
     """
     *seeds, seed_of_searches = seed.spawn(3)
     batch = BATCH_PER_DIMENSION * max(6, target.n_dimensions)
-    search = search_maxima(target, 2, seed_of_searches, effort=SearchEffort(batch // 2, ASCENTS))
-    if progress is not None:
-        progress("searches", 1.0)
+    search = search_maxima(target, 2, seed_of_searches, n_draws=batch // 2, n_ascents=4)
+    progress("searches", 1.0)
     samplers, samples = [], []
     # The second sample is a check: twice the error will do.
     for i, wanted_error in enumerate(settings.log_evidence_error * np.array([1.0, 2.0])):
@@ -72,8 +70,7 @@ def sample_economically(
         )
         samples.append(_sample(sampler, search.maxima, float(wanted_error)))
         samplers.append(sampler)
-        if progress is not None:
-            progress("evidence", (i + 1) / 2)
+        progress("evidence", (i + 1) / 2)
     importance, second = samples
     ensembles = tuple(
         sample.resampled(sampler.rng) for sample, sampler in zip(samples, samplers, strict=True)

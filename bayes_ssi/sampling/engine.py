@@ -61,7 +61,7 @@ def sample_target(
     target: Target,
     seed: np.random.SeedSequence,
     settings: SamplingSettings | None = None,
-    progress: StepProgress | None = None,
+    progress: StepProgress = lambda _step, _done: None,
 ) -> SamplingResult:
     """Sample the posterior of ``target`` and estimate its evidence.
 
@@ -85,7 +85,7 @@ def _sample(
     target: Target,
     seed: np.random.SeedSequence,
     settings: SamplingSettings,
-    progress: StepProgress | None,
+    progress: StepProgress,
 ) -> SamplingResult:
     seeds = seed.spawn(6)
     rng = np.random.default_rng(seeds[5])
@@ -112,12 +112,12 @@ def _sample(
     regions = find_regions(target, *importance.typical_draws)
     importance = _with_precise_shares(sampler, importance, regions, settings.log_evidence_error)
     resampled: tuple[Ensemble, ...] = ()
-    if settings.max_steps > FEW_STEPS and not all(one.is_long_enough for one in ensembles):
+    if settings.max_steps > FEW_STEPS and not all(each.is_long_enough for each in ensembles):
         importance = _with_enough_draws(sampler, importance)
-        if _suffices(importance):
+        size = importance.effective_sample_size
+        if importance.pareto_k <= PARETO_K_LIMIT and size >= SUFFICIENT:
             resampled = tuple(part.resampled(rng) for part in importance.split_in_two(rng))
-    if progress is not None:
-        progress("evidence", 1.0)
+    progress("evidence", 1.0)
     return SamplingResult(
         search=search,
         starts=starts,
@@ -143,7 +143,7 @@ def _run_ensembles(
     trial: ImportanceSample,
     max_steps: int,
     seeds: Sequence[np.random.SeedSequence],
-    progress: StepProgress | None,
+    progress: StepProgress,
 ) -> tuple[list[Ensemble], ImportanceSample]:
     """Independent ensembles, and importance draws from a mixture that suits the posterior.
 
@@ -164,9 +164,9 @@ def _run_ensembles(
             )
             for i, (own, seed) in enumerate(zip(walkers, own_seeds, strict=True))
         ]
-        if settled or all(one.autocorrelation_times.max() <= slowest for one in ensembles):
+        if settled or all(each.autocorrelation_times.max() <= slowest for each in ensembles):
             break
-        walkers = [one.walkers for one in ensembles]
+        walkers = [each.walkers for each in ensembles]
         before = trial.efficiency
         trial = fitting.refitted(ensembles, trial)
         # A posterior that mixtures hardly fit, well enough for importance draws all the same.
@@ -187,11 +187,6 @@ def _with_enough_draws(sampler: ImportanceSampler, sample: ImportanceSample) -> 
     return sample
 
 
-def _suffices(sample: ImportanceSample) -> bool:
-    """Whether importance draws can replace those of chains."""
-    return sample.pareto_k <= PARETO_K_LIMIT and sample.effective_sample_size >= SUFFICIENT
-
-
 def _with_precise_shares(
     sampler: ImportanceSampler, sample: ImportanceSample, regions: Regions, wanted_error: float
 ) -> ImportanceSample:
@@ -207,9 +202,7 @@ def _with_precise_shares(
 
 
 def _part(
-    progress: StepProgress | None, step: str, index: int = 0, count: int = 1
-) -> Callable[[float], None] | None:
+    progress: StepProgress, step: str, index: int = 0, count: int = 1
+) -> Callable[[float], None]:
     """Progress of one of ``count`` parts as progress of the whole step."""
-    if progress is None:
-        return None
     return lambda done: progress(step, (index + done) / count)

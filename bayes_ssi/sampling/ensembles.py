@@ -14,11 +14,7 @@ from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, auto
 from bayes_ssi.sampling.mixture import Proposal
 from bayes_ssi.sampling.target import Target
 
-__all__ = [
-    "Ensemble",
-    "Walkers",
-    "run_ensemble",
-]
+__all__ = ["Ensemble", "Walkers", "run_ensemble"]
 
 
 class Walkers(NamedTuple):
@@ -84,7 +80,7 @@ def run_ensemble(
     proposal: Proposal,
     max_steps: int,
     seed: np.random.SeedSequence,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda _: None,
     slowest: float = math.inf,
 ) -> Ensemble:
     """Sample the posterior by emcee, until the chain is long enough.
@@ -101,7 +97,7 @@ def run_ensemble(
         progress: called with the share of the needed length that is done.
         slowest: autocorrelation time in steps above which a first, short run is all.
     """
-    from bayes_ssi.sampling.moves import ensemble_sampler, initial_state, raise_if_failed
+    from bayes_ssi.sampling.moves import ensemble_sampler, initial_state
 
     n_walkers, d = walkers.positions.shape
     sampler = ensemble_sampler(target.log_posterior, n_walkers, d, proposal)
@@ -109,19 +105,17 @@ def run_ensemble(
     wanted = first = min(2 * LENGTH_IN_AUTOCORRELATION_TIMES, max_steps)
     while True:
         state = sampler.run_mcmc(state, wanted - sampler.iteration, skip_initial_state_check=True)
-        raise_if_failed(sampler)
-        times = autocorrelation_times(sampler.get_chain())
-        enough = int(np.ceil(LENGTH_IN_AUTOCORRELATION_TIMES * times.max()))
-        if sampler.iteration == first and times.max() > slowest:
-            break
-        if progress is not None:
-            progress(min(sampler.iteration / min(enough, max_steps), 1.0))
-        if sampler.iteration >= min(enough, max_steps):
-            break
-        wanted = min(max_steps, int(1.1 * enough))
-    return Ensemble(
-        positions=sampler.get_chain(),
-        log_posteriors=sampler.get_log_prob(),
-        autocorrelation_times=times,
-        acceptance=float(np.mean(sampler.acceptance_fraction)),
-    )
+        chain = sampler.get_chain()
+        ensemble = Ensemble(
+            positions=chain,
+            log_posteriors=sampler.get_log_prob(),
+            autocorrelation_times=autocorrelation_times(chain),
+            acceptance=float(np.mean(sampler.acceptance_fraction)),
+        )
+        if wanted == first and ensemble.autocorrelation_times.max() > slowest:
+            return ensemble
+        enough = min(ensemble.needed_steps, max_steps)
+        progress(min(wanted / enough, 1.0))
+        if wanted >= enough:
+            return ensemble
+        wanted = min(max_steps, int(1.1 * ensemble.needed_steps))

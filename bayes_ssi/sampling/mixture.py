@@ -85,11 +85,8 @@ class StudentMixture:
         squares: FloatArray = whitened.reshape(*self.means.shape, len(z)).sum(axis=1)
         return squares
 
-    def log_components(self, z: FloatArray) -> FloatArray:
-        """log(weight · density) of every Student-t component, (K, n)."""
-        return self._log_components(self.squared_distances(z))
-
-    def _log_components(self, squared_distances: FloatArray) -> FloatArray:
+    def log_components(self, squared_distances: FloatArray) -> FloatArray:
+        """log(weight · density) of every Student-t component at these distances, (K, n)."""
         dof = self.dof[:, None]
         tails = np.log1p(squared_distances / dof)
         tails *= 0.5 * (dof + self.means.shape[1])
@@ -99,7 +96,7 @@ class StudentMixture:
         """The log density (n,) at ``z`` (n, d), the defensive component included."""
         if len(z) > PART:
             return np.concatenate([self.log_pdf(z[i : i + PART]) for i in range(0, len(z), PART)])
-        total = _log_sum(self.log_components(z))
+        total = _log_sum(self.log_components(self.squared_distances(z)))
         if self.prior_share == 0.0:
             return total
         d = z.shape[1]
@@ -134,7 +131,7 @@ class StudentMixture:
         All components share the defensive share equally: a walker that meets what one of them
         covers could not leave again if it were hardly proposed.
         """
-        log_parts = self.log_components(z)
+        log_parts = self.log_components(self.squared_distances(z))
         shares = np.exp(log_parts - _log_sum(log_parts)) @ weights
         shares = (1.0 - DEFENSIVE_SHARE) * shares / shares.sum() + DEFENSIVE_SHARE / len(shares)
         return replace(self, weights=shares)
@@ -176,10 +173,7 @@ class Proposal(NamedTuple):
 
 
 def fit_mixture(
-    draws: FloatArray,
-    n_components: int,
-    dof: float,
-    rng: np.random.Generator,
+    draws: FloatArray, n_components: int, dof: float, rng: np.random.Generator
 ) -> StudentMixture:
     """Fit a Student-t mixture to ``draws`` (n, d) by expectation-maximisation.
 
@@ -211,7 +205,7 @@ def fit_mixture(
         )
 
         squared_distances = mixture.squared_distances(draws)
-        log_parts = mixture._log_components(squared_distances)
+        log_parts = mixture.log_components(squared_distances)
         log_total = _log_sum(log_parts)
         responsibilities = np.exp(log_parts - log_total)
         scale_weights = (dof + d) / (dof + squared_distances)

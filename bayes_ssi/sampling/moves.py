@@ -16,7 +16,7 @@ from emcee.moves.red_blue import RedBlueMove
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.mixture import Proposal, StudentMixture
 
-__all__ = ["ensemble_sampler", "initial_state", "raise_if_failed"]
+__all__ = ["ensemble_sampler", "initial_state"]
 
 # Proposals that need not wait for one another are evaluated in batches of this size.
 DRAWN_AT_ONCE = 512
@@ -26,22 +26,20 @@ class _BatchAcceptance(RedBlueMove):
     """The red-blue move of Foreman-Mackey et al. (2013), each half accepted as one batch."""
 
     def propose(self, model: Any, state: emcee.State) -> tuple[emcee.State, np.ndarray]:
-        n_walkers = len(state.coords)
-        accepted = np.zeros(n_walkers, dtype=bool)
+        accepted = np.zeros(len(state.coords), dtype=bool)
         self.setup(state.coords)
-        half = np.arange(n_walkers) % self.nsplits
-        if self.randomize_split:
-            model.random.shuffle(half)
-        for split in range(self.nsplits):
-            own = np.flatnonzero(half == split)
-            others = [state.coords[half == j] for j in range(self.nsplits) if j != split]
-            proposed, log_factors = self.get_proposal(state.coords[own], others, model.random)
+        halves = np.arange(len(accepted)) % 2
+        model.random.shuffle(halves)
+        for half in (0, 1):
+            moving = np.flatnonzero(halves == half)
+            others = [state.coords[halves != half]]
+            proposed, log_factors = self.get_proposal(state.coords[moving], others, model.random)
             log_density, _ = model.compute_log_prob_fn(proposed)
-            log_ratio = log_factors + log_density - state.log_prob[own]
-            taken = log_ratio > np.log(model.random.rand(len(own)))
-            state.coords[own[taken]] = proposed[taken]
-            state.log_prob[own[taken]] = log_density[taken]
-            accepted[own[taken]] = True
+            log_ratio = log_factors + log_density - state.log_prob[moving]
+            taken = log_ratio > np.log(model.random.rand(len(moving)))
+            moved = moving[taken]
+            state.coords[moved], state.log_prob[moved] = proposed[taken], log_density[taken]
+            accepted[moved] = True
         return state, accepted
 
 
@@ -54,11 +52,7 @@ class _Stretch(_BatchAcceptance, emcee.moves.StretchMove):
 
 
 class _FromMixture(emcee.moves.Move):
-    """Proposes from a fixed mixture, wherever a walker is: it changes between separate regions.
-
-    No proposal depends on where a walker is, so those of many steps are drawn and evaluated as
-    one batch.
-    """
+    """Independence proposals from a fixed mixture; those of many steps are evaluated as a batch."""
 
     def __init__(self, mixture: StudentMixture) -> None:
         self.mixture = mixture
@@ -69,8 +63,8 @@ class _FromMixture(emcee.moves.Move):
         if not self._ahead:
             self._ahead = self._drawn(model, *state.coords.shape)
         proposed, log_density, log_weights = self._ahead.pop()
-        own_weights = state.log_prob - self.mixture.log_pdf(state.coords)
-        taken = log_weights - own_weights > np.log(model.random.rand(len(proposed)))
+        current_weights = state.log_prob - self.mixture.log_pdf(state.coords)
+        taken = log_weights - current_weights > np.log(model.random.rand(len(proposed)))
         state.coords[taken] = proposed[taken]
         state.log_prob[taken] = log_density[taken]
         return state, taken
@@ -95,38 +89,13 @@ class _FromMixture(emcee.moves.Move):
         )
 
 
-class _Guarded:
-    """A log density that keeps its first error for later, and is -inf from then on.
-
-    emcee would print the error, with all positions and a traceback, before it raises it again.
-    """
-
-    def __init__(self, log_density: Callable[[FloatArray], FloatArray]) -> None:
-        self.log_density = log_density
-        self.error: BaseException | None = None
-
-    def __call__(self, z: FloatArray) -> FloatArray:
-        if self.error is None:
-            try:
-                return self.log_density(z)
-            except BaseException as error:  # noqa: BLE001 - an interrupt and a full disk, too
-                self.error = error
-        return np.full(len(z), -np.inf)
-
-
-def raise_if_failed(sampler: emcee.EnsembleSampler) -> None:
-    """Raise the error that the sampler's log density met, if it met one."""
-    if sampler.log_prob_fn.f.error is not None:
-        raise sampler.log_prob_fn.f.error
-
-
 def ensemble_sampler(
     log_density: Callable[[FloatArray], FloatArray],
     n_walkers: int,
     n_dimensions: int,
     proposal: Proposal,
 ) -> emcee.EnsembleSampler:
-    """A vectorised emcee sampler; after it has run, call :func:`raise_if_failed`.
+    """A vectorised emcee sampler.
 
     emcee's snooker move is not used: it divides by zero on the duplicate walkers that resampling
     makes.
@@ -137,13 +106,12 @@ def ensemble_sampler(
         (_DifferentialEvolution(), others * 2 / 3),
         (_Stretch(), others / 3),
     ]
-    return emcee.EnsembleSampler(
-        n_walkers,
-        n_dimensions,
-        _Guarded(log_density),
-        moves=moves,
-        vectorize=True,
+    sampler = emcee.EnsembleSampler(
+        n_walkers, n_dimensions, log_density, moves=moves, vectorize=True
     )
+    # emcee's wrapper would print an error, with all positions and a traceback, before raising it.
+    sampler.log_prob_fn = log_density
+    return sampler
 
 
 def initial_state(

@@ -12,7 +12,7 @@ two of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,28 +21,15 @@ from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.maxima import Maxima, find_maxima
-from bayes_ssi.sampling.neighbours import nearest_neighbours
+from bayes_ssi.sampling.regions import nearest_neighbours
 from bayes_ssi.sampling.target import Target
 
-__all__ = ["MultistartSearch", "SearchEffort", "search_maxima"]
+__all__ = ["MultistartSearch", "search_maxima"]
 
 # Searches go on, to this multiple of those asked for, while only one found a maximum that holds
 # more than this share of the posterior by Laplace's approximation.
 PATIENCE = 3
 SHARE_THAT_MATTERS = 1e-3
-
-
-@dataclass(frozen=True)
-class SearchEffort:
-    """What one search may cost.
-
-    Attributes:
-        draws: from the prior; a basin with a thousandth of it holds four of 4000.
-        ascents: at most, from the highest of the draws that none of their neighbours exceeds.
-    """
-
-    draws: int = 4000
-    ascents: int = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +60,9 @@ def search_maxima(
     target: Target,
     n_searches: int,
     seed: np.random.SeedSequence,
-    progress: Callable[[float], None] | None = None,
-    effort: SearchEffort | None = None,
+    progress: Callable[[float], None] = lambda _: None,
+    n_draws: int = 4000,
+    n_ascents: int = 40,
 ) -> MultistartSearch:
     """Search for maxima until independent searches agree.
 
@@ -83,48 +71,42 @@ def search_maxima(
         n_searches: the least number; more follow while they do not agree.
         seed: everything random follows from it.
         progress: called with the share of ``n_searches`` that is done.
-        effort: of each search.
+        n_draws: from the prior, of each search; a basin with a thousandth of it holds four of 4000.
+        n_ascents: at most, of each search, from the highest of the local maxima among its draws.
 
     Raises:
         ValueError: the likelihood is zero at every draw from the prior.
     """
-    effort = effort or SearchEffort()
-    maxima_of_searches: list[FloatArray] = []
-    for each in seed.spawn(max(PATIENCE * n_searches, 2)):
-        maxima_of_searches.append(_search(target, effort, np.random.default_rng(each)))
-        n = len(maxima_of_searches)
-        if progress is not None:
-            progress(min(n / n_searches, 1.0))
+    searches: list[FloatArray] = []
+    seeds = seed.spawn(max(PATIENCE * n_searches, 2))
+    for n, own_seed in enumerate(seeds, start=1):
+        searches.append(_search(target, n_draws, n_ascents, np.random.default_rng(own_seed)))
+        progress(min(n / n_searches, 1.0))
         if n < n_searches:
             continue
-        if not any(map(len, maxima_of_searches)):
+        if not any(map(len, searches)):
             raise ValueError(
-                f"the likelihood is zero at all of {n * effort.draws} draws from the prior; "
+                f"the likelihood is zero at all of {n * n_draws} draws from the prior; "
                 "are the priors, the pairing and the units those of the data?"
             )
-        search = _merged(target, maxima_of_searches)
-        if search.converged:
+        # Climbing on from all of them makes one of those that stopped short of the same maximum.
+        maxima = find_maxima(target, np.concatenate(searches))
+        found_by = np.array([maxima.are_at(z).any(axis=1) for z in searches])
+        result = MultistartSearch(maxima, found_by)
+        if result.converged:
             break
-    return search
+    return result
 
 
-def _merged(target: Target, maxima_of_searches: Sequence[FloatArray]) -> MultistartSearch:
-    """The maxima of all searches as one list, and who found which."""
-    # Climbing on from all of them makes one of those that stopped short of the same maximum.
-    maxima = find_maxima(target, np.concatenate(maxima_of_searches))
-    found_by = [maxima.are_at(own).any(axis=1) for own in maxima_of_searches]
-    return MultistartSearch(maxima, np.array(found_by))
-
-
-def _search(target: Target, effort: SearchEffort, rng: np.random.Generator) -> FloatArray:
+def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator) -> FloatArray:
     """The maxima (m, d) that one search finds; none if the likelihood is zero at all its draws."""
-    draws = rng.standard_normal((effort.draws, target.n_dimensions))
+    draws = rng.standard_normal((n_draws, target.n_dimensions))
     log_likelihoods = target.log_likelihood(draws)
     possible = np.isfinite(log_likelihoods)
     if not possible.any():
         return draws[:0]
     starts = _local_maxima(draws[possible], log_likelihoods[possible])
-    return find_maxima(target, starts[: effort.ascents]).z
+    return find_maxima(target, starts[:n_ascents]).z
 
 
 def _local_maxima(draws: FloatArray, log_likelihoods: FloatArray) -> FloatArray:

@@ -16,15 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.sampling.neighbours import NEIGHBOURS, nearest_neighbours
 from bayes_ssi.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.sampling.target import Target
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-__all__ = ["Regions", "find_regions"]
+__all__ = ["NEIGHBOURS", "Regions", "find_regions", "nearest_neighbours"]
 
+# Of each draw: enough to connect draws of one region, in a few dimensions, into one network.
+NEIGHBOURS = 8
 # Two groups of draws are apart when every path between them leads this many nats below the typical
 # draw of the lower one.
 VALLEY_DEPTH = 2.0
@@ -34,6 +35,15 @@ POINTS_BETWEEN = 3
 # Pairs of draws between which two groups are tested; a group of no more draws than that has most
 # of its neighbours outside, and is no region of its own.
 PAIRS = NEIGHBOURS // 2
+
+
+def nearest_neighbours(points: FloatArray) -> NDArray[np.intp]:
+    """The nearest of ``points`` (n, d) to each, (n, k), itself the first."""
+    from scipy.spatial import cKDTree
+
+    k = min(NEIGHBOURS + 1, len(points))
+    _, nearest = cKDTree(points).query(points, k=k)
+    return np.reshape(nearest, (len(points), -1)).astype(np.intp)
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,16 +54,12 @@ class TemperedStart:
         log_evidence: estimate by the product of mean weights.
         log_evidence_error: its standard error, from the spread of the weights of each stage and
             the correlation left between stages.
-        temperatures: the β of each stage, from 0 to 1.
-        steps: moves made at each stage.
     """
 
     positions: FloatArray
     log_likelihoods: FloatArray
     log_evidence: float
     log_evidence_error: float
-    temperatures: tuple[float, ...]
-    steps: tuple[int, ...]
 
     def walkers(self, n: int, rng: np.random.Generator) -> Walkers:
         """``n`` of the particles at random; some of them twice only where there are fewer."""
@@ -77,7 +73,7 @@ def tempered_start(
     n_particles: int,
     maxima: Maxima,
     seed: np.random.SeedSequence,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> TemperedStart:
     """Carry ``n_particles`` from the prior to the posterior.
 
@@ -93,13 +89,13 @@ def tempered_start(
     """
     rng = np.random.default_rng(seed)
     positions, log_likelihoods, n_drawn = _possible_particles(target, n_particles, rng)
-    temperatures, steps = [0.0], []
+    beta, n_stages = 0.0, 0
     log_evidence, left = np.log(n_particles / n_drawn), 0.0
     relative_variance = (1.0 - n_particles / n_drawn) / n_particles
-    while temperatures[-1] < 1.0:
-        if len(temperatures) > MAX_STAGES:
+    while beta < 1.0:
+        if n_stages == MAX_STAGES:
             raise ValueError(f"the tempered start did not reach β = 1 in {MAX_STAGES} stages")
-        beta = temperatures[-1]
+        n_stages += 1
         increment = _next_increment(log_likelihoods, beta)
         log_weights = increment * log_likelihoods
         log_total = float(logsumexp(log_weights))
@@ -111,20 +107,12 @@ def tempered_start(
         relative_variance += memory * max(0.0, spread)  # equal weights round to below zero
         chosen = systematic_indices(weights, n_particles, rng)
         beta = 1.0 if beta + increment >= 1.0 - 1e-12 else beta + increment
-        positions, log_likelihoods, made, left = _move(
+        positions, log_likelihoods, left = _move(
             target, maxima, positions[chosen], log_likelihoods[chosen], beta, rng
         )
-        temperatures.append(beta)
-        steps.append(made)
-        if progress is not None:
-            progress(beta)
+        progress(beta)
     return TemperedStart(
-        positions,
-        log_likelihoods,
-        log_evidence,
-        float(np.sqrt(relative_variance)),
-        tuple(temperatures),
-        tuple(steps),
+        positions, log_likelihoods, log_evidence, float(np.sqrt(relative_variance))
     )
 
 
@@ -132,8 +120,7 @@ def _possible_particles(
     target: Target, n: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, float]:
     """``n`` draws from the possible part of the prior, and of how many prior draws they are."""
-    positions, log_likelihoods = np.empty((0, target.n_dimensions)), np.empty(0)
-    n_drawn = 0
+    positions, log_likelihoods, n_drawn = np.empty((0, target.n_dimensions)), np.empty(0), 0
     while len(positions) < n and n_drawn < MOST_REDRAWN * n:
         drawn = rng.standard_normal((n, target.n_dimensions))
         values = target.log_likelihood(drawn)
@@ -176,12 +163,9 @@ def _move(
     log_likelihoods: FloatArray,
     beta: float,
     rng: np.random.Generator,
-) -> tuple[FloatArray, FloatArray, int, float]:
-    """Move particles under p_β until they have forgotten where they began.
-
-    Returns positions, log-likelihoods, the moves made and the correlation left.
-    """
-    from bayes_ssi.sampling.moves import ensemble_sampler, initial_state, raise_if_failed
+) -> tuple[FloatArray, FloatArray, float]:
+    """Move particles under p_β: positions, log-likelihoods and the correlation left."""
+    from bayes_ssi.sampling.moves import ensemble_sampler, initial_state
 
     def log_density(z: FloatArray) -> FloatArray:
         return beta * target.log_likelihood(z) + log_standard_normal(z)
@@ -193,25 +177,23 @@ def _move(
     sampler = ensemble_sampler(log_density, n, d, Proposal(mixture))
     density = beta * log_likelihoods + log_standard_normal(positions)
     start = initial_state(positions, density, rng)
-    made, left = 0, 1.0
-    for state in sampler.sample(
-        start, iterations=MAX_STEPS, store=False, skip_initial_state_check=True
-    ):
-        made += 1
+    left = 1.0
+    states = sampler.sample(start, iterations=MAX_STEPS, store=False, skip_initial_state_check=True)
+    for made, state in enumerate(states, start=1):
         log_now = (state.log_prob - log_standard_normal(state.coords)) / beta
-        before = left
-        left = max(
-            _correlation(positions, state.coords),
-            _correlation(_ranks(log_likelihoods)[:, None], _ranks(log_now)[:, None]),
+        before, left = (
+            left,
+            max(
+                _correlation(positions, state.coords),
+                _correlation(_ranks(log_likelihoods)[:, None], _ranks(log_now)[:, None]),
+            ),
         )
         if made >= 2 and left < CORRELATION_LEFT:
             break
         # Between separate regions nothing may move: then the correlation settles above the mark.
         if made >= 8 and before - left < 0.002:
             break
-    raise_if_failed(sampler)
-    moved = np.array(state.coords)
-    return moved, log_now, made, float(np.clip(left, 0.0, 0.9))
+    return np.array(state.coords), log_now, float(np.clip(left, 0.0, 0.9))
 
 
 def _ranks(values: FloatArray) -> FloatArray:
@@ -236,6 +218,6 @@ def tempered_estimate(starts: Sequence[TemperedStart]) -> EvidenceEstimate:
     each = np.array([start.log_evidence for start in starts])
     log_evidence = float(logsumexp(each) - np.log(len(each)))
     by_weights = np.sqrt(sum(s.log_evidence_error**2 for s in starts)) / len(starts)
-    by_scatter = float(each.std(ddof=1)) / np.sqrt(len(each)) if len(each) > 1 else 0.0
+    by_scatter = float(each.std(ddof=1)) / np.sqrt(len(each))
     error = float(max(by_weights, by_scatter))
     return EvidenceEstimate("tempered starts", log_evidence, error, TOLERANCE)

@@ -87,9 +87,13 @@ def test_shares_of_the_four_regions(name, samples):
 @pytest.mark.parametrize("name", ["Beck-Au", "edge"])
 @pytest.mark.parametrize("shift", [1000.0, -1000.0])
 def test_a_constant_moves_the_log_evidence_by_exactly_that(name, shift, samples):
-    here = samples[name, 0].evidence.log_evidence
-    there = sampled(shifted(SMALL[name], shift)).evidence.log_evidence
-    assert there - here == pytest.approx(shift, abs=1e-6)
+    here, there = samples[name, 0], sampled(shifted(SMALL[name], shift))
+    assert there.evidence.error == pytest.approx(here.evidence.error, rel=1e-6)
+    before, after = (
+        [each.log_evidence for each in (result.evidence, *result.evidence_checks)]
+        for result in (here, there)
+    )
+    np.testing.assert_allclose(np.subtract(after, before), shift, rtol=0.0, atol=1e-6)
 
 
 def test_a_prior_a_hundred_times_wider_costs_ln_100():

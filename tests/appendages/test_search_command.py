@@ -165,8 +165,8 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
 @pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_of_a_search_ends_with_3(run, tiny_study_file, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: (INFILL_01,))
-    monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_LIMIT", 0.5)
-    monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_SCATTER", -1e9)
+    differ = ["the ensembles differ"]
+    monkeypatch.setattr("bayes_ssi.posterior.to_posterior.failed_checks", lambda _: differ)
     result = run("search", tiny_study_file, "--error", 0.5, "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "Failed checks" in result.stdout

@@ -24,8 +24,8 @@ def test_quiet_tells_nothing(run, tiny_study_file, tmp_path):
 
 def test_quiet_still_tells_errors_and_failed_checks(run, tiny_study_file, tmp_path, monkeypatch):
     assert "no such file" in run("rank", tmp_path / "none.py", "--quiet").stderr
-    monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_LIMIT", 0.5)
-    monkeypatch.setattr("bayes_ssi.posterior.checks.R_HAT_SCATTER", -1e9)
+    differ = ["the ensembles differ"]
+    monkeypatch.setattr("bayes_ssi.posterior.to_posterior.failed_checks", lambda _: differ)
     result = run("rank", tiny_study_file, "--only", "one k", "--quiet", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert result.stdout == ""

@@ -104,11 +104,6 @@ def test_the_wanted_error_is_reached(wanted):
     assert (len(result.importance.z) > 2 * ImportanceSampler.batch) == (wanted < 0.01)
 
 
-def test_the_longest_chain_is_kept_to():
-    result = run(one_observation, settings=SamplingSettings(max_steps=30))
-    assert [ensemble.n_steps for ensemble in result.ensembles] == [30, 30]
-
-
 def test_progress_covers_every_step_in_order():
     seen = []
     run(one_observation, progress=lambda step, done: seen.append((step, done)))

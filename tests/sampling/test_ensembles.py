@@ -5,10 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.sampling.ensembles import (
-    Ensemble,
-    run_ensemble,
-)
+from bayes_ssi.sampling.ensembles import Ensemble, Walkers, run_ensemble
 from bayes_ssi.sampling.maxima import find_maxima
 from bayes_ssi.sampling.mixture import Proposal, StudentMixture
 from bayes_ssi.sampling.target import Target
@@ -103,14 +100,14 @@ def test_the_longest_chain_is_kept_to(max_steps):
     assert not result.is_long_enough
 
 
-def test_the_seed_decides():
-    a, b, c = run(seed=1), run(seed=1), run(seed=2)
-    np.testing.assert_array_equal(a.positions, b.positions)
-    assert not np.array_equal(a.positions[:50], c.positions[:50])
+def test_an_error_of_the_model_is_raised_as_it_is_and_nothing_printed(capsys):
+    def broken(_):
+        raise ArithmeticError("no equilibrium")
 
-
-def test_progress_ends_at_one():
-    seen = []
-    run(progress=seen.append)
-    assert seen == sorted(seen)
-    assert seen[-1] == 1.0
+    proposal = Proposal(StudentMixture(np.ones(1), MEAN[None], np.eye(2)[None], np.full(1, 5.0)))
+    walkers = Walkers(np.random.default_rng(1).standard_normal((8, 2)), np.zeros(8))
+    target = Target(gaussian, 2)
+    target.log_posterior = broken
+    with pytest.raises(ArithmeticError, match="no equilibrium"):
+        run_ensemble(target, walkers, proposal, 20, np.random.SeedSequence(0))
+    assert capsys.readouterr() == ("", "")

@@ -151,16 +151,6 @@ def test_the_posterior_moments_follow_from_the_weights(target, mixture):
     np.testing.assert_allclose(sd, SD, rtol=tolerance)
 
 
-@pytest.mark.parametrize("shift", [1000.0, -1000.0])
-def test_a_constant_moves_the_estimate_by_exactly_that(target, mixture, shift):
-    moved = Target(lambda z: gaussian(z) + shift, 2)
-    here, there = importance(target, mixture, 1), importance(moved, mixture, 1)
-    assert there.estimate.log_evidence - here.estimate.log_evidence == pytest.approx(
-        shift, abs=1e-9
-    )
-    assert there.estimate.error == pytest.approx(here.estimate.error, rel=1e-9)
-
-
 SHARE_MISSED, AT, WIDTH = 0.3, np.array([[1.0, 1.0], [-1.0, -1.0]]), 0.3
 
 
