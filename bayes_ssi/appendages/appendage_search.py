@@ -14,12 +14,11 @@ from functools import partial
 from bayes_ssi.appendages.hypotheses import (
     SearchSettings,
     hypothesis,
-    mean_mass,
     places_of,
     structure_with_floors,
 )
 from bayes_ssi.appendages.places import AppendagePlace
-from bayes_ssi.appendages.search_result import AppendageSearch
+from bayes_ssi.appendages.search_result import AppendageSearch, search_record
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
@@ -54,8 +53,7 @@ def search(
     """
     options = search_settings or SearchSettings()
     settings = settings or SamplingSettings()
-    structure = structure_with_floors(baseline)
-    candidates = places_of(structure)
+    candidates = places_of(structure_with_floors(baseline))
     build = partial(hypothesis, baseline, search_settings=options)
     posteriors: dict[tuple[AppendagePlace, ...], Posterior] = {}
     classes: dict[tuple[AppendagePlace, ...], ModelClass] = {}
@@ -76,14 +74,9 @@ def search(
     )
     sampled_all = tuple(posteriors.values())
     ranking = Ranking(study, sampled_all, compare(sampled_all, weights), seed, settings)
-    return AppendageSearch(
-        ranking,
-        {classes[p].name: p for p in posteriors},
-        candidates,
-        mean_mass(structure),
-        baseline.name,
-        options,
-    )
+    places_by_name = {classes[places].name: places for places in posteriors}
+    record = search_record(baseline, options, ranking, places_by_name, candidates)
+    return AppendageSearch(ranking, record)
 
 
 def _next_level(

@@ -1,14 +1,23 @@
-"""The result of a search for appendages: places, appendages and averaged parameters."""
+"""The findings of a search: places, appendages and averaged parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from bayes_ssi.appendages.hypotheses import SearchSettings, frequency_name, mass_name
+from bayes_ssi.appendages.hypotheses import (
+    NO_APPENDAGE,
+    SearchSettings,
+    frequency_name,
+    mass_name,
+    mean_mass,
+    structure_with_floors,
+)
 from bayes_ssi.appendages.places import AppendagePlace
+from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.averages import AveragedParameter, averaged_parameters
 from bayes_ssi.ranking.study import Ranking
 
@@ -71,7 +80,7 @@ class HypothesisRecord:
 
 @dataclass(frozen=True)
 class SearchRecord:
-    """What is stored of a search in addition to its ranking.
+    """The findings of a search, stored in addition to its ranking.
 
     Attributes:
         baseline: name of the model class that the hypotheses were built on.
@@ -103,83 +112,76 @@ class AppendageSearch:
 
     Attributes:
         ranking: of all hypotheses that were sampled.
-        places: hypothesis → the places of its appendages.
-        candidates: all places that were considered.
-        mass_scale: the mean floor mass, in the structure's unit.
-        baseline: name of the model class that the hypotheses were built on.
-        search_settings: what an appendage may be.
+        record: where appendages are, and what they are like.
     """
 
     ranking: Ranking
-    places: Mapping[str, tuple[AppendagePlace, ...]]
-    candidates: tuple[AppendagePlace, ...]
-    mass_scale: float
-    baseline: str
-    search_settings: SearchSettings
-
-    @property
-    def probability_of_any(self) -> float:
-        """Probability that there is at least one appendage."""
-        return sum(
-            row.probability for row in self.ranking.comparison.classes if self.places[row.name]
-        )
-
-    @property
-    def place_probabilities(self) -> dict[AppendagePlace, float]:
-        """Every candidate place → the probability that an appendage hangs there."""
-        probabilities = dict.fromkeys(self.candidates, 0.0)
-        for row in self.ranking.comparison.classes:
-            for place in set(self.places[row.name]):
-                probabilities[place] += row.probability
-        return probabilities
+    record: SearchRecord
 
     def appendages(self, name: str) -> tuple[AppendageSummary, ...]:
         """The appendages of one hypothesis."""
-        posterior = next(p for p in self.ranking.posteriors if p.name == name)
-        column = {parameter: i for i, parameter in enumerate(posterior.parameter_names)}
-
-        def quantiles(parameter: str, scale: float) -> tuple[float, float, float]:
-            values = scale * posterior.values[:, column[parameter]]
-            low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
-            return float(low), float(middle), float(high)
-
-        return tuple(
-            AppendageSummary(
-                place,
-                quantiles(mass_name(place), self.mass_scale),
-                quantiles(mass_name(place), 1.0),
-                quantiles(frequency_name(place), 1.0),
-            )
-            for place in self.places[name]
-        )
-
-    @property
-    def averaged_parameters(self) -> tuple[AveragedAndNaive, ...]:
-        """The baseline's parameters averaged over the hypotheses, and without appendages."""
-        naive = next(p for p in self.ranking.posteriors if not self.places[p.name])
-        averaged = averaged_parameters(self.ranking.posteriors, self.ranking.comparison)
-        by_name = {row.name: row for row in averaged}
-        return tuple(
-            AveragedAndNaive(
-                **asdict(by_name[name]),
-                naive_mean=float(naive.values[:, i].mean()),
-                naive_sd=float(naive.values[:, i].std()),
-            )
-            for i, name in enumerate(naive.parameter_names)
-        )
+        return next(each.appendages for each in self.record.hypotheses if each.name == name)
 
 
-def search_record(result: AppendageSearch) -> SearchRecord:
-    """What is stored of a search in addition to its ranking."""
+def search_record(
+    baseline: ModelClass,
+    search_settings: SearchSettings,
+    ranking: Ranking,
+    places: Mapping[str, Sequence[AppendagePlace]],
+    candidates: Sequence[AppendagePlace],
+) -> SearchRecord:
+    """The record of a search.
+
+    Args:
+        baseline: the model class that the hypotheses were built on.
+        search_settings: what an appendage may be.
+        ranking: of the hypotheses.
+        places: hypothesis → the places of its appendages.
+        candidates: all places that were considered.
+    """
+    mass_scale = mean_mass(structure_with_floors(baseline))
+    posteriors = {posterior.name: posterior for posterior in ranking.posteriors}
+    probabilities = dict.fromkeys(candidates, 0.0)
+    hypotheses = []
+    for row in ranking.comparison.classes:
+        for place in places[row.name]:
+            probabilities[place] += row.probability
+        appendages = (_summary(posteriors[row.name], p, mass_scale) for p in places[row.name])
+        hypotheses.append(HypothesisRecord(row.name, row.probability, tuple(appendages)))
     return SearchRecord(
-        result.baseline,
-        result.search_settings,
-        result.mass_scale,
-        result.probability_of_any,
-        tuple(PlaceProbability(*each) for each in result.place_probabilities.items()),
-        tuple(
-            HypothesisRecord(row.name, row.probability, result.appendages(row.name))
-            for row in result.ranking.comparison.classes
-        ),
-        result.averaged_parameters,
+        baseline=baseline.name,
+        search_settings=search_settings,
+        mass_scale=mass_scale,
+        probability_of_any=sum(each.probability for each in hypotheses if each.appendages),
+        places=tuple(PlaceProbability(*each) for each in probabilities.items()),
+        hypotheses=tuple(hypotheses),
+        averaged_parameters=_averaged(ranking, posteriors[NO_APPENDAGE]),
+    )
+
+
+def _summary(posterior: Posterior, place: AppendagePlace, mass_scale: float) -> AppendageSummary:
+    def quantiles(parameter: str, scale: float) -> tuple[float, float, float]:
+        values = scale * posterior.values[:, posterior.parameter_names.index(parameter)]
+        low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
+        return float(low), float(middle), float(high)
+
+    return AppendageSummary(
+        place,
+        quantiles(mass_name(place), mass_scale),
+        quantiles(mass_name(place), 1.0),
+        quantiles(frequency_name(place), 1.0),
+    )
+
+
+def _averaged(ranking: Ranking, naive: Posterior) -> tuple[AveragedAndNaive, ...]:
+    """The baseline's parameters averaged over the hypotheses, and without appendages."""
+    averaged = averaged_parameters(ranking.posteriors, ranking.comparison)
+    by_name = {row.name: row for row in averaged}
+    return tuple(
+        AveragedAndNaive(
+            **asdict(by_name[name]),
+            naive_mean=float(naive.values[:, i].mean()),
+            naive_sd=float(naive.values[:, i].std()),
+        )
+        for i, name in enumerate(naive.parameter_names)
     )

@@ -59,7 +59,6 @@ def search(
     """
     from bayes_ssi.appendages.appendage_search import search as search_appendages
     from bayes_ssi.appendages.hypotheses import SearchSettings
-    from bayes_ssi.appendages.search_result import search_record
     from bayes_ssi.plots.appendage_places import plot_places
     from bayes_ssi.plots.figure_style import figures_for_files, save_figure
     from bayes_ssi.priors.families import LogNormal, LogUniform
@@ -79,11 +78,11 @@ def search(
             loaded.model_classes[0], search_settings, options.seed, options.settings, run
         )
         sensitivity = options.sensitivity_of(appendages.ranking, run)
-    sampled = Sampled(appendages.ranking, sensitivity, {"search.json": search_record(appendages)})
+    sampled = Sampled(appendages.ranking, sensitivity, {"search.json": appendages.record})
 
     def draw(figures: Path) -> None:
         with figures_for_files():
-            save_figure(plot_places(appendages.place_probabilities), figures / "places.png")
+            save_figure(plot_places(appendages.record.place_probabilities), figures / "places.png")
 
     result = options.save(sampled, place, draw)
     place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not

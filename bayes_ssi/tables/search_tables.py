@@ -24,9 +24,9 @@ def search_table(search: AppendageSearch) -> Table:
     add_columns(table, numbers=["ln evidence", "probability", "mass ratio", "Hz"])
     rows = search.ranking.comparison.classes
     for rank, row in enumerate(rows):
-        if rank >= HYPOTHESES_SHOWN and search.places[row.name]:
-            continue
         appendages = search.appendages(row.name)
+        if rank >= HYPOTHESES_SHOWN and appendages:
+            continue
         lines = " +\n".join(each.place.name for each in appendages) or row.name
         add_row(
             table,
@@ -45,7 +45,7 @@ def averaged_table(search: AppendageSearch) -> Table:
     table.add_column("parameter", overflow="fold")
     for heading in ("mean", "sd", "5 %", "95 %", "naive mean", "naive sd"):
         table.add_column(heading, justify="right")
-    for row in search.averaged_parameters:
+    for row in search.record.averaged_parameters:
         numbers = (
             row.mean, row.sd, row.quantile_05, row.quantile_95, row.naive_mean, row.naive_sd
         )  # fmt: skip
@@ -57,15 +57,14 @@ def search_notes(search: AppendageSearch) -> list[str]:
     """The answer of a search in words."""
     notes = [
         "Probability that there is an appendage: "
-        f"{probability_text(search.probability_of_any)}. By place:"
+        f"{probability_text(search.record.probability_of_any)}. By place:"
     ]
-    by_probability = sorted(search.place_probabilities.items(), key=lambda item: -item[1])
+    by_probability = sorted(search.record.place_probabilities.items(), key=lambda item: -item[1])
     notes += [
         f"  {place.name}: {probability_text(probability)}"
         for place, probability in by_probability[:HYPOTHESES_SHOWN]
     ]
-    rows = search.ranking.comparison.classes
-    hidden = sum(bool(search.places[row.name]) for row in rows[HYPOTHESES_SHOWN:])
+    hidden = sum(bool(each.appendages) for each in search.record.hypotheses[HYPOTHESES_SHOWN:])
     if hidden > 0:
         notes.append(f"{hidden} less probable hypotheses are in the saved result.")
     return notes

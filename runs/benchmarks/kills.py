@@ -95,7 +95,7 @@ def steps_of(study: Path, seed: int, checkpoint: Path) -> Steps:
     ends: dict[str, dict[str, int]] = {}
 
     def note(_: str, step: str, __: float) -> None:
-        new = [path for path in checkpoint.iterdir() if path.name not in ends]
+        new = [path for path in checkpoint.glob("*.journal") if path.name not in ends]
         path = new[0] if new else checkpoint / list(ends)[-1]
         ends.setdefault(path.name, {})[step] = path.stat().st_size
 

@@ -12,8 +12,8 @@ from bayes_ssi.appendages.appendage_search import search
 
 def test_the_hidden_infill_is_found_where_it_is(found_in_case_c):
     assert found_in_case_c.ranking.comparison.best.name == "infill 1-2"
-    assert found_in_case_c.place_probabilities[INFILL_12] > 0.99
-    assert found_in_case_c.probability_of_any > 0.99
+    assert found_in_case_c.record.place_probabilities[INFILL_12] > 0.99
+    assert found_in_case_c.record.probability_of_any > 0.99
 
 
 def test_the_hidden_infill_has_its_mass_and_frequency(found_in_case_c):
@@ -41,7 +41,7 @@ def test_a_bare_frame_hides_nothing(frame, fixed_error, two_workers):
     baseline = bs.ModelClass("bare", frame, data, fixed_error, pairing={})
     found = search(baseline, ONE, settings=COARSE, run=bs.Run(two_workers))
     assert found.ranking.comparison.best.name == "no appendage"
-    assert found.probability_of_any < 0.2
+    assert found.record.probability_of_any < 0.2
 
 
 def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, two_workers):
@@ -59,4 +59,4 @@ def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, two_workers):
         assert one.evidence == other.evidence
         assert one.draws.tobytes() == other.draws.tobytes()
         assert one.inferred_pairing == other.inferred_pairing
-    assert here.averaged_parameters == there.averaged_parameters
+    assert here.record.averaged_parameters == there.record.averaged_parameters

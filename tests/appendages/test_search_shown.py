@@ -57,7 +57,7 @@ def test_the_table_always_shows_no_appendage(of_a_tall_building):
 
 def test_hypotheses_that_no_table_row_shows_are_counted(of_a_tall_building):
     """Eight by probability, and no appendage beside them."""
-    n = len(of_a_tall_building.places)
+    n = len(of_a_tall_building.record.hypotheses)
     rows = of_a_tall_building.ranking.comparison.classes
     assert "no appendage" not in [row.name for row in rows[:8]]
     assert search_notes(of_a_tall_building)[-1].startswith(f"{n - 9} less probable hypotheses")
@@ -71,8 +71,8 @@ def test_notes_name_the_places_by_probability(found_in_case_c):
 
 
 def test_the_figure_has_every_place_at_its_height(found_in_case_c):
-    ax = plot_places(found_in_case_c.place_probabilities, Figure().subplots())
-    places = found_in_case_c.place_probabilities
+    ax = plot_places(found_in_case_c.record.place_probabilities, Figure().subplots())
+    places = found_in_case_c.record.place_probabilities
     heights = sorted(float(c.get_offsets()[0][1]) for c in ax.collections)
     assert heights == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
     said = {text.get_position(): text.get_text() for text in ax.texts}

@@ -111,7 +111,7 @@ def test_a_damaged_journal_is_refused_and_left_alone(path):
     whole = path.read_bytes()
     for content in (b"weeks\n", whole[:5000], whole[:4096] + bytes(len(whole) - 4096)):
         path.write_bytes(content)
-        with pytest.raises(DamagedJournalError, match="damaged, or not a checkpoint$") as caught:
+        with pytest.raises(DamagedJournalError, match="damaged, or not a checkpoint") as caught:
             Journal(path, RUN)
         assert str(caught.value).startswith(f"{path}: ")
         assert path.read_bytes() == content

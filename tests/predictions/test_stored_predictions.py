@@ -12,7 +12,6 @@ from searches import INFILL_01, PENDULUM_1
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.appendages.hypotheses import SearchSettings
-from bayes_ssi.appendages.search_result import search_record
 from bayes_ssi.model_class.class_record import class_record
 from bayes_ssi.predictions.posterior_draws import thinned_draws
 from bayes_ssi.predictions.stored_predictions import load_predictions
@@ -87,7 +86,7 @@ def test_the_study_file_defines_other_classes(saved, tiny_study_file):
 
 
 def save_search(found, directory, study_file):
-    extra = {"search.json": search_record(found)}
+    extra = {"search.json": found.record}
     return save_result(found.ranking, directory, study_file=str(study_file), extra=extra).directory
 
 
@@ -111,10 +110,11 @@ def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
     found, directory = searched
     predicted = load_predictions(directory, n_draws=40)
     assert set(predicted.model_classes) == {"no appendage", "pendulum 1", "infill 0-1"}
-    for name, places in found.places.items():
-        built = predicted.model_classes[name]
+    for hypothesis in found.record.hypotheses:
+        built = predicted.model_classes[hypothesis.name]
+        places = [each.place for each in hypothesis.appendages]
         assert built.structure.appendages == tuple(f"appendage {place.name}" for place in places)
-        (sampled,) = (c for c in found.ranking.study.model_classes if c.name == name)
+        (sampled,) = (c for c in found.ranking.study.model_classes if c.name == hypothesis.name)
         assert class_record(built) == class_record(sampled)
     average = predicted.average()
     probabilities = {row.name: row.probability for row in found.ranking.comparison.classes}

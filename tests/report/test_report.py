@@ -12,7 +12,6 @@ from conftest import assert_one_line_error
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.search_result import search_record
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.predictions.saved_predictions import PredictionsRecord
 from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow
@@ -257,7 +256,7 @@ def test_failed_checks_stand_at_the_top(make_posterior, tmp_path):
 @pytest.mark.usefixtures("no_drawings")
 def test_a_search_tells_what_it_found(found_in_case_c, tmp_path):
     save_result(found_in_case_c.ranking, tmp_path / "r",
-                extra={"search.json": search_record(found_in_case_c)})  # fmt: skip
+                extra={"search.json": found_in_case_c.record})  # fmt: skip
     told = Page(write_report(tmp_path / "r").read_text("utf-8")).text
     assert "Probability of at least one appendage" in told
     best = found_in_case_c.ranking.comparison.best
