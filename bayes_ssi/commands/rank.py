@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.saved_run import RunOptions, Sampled, notes_of, run_options
+from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options
 from bayes_ssi.commands.study_argument import load, study_argument
 from bayes_ssi.commands.terminal import console, say
 
@@ -39,11 +38,10 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
     place = options.place(loaded, study, study.stem, "rank")
     with options.running(loaded, place) as run:
         ranking = rank_study(loaded, options.seed, options.settings, run)
-        sensitivity = options.sensitivity_of(ranking, run)
+        sensitivity = options.sensitivity_record(ranking, run)
     averages = averaged_parameters(ranking.posteriors, ranking.comparison)
-    records = {"averaged_parameters.json": [asdict(row) for row in averages]}
-    sampled = Sampled(ranking, sensitivity, records)
-    result = options.save(sampled, place)
+    records = {"averaged_parameters.json": averages, **sensitivity}
+    result = options.save(ranking, records, place)
 
     where = console()
     where.print(ranking_table(result.comparison, loaded.name))
@@ -52,4 +50,4 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
     if averages:
         where.print(averages_table(averages))
     say(where, *notes_of(result))
-    options.end(sampled, result)
+    options.end(result, records)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from bayes_ssi.results.load import StoredResult
     from bayes_ssi.sampling.settings import SamplingSettings
 
-__all__ = ["FAILED_CHECK", "ResultPlace", "RunOptions", "Sampled", "notes_of", "run_options"]
+__all__ = ["FAILED_CHECK", "ResultPlace", "RunOptions", "notes_of", "run_options"]
 
 FAILED_CHECK = 3
 RESULTS = Path("runs") / "results"
@@ -52,28 +52,6 @@ class ResultPlace:
     directory: Path
     checkpoint: Checkpoint
     overwrite: bool
-
-
-@dataclass(frozen=True)
-class Sampled:
-    """What a command sampled, ready to be saved.
-
-    Attributes:
-        ranking: the result.
-        sensitivity: how it depends on the settings, if that was asked for.
-        records: file name → what is saved there beside the ranking.
-    """
-
-    ranking: Ranking
-    sensitivity: Sensitivity | None
-    records: Mapping[str, Any]
-
-    @property
-    def all_records(self) -> dict[str, Any]:
-        """The records, including that of the sensitivity."""
-        if self.sensitivity is None:
-            return dict(self.records)
-        return {**self.records, "sensitivity.json": self.sensitivity}
 
 
 @dataclass(frozen=True)
@@ -144,23 +122,17 @@ class RunOptions:
             click.echo(f"Interrupted; resume with: {command_line()}", err=True)
             sys.exit(INTERRUPTED)
 
-    def sensitivity_of(self, ranking: Ranking, run: Run) -> Sensitivity | None:
-        """How the ranking depends on the settings, if that was asked for."""
+    def sensitivity_record(self, ranking: Ranking, run: Run) -> dict[str, Sensitivity]:
+        """How the ranking depends on the settings, by its file, if that was asked for."""
         from bayes_ssi.ranking.sensitivity import sensitivity
+        from bayes_ssi.results.load import SENSITIVITY
 
-        return sensitivity(ranking, run=run) if self.sensitivity else None
+        return {SENSITIVITY: sensitivity(ranking, run=run)} if self.sensitivity else {}
 
     def save(
-        self,
-        sampled: Sampled,
-        place: ResultPlace,
-        draw: Callable[[Path], object] = lambda _: None,
+        self, ranking: Ranking, records: Mapping[str, Any], place: ResultPlace
     ) -> StoredResult:
-        """Save a ranking, the records beside it and its figures, and remove its checkpoint.
-
-        ``draw`` draws further figures into a directory.
-        """
-        from bayes_ssi.plots.result_figures import save_figures
+        """Save a ranking, further records by their files and the figures; remove the checkpoint."""
         from bayes_ssi.results.save import require_new, save_result
 
         require_new(place.directory, overwrite=place.overwrite)
@@ -168,35 +140,33 @@ class RunOptions:
         with progress_bars() as progress:
             progress("saving", "result", 0.0)
             result = save_result(
-                sampled.ranking,
+                ranking,
                 place.directory,
                 study_file=str(place.study_file),
                 overwrite=place.overwrite,
                 accept_failed_checks=self.accept_failed_checks,
                 command=command_line(),
-                extra=sampled.all_records,
+                extra=records,
             )
             progress("saving", "figures", 0.2)
-            figures = _figures(result)
-            save_figures(figures, result.tests, result.ranked_posteriors, result.comparison)
-            draw(figures)
+            _save_figures(result)
             progress("saving", "figures", 1.0)
-        place.checkpoint.remove(sampled.ranking.study.names)
+        place.checkpoint.remove(ranking.study.names)
         return result
 
-    def end(self, sampled: Sampled, result: StoredResult) -> None:
+    def end(self, result: StoredResult, records: Mapping[str, Any]) -> None:
         """Print the sensitivity, if there is any, and where the result is; then exit.
 
         The exit code says whether a check failed that was not accepted.
         """
         from bayes_ssi.tables import sensitivity_notes, sensitivity_table
 
-        if sampled.sensitivity is not None:
-            console().print(sensitivity_table(sampled.sensitivity))
-            say(console(), *sensitivity_notes(sampled.sensitivity))
+        if result.sensitivity is not None:
+            console().print(sensitivity_table(result.sensitivity))
+            say(console(), *sensitivity_notes(result.sensitivity))
         n_figures = len(list(_figures(result).iterdir()))
         say(console(), f"Saved in {result.directory}, with {n_figures} figures.")
-        print_record(lambda: _record(sampled, result))
+        print_record(lambda: _record(result, records))
         failed = result.comparison.failed_checks
         if failed and not self.accept_failed_checks:
             if is_quiet():
@@ -255,9 +225,9 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
     return json_option(wrapped)
 
 
-def _record(sampled: Sampled, result: StoredResult) -> dict[str, Any]:
+def _record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, Any]:
     """What ``--json`` prints: the ranking, the posteriors in numbers, and where the result is."""
-    record = {
+    return {
         "directory": str(result.directory),
         "study": result.record.study,
         **asdict(result.comparison),
@@ -271,9 +241,8 @@ def _record(sampled: Sampled, result: StoredResult) -> dict[str, Any]:
             posterior.name: {modes.name: dict(modes.pairing) for modes in posterior.configurations}
             for posterior in result.ranked_posteriors
         },
+        **{Path(file).stem: record for file, record in records.items()},
     }
-    further = {name.removesuffix(".json"): each for name, each in sampled.all_records.items()}
-    return {**record, **further}
 
 
 def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:
@@ -285,6 +254,18 @@ def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:
         notes += [*pairing_notes(posterior), *region_notes(posterior)]
         notes += [f"{posterior.name!r}: {remark}." for remark in posterior.remarks]
     return notes
+
+
+def _save_figures(result: StoredResult) -> None:
+    from bayes_ssi.plots.appendage_places import plot_places
+    from bayes_ssi.plots.figure_style import figures_for_files, save_figure
+    from bayes_ssi.plots.result_figures import save_figures
+
+    figures = _figures(result)
+    save_figures(figures, result.tests, result.ranked_posteriors, result.comparison)
+    if result.search is not None:
+        with figures_for_files():
+            save_figure(plot_places(result.search.place_probabilities), figures / "places.png")
 
 
 def _figures(result: StoredResult) -> Path:

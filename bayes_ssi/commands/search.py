@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.saved_run import RunOptions, Sampled, notes_of, run_options
+from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options
 from bayes_ssi.commands.study_argument import load, study_argument
 from bayes_ssi.commands.terminal import console, say
 
@@ -59,9 +59,8 @@ def search(
     """
     from bayes_ssi.appendages.appendage_search import search as search_appendages
     from bayes_ssi.appendages.hypotheses import SearchSettings
-    from bayes_ssi.plots.appendage_places import plot_places
-    from bayes_ssi.plots.figure_style import figures_for_files, save_figure
     from bayes_ssi.priors.families import LogNormal, LogUniform
+    from bayes_ssi.results.load import SEARCH
     from bayes_ssi.tables import averaged_table, search_notes, search_table
 
     loaded = load(study)
@@ -77,18 +76,13 @@ def search(
         appendages = search_appendages(
             loaded.model_classes[0], search_settings, options.seed, options.settings, run
         )
-        sensitivity = options.sensitivity_of(appendages.ranking, run)
-    sampled = Sampled(appendages.ranking, sensitivity, {"search.json": appendages.record})
-
-    def draw(figures: Path) -> None:
-        with figures_for_files():
-            save_figure(plot_places(appendages.record.place_probabilities), figures / "places.png")
-
-    result = options.save(sampled, place, draw)
+        sensitivity = options.sensitivity_record(appendages.ranking, run)
+    records = {SEARCH: appendages.record, **sensitivity}
+    result = options.save(appendages.ranking, records, place)
     place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
 
     where = console()
     where.print(search_table(appendages))
     where.print(averaged_table(appendages))
     say(where, *search_notes(appendages), *notes_of(result, best_only=True))
-    options.end(sampled, result)
+    options.end(result, records)

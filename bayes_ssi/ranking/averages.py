@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison
 
@@ -73,23 +72,13 @@ def _averaged(
         weights.append(np.full(len(own), probability / total / len(own)))
     x, w = np.concatenate(draws), np.concatenate(weights)
     mean = float((w * x).sum())
-    low, high = _quantiles(x, w, (0.05, 0.95))
+    low, high = np.quantile(x, (0.05, 0.95), weights=w, method="inverted_cdf")
     return AveragedParameter(
         name=name,
         n_classes=len(posteriors),
         probability=min(total, 1.0),
         mean=mean,
         sd=math.sqrt(float((w * (x - mean) ** 2).sum())),
-        quantile_05=low,
-        quantile_95=high,
+        quantile_05=float(low),
+        quantile_95=float(high),
     )
-
-
-def _quantiles(
-    values: FloatArray, weights: FloatArray, shares: tuple[float, ...]
-) -> tuple[float, ...]:
-    """Quantiles of weighted values."""
-    order = np.argsort(values)
-    cumulative = np.cumsum(weights[order])
-    at = np.searchsorted(cumulative / cumulative[-1], shares)
-    return tuple(float(values[order][i]) for i in np.minimum(at, len(values) - 1))

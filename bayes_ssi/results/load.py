@@ -20,13 +20,13 @@ from bayes_ssi.appendages.search_result import SearchRecord
 from bayes_ssi.codec import from_record
 from bayes_ssi.data.modal_csv import read_modal_csv
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.model_class.configuration import choose_configuration
+from bayes_ssi.model_class.configuration import choose_configuration, joint_digest
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison
 from bayes_ssi.ranking.sensitivity import Sensitivity
 from bayes_ssi.results.draws import load_draws
 from bayes_ssi.results.json_files import read_json, read_record
-from bayes_ssi.results.result_record import FORMAT, ResultRecord, check_consistent
+from bayes_ssi.results.result_record import FORMAT, ResultRecord
 
 __all__ = ["StoredResult", "load_result"]
 
@@ -124,11 +124,15 @@ def load_result(directory: str | Path) -> StoredResult:
         tests = {each.configuration: read_modal_csv(directory / each.file) for each in record.data}
     except OSError as error:
         raise ValueError(f"{error.filename}: {error.strerror}") from error
-    try:
-        check_consistent(record, tests, posteriors, comparison)
-    except ValueError as error:
-        raise ValueError(f"{directory}: damaged: {error}") from error
-    return StoredResult(directory, record, tests, posteriors, comparison)
+    result = StoredResult(directory, record, tests, posteriors, comparison)
+    if joint_digest(tests) != record.data_digest:
+        raise ValueError(f"{directory}: the identified modes are not those that were ranked")
+    names = {row.name for row in comparison.classes}
+    if not names or any(
+        {each.name for each in others} != names for others in (posteriors, record.model_classes)
+    ):
+        raise ValueError(f"{directory}: its files are not of the same model classes")
+    return result
 
 
 def _posterior(directory: Path, record: ResultRecord, i: int) -> Posterior:

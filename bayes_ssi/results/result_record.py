@@ -1,21 +1,15 @@
-"""What ``result.json`` holds, and whether the other files of a result belong to it."""
+"""What ``result.json`` holds."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.model_class.class_record import ClassRecord
-from bayes_ssi.model_class.configuration import joint_digest
-from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.ranking.comparison import Comparison
 from bayes_ssi.sampling.settings import SamplingSettings
 
-__all__ = ["FORMAT", "DataFile", "ResultRecord", "check_consistent"]
+__all__ = ["FORMAT", "DataFile", "ResultRecord"]
 
 # Raised whenever the files of a result change.
 FORMAT = 6
@@ -75,54 +69,3 @@ class ResultRecord:
     def model_class(self, name: str) -> ClassRecord:
         """The record of the model class ``name``; KeyError if there is none."""
         return {each.name: each for each in self.model_classes}[name]
-
-
-def check_consistent(
-    record: ResultRecord,
-    tests: Mapping[str, ModalData],
-    posteriors: Sequence[Posterior],
-    comparison: Comparison,
-) -> None:
-    """Refuse files that are not of one result.
-
-    Raises:
-        ValueError: modes, draws or classes are not those of the record.
-    """
-    if joint_digest(tests) != record.data_digest:
-        raise ValueError("the identified modes are not those that were ranked")
-    names = [posterior.name for posterior in posteriors]
-    for what, others in (
-        ("comparison.json", [row.name for row in comparison.classes]),
-        ("'model_classes'", [each.name for each in record.model_classes]),
-    ):
-        if not names or sorted(others) != sorted(names):
-            raise ValueError(f"{what} and 'posteriors' are not of the same model classes")
-    for posterior in posteriors:
-        _check_draws(posterior)
-        if set(posterior.configuration_names) != set(tests):
-            raise ValueError(f"posterior of {posterior.name!r}: other configurations than the data")
-        for modes in posterior.configurations:
-            unknown = [label for label in modes.pairing if label not in tests[modes.name].labels]
-            if unknown:
-                raise ValueError(
-                    f"posterior of {posterior.name!r}: pairs {unknown[0]!r}, which is not among "
-                    "the identified modes"
-                )
-
-
-def _check_draws(posterior: Posterior) -> None:
-    n_chains, n_steps, n_parameters = np.shape(posterior.draws)
-    n_modes = sum(modes.n_modes for modes in posterior.configurations)
-    for what, array, shape in (
-        ("log-likelihoods", posterior.log_likelihoods, (n_chains, n_steps)),
-        ("frequencies", posterior.frequencies_hz, (n_chains, n_steps, n_modes)),
-        ("effective sample sizes", posterior.effective_sample_sizes, (n_parameters,)),
-        ("relative spreads", posterior.relative_spreads, (n_parameters,)),
-    ):
-        if np.shape(array) != shape:
-            raise ValueError(
-                f"posterior of {posterior.name!r}: {what} of shape {np.shape(array)}, expected "
-                f"{shape} from its draws"
-            )
-    if not posterior.draws.size or not np.isfinite(posterior.draws).all():
-        raise ValueError(f"posterior of {posterior.name!r}: no draws, or draws that are not finite")

@@ -254,7 +254,6 @@ EVIDENCE = ("posteriors", 0, "evidence")
         ("data.csv", removed, "data.csv: No such file"),
         ("data.csv", lambda path: path.write_text(""), "data.csv: "),
         ("data.csv", with_text("1.618", "1.619"), "not those that were ranked"),
-        ("data.csv", with_text("\n2,", "\n2b,"), "pairs '2', which is not among"),
     ],
 )  # fmt: skip
 def test_a_damaged_directory_is_refused_in_one_line(saved, file, damage, message):
