@@ -19,8 +19,8 @@ from bayes_ssi.plots.figure_style import (
     legend_below,
     name_rows,
 )
+from bayes_ssi.posterior.configuration_modes import LEVEL, UpdatedMode
 from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.posterior.updated_modes import LEVEL, UpdatedMode
 from bayes_ssi.predictions.predicted_modes import PredictedMode
 
 if TYPE_CHECKING:

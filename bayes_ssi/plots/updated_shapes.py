@@ -8,7 +8,7 @@ import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.plots.shape_plots import DrawnShape, Reference, plot_shapes
-from bayes_ssi.posterior.updated_modes import UpdatedMode, UpdatedModes
+from bayes_ssi.posterior.configuration_modes import UpdatedMode, UpdatedModes
 from bayes_ssi.predictions.bands import Band
 
 if TYPE_CHECKING:

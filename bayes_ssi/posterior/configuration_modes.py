@@ -1,4 +1,8 @@
-"""The model's modes of each configuration after sampling, and their pairing."""
+"""The model's modes of each configuration: their pairing, before and after updating.
+
+Tables, drawings and reports of a stored result are made from these records: they need neither
+the study nor its structures.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +10,80 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.inferred_pairing import InferredPairing, infer_pairing
+from bayes_ssi.identification.likelihood import ModalLikelihood
+from bayes_ssi.identification.paired_modes import PairedModes
+from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.posterior.updated_modes import UpdatedModes, updated_modes
+from bayes_ssi.sampling.resampling import evenly_spaced_indices
+from bayes_ssi.structures.structure import Structure
 
-__all__ = ["ConfigurationModes", "configuration_modes"]
+__all__ = ["LEVEL", "ConfigurationModes", "UpdatedMode", "UpdatedModes", "configuration_modes"]
+
+LEVEL = 0.95
+# Enough draws for the quantiles that a plot shows, at a small part of the sampling's cost.
+MOST_DRAWS = 200
+# The shapes of a structure with more degrees of freedom are kept at its sensors only.
+MOST_PLACES = 100
+
+Interval = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class UpdatedMode:
+    """One paired mode, at the prior medians and over the posterior.
+
+    Intervals are the lower end, the median and the upper end of the central 95 %.
+
+    Attributes:
+        label: of the identified mode.
+        model_mode: number of the model mode, from 1.
+        before_hz: frequency at the prior medians.
+        after_hz: interval of the frequency.
+        mac_before: with the identified shape, at the prior medians; None where none is scored.
+        mac_after: interval of the same; None where none is scored.
+        shape_before: components at the places, at the prior medians.
+        shape_after: interval of each component, (low, median, high) of (n_places,) each.
+
+    Shapes have their largest component on the main structure at 1, and the identified shape's sign.
+    """
+
+    label: str
+    model_mode: int
+    before_hz: float
+    after_hz: Interval
+    mac_before: float | None
+    mac_after: Interval | None
+    shape_before: tuple[float, ...]
+    shape_after: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class UpdatedModes:
+    """The paired modes of one configuration of a model class.
+
+    Attributes:
+        places: degrees of freedom at which shapes are given.
+        place_heights: of each, where a drawing puts it, in storeys above the ground.
+        appendages: the places that are no part of the main structure.
+        has_floors: whether the places are floors above one another that move sideways; if not,
+            heights only keep them apart.
+        modes: the paired ones, in the order of the data.
+    """
+
+    places: tuple[str, ...]
+    place_heights: tuple[float, ...]
+    appendages: tuple[str, ...]
+    has_floors: bool
+    modes: tuple[UpdatedMode, ...]
+
+    def heights(self) -> dict[str, float]:
+        """Place → height, as of a structure."""
+        return dict(zip(self.places, self.place_heights, strict=True))
 
 
 @dataclass(frozen=True)
@@ -49,6 +119,85 @@ def configuration_modes(
         inferred = infer_pairing(likelihood, own) if isinstance(likelihood, AnyPairing) else None
         pairing = dict(inferred.best if inferred else likelihood.pairing)
         n_modes = configuration.structure.n_modes
-        updated = updated_modes(configuration, likelihood, pairing, own, medians)
+        updated = _updated_modes(configuration, likelihood, pairing, own, medians)
         records.append(ConfigurationModes(configuration.name, n_modes, pairing, inferred, updated))
     return tuple(records)
+
+
+def _updated_modes(
+    configuration: Configuration,
+    likelihood: ModalLikelihood,
+    pairing: Mapping[str, int],
+    values: FloatArray,
+    medians: FloatArray,
+) -> UpdatedModes:
+    """The paired modes at the prior ``medians`` (1, n_parameters) and at draws ``values``."""
+    structure, data = configuration.structure, configuration.data
+    labels = [label for label in data.labels if label in pairing]
+    pairs = PairedModes.of(data, [(label, pairing[label]) for label in labels])
+    at = np.concatenate([medians, values[evenly_spaced_indices(len(values), MOST_DRAWS)]])
+    modes = likelihood.modes(at)
+    seen = likelihood.shapes_at_sensors(modes)
+    scored = (1.0 - pairs.shape_distances(seen)) ** 2
+    macs = dict(zip(pairs.with_shape.tolist(), scored.T, strict=True))
+    all_places, places = structure.degrees_of_freedom, structure.degrees_of_freedom
+    if len(all_places) > MOST_PLACES:
+        places = tuple(sensor for sensor in data.sensors if sensor in all_places)
+    rows = [all_places.index(place) for place in places]
+    main = [all_places.index(place) for place in places if place not in structure.appendages]
+    records = []
+    for i, label in enumerate(labels):
+        number = pairing[label]
+        drawn, of_main = (modes.shapes[:, which, number - 1] for which in (rows, main))
+        signs = _signs(data.mode(label).unit_shape, seen[:, :, number - 1], drawn)
+        shapes = _scaled(drawn * signs[:, None], of_main)
+        frequencies, mac = modes.frequencies_hz[:, number - 1], macs.get(i)
+        low, median, high = (tuple(part.tolist()) for part in _interval(shapes[1:]))
+        records.append(
+            UpdatedMode(
+                label=label,
+                model_mode=number,
+                before_hz=float(frequencies[0]),
+                after_hz=_numbers(frequencies[1:]),
+                mac_before=None if mac is None else float(mac[0]),
+                mac_after=None if mac is None else _numbers(mac[1:]),
+                shape_before=tuple(shapes[0].tolist()),
+                shape_after=(low, median, high),
+            )
+        )
+    heights = structure.heights()
+    return UpdatedModes(
+        places,
+        tuple(float(heights[place]) for place in places),
+        tuple(place for place in places if place in structure.appendages),
+        type(structure).heights is not Structure.heights,
+        tuple(records),
+    )
+
+
+def _signs(identified: FloatArray | None, seen: FloatArray, shapes: FloatArray) -> FloatArray:
+    """The sign (B,) that turns each shape to the identified one, or to the first of them."""
+    if identified is None:
+        products = shapes @ shapes[0]
+        turned = float(shapes[0][np.abs(shapes[0]).argmax()]) if shapes.size else 1.0
+        products = products * np.sign(turned)
+    else:
+        products = seen @ np.nan_to_num(np.asarray(identified))
+    return np.where(products < 0.0, -1.0, 1.0)
+
+
+def _scaled(shapes: FloatArray, of_main: FloatArray) -> FloatArray:
+    """Shapes (B, n) with the largest component of the main structure (B, m) at 1."""
+    if not of_main.shape[1]:
+        return shapes
+    largest = np.abs(of_main).max(axis=1, keepdims=True)
+    return shapes / np.where(largest == 0.0, 1.0, largest)
+
+
+def _interval(draws: FloatArray) -> NDArray[np.float64]:
+    return np.quantile(draws, [0.5 * (1.0 - LEVEL), 0.5, 0.5 * (1.0 + LEVEL)], axis=0)
+
+
+def _numbers(draws: FloatArray) -> Interval:
+    low, median, high = _interval(draws).tolist()
+    return low, median, high

@@ -52,17 +52,6 @@ class DatumTerms:
     identified: tuple[str, ...]
     predicted_hz: FloatArray
 
-    def __eq__(self, other: object) -> bool:
-        """Whether both are the same to the last digit."""
-        return (
-            isinstance(other, DatumTerms)
-            and (self.data, self.identified) == (other.data, other.identified)
-            and np.array_equal(self.log_likelihoods, other.log_likelihoods)
-            and np.array_equal(self.predicted_hz, other.predicted_hz)
-        )
-
-    __hash__ = None  # type: ignore[assignment]
-
 
 def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
     """The model at ``values`` (B, n_parameters), its modes computed once."""

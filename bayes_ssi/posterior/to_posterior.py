@@ -113,12 +113,12 @@ def _failures(model_class: ModelClass, target: Target) -> list[str]:
     first = target.first_failure
     if first is None or target.n_failed <= NEGLIGIBLE_FAILURES * target.n_evaluations:
         return []
-    values = model_class.values(first.z[None])[0]
-    each = zip(model_class.parameter_names, values, strict=True)
-    where = ", ".join(f"{name} = {value:.6g}" for name, value in each)
+    z, reason = first
+    named = zip(model_class.parameter_names, model_class.values(z[None])[0], strict=True)
+    where = ", ".join(f"{name} = {value:.6g}" for name, value in named)
     return [
         f"the model failed at {target.n_failed} of {target.n_evaluations} evaluations, which count "
-        f"as likelihood zero; the first time at {where}: {first.reason}"
+        f"as likelihood zero; the first time at {where}: {reason}"
     ]
 
 

@@ -20,8 +20,7 @@ import numpy as np
 
 from bayes_ssi.sampling.bridge import bridge_sampling
 from bayes_ssi.sampling.estimates import EvidenceEstimate
-from bayes_ssi.sampling.importance import ImportanceSample
-from bayes_ssi.sampling.importance_sampler import ImportanceSampler
+from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.sampling.maxima import Maxima
 from bayes_ssi.sampling.mixture import DRAWS_PER_DIMENSION, StudentMixture, choose_mixture
 from bayes_ssi.sampling.multistart import search_maxima

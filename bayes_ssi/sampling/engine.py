@@ -26,8 +26,7 @@ from bayes_ssi.sampling.bridge import bridge_sampling
 from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, PARETO_K_LIMIT
 from bayes_ssi.sampling.economical import sample_economically
 from bayes_ssi.sampling.ensembles import Ensemble, Walkers, run_ensemble
-from bayes_ssi.sampling.importance import ImportanceSample
-from bayes_ssi.sampling.importance_sampler import ImportanceSampler
+from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.sampling.maxima import find_maxima
 from bayes_ssi.sampling.multistart import search_maxima
 from bayes_ssi.sampling.proposals import ProposalFitting

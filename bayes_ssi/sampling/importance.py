@@ -1,9 +1,9 @@
-"""Importance samples: posterior draws with weights, whose mean is the evidence; in log space."""
+"""Mixture importance sampling: weighted posterior draws, whose mean weight is the evidence."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,19 +11,18 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.sampling.diagnostics import pareto_shape
+from bayes_ssi.sampling.diagnostics import LARGEST_WEIGHT, PARETO_K_LIMIT, pareto_shape
 from bayes_ssi.sampling.ensembles import Ensemble
 from bayes_ssi.sampling.estimates import Estimate
-from bayes_ssi.sampling.mixture import StudentMixture
+from bayes_ssi.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.sampling.resampling import systematic_indices
-from bayes_ssi.sampling.target import log_standard_normal
+from bayes_ssi.sampling.target import Target, log_standard_normal
 
-__all__ = ["ImportanceSample"]
+__all__ = ["ImportanceSample", "ImportanceSampler"]
 
-# The variance within a stratum is estimated from at least this many draws.
-LEAST_STRATUM = 20
 # Posterior draws made of one importance sample: enough for quantiles, few enough to be stored.
 MAX_RESAMPLED = 5000
+MAX_ADDED_COMPONENTS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +96,10 @@ class ImportanceSample:
     def _error_of_sum(self, terms: FloatArray) -> float:
         """Standard error of the sum of one term (n,) a draw, by strata."""
         counts = np.bincount(self.strata)
-        # Strata with too few draws to know their variance count as one.
-        strata = np.where(counts[self.strata] < LEAST_STRATUM, -1, self.strata)
-        each = [terms[strata == k] for k in np.unique(strata)]
-        return math.sqrt(sum(len(own) * own.var(ddof=1) for own in each if len(own) > 1))
+        # Strata of fewer than 20 draws, too few to know their variance, count as one.
+        strata = np.where(counts[self.strata] < 20, -1, self.strata)
+        parts = [terms[strata == k] for k in np.unique(strata)]
+        return math.sqrt(sum(len(part) * part.var(ddof=1) for part in parts if len(part) > 1))
 
     @property
     def log_likelihood_mean(self) -> float:
@@ -145,3 +144,119 @@ class ImportanceSample:
             autocorrelation_times=np.full(positions.shape[-1], time),
             acceptance=len(np.unique(chosen)) / n,
         )
+
+
+@dataclass(frozen=True)
+class ImportanceSampler:
+    """Draws importance samples of one target.
+
+    Attributes:
+        target: whose likelihood weights the draws.
+        rng: everything random follows from it.
+        batch: draws made at once, of which a sixth go to a component that is added.
+        prior_share: weight of the prior N(0, I) in every mixture. It bounds the importance
+            weights, and shows what the other components miss; nearly all of its draws are lost.
+        least_efficiency: components are added until the effective sample size is this share of
+            the draws.
+        max_draws: of one sample.
+    """
+
+    target: Target
+    rng: np.random.Generator
+    batch: int = 3000
+    prior_share: float = 0.02
+    least_efficiency: float = 0.0
+    max_draws: int = 200_000
+
+    def sample(self, mixture: StudentMixture) -> ImportanceSample:
+        """A batch of draws from ``mixture``, to which the prior component is added."""
+        return self._draw(mixture.with_prior_component(self.prior_share), self.batch)
+
+    def refined(self, sample: ImportanceSample, wanted_error: float) -> ImportanceSample:
+        """``sample`` and more draws, until the log evidence's error is ``wanted_error``.
+
+        The number of draws follows from the error of those that there are. Where the weights have
+        a heavy tail, a single one is heavy, or the efficiency is too low, components are first
+        added at the heaviest draws (incremental mixture importance sampling, Raftery and Bao
+        2010).
+        """
+        left_to_add = MAX_ADDED_COMPONENTS
+        while True:
+            if left_to_add and self._is_poor(sample):
+                sample = self._with_component(sample)
+                left_to_add -= 1
+            elif sample.estimate.error > wanted_error and len(sample.z) < self.max_draws:
+                sample = self.extended(sample, (sample.estimate.error / wanted_error) ** 2)
+            else:
+                return sample
+
+    def extended(self, sample: ImportanceSample, factor: float) -> ImportanceSample:
+        """``sample`` with about ``factor`` times as many draws, at most four times."""
+        n = len(sample.z)
+        wanted = int(min(1.1 * factor * n, 4.0 * n, self.max_draws))
+        more = self._draw(sample.mixture, max(wanted - n, self.batch))
+        return ImportanceSample(
+            sample.mixture,
+            np.concatenate([sample.z, more.z]),
+            np.concatenate([sample.log_likelihoods, more.log_likelihoods]),
+            np.concatenate([sample.log_proposals, more.log_proposals]),
+            np.concatenate([sample.strata, more.strata]),
+        )
+
+    def _is_poor(self, sample: ImportanceSample) -> bool:
+        return (
+            sample.pareto_k > PARETO_K_LIMIT
+            or sample.weights.max() > LARGEST_WEIGHT
+            or sample.efficiency < self.least_efficiency
+        )
+
+    def _draw(self, mixture: StudentMixture, n: int) -> ImportanceSample:
+        """``n`` draws, of every component in proportion to its weight."""
+        expected = n * mixture.all_weights
+        counts = np.floor(expected).astype(np.intp)
+        left_over = systematic_indices(expected - counts, n - int(counts.sum()), self.rng)
+        counts += np.bincount(left_over, minlength=len(counts))
+        z = mixture.draw(counts, self.rng)
+        strata = np.repeat(np.arange(len(counts)), counts)
+        return ImportanceSample(
+            mixture, z, self.target.log_likelihood(z), mixture.log_pdf(z), strata
+        )
+
+    def _with_component(self, sample: ImportanceSample) -> ImportanceSample:
+        """The sample with one more component, and draws from it, at its heaviest draw.
+
+        All draws are weighted anew against the larger mixture, in which every component counts by
+        the draws that it gave.
+        """
+        n = len(sample.z)
+        more = max(self.batch, n) // 6
+        component = _around_heaviest_draw(sample)
+        mixture = sample.mixture.mixed_with(component, more / (n + more))
+        mixture = replace(mixture, prior_share=sample.mixture.prior_share * n / (n + more))
+        drawn = component.draw(np.array([more, 0]), self.rng)
+        z = np.concatenate([sample.z, drawn])
+        last = sample.mixture.n_components
+        # Strata are numbered as the components are, the prior last.
+        strata = np.where(sample.strata == last, last + 1, sample.strata)
+        return ImportanceSample(
+            mixture,
+            z,
+            np.concatenate([sample.log_likelihoods, self.target.log_likelihood(drawn)]),
+            mixture.log_pdf(z),
+            np.concatenate([strata, np.full(more, last)]),
+        )
+
+
+def _around_heaviest_draw(sample: ImportanceSample) -> StudentMixture:
+    """One component with the spread of the heaviest draw's neighbours."""
+    n, d = sample.z.shape
+    centre = sample.z[sample.weights.argmax()]
+    weights = 0.5 * (sample.weights + 1.0 / n)
+    spread = np.sqrt(np.maximum(sample.weights @ (sample.z - centre) ** 2, 1e-300))
+    distances = (((sample.z - centre) / spread) ** 2).sum(1)
+    near = np.argsort(distances)[: max(int(0.05 * n), 2 * d + 1)]
+    away = sample.z[near] - centre
+    covariance = (away * weights[near, None]).T @ away / weights[near].sum()
+    floor = 1e-6 * max(float(np.trace(covariance)) / d, 1e-300)
+    cholesky = np.linalg.cholesky(covariance + floor * np.eye(d))
+    return StudentMixture(np.ones(1), centre[None], cholesky[None], np.full(1, HEAVY_TAILS))

@@ -125,22 +125,18 @@ def _distinct(target: Target, ends: FloatArray, log_posteriors: FloatArray) -> M
     reached = np.isfinite(log_posteriors)
     if not reached.any():
         raise ValueError("find_maxima: the likelihood is zero at every start")
-    order = np.argsort(-np.where(reached, log_posteriors, -np.inf))[: reached.sum()]
-    ends, log_posteriors = ends[order], log_posteriors[order]
-    lowest = log_posteriors[0] + NEGLIGIBLE_LOG_MASS - target.n_dimensions
-    distinct: list[Maxima] = []
-    while len(ends) and log_posteriors[0] >= lowest and len(distinct) < MAX_MAXIMA:
-        precision = _precision(target, ends[0], float(log_posteriors[0]))
-        maximum = Maxima(ends[:1], log_posteriors[:1], precision[None])
-        distinct.append(maximum)
-        elsewhere = ~maximum.are_at(ends)[0]
-        elsewhere[0] = False
-        ends, log_posteriors = ends[elsewhere], log_posteriors[elsewhere]
-    return Maxima(
-        np.concatenate([each.z for each in distinct]),
-        np.concatenate([each.log_posteriors for each in distinct]),
-        np.concatenate([each.precisions for each in distinct]),
-    )
+    left = np.argsort(-np.where(reached, log_posteriors, -np.inf))[: reached.sum()]
+    lowest = log_posteriors[left[0]] + NEGLIGIBLE_LOG_MASS - target.n_dimensions
+    highest: list[int] = []
+    precisions: list[FloatArray] = []
+    while len(left) and log_posteriors[left[0]] >= lowest and len(highest) < MAX_MAXIMA:
+        top, left = left[0], left[1:]
+        precision = _precision(target, ends[top], float(log_posteriors[top]))
+        maximum = Maxima(ends[[top]], log_posteriors[[top]], precision[None])
+        highest.append(top)
+        precisions.append(precision)
+        left = left[~maximum.are_at(ends[left])[0]]
+    return Maxima(ends[highest], log_posteriors[highest], np.array(precisions))
 
 
 def _ascend(

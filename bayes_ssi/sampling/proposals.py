@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.ensembles import Ensemble
-from bayes_ssi.sampling.importance import ImportanceSample
-from bayes_ssi.sampling.importance_sampler import ImportanceSampler
+from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.sampling.maxima import Maxima
 from bayes_ssi.sampling.mixture import Proposal, StudentMixture, choose_mixture
 

@@ -11,7 +11,7 @@ from bayes_ssi.execution.batch import Evaluated, Function, evaluate
 from bayes_ssi.execution.journal import Journal
 from bayes_ssi.execution.workers import Workers
 
-__all__ = ["Failure", "Target", "log_standard_normal"]
+__all__ = ["Target", "log_standard_normal"]
 
 # Points of a journal that are evaluated again, to see that the model is still the same: a change
 # of the model would hardly spare all of them.
@@ -21,14 +21,6 @@ POINTS_TO_CHECK = 3
 def log_standard_normal(z: FloatArray) -> FloatArray:
     """log N(z; 0, I), (B,), for ``z`` (B, d)."""
     return -0.5 * np.einsum("bd,bd->b", z, z) - 0.5 * z.shape[1] * np.log(2.0 * np.pi)
-
-
-@dataclass(frozen=True, eq=False)
-class Failure:
-    """A point (d,) at which the model has no answer, and why."""
-
-    z: FloatArray
-    reason: str
 
 
 @dataclass
@@ -43,7 +35,7 @@ class Target:
         n_evaluations: points evaluated so far.
         n_failed: of these, at how many the function raised, gave NaN or lost its worker; they
             count as likelihood zero.
-        first_failure: where and why it failed first.
+        first_failure: the point (d,) at which it failed first, and why.
     """
 
     function: Function
@@ -52,7 +44,7 @@ class Target:
     journal: Journal | None = None
     n_evaluations: int = field(default=0, init=False)
     n_failed: int = field(default=0, init=False)
-    first_failure: Failure | None = field(default=None, init=False)
+    first_failure: tuple[FloatArray, str] | None = field(default=None, init=False)
 
     def log_likelihood(self, z: FloatArray) -> FloatArray:
         """The log-likelihood (B,) at ``z`` (B, d); -inf where the function failed.
@@ -70,7 +62,10 @@ class Target:
             self.n_failed += int(failed.sum())
             if self.first_failure is None:
                 row = int(np.argmax(failed))
-                self.first_failure = Failure(z[row].copy(), reasons.get(row) or self._why(z[row]))
+                # NaN in a batch: evaluated alone, the point may give a reason.
+                alone = {} if row in reasons else self._evaluate(z[[row]]).failures
+                reason = reasons.get(row) or alone.get(0, "the answer is NaN")
+                self.first_failure = (z[row].copy(), reason)
             values = np.where(failed, -np.inf, values)
         if np.isposinf(values).any():
             where = np.array2string(z[np.isposinf(values)][0], precision=3)
@@ -100,10 +95,6 @@ class Target:
                     "was made; remove it to begin again"
                 )
         return recalled
-
-    def _why(self, z: FloatArray) -> str:
-        """What the function says of a point (d,), NaN in a batch, where it is alone."""
-        return self._evaluate(z[None]).failures.get(0, "the answer is NaN")
 
     def _evaluate(self, z: FloatArray) -> Evaluated:
         if self.workers is None:

@@ -158,7 +158,7 @@ def test_errors_and_nan_of_a_function_are_reported_from_workers(workers, values,
         likelihoods = target.log_likelihood(z)
     assert np.isfinite(likelihoods[0])
     assert np.isneginf(likelihoods[1])
-    assert message in target.first_failure.reason
+    assert message in target.first_failure[1]
 
 
 def test_descriptions_tell_functions_apart():

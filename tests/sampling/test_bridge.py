@@ -7,7 +7,7 @@ import pytest
 
 from bayes_ssi.sampling.bridge import bridge_sampling
 from bayes_ssi.sampling.ensembles import Ensemble
-from bayes_ssi.sampling.importance_sampler import ImportanceSampler
+from bayes_ssi.sampling.importance import ImportanceSampler
 from bayes_ssi.sampling.mixture import StudentMixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
 

@@ -9,7 +9,7 @@ from bayes_ssi.posterior.checks import failed_checks
 from bayes_ssi.sampling import engine as sampling
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.ensembles import Ensemble, run_ensemble
-from bayes_ssi.sampling.importance_sampler import ImportanceSampler
+from bayes_ssi.sampling.importance import ImportanceSampler
 from bayes_ssi.sampling.maxima import find_maxima
 from bayes_ssi.sampling.mixture import StudentMixture
 from bayes_ssi.sampling.proposals import ProposalFitting

@@ -7,8 +7,7 @@ import pytest
 from scipy import stats
 
 from bayes_ssi.sampling.diagnostics import PARETO_K_LIMIT
-from bayes_ssi.sampling.importance import ImportanceSample
-from bayes_ssi.sampling.importance_sampler import ImportanceSampler
+from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.sampling.mixture import StudentMixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
