@@ -39,8 +39,7 @@ def main() -> None:
     try:
         stored = load_predictions(result, CLASSES / "shear_building.py")
         found = {
-            name: stored.of_class(name).transfer_functions(FREQUENCIES, ROOF, damping)
-            for name in NAMES
+            name: stored.of(name).transfer_functions(FREQUENCIES, ROOF, damping) for name in NAMES
         }
     except ValueError as error:
         print(f"Error: {error}; bayes-ssi rank model_classes/shear_building.py makes it",

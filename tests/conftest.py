@@ -301,6 +301,17 @@ def no_figures(monkeypatch):
     )
 
 
+@pytest.fixture
+def close_figures():
+    """Draws without a display, and leaves no figure open."""
+    import matplotlib as mpl
+    import matplotlib.pyplot as plt
+
+    mpl.use("agg")
+    yield
+    plt.close("all")
+
+
 def assert_one_line_error(result, *words):
     """A command's result is one line on standard error, exit code 2, and no traceback."""
     assert result.exit_code == 2

@@ -14,7 +14,7 @@ __all__ = ["new"]
 
 @click.command()
 @click.argument("name", type=click.Path(path_type=Path))
-@click.option("--kind", type=click.Choice(list(KINDS)), default="shear-building", show_default=True,
+@click.option("--kind", type=click.Choice(KINDS), default="shear-building", show_default=True,
               help="Kind of structure: storeys and floors, matrices of a finite-element program, "
               "or a Python function (around OpenSees, for instance).")  # fmt: skip
 def new(name: Path, kind: str) -> None:

@@ -17,7 +17,7 @@ __all__ = ["report"]
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="Directory of the report; RESULT/report by default.",
+    help="Directory of the report.  [default: RESULT/report]",
 )
 @click.option("--overwrite", is_flag=True, help="Replace an existing report.")
 @json_option

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 if TYPE_CHECKING:
     from bayes_ssi.predictions.predictions import Predictions
@@ -47,7 +48,7 @@ def response_request(
         if value is not None and not records:
             raise ValueError(f"{name}: applies to records, but no --record is given")
     ratios, remark = _damping(predicted, damping)
-    lowest = min(damping_ratios(ratios, len(_listed(ratios))))
+    lowest = damping_ratios(ratios, np.size(ratios)).min()
     output = _output(quantity, places) if places else default_output(first, quantity)
     remarks = [remark]
     frequencies = None
@@ -90,24 +91,16 @@ def _damping(predicted: StoredPredictions, text: str | None) -> tuple[Damping, s
     if text is None:
         default, source = default_damping(predicted.data)
         return default, f"Damping: {100 * default:.3g} % in all modes, {source}."
-    ratios = _ratios(text)
-    where = "in all modes" if isinstance(ratios, float) else "mode by mode"
-    each = ", ".join(f"{100 * ratio:.3g}" for ratio in _listed(ratios))
-    return ratios, f"Damping: {each} % {where}, as given."
-
-
-def _listed(ratios: Damping) -> Sequence[float]:
-    return [ratios] if isinstance(ratios, float) else ratios
-
-
-def _ratios(text: str) -> Damping:
     try:
         ratios = tuple(float(part) for part in text.split(","))
     except ValueError:
         raise ValueError(
             f"--damping: must be a fraction, or one for each mode separated by commas, got {text!r}"
         ) from None
-    return ratios if len(ratios) > 1 else ratios[0]
+    each = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)
+    if len(ratios) == 1:
+        return ratios[0], f"Damping: {each} % in all modes, as given."
+    return ratios, f"Damping: {each} % mode by mode, as given."
 
 
 def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
@@ -118,5 +111,5 @@ def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
     for place in places:
         if place.count(":") != 1:
             raise ValueError(f"--at: a drift is given as LOWER:UPPER, got {place!r}")
-    lower, upper = zip(*(place.split(":") for place in places), strict=True)
-    return Output(quantity, tuple(zip(lower, upper, strict=True)))
+    pairs = [place.partition(":") for place in places]
+    return Output(quantity, tuple((lower, upper) for lower, _, upper in pairs))

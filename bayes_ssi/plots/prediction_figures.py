@@ -23,11 +23,11 @@ from bayes_ssi.plots.figure_style import (
 from bayes_ssi.plots.matrix_plots import plot_mac
 from bayes_ssi.plots.response_plots import plot_time_history, plot_transfer_functions
 from bayes_ssi.plots.shape_plots import DrawnShape, plot_shapes
+from bayes_ssi.posterior.configuration_modes import moves_sideways
 from bayes_ssi.predictions.bands import Band
 from bayes_ssi.predictions.predicted_modes import predicted_modes, shown_places
 from bayes_ssi.predictions.predictions import Predictions
 from bayes_ssi.predictions.response_bands import ResponseBands
-from bayes_ssi.response.modal_response import ground_influence
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,13 +112,11 @@ def _mode_figures(
     own, structure = Predictions(best.name, (best,)), best.structure
     main = shown_places(own, data)
     places = (*main, *structure.appendages)
-    influence = ground_influence(structure)
     shapes = [
         DrawnShape(f"mode {label}", own.shapes(label, places, unit_over=main).band(level))
         for label in paired
     ]
-    sideways = influence is None or bool((influence == 1.0).all())
-    figure = plot_shapes(structure, places, shapes, sideways=sideways)
+    figure = plot_shapes(structure, places, shapes, sideways=moves_sideways(structure))
     title = f"{own.name!r}: mode shapes with {100 * level:g} % bands"
     figure.suptitle(title, fontsize=10, x=0.02, ha="left", parse_math=False)
     yield "mode_shapes", figure

@@ -19,10 +19,18 @@ from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.paired_modes import PairedModes
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.response.modal_response import ground_influence
 from bayes_ssi.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["LEVEL", "ConfigurationModes", "UpdatedMode", "UpdatedModes", "configuration_modes"]
+__all__ = [
+    "LEVEL",
+    "ConfigurationModes",
+    "UpdatedMode",
+    "UpdatedModes",
+    "configuration_modes",
+    "moves_sideways",
+]
 
 LEVEL = 0.95
 # Enough draws for the quantiles that a plot shows, at a small part of the sampling's cost.
@@ -170,9 +178,17 @@ def _updated_modes(
         places,
         tuple(float(heights[place]) for place in places),
         tuple(place for place in places if place in structure.appendages),
-        type(structure).heights is not Structure.heights,
+        moves_sideways(structure),
         tuple(records),
     )
+
+
+def moves_sideways(structure: Structure) -> bool:
+    """Whether its degrees of freedom are floors that all move in the direction of the ground."""
+    if type(structure).heights is Structure.heights:
+        return False
+    influence = ground_influence(structure)
+    return influence is not None and bool((influence == 1.0).all())
 
 
 def _signs(identified: FloatArray | None, seen: FloatArray, shapes: FloatArray) -> FloatArray:

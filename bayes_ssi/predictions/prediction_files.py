@@ -87,15 +87,9 @@ def save_predictions(
 
 
 def _peaks(each: ResponseBands) -> Iterator[Sequence[object]]:
-    peaks = [
-        (f"time history: {name}", each.request.unit, band) for name, band in each.peaks.items()
-    ]
-    if each.transfer_peaks is not None:
-        name = f"transfer function: {each.request.transfer_name}"
-        peaks.insert(0, (name, each.request.transfer_unit, each.transfer_peaks))
-    for name, unit, band in peaks:
-        for row in zip(each.request.output.labels, *band, strict=True):
-            yield (each.name, name, unit, *row)
+    transfer = f"transfer function: {each.request.transfer_name}"
+    for motion, *row in each.peak_rows():
+        yield (each.name, transfer if motion is None else f"time history: {motion}", *row)
 
 
 def _points(each: ResponseBands, points: FloatArray, band: Band) -> Iterator[Sequence[object]]:

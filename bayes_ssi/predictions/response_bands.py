@@ -6,7 +6,7 @@ Only bands are kept: the histories of a thousand draws at every place would not 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -103,6 +103,16 @@ class ResponseBands:
     @property
     def name(self) -> str:
         return self.predictions.name
+
+    def peak_rows(self) -> Iterator[tuple[str | None, str, str, float, float, float]]:
+        """Ground motion (None for transfer functions), unit, place, low, median and high."""
+        peaks: list[tuple[str | None, str, Band]] = []
+        if self.transfer_peaks is not None:
+            peaks.append((None, self.request.transfer_unit, self.transfer_peaks))
+        peaks += [(name, self.request.unit, band) for name, band in self.peaks.items()]
+        for motion, unit, band in peaks:
+            for place, *interval in zip(self.request.output.labels, *band, strict=True):
+                yield (motion, unit, place, *interval)
 
 
 def predict_responses(

@@ -37,28 +37,18 @@ class StoredPredictions:
         """The modes identified in the configuration."""
         return self.stored.tests[self.configuration]
 
-    def of(self, name: str) -> Predictions:
-        """Predictions of the model class ``name``, or of the average over all for ``"average"``.
-
-        Errors as those of :meth:`of_class` and :meth:`average`.
-        """
-        return self.average() if name == AVERAGE else self.of_class(name)
-
-    def of_class(self, name: str) -> Predictions:
-        """Predictions of one model class.
+    def of(self, name: str = AVERAGE) -> Predictions:
+        """Predictions of the model class ``name``; for ``"average"``, averaged over all classes
+        or hypotheses by their probabilities.
 
         Raises:
             ValueError: there is no class of that name, or it has changed since it was sampled.
         """
-        posterior = self.stored.posterior(name)
-        return predict_class(posterior, self.model_classes[name], self.n_draws, self.configuration)
-
-    def average(self) -> Predictions:
-        """Predictions averaged over all classes, or hypotheses, by their probabilities.
-
-        Raises:
-            ValueError: a class has changed since it was sampled.
-        """
+        if name != AVERAGE:
+            posterior = self.stored.posterior(name)
+            return predict_class(
+                posterior, self.model_classes[name], self.n_draws, self.configuration
+            )
         return predict_average(
             self.stored.comparison,
             self.stored.posteriors,

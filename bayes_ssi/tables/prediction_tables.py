@@ -83,10 +83,7 @@ def peak_table(responses: Sequence[ResponseBands]) -> Table:
         ("median", "band", "unit"),
     )
     for each in responses:
-        peaks = [(name, request.unit, band) for name, band in each.peaks.items()]
-        if each.transfer_peaks is not None:
-            peaks.insert(0, ("transfer", request.transfer_unit, each.transfer_peaks))
-        for name, unit, band in peaks:
-            for place, low, median, high in zip(request.output.labels, *band, strict=True):
-                add_row(table, each.name, name, place, f"{median:.4g}", interval(low, high), unit)
+        for motion, unit, place, low, median, high in each.peak_rows():
+            of = motion or "transfer"
+            add_row(table, each.name, of, place, f"{median:.4g}", interval(low, high), unit)
     return table

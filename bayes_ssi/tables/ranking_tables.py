@@ -75,13 +75,13 @@ def comparison_notes(comparison: Comparison) -> list[str]:
 def parameter_table(posterior: Posterior) -> Table:
     """Posterior mean, standard deviation and 90 % interval of every parameter.
 
-    The relative spread is that of the posterior over that of the prior: 1 where the data say
-    nothing.
+    The last column is the standard deviation of the posterior over that of the prior: 1 where the
+    data say nothing.
     """
     table = new_table(
         f"Parameters of {posterior.name!r}",
         ["parameter"],
-        ["mean", "sd", "5 %", "median", "95 %", "relative\nspread"],
+        ["mean", "sd", "5 %", "median", "95 %", "post./\nprior sd"],
     )
     for row in posterior.summary:
         numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)

@@ -99,7 +99,7 @@ def test_all_options(predict, saved, tmp_path):
                   "Record first: 4 samples, 0.5 s apart; peak 0.2 g.", "80 % band"):  # fmt: skip
         assert words in done.stdout
     output = Output("drift", (("ground", "floor 1"), ("floor 1", "floor 2")))
-    own = load_predictions(saved, n_draws=40).of_class("one k")
+    own = load_predictions(saved, n_draws=40).of("one k")
     expected = own.peak_responses(read_ground_motion(files[0]), output, (0.01, 0.03)).band(0.8)
     found = [row for row in rows(tmp_path / "out" / "peaks.csv")
              if (row["model_class"], row["of"]) == ("one k", "time history: first")]  # fmt: skip

@@ -21,6 +21,8 @@ from bayes_ssi.plots.updated_shapes import plot_mode_shapes
 from bayes_ssi.posterior.configuration_modes import configuration_modes
 from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow
 
+pytestmark = pytest.mark.usefixtures("close_figures")
+
 
 @pytest.fixture
 def updated(model_classes):
@@ -117,21 +119,21 @@ def test_parameters(make_posterior):
 
 def test_sensitivity():
     rows = [
-        SensitivityRow("as sampled", {}, {"a": 0.75, "b": 0.25}),
+        SensitivityRow("unchanged", {}, {"a": 0.75, "b": 0.25}),
         SensitivityRow("σ_f × 2", {}, {"a": 0.2, "b": 0.8}),
     ]
     ax = plot_sensitivity(Sensitivity(tuple(rows)))
     found = points(ax)
-    assert found["b, as sampled: probability 0.2500"] == pytest.approx([-np.log(3.0), 0])
+    assert found["b, unchanged: probability 0.2500"] == pytest.approx([-np.log(3.0), 0])
     assert found["b, σ_f × 2: probability 0.8000"] == pytest.approx([np.log(4.0), 1])
     with pytest.raises(ValueError, match="no ranking"):
         Sensitivity(())
 
 
 def test_classes_far_behind_do_not_hide_a_close_one():
-    row = SensitivityRow("as sampled", {}, {"a": 0.7, "b": 0.3, "c": 1e-200})
+    row = SensitivityRow("unchanged", {}, {"a": 0.7, "b": 0.3, "c": 1e-200})
     assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "symlog"
-    row = SensitivityRow("as sampled", {}, {"a": 0.7, "b": 0.3})
+    row = SensitivityRow("unchanged", {}, {"a": 0.7, "b": 0.3})
     assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "linear"
 
 

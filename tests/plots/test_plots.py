@@ -12,6 +12,8 @@ from bayes_ssi.plots.figure_style import figures_for_files, style
 from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.plots.result_figures import save_figures
 
+pytestmark = pytest.mark.usefixtures("close_figures")
+
 PNG = b"\x89PNG\r\n"
 
 

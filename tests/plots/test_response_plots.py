@@ -11,6 +11,8 @@ from bayes_ssi.plots.shape_plots import plot_building_shape, plot_shape_componen
 from bayes_ssi.predictions.bands import Band
 from bayes_ssi.predictions.predicted_modes import PredictedMode
 
+pytestmark = pytest.mark.usefixtures("close_figures")
+
 X = np.linspace(0.5, 2.5, 5)
 
 

@@ -65,7 +65,7 @@ def out(tmp_path):
 
 
 def test_responses_hold_the_bands_of_all_places(predicted, response_request, responses):
-    average = predicted.average()
+    average = predicted.of()
     for motion in response_request.motions:
         draws = average.time_histories(motion, OUTPUT, 0.02)
         np.testing.assert_allclose(
@@ -82,7 +82,7 @@ def test_responses_hold_the_bands_of_all_places(predicted, response_request, res
 def test_transfer_functions_from_a_force(predicted):
     response_request = ResponseRequest(OUTPUT, 0.02, FREQUENCIES, force_at="floor 1")
     found = predict_responses(predicted, "one k", response_request)
-    own = predicted.of_class("one k")
+    own = predicted.of("one k")
     expected = own.transfer_functions(FREQUENCIES, OUTPUT, 0.02, force_at="floor 1")
     np.testing.assert_allclose(found.transfer_functions, expected.band(0.95), rtol=1e-9)
     assert response_request.transfer_name == "acceleration / force at floor 1"
@@ -151,7 +151,7 @@ def test_tables_fit_a_terminal(predicted, responses):
     peaks = printed(peak_table(responses))
     (table,) = shape_tables(predicted.data, responses[0])
     assert max(map(len, (frequencies + peaks + printed(table)).splitlines())) <= 80
-    median = predicted.average().frequencies_hz("1").quantile(0.5)
+    median = predicted.of().frequencies_hz("1").quantile(0.5)
     assert f"{median:.4g}" in frequencies
     assert "0.618" in frequencies  # before
     assert peaks.count("floor 2") == 2 * 3
@@ -177,7 +177,7 @@ def test_figures(predicted, responses, tmp_path):
 
 
 def test_defaults(predicted):
-    average = predicted.average()
+    average = predicted.of()
     assert default_output(average, "acceleration").places == ("floor 2",)
     assert default_output(average, "drift").places == (("ground", "floor 2"),)
     ratio, source = default_damping(predicted.data)
@@ -198,13 +198,13 @@ def test_the_top_moves_along_with_the_ground(predicted, monkeypatch):
         return plain(self, values)._replace(influence=np.array([1.0, 0.0]))
 
     monkeypatch.setattr(structure, "modal_model", one_direction)
-    assert default_output(predicted.average(), "acceleration").places == ("floor 1",)
+    assert default_output(predicted.of(), "acceleration").places == ("floor 1",)
 
     def unknown(*_):
         raise TypeError("no masses")
 
     monkeypatch.setattr(structure, "modal_model", unknown)
-    assert default_output(predicted.average(), "acceleration").places == ("floor 2",)
+    assert default_output(predicted.of(), "acceleration").places == ("floor 2",)
 
 
 def test_default_frequencies_meet_every_peak(predicted):

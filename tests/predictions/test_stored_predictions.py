@@ -37,18 +37,18 @@ def test_a_stored_result_predicts_without_sampling(saved, tiny_study_file, monke
     named = load_predictions(saved, tiny_study_file, n_draws=50)
     for name in ("one k", "each k"):
         found = [
-            each.of_class(name).transfer_functions(FREQUENCIES, ROOF, 0.02).draws
+            each.of(name).transfer_functions(FREQUENCIES, ROOF, 0.02).draws
             for each in (by_record, named)
         ]
         assert found[0].shape == (50, 1, 20)
         np.testing.assert_array_equal(*found)
-    average = by_record.average()
+    average = by_record.of()
     probabilities = {row.name: row.probability for row in by_record.stored.comparison.classes}
     assert average.n_draws == 50
     for each in average.classes:
         assert len(each.values) == pytest.approx(50 * probabilities[each.name], abs=1)
     with pytest.raises(ValueError, match="no model class 'two k'; choose from 'one k', 'each k'"):
-        by_record.of_class("two k")
+        by_record.of("two k")
 
 
 @pytest.mark.parametrize("ranked", [("brace or wall", "x"), ("brace or wall",), ("x",)])
@@ -65,7 +65,7 @@ def test_classes_whose_pairing_was_inferred(tmp_path, tiny_study_file, ranked):
     save_result(ranking, tmp_path / "any", study_file=str(tiny_study_file))
     predicted = load_predictions(tmp_path / "any", n_draws=5)
     assert predicted.model_classes[name].pairing == "any"
-    assert predicted.of_class(name).n_draws == 5
+    assert predicted.of(name).n_draws == 5
 
 
 def test_the_study_file_is_not_there(saved, tiny_study_file):
@@ -116,12 +116,12 @@ def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
         assert built.structure.appendages == tuple(f"appendage {place.name}" for place in places)
         (sampled,) = (c for c in found.ranking.study.model_classes if c.name == hypothesis.name)
         assert class_record(built) == class_record(sampled)
-    average = predicted.average()
+    average = predicted.of()
     probabilities = {row.name: row.probability for row in found.ranking.comparison.classes}
     assert average.n_draws == 40
     for each in average.classes:
         assert len(each.values) == pytest.approx(40 * probabilities[each.name], abs=1)
-    draws = predicted.of_class("pendulum 1").transfer_functions(FREQUENCIES, ROOF, 0.02).draws
+    draws = predicted.of("pendulum 1").transfer_functions(FREQUENCIES, ROOF, 0.02).draws
     assert draws.shape == (40, 1, 20)
 
 
@@ -153,7 +153,7 @@ def test_a_hypothesis_on_a_structure_that_has_changed(searched, tmp_path):
     changed.write_text(TINY_STUDY.replace("(K * k1, K * k2)", "(K * k1, 2 * K * k2)"), "utf-8")
     predicted = load_predictions(searched[1], changed)
     with pytest.raises(ValueError, match="'no appendage' is not the one that was sampled"):
-        predicted.of_class("no appendage")
+        predicted.of("no appendage")
 
 
 @pytest.fixture
@@ -187,7 +187,7 @@ def test_several_configurations_each_predict_their_own(of_two_tests):
         ("bare", slice(0, 2), {"1": 1, "2": 2}), ("heavy", slice(2, 4), {"1": 1}),
     ):  # fmt: skip
         predicted = load_predictions(directory, n_draws=30, configuration=name)
-        for of in (predicted.of_class("each k"), predicted.average()):
+        for of in (predicted.of("each k"), predicted.of()):
             (each,) = of.classes
             assert each.pairing == pairing
             stored = posterior.frequencies_hz.reshape(-1, 4)[rows, columns]
@@ -224,8 +224,8 @@ def test_the_study_file_has_changed(saved, tiny_study_file):
     tiny_study_file.write_text(text.replace("(K * k, K * k)", "(K * k, 2 * K * k)"), "utf-8")
     predicted = load_predictions(saved)
     with pytest.raises(ValueError, match="model class 'one k' is not the one that was sampled"):
-        predicted.of_class("one k")
-    assert predicted.of_class("each k").n_draws == 1000
+        predicted.of("one k")
+    assert predicted.of("each k").n_draws == 1000
 
 
 def test_a_directory_that_is_not_there(tmp_path):

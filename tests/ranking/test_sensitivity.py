@@ -172,7 +172,7 @@ def test_a_ranking_that_stands_is_said_to_stand():
 
 
 def test_a_class_alone_leads_by_infinity():
-    row = SensitivityRow("as sampled", {"a": Estimate(0.0, 0.1)}, {"a": 1.0})
+    row = SensitivityRow("unchanged", {"a": Estimate(0.0, 0.1)}, {"a": 1.0})
     assert row.lead == math.inf
     assert sensitivity_table(Sensitivity((row,))).row_count == 1
 

@@ -81,7 +81,7 @@ def reported(tiny_ranking, tmp_path_factory):
     """A report of the tiny study, with a sensitivity and predictions beside it."""
     directory = tmp_path_factory.mktemp("r") / "result"
     rows = [
-        SensitivityRow("as sampled", {}, {"one k": 0.9, "each k": 0.1}),
+        SensitivityRow("unchanged", {}, {"one k": 0.9, "each k": 0.1}),
         SensitivityRow("σ_f × 2", {}, {"one k": 0.4, "each k": 0.6}, ("each k",)),
     ]
     extra = {"sensitivity.json": Sensitivity(tuple(rows))}
