@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,10 +51,9 @@ class IdentifiedMode:
                 f"got {self.label!r}"
             )
         _require_positive(self.frequency_hz, self._where("frequency_hz"))
-        if self.frequency_cov is not None:
-            _require_positive(self.frequency_cov, self._where("frequency_cov"))
-        if self.shape_sd is not None:
-            _require_positive(self.shape_sd, self._where("shape_sd"))
+        for name in ("frequency_cov", "shape_sd"):
+            if (number := getattr(self, name)) is not None:
+                _require_positive(number, self._where(name))
         if self.damping is not None and not 0 <= self.damping < 1:
             raise ValueError(
                 f"{self._where('damping')} must be a fraction of critical damping in [0, 1), "
@@ -93,10 +93,7 @@ class IdentifiedMode:
         """
         if self.shape is None:
             return None
-        real = self.shape
-        if np.iscomplexobj(real):
-            measured = real[np.isfinite(real)]
-            real = (real * np.exp(-0.5j * np.angle(np.sum(measured**2)))).real
+        real = _rotated(self.shape).real
         unit = real / np.sqrt(np.nansum(real**2))
         unit.setflags(write=False)
         return unit
@@ -110,8 +107,7 @@ class IdentifiedMode:
         """
         if self.shape is None or not np.iscomplexobj(self.shape):
             return 0.0
-        measured = self.shape[np.isfinite(self.shape)]
-        rotated = measured * np.exp(-0.5j * np.angle(np.sum(measured**2)))
+        rotated = _rotated(self.shape[np.isfinite(self.shape)])
         return math.degrees(math.asin(np.linalg.norm(rotated.imag) / np.linalg.norm(rotated)))
 
     @property
@@ -123,6 +119,13 @@ class IdentifiedMode:
     def scored_shape(self) -> FloatArray | None:
         """``unit_shape`` if it carries information; one component alone has no shape."""
         return self.unit_shape if self.n_measured >= 2 else None
+
+
+def _rotated(shape: NDArray[Any]) -> NDArray[Any]:
+    """A complex shape at the phase at which its real part is longest; a real shape itself."""
+    if not np.iscomplexobj(shape):
+        return shape
+    return shape * np.exp(-0.5j * np.angle(np.nansum(shape**2)))
 
 
 def require_name(name: str, what: str) -> None:

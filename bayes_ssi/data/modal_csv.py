@@ -101,7 +101,7 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
             "lowest and highest frequency (Hz) in which modes were sought"
         )
     low, high = band
-    sensors = tuple(c for c in columns if c not in REQUIRED_COLUMNS and c not in NUMBER_COLUMNS)
+    sensors = tuple(name for name in columns if name not in RESERVED_NAMES)
     try:
         return ModalData(modes, (low, high), sensors, source)
     except ValueError as error:
@@ -128,7 +128,7 @@ def write_modal_data(data: ModalData, path: str | Path) -> None:
         if data.source:
             writer.writerow(["# source", data.source])
         writer.writerow(["# band_hz", *(repr(float(bound)) for bound in data.band_hz)])
-        writer.writerow(["label", "frequency_hz", *optional, *data.sensors])
+        writer.writerow([*REQUIRED_COLUMNS, *optional, *data.sensors])
         for mode in data.modes:
             numbers = [getattr(mode, name) for name in ("frequency_hz", *optional)]
             components = [np.nan] * len(data.sensors) if mode.shape is None else mode.shape
@@ -237,12 +237,9 @@ def _mode(line: _Line, columns: list[str]) -> IdentifiedMode:
     }
     if "frequency_hz" not in numbers:
         raise line.error("frequency_hz: the cell is empty")
-    components = [
-        _component(text, name, line)
-        for name, text in cells.items()
-        if name not in REQUIRED_COLUMNS and name not in NUMBER_COLUMNS
-    ]
-    shape = np.array(components)
+    shape = np.array(
+        [_component(cells[name], name, line) for name in columns if name not in RESERVED_NAMES]
+    )
     measured = shape[np.isfinite(shape)]
     if not np.any(measured.imag):
         shape = shape.real

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.data.identified_mode import IdentifiedMode
+from bayes_ssi.data.identified_mode import IdentifiedMode, checked_band
 from bayes_ssi.data.modal_data import ModalData
 
 __all__ = ["modal_data_from_pyoma2"]
@@ -75,8 +75,7 @@ def modal_data_from_pyoma2(
         )
         for number, i in enumerate(order, start=1)
     )
-    low, high = (float(bound) for bound in band_hz)
-    return ModalData(modes, (low, high), sensors=tuple(names), source=source)
+    return ModalData(modes, checked_band(band_hz), sensors=tuple(names), source=source)
 
 
 def _column(result: Any, name: str, n: int) -> np.ndarray:

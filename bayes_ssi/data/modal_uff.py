@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.data.identified_mode import IdentifiedMode
+from bayes_ssi.data.identified_mode import IdentifiedMode, checked_band
 from bayes_ssi.data.modal_data import ModalData
 
 __all__ = ["is_universal_file", "read_modal_uff"]
@@ -67,7 +67,6 @@ def read_modal_uff(
         raise ValueError(f"{path}: no data set 55 with a normal or complex mode")
     modes = sorted((_frequency_and_damping(s), i) for i, s in enumerate(sets))
     named = dict(sensors) if sensors is not None else _moving_sensors(sets)
-    low, high = (float(bound) for bound in band_hz)
     try:
         return ModalData(
             tuple(
@@ -79,7 +78,7 @@ def read_modal_uff(
                 )
                 for number, ((frequency, damping), i) in enumerate(modes, start=1)
             ),
-            (low, high),
+            checked_band(band_hz),
             sensors=tuple(named),
             source=path.name,
         )

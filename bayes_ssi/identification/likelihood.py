@@ -150,19 +150,14 @@ class ModalLikelihood:
             modes: at these values.
         """
         terms = self.terms(values, modes)
-        log_likelihoods = np.empty((len(values), len(self.data.modes) + 1))
-        pair = {label: i for i, label in enumerate(self.pairing)}
-        scored = {pair_with_shape: k for k, pair_with_shape in enumerate(self.pairs.with_shape)}
-        for column, mode in enumerate(self.data.modes):
-            if mode.label not in pair:
-                log_likelihoods[:, column] = self._spurious_term(mode)
-                continue
-            i = pair[mode.label]
-            log_likelihoods[:, column] = terms.frequency[:, i]
-            if i in scored:
-                log_likelihoods[:, column] += terms.shape[:, scored[i]]
-        spurious = self.identification.expected_spurious_modes
-        log_likelihoods[:, -1] = terms.undetected - spurious
+        spurious = [self._spurious_term(mode) for mode in self.data.modes]
+        undetected = terms.undetected - self.identification.expected_spurious_modes
+        log_likelihoods = np.column_stack([np.tile(spurious, (len(values), 1)), undetected])
+        column = np.array(
+            [self.data.labels.index(m.label) for m in self.pairs.modes], dtype=np.intp
+        )
+        log_likelihoods[:, column] = terms.frequency
+        log_likelihoods[:, column[self.pairs.with_shape]] += terms.shape
         return log_likelihoods
 
     def frequency_sds_hz(self, values: FloatArray) -> FloatArray:
@@ -230,13 +225,10 @@ class ModalLikelihood:
             return np.zeros((len(modes.frequencies_hz), 0))
         variance = prediction_var + self.pairs.shape_var
         distances = self.pairs.shape_distances(self.shapes_at_sensors(modes))
-        return -distances / variance - self._log_normalisers(variance)
-
-    def _log_normalisers(self, variance: FloatArray) -> FloatArray:
-        """log Z_d(σ) of every paired shape, one evaluation for those that share σ and d."""
-        if self._fixed_normalisers is not None:
-            return self._fixed_normalisers
-        return _log_normalisers(variance, self.pairs)
+        normalisers = self._fixed_normalisers
+        if normalisers is None:
+            normalisers = _log_normalisers(variance, self.pairs)
+        return -distances / variance - normalisers
 
     @cached_property
     def _fixed_normalisers(self) -> FloatArray | None:

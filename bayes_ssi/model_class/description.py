@@ -6,7 +6,7 @@ import inspect
 import re
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from bayes_ssi.parameters import Parameter, Product
 from bayes_ssi.structures.structure import Structure
@@ -27,29 +27,16 @@ def described(structure: Structure) -> list[tuple[str, str]]:
     if not is_dataclass(structure):
         own = {**structure.description(), "degrees of freedom": [*structure.degrees_of_freedom]}
         return [first, *((name, _cut(in_words(value))) for name, value in own.items())]
-    lines = [
-        line
-        for field in fields(structure)
-        for line in _field(field.name, getattr(structure, field.name))
-    ]
-    lines.sort(key=lambda line: line.is_item)  # plain fields first
-    return [first, *((line.name, line.text) for line in lines)]
-
-
-class _Line(NamedTuple):
-    name: str
-    text: str
-    is_item: bool = False
-
-
-def _field(name: str, value: Any) -> list[_Line]:
-    if isinstance(value, (tuple, list)) and value and all(_has_fields(item) for item in value):
-        return [_Line(_words(type(item).__name__), _items(item), True) for item in value]
-    if _has_fields(value):
-        text = f"{_words(type(value).__name__)}: {_items(value)}"
-        return [_Line(name.replace("_", " "), text, True)]
-    text = _cut(in_words(value))
-    return [_Line(name.replace("_", " "), text)] if text else []
+    plain, items = [], []
+    for field in fields(structure):
+        name, value = field.name.replace("_", " "), getattr(structure, field.name)
+        if isinstance(value, (tuple, list)) and value and all(map(_has_fields, value)):
+            items += [(_words(type(item).__name__), _items(item)) for item in value]
+        elif _has_fields(value):
+            items.append((name, f"{_words(type(value).__name__)}: {_items(value)}"))
+        elif text := _cut(in_words(value)):
+            plain.append((name, text))
+    return [first, *plain, *items]
 
 
 def _has_fields(value: Any) -> bool:
@@ -61,15 +48,13 @@ def _items(item: Any) -> str:
     values = {field.name: getattr(item, field.name) for field in fields(item)}
     parts = [str(values.pop("label"))] if values.get("label") else []
     parts += [
-        f"{name.replace('_', ' ')}{' = ' if _is_quantity(value) else ' '}{in_words(value)}"
+        name.replace("_", " ")
+        + (" = " if isinstance(value, (float, Parameter, Product)) else " ")
+        + in_words(value)
         for name, value in values.items()
         if not (isinstance(value, (int, float)) and value == 1.0 and name.endswith("factor"))
     ]
     return _cut("; ".join(parts))
-
-
-def _is_quantity(value: Any) -> bool:
-    return isinstance(value, (float, Parameter, Product))
 
 
 def in_words(value: Any) -> str:

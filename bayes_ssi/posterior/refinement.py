@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,13 +41,13 @@ class RefinementSettings:
     Attributes:
         error_share: of the data's and the model's own errors that the approximation's error may
             be: added in quadrature, a tenth widens them by half a per cent.
-        error_quantile: of the own errors at the draws, that counts as their size.
+        error_quantile: of the own errors at the draws, which counts as their size.
         n_certified: draws at which errors are certified.
         n_searched: prior draws of the quick search that precedes sampling.
-        n_climbs: how many of the best of these it climbs from.
+        n_climbs: how many of the best of these local searches start from.
         n_confirmed: draws at which full solutions correct the evidence.
         most_rounds: of sampling and refining.
-        largest_correction: of the log evidence, that so few draws can be trusted with.
+        largest_correction: of the log evidence that these draws can be trusted with.
     """
 
     error_share: float = 0.1
@@ -57,19 +58,6 @@ class RefinementSettings:
     n_confirmed: int = 16
     most_rounds: int = 4
     largest_correction: float = 0.3
-
-
-@dataclass(frozen=True)
-class Tolerance:
-    """Largest errors that the structure of a configuration may have.
-
-    Attributes:
-        frequency: relative error of frequencies.
-        shape: error of shapes at unit length.
-    """
-
-    frequency: float
-    shape: float
 
 
 def is_approximate(model_class: ModelClass) -> bool:
@@ -130,39 +118,45 @@ def _evenly_spaced_draws(posterior: Posterior, n: int) -> FloatArray:
     return posterior.values[at.astype(np.intp)]
 
 
-def _tolerances(
+class _Requirement(NamedTuple):
+    """Where the structure of a configuration must be accurate, and how accurate.
+
+    Attributes:
+        values: (B, n_parameters) of the structure.
+        frequency: largest relative error of frequencies.
+        shape: largest error of shapes at unit length.
+    """
+
+    values: FloatArray
+    frequency: float
+    shape: float
+
+
+def _requirements(
     model_class: ModelClass, values: FloatArray, settings: RefinementSettings
-) -> list[Tolerance]:
-    """Of every configuration's structure, from the own errors at ``values``."""
-    tolerances = []
-    for _, likelihood, own in model_class.parts(values):
+) -> list[_Requirement]:
+    """Those of every configuration, from the own errors at ``values``."""
+    requirements = []
+    for configuration, likelihood, own in model_class.parts(values):
         frequency, shape = (
             settings.error_share * float(np.quantile(each, settings.error_quantile))
             for each in likelihood.least_errors(own)
         )
-        tolerances.append(Tolerance(frequency, shape))
-    return tolerances
-
-
-def _structural_values(model_class: ModelClass, values: FloatArray) -> list[FloatArray]:
-    """The columns of each structure's own parameters."""
-    return [
-        own[:, : len(configuration.structure.parameters)]
-        for configuration, _, own in model_class.parts(values)
-    ]
+        of_structure = own[:, : len(configuration.structure.parameters)]
+        requirements.append(_Requirement(of_structure, frequency, shape))
+    return requirements
 
 
 def _more_accurate(
     model_class: ModelClass, values: FloatArray, settings: RefinementSettings
 ) -> ModelClass:
     """The class with structures accurate enough at all ``values``; itself if they are already."""
-    tolerances = _tolerances(model_class, values, settings)
-    own = _structural_values(model_class, values)
+    requirements = _requirements(model_class, values, settings)
 
     def accurate(structure: Structure, i: int) -> Structure:
         if not isinstance(structure, ApproximateStructure):
             return structure
-        return structure.accurate_at(own[i], tolerances[i].frequency, tolerances[i].shape)
+        return structure.accurate_at(*requirements[i])
 
     return model_class.with_structures(accurate)
 
@@ -172,24 +166,20 @@ def _certified(
 ) -> Posterior:
     """The posterior with remarks on how accurate the structures are at its draws."""
     values = _evenly_spaced_draws(posterior, settings.n_certified)
+    requirements = _requirements(model_class, values, settings)
     remarks, failed = [], []
-    for configuration, own, tolerance in zip(
-        model_class.configurations,
-        _structural_values(model_class, values),
-        _tolerances(model_class, values, settings),
-        strict=True,
-    ):
+    for configuration, required in zip(model_class.configurations, requirements, strict=True):
         if not isinstance(configuration.structure, ApproximateStructure):
             continue
         where = f"configuration {configuration.name!r}: " if configuration.name else ""
-        accuracy = configuration.structure.accuracy(own)
+        accuracy = configuration.structure.accuracy(required.values)
         remarks.append(where + accuracy.statement)
         # Inferred errors differ a little from round to round, and tolerances with them.
-        if accuracy.frequency > 2.0 * tolerance.frequency or accuracy.shape > 2.0 * tolerance.shape:
+        if accuracy.frequency > 2.0 * required.frequency or accuracy.shape > 2.0 * required.shape:
             failed.append(
                 f"{where}the approximate structure is certified only to {accuracy.frequency:.1g} "
                 f"of the frequency and {accuracy.shape:.1g} of a shape, not to "
-                f"{tolerance.frequency:.1g} and {tolerance.shape:.1g}, {settings.error_share:g} of "
+                f"{required.frequency:.1g} and {required.shape:.1g}, {settings.error_share:g} of "
                 "the data's and model's errors; allow it more full solutions"
             )
     return replace(

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import ClassVar
 
 from bayes_ssi.parameters import Product, Value, as_product, positive_product
 
@@ -81,9 +82,13 @@ class Element(ABC):
         """The element without stiffness and dynamics, as in the incorrect model: mass alone."""
         return self
 
-    def _check_quantities(self, *names: str) -> None:
-        for name in names:
-            positive_product(getattr(self, name), f"{self.label}: {name}")
+    def _check(self, default_label: str) -> None:
+        """Give the element that label if it has none, and check its quantities."""
+        if not self.label:
+            object.__setattr__(self, "label", default_label)
+        for field in fields(self):  # type: ignore[arg-type]
+            if field.type == "Value":
+                positive_product(getattr(self, field.name), f"{self.label}: {field.name}")
 
 
 @dataclass(frozen=True)
@@ -105,7 +110,7 @@ class AddedMass(Element):
     label: str = "added mass"
 
     def __post_init__(self) -> None:
-        self._check_quantities("mass")
+        self._check("added mass")
         shares = [share for _, share in self.shares]
         if any(not share > 0 for share in shares) or not math.isclose(sum(shares), 1.0):
             raise ValueError(
@@ -156,14 +161,12 @@ class Pendulum(_InSeries):
     label: str = ""
 
     def __post_init__(self) -> None:
-        if not self.label:
-            object.__setattr__(self, "label", f"pendulum {self.on}")
+        self._check(f"pendulum {self.on}")
         if self.on == 0 or self.on == self.label:
             raise ValueError(
                 f"{self.label}: an appendage must stand on a floor or another degree of freedom, "
                 f"got on={self.on!r}"
             )
-        self._check_quantities("mass", "frequency", "stiffness_factor")
 
     def springs(self) -> Sequence[Spring]:
         stiffness = self._stiffness(as_product(self.mass))
@@ -176,19 +179,15 @@ class Pendulum(_InSeries):
         return AddedMass(self.mass, ((self.on, 1.0),), label=f"{self.label}, as mass")
 
 
+@dataclass(frozen=True)
 class _Infill(Element):
     """An element between two floors."""
 
     between: tuple[int, int]
     mass: Value
+    kind: ClassVar[str] = "infill"
 
-    def as_mass(self) -> AddedMass:
-        """Half of the mass on each of the two floors."""
-        low, high = self.between
-        return AddedMass(self.mass, ((low, 0.5), (high, 0.5)), label=f"{self.label}, as mass")
-
-    def _check_place_and_label(self, kind: str) -> None:
-        """Check the two floors, and name the infill after them if it has no name."""
+    def __post_init__(self) -> None:
         floors = self.between
         valid = (
             isinstance(floors, (tuple, list))
@@ -199,12 +198,16 @@ class _Infill(Element):
         )
         if not valid:
             raise ValueError(
-                f"{self.label or kind}: between must be two different floors such as (1, 2), "
+                f"{self.label or self.kind}: between must be two different floors such as (1, 2), "
                 f"0 being the ground, got {floors!r}"
             )
         object.__setattr__(self, "between", tuple(floors))
-        if not self.label:
-            object.__setattr__(self, "label", f"{kind} {floors[0]}-{floors[1]}")
+        self._check(f"{self.kind} {floors[0]}-{floors[1]}")
+
+    def as_mass(self) -> AddedMass:
+        """Half of the mass on each of the two floors."""
+        low, high = self.between
+        return AddedMass(self.mass, ((low, 0.5), (high, 0.5)), label=f"{self.label}, as mass")
 
 
 @dataclass(frozen=True)
@@ -223,14 +226,9 @@ class InPlaneInfill(_Infill):
         ValueError, TypeError: as those of every :class:`Element`.
     """
 
-    between: tuple[int, int]
-    mass: Value
     stiffness: Value
     label: str = ""
-
-    def __post_init__(self) -> None:
-        self._check_place_and_label("in-plane infill")
-        self._check_quantities("mass", "stiffness")
+    kind: ClassVar[str] = "in-plane infill"
 
     def springs(self) -> Sequence[Spring]:
         low, high = self.between
@@ -258,15 +256,9 @@ class OutOfPlaneInfill(_Infill, _InSeries):
         ValueError, TypeError: as those of every :class:`Element`.
     """
 
-    between: tuple[int, int]
-    mass: Value
     frequency: Value
     stiffness_factor: Value = 1.0
     label: str = ""
-
-    def __post_init__(self) -> None:
-        self._check_place_and_label("infill")
-        self._check_quantities("mass", "frequency", "stiffness_factor")
 
     def springs(self) -> Sequence[Spring]:
         low, high = self.between

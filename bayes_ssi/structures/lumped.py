@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Self
 
@@ -88,21 +88,25 @@ class LumpedStructure(Structure):
                 )
         self.sensor_matrix([sensor.label for sensor in self.sensors])
 
-    def _check_storeys(self, *names: str, also: Sequence[str] = ()) -> None:
-        """Check that some fields have one positive value a storey; make them tuples.
+    @property
+    def _storey_fields(self) -> list[str]:
+        """The fields that hold one quantity for each storey or floor."""
+        return [field.name for field in fields(self) if field.type == "tuple[Value, ...]"]
+
+    def _check_storeys(self, *others: str) -> None:
+        """Check that there is one positive value a storey in each field; make these tuples.
 
         Args:
-            names: of the fields.
-            also: fields as long as these, of other kinds of values.
+            others: fields as long as these, of other kinds of values.
 
         Raises:
             ValueError: their lengths differ or are zero, or a value can be zero or negative.
             TypeError: a value is neither a number nor a Parameter.
         """
-        kind = type(self).__name__
+        kind, names = type(self).__name__, self._storey_fields
         for name in names:
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        counts = {name: len(getattr(self, name)) for name in (*names, *also)}
+        counts = {name: len(getattr(self, name)) for name in (*names, *others)}
         if len(set(counts.values())) != 1 or 0 in counts.values():
             listed = ", ".join(f"{count} {name}" for name, count in counts.items())
             raise ValueError(f"{kind}: needs one of each a storey, at least one, got {listed}")
@@ -162,7 +166,7 @@ class LumpedStructure(Structure):
     def modal_model(self, values: FloatArray) -> ModalModel:
         """As :meth:`Structure.modal_model`; how degrees of freedom follow the ground is known."""
         modes, mass = self.modes(values), self._mass.evaluate(values)
-        if self._mass_is_diagonal:
+        if mass.ndim == 2:
             product = mass[:, :, None] * modes.shapes
         else:
             product = np.einsum("bij,bjm->bim", mass, modes.shapes)
@@ -217,10 +221,6 @@ class LumpedStructure(Structure):
         return AffineArray.of(
             [(mass, array.diagonal()) for mass, array in terms], self.parameters, (n,)
         )
-
-    @property
-    def _mass_is_diagonal(self) -> bool:
-        return self._mass.arrays.ndim == 2
 
     def _outer(self, direction: Sequence[tuple[Place, float]]) -> FloatArray:
         """``v vᵀ``, (n, n), of the displacement ``Σ component · x(place)``."""

@@ -78,7 +78,20 @@ class RigidFloors(LumpedStructure):
 
 
 @dataclass(frozen=True)
-class FloorMass(Element):
+class _OnFloor(Element):
+    """A mass on a floor of a structure in space."""
+
+    on: int
+    mass: Value
+
+    def _check(self, default_label: str) -> None:
+        super()._check(default_label)
+        if not isinstance(self.on, int) or isinstance(self.on, bool) or self.on < 1:
+            raise ValueError(f"{self.label}: on must be a floor from 1 upwards, got {self.on!r}")
+
+
+@dataclass(frozen=True)
+class FloorMass(_OnFloor):
     """A mass that rides on a floor of a structure in space, in x, y and torsion.
 
     Attributes:
@@ -91,14 +104,11 @@ class FloorMass(Element):
         ValueError, TypeError: as those of every :class:`Element`.
     """
 
-    on: int
-    mass: Value
     radius: Value
     label: str = ""
 
     def __post_init__(self) -> None:
-        _set_label_and_check_floor(self, f"mass on floor {self.on}")
-        self._check_quantities("mass", "radius")
+        self._check(f"mass on floor {self.on}")
 
     def masses(self) -> Sequence[PointMass]:
         mass, radius = as_product(self.mass), as_product(self.radius)
@@ -106,7 +116,7 @@ class FloorMass(Element):
 
 
 @dataclass(frozen=True)
-class FloorBlock(Element):
+class FloorBlock(_OnFloor):
     """A point mass somewhere on a floor of a structure in space.
 
     Off the floor's centre it couples the floor's motions: its static moment counts, and its polar
@@ -122,14 +132,11 @@ class FloorBlock(Element):
         ValueError, TypeError: as those of every :class:`Element`.
     """
 
-    on: int
-    mass: Value
     at: tuple[float, float]
     label: str = ""
 
     def __post_init__(self) -> None:
-        _set_label_and_check_floor(self, f"block on floor {self.on}")
-        self._check_quantities("mass")
+        self._check(f"block on floor {self.on}")
         object.__setattr__(self, "at", _point(self.at, f"{self.label}: at"))
 
     def masses(self) -> Sequence[PointMass]:
@@ -189,10 +196,3 @@ def _point(at: Sequence[float], where: str) -> tuple[float, float]:
     if not (math.isfinite(x) and math.isfinite(y)):
         raise ValueError(f"{where} must be two coordinates, (x, y), got {at!r}")
     return x, y
-
-
-def _set_label_and_check_floor(element: FloorMass | FloorBlock, label: str) -> None:
-    if not element.label:
-        object.__setattr__(element, "label", label)
-    if not isinstance(element.on, int) or isinstance(element.on, bool) or element.on < 1:
-        raise ValueError(f"{element.label}: on must be a floor from 1 upwards, got {element.on!r}")

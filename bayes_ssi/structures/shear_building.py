@@ -34,7 +34,7 @@ class ShearBuilding(LumpedStructure):
     stiffnesses: tuple[Value, ...]
 
     def __post_init__(self) -> None:
-        self._check_storeys("masses", "stiffnesses")
+        self._check_storeys()
         super().__post_init__()
 
     def main_degrees_of_freedom(self) -> Sequence[str]:

@@ -53,10 +53,7 @@ class ShearBuilding3D(RigidFloors):
         centres = self.eccentricities or [(0.0, 0.0)] * len(self.masses)
         centres = tuple((float(x), float(y)) for x, y in centres)
         object.__setattr__(self, "eccentricities", centres)
-        self._check_storeys(
-            "masses", "radii_of_gyration", "stiffnesses_x", "stiffnesses_y",
-            "torsional_stiffnesses", also=("eccentricities",),
-        )  # fmt: skip
+        self._check_storeys("eccentricities")
         super().__post_init__()
 
     @property

@@ -30,12 +30,6 @@ from bayes_ssi.structures.rigid_floors import RigidFloors, rigid_masses
 
 __all__ = ["SpaceFrame"]
 
-NUMBERS = ("storey_heights", "x_lines", "y_lines")
-PER_STOREY = (
-    "column_inertias_x", "column_inertias_y", "beam_inertias_x", "beam_inertias_y", "masses",
-    "rotational_inertias",
-)  # fmt: skip
-
 
 @dataclass(frozen=True)
 class SpaceFrame(RigidFloors):
@@ -82,9 +76,9 @@ class SpaceFrame(RigidFloors):
     rotational_inertias: tuple[Value, ...]
 
     def __post_init__(self) -> None:
-        for name in NUMBERS:
+        for name in ("storey_heights", "x_lines", "y_lines"):
             object.__setattr__(self, name, _numbers(getattr(self, name), name))
-        self._check_storeys(*PER_STOREY, also=("storey_heights",))
+        self._check_storeys("storey_heights")
         if min(self.storey_heights) <= 0.0:
             raise ValueError(
                 f"SpaceFrame: storey_heights must be positive, got {self.storey_heights!r}"
@@ -106,10 +100,8 @@ class SpaceFrame(RigidFloors):
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Those of the frame, then those of the elements, in the order of first appearance."""
-        values = (
-            self.elastic_modulus,
-            *(value for name in PER_STOREY for value in getattr(self, name)),
-        )
+        of_storeys = (value for name in self._storey_fields for value in getattr(self, name))
+        values = (self.elastic_modulus, *of_storeys)
         own = (p for value in values for p in as_product(value).parameters)
         return collect_parameters((*own, *self._of_springs_and_masses))
 
@@ -117,11 +109,11 @@ class SpaceFrame(RigidFloors):
         return ()  # the frame's stiffness, condensed, is not a sum of springs
 
     def main_masses(self) -> Sequence[PointMass]:
-        each = enumerate(zip(self.masses, self.rotational_inertias, strict=True), 1)
+        floors = zip(self.masses, self.rotational_inertias, strict=True)
         return [
             point_mass
-            for floor, (mass, inertia) in each
-            for point_mass in rigid_masses(floor, as_product(mass), as_product(inertia))
+            for floor, inertias in enumerate(floors, 1)
+            for point_mass in rigid_masses(floor, *map(as_product, inertias))
         ]
 
     def matrices(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -200,17 +192,13 @@ def _condensed(stiffness: FloatArray, n_kept: int) -> FloatArray:
 def _column(height: float) -> FloatArray:
     """Per E I: displacement and rotation below, displacement and rotation above."""
     h = height
-    return (
-        np.array(
-            [
-                [12.0, 6.0 * h, -12.0, 6.0 * h],
-                [6.0 * h, 4.0 * h**2, -6.0 * h, 2.0 * h**2],
-                [-12.0, -6.0 * h, 12.0, -6.0 * h],
-                [6.0 * h, 2.0 * h**2, -6.0 * h, 4.0 * h**2],
-            ]
-        )
-        / h**3
-    )
+    rows = [
+        [12.0, 6.0 * h, -12.0, 6.0 * h],
+        [6.0 * h, 4.0 * h**2, -6.0 * h, 2.0 * h**2],
+        [-12.0, -6.0 * h, 12.0, -6.0 * h],
+        [6.0 * h, 2.0 * h**2, -6.0 * h, 4.0 * h**2],
+    ]
+    return np.array(rows) / h**3
 
 
 def _beam(span: float) -> FloatArray:
