@@ -10,24 +10,6 @@ import scipy.linalg
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = [
-    "BATCHED_UP_TO",
-    "NOT_SUPPORTED",
-    "ROUNDING",
-    "Eigenpairs",
-    "ModalModel",
-    "Modes",
-    "NoModesError",
-    "frequencies_hz",
-    "inverse_cholesky",
-    "lowest_eigenpairs",
-    "mac",
-    "modal_model",
-    "require_supported",
-    "solve_modes",
-    "too_few_modes",
-]
-
 # What is smaller, as a share of the largest number that it was computed from, may be rounding:
 # some hundred units in the last place.
 ROUNDING = 1e-13

@@ -17,16 +17,6 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.priors.prior import Prior
 
-__all__ = [
-    "Parameter",
-    "Product",
-    "ProductTable",
-    "Value",
-    "as_product",
-    "collect_parameters",
-    "positive_product",
-]
-
 # Largest prior probability of a value at or below zero in a field that must be positive: about one
 # of the likelihood evaluations of a run.
 NEGLIGIBLE_PROBABILITY = 1e-6

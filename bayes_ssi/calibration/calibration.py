@@ -17,8 +17,6 @@ from dataclasses import dataclass
 from bayes_ssi.calibration.least_squares import CalibrationProblem, Fit, distinct_minima
 from bayes_ssi.model_class.model_class import ModelClass
 
-__all__ = ["Calibration", "calibrate"]
-
 
 @dataclass(frozen=True)
 class Calibration:

@@ -15,15 +15,6 @@ from bayes_ssi.modal import Modes, mac
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
 
-__all__ = [
-    "CalibrationProblem",
-    "Fit",
-    "ModeFit",
-    "NothingToCalibrateError",
-    "distinct_minima",
-    "rms_distance",
-]
-
 # The search stays within this many prior standard deviations in standard-normal coordinates.
 FARTHEST = 8.0
 # At the cube root of the rounding error, central differences are the most accurate.

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["RESERVED_NAMES", "IdentifiedMode", "checked_band", "require_name"]
-
 # Columns of a file of modes, which sensors may not be named after.
 RESERVED_NAMES = ("label", "frequency_hz", "frequency_cov", "shape_sd", "damping")
 

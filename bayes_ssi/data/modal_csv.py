@@ -32,8 +32,6 @@ import numpy as np
 from bayes_ssi.data.identified_mode import RESERVED_NAMES, IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
 
-__all__ = ["read_modal_csv", "write_modal_data"]
-
 T = TypeVar("T", float, complex)
 
 REQUIRED_COLUMNS = ("label", "frequency_hz")

@@ -18,8 +18,6 @@ from bayes_ssi.data.identified_mode import (
 )
 from bayes_ssi.modal import mac
 
-__all__ = ["ModalData"]
-
 
 @dataclass(frozen=True, eq=False)
 class ModalData:

@@ -9,8 +9,6 @@ from bayes_ssi.data.modal_csv import read_modal_csv
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.data.modal_uff import is_universal_file, read_modal_uff
 
-__all__ = ["read_modal_data"]
-
 
 def read_modal_data(
     path: str | Path,

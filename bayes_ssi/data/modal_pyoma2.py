@@ -10,8 +10,6 @@ import numpy as np
 from bayes_ssi.data.identified_mode import IdentifiedMode, checked_band
 from bayes_ssi.data.modal_data import ModalData
 
-__all__ = ["modal_data_from_pyoma2"]
-
 
 def modal_data_from_pyoma2(
     result: Any,

@@ -12,8 +12,6 @@ import numpy as np
 from bayes_ssi.data.identified_mode import IdentifiedMode, checked_band
 from bayes_ssi.data.modal_data import ModalData
 
-__all__ = ["is_universal_file", "read_modal_uff"]
-
 DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
 # The analysis types of data sets 55 that are modes.
 NORMAL, COMPLEX, COMPLEX_SECOND_ORDER = 2, 3, 7

@@ -16,8 +16,6 @@ from bayes_ssi.finite_elements.matrix_files import Matrix, checked_matrix
 from bayes_ssi.parameters import Parameter, Product, ProductTable, Value, as_product
 from bayes_ssi.structures.affine_array import AffineArray
 
-__all__ = ["AffineMatrix"]
-
 
 @dataclass(frozen=True, eq=False)
 class AffineMatrix:

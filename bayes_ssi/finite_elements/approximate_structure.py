@@ -8,8 +8,6 @@ from typing import NamedTuple, Self
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["Accuracy", "ApproximateStructure", "exact_structure"]
-
 
 class Accuracy(NamedTuple):
     """How far the modes of an approximate structure may be from the exact ones.

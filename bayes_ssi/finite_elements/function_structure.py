@@ -28,8 +28,6 @@ from bayes_ssi.parameters import (
     collect_parameters,
 )
 
-__all__ = ["FunctionStructure"]
-
 
 class FunctionStructure(PointwiseStructure):
     """A structure whose modes or matrices are returned by a function of the parameters.

@@ -10,8 +10,6 @@ import scipy.sparse as sp
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["FILE_ROUNDING", "Matrix", "checked_matrix", "read_matrix"]
-
 Matrix = sp.csc_array
 
 # Errors, relative to the largest entry, of matrices that other programs wrote: they may have left

@@ -12,8 +12,6 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["PointwiseStructure"]
-
 # Memory for recent solutions: those of hundreds of draws at a thousand sensors.
 CACHE_BYTES = 64_000_000
 

@@ -32,8 +32,6 @@ from bayes_ssi.finite_elements.reducible_structure import Coefficients, System
 from bayes_ssi.finite_elements.sparse_factors import is_semidefinite, stiffness_factor
 from bayes_ssi.modal import ROUNDING, Eigenpairs, NoModesError, lowest_eigenpairs
 
-__all__ = ["Bounds", "ReducedBasis", "Reference"]
-
 # Random combinations in the sketch of a residual, and a factor on their mean square: the square of
 # the norm is larger in 4 of 10 000 cases (χ² with so many degrees of freedom).
 SKETCH_SIZE, SKETCH_MARGIN = 160, 1.5

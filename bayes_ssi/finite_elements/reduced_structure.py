@@ -18,8 +18,6 @@ from bayes_ssi.modal import ModalModel, Modes, NoModesError, lowest_eigenpairs, 
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.structures.affine_array import AffineArray
 
-__all__ = ["ReducedStructure"]
-
 # Directions that add less than this share of the required accuracy to a mode are left out, some of
 # which together remain below it.
 NEGLIGIBLE = 0.15
@@ -63,17 +61,13 @@ class ReducedStructure(ApproximateStructure):
         """
         if not isinstance(full, ReducibleStructure):
             raise TypeError(f"ReducedStructure: full must be a MatrixStructure, got {full!r}")
-        for name, value in (
-            ("frequency_error", frequency_error),
-            ("shape_error", shape_error),
-            ("most_full_solutions", most_full_solutions),
-            ("training_points", training_points),
-        ):
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"ReducedStructure: {name} must be positive, got {value!r}")
         self.full = full
         self.frequency_error, self.shape_error = frequency_error, shape_error
         self.most_full_solutions, self.training_points = most_full_solutions, training_points
+        for name in ("frequency_error", "shape_error", "most_full_solutions", "training_points"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"ReducedStructure: {name} must be positive, got {value!r}")
         self.n_full_solutions = 0
         self._basis: ReducedBasis | None = None
 
@@ -159,9 +153,8 @@ class ReducedStructure(ApproximateStructure):
 
     def accuracy(self, values: FloatArray) -> Accuracy:
         bounds = self.bounds(values)
-        frequency, shape = (
-            float(each.max(initial=0.0)) for each in (bounds.frequency, bounds.shape)
-        )
+        frequency = float(bounds.frequency.max(initial=0.0))
+        shape = float(bounds.shape.max(initial=0.0))
         return Accuracy(
             frequency,
             shape,

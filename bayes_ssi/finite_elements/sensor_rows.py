@@ -9,7 +9,7 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Sensors", "sensor_rows"]
+from bayes_ssi.structures.structure import listed
 
 # A larger model must name its sensors: every mode shape is kept at all of them.
 MOST_WITHOUT_SENSORS = 1000
@@ -64,10 +64,9 @@ def _row(name: str, place: object, n: int, row_of: Mapping[str, int]) -> int:
     if isinstance(place, str):
         if place in row_of:
             return row_of[place]
-        known = ", ".join(map(repr, row_of)) or "none: no labels were given"
         raise ValueError(
             f"sensor {name!r}: no degree of freedom is labelled {place!r}; labels are "
-            f"{known if len(known) < 300 else known[:300] + ', ...'}"
+            f"{listed(tuple(row_of)) or 'none: no labels were given'}"
         )
     if isinstance(place, Integral) and not isinstance(place, bool):
         if 0 <= int(place) < n:

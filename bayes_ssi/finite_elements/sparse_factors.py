@@ -16,15 +16,6 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.matrix_files import FILE_ROUNDING, Matrix
 from bayes_ssi.modal import NOT_SUPPORTED, NoModesError
 
-__all__ = [
-    "RELATIVE_GAP",
-    "Factor",
-    "count_below",
-    "fill_reducing_order",
-    "is_semidefinite",
-    "stiffness_factor",
-]
-
 # Modes are counted below a shift that differs from every (2πf)² by this share of it, and with a
 # factor that solves equations as accurately: closer to singular, pivots have no reliable signs.
 RELATIVE_GAP = 1e-6

@@ -31,8 +31,6 @@ from bayes_ssi.modal import (
     too_few_modes,
 )
 
-__all__ = ["DENSE_UP_TO", "lowest_modes"]
-
 # Smaller problems are solved faster as dense ones.
 DENSE_UP_TO = 150
 

@@ -18,8 +18,6 @@ from bayes_ssi.identification.paired_modes import PairedModes
 from bayes_ssi.identification.pairings import PairingWeights, log_sum, pair_probabilities
 from bayes_ssi.modal import Modes
 
-__all__ = ["ALL_MODES", "AnyPairing"]
-
 # The one datum of a test whose pairing is inferred.
 ALL_MODES = "all modes"
 

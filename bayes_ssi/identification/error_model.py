@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 from bayes_ssi.parameters import Parameter, Value, as_product, positive_product
 from bayes_ssi.priors.families import LogNormal
 
-__all__ = ["ErrorModel", "IdentificationModel"]
-
 
 def _default_frequency_cov() -> Parameter:
     return Parameter("frequency_cov", LogNormal(median=0.01, cov=1.0))

@@ -16,8 +16,6 @@ from bayes_ssi.identification.pairings import (
     sample_pairings,
 )
 
-__all__ = ["InferredPairing", "PairingShare", "infer_pairing"]
-
 MAX_DRAWS = 1000
 # What is less probable than a tenth of one draw is not listed.
 LEAST_PROBABILITY = 0.1 / MAX_DRAWS

@@ -36,8 +36,6 @@ from bayes_ssi.parameters import Parameter, Product, ProductTable, as_product, c
 from bayes_ssi.structures.sensors import SensorMatrix
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["MISSED", "ModalLikelihood", "ModalTerms", "row_sums"]
-
 # The datum that no other modes were identified.
 MISSED = "no other mode"
 

@@ -12,8 +12,6 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
 
-__all__ = ["PairedModes", "check_pairing"]
-
 
 @dataclass(frozen=True, eq=False)
 class PairedModes:

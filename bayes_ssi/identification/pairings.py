@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["PairingWeights", "left_out", "log_sum", "pair_probabilities", "sample_pairings"]
-
 WINDOW = 10
 _FLOAT = np.finfo(float)
 # Pairs of less weight relative to leaving both unpaired change the sum by less than rounding.

@@ -10,8 +10,6 @@ from scipy.special import gammaln
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["log_shape_normaliser", "log_sphere_area"]
-
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 # Terms of the series for small errors, which is used where the last one is negligible.
 TERMS = 12

@@ -10,8 +10,6 @@ from bayes_ssi.model_class.description import described, in_words
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.priors.prior import Prior
 
-__all__ = ["ClassRecord", "ConfigurationRecord", "ParameterRecord", "class_record"]
-
 
 @dataclass(frozen=True)
 class ParameterRecord:

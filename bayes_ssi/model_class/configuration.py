@@ -17,8 +17,6 @@ from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.paired_modes import check_pairing
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["Configuration", "choose_configuration", "joint_digest", "label_in"]
-
 T = TypeVar("T")
 
 

@@ -11,8 +11,6 @@ from typing import Any
 from bayes_ssi.parameters import Parameter, Product
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["described", "in_words"]
-
 # Some lines of a report; longer fields are cut.
 MOST_CHARACTERS = 300
 

@@ -20,8 +20,6 @@ from bayes_ssi.parameters import Parameter, collect_parameters
 from bayes_ssi.priors.prior import Prior
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["ModelClass"]
-
 Pairing = Mapping[str, int] | Literal["any"]
 
 

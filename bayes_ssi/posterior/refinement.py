@@ -31,8 +31,6 @@ from bayes_ssi.sampling.maxima import find_maxima
 from bayes_ssi.sampling.target import Target
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["RefinementSettings", "is_approximate", "refined"]
-
 
 @dataclass(frozen=True)
 class RefinementSettings:

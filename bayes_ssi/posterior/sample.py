@@ -12,8 +12,6 @@ from bayes_ssi.posterior.refinement import RefinementSettings, is_approximate, r
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
 from bayes_ssi.sampling.settings import SamplingSettings
 
-__all__ = ["sample"]
-
 
 def sample(
     model_class: ModelClass,

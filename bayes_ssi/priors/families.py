@@ -13,8 +13,6 @@ from scipy.special import erf, erfcinv, erfinv, log_ndtr, ndtr, ndtri, ndtri_exp
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.priors.prior import Prior, require_finite, require_ordered, require_positive
 
-__all__ = ["HalfNormal", "LogNormal", "LogUniform", "Normal", "TruncatedNormal", "Uniform"]
-
 
 @dataclass(frozen=True)
 class Normal(Prior):

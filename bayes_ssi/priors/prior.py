@@ -12,14 +12,6 @@ from scipy.special import ndtr, ndtri
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = [
-    "Prior",
-    "Widened",
-    "require_finite",
-    "require_ordered",
-    "require_positive",
-]
-
 
 class Prior(ABC):
     """A proper distribution of one parameter.

@@ -11,8 +11,6 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["UNITS", "GroundMotion", "along_azimuth", "checked_unit"]
-
 # Unit of an acceleration → its value in m/s²; g is standard gravity, exact by definition.
 UNITS = {"g": 9.80665, "m/s2": 1.0, "cm/s2": 0.01}
 SPELLINGS = {"gal": "cm/s2", "g0": "g"}

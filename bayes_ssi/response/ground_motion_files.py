@@ -29,8 +29,6 @@ import numpy as np
 
 from bayes_ssi.response.ground_motion import UNITS, GroundMotion, checked_unit
 
-__all__ = ["read_ground_motion"]
-
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
 
 

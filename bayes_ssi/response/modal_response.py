@@ -24,13 +24,6 @@ from bayes_ssi.response.output import Damping, Output, damping_ratios
 from bayes_ssi.response.time_stepping import modal_histories
 from bayes_ssi.structures.structure import Structure
 
-__all__ = [
-    "ground_influence",
-    "peak_responses",
-    "time_histories",
-    "transfer_functions",
-]
-
 
 def modal_model_of(structure: Structure, values: FloatArray) -> ModalModel:
     """The structure's modal model, the shapes of its arrays checked.

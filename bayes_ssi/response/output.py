@@ -11,8 +11,6 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["GROUND", "Damping", "Output", "Quantity", "damping_ratios"]
-
 GROUND = "ground"
 Quantity = Literal["displacement", "acceleration", "drift"]
 # One ratio for all modes, or one for each.

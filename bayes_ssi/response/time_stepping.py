@@ -21,8 +21,6 @@ from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["modal_histories", "phi_functions"]
-
 ComplexArray = NDArray[np.complex128]
 
 

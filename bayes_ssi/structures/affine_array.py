@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.parameters import Parameter, Product, ProductTable
-
-__all__ = ["AffineArray"]
 
 
 @dataclass(frozen=True)
@@ -39,20 +36,13 @@ class AffineArray:
         arrays.setflags(write=False)
         return cls(table, arrays)
 
-    @cached_property
-    def _flat(self) -> FloatArray:
-        return self.arrays.reshape(len(self.arrays), -1)
-
-    @property
-    def is_fixed(self) -> bool:
-        return not any(product.powers for product in self.table.products)
-
     def evaluate(self, values: FloatArray) -> FloatArray:
         """(B, *shape); (1, *shape) where nothing depends on the parameters."""
-        shape = self.arrays.shape[1:]
-        if self.is_fixed:
+        n_terms, *shape = self.arrays.shape
+        if not any(product.powers for product in self.table.products):
             return self.arrays.sum(axis=0, keepdims=True)
         coefficients = self.table.evaluate(values)
         with np.errstate(invalid="ignore"):  # inf · 0 of a value that is not finite
             # A matrix product would round a row differently in a batch of another size.
-            return np.einsum("bt,tk->bk", coefficients, self._flat).reshape(-1, *shape)
+            total = np.einsum("bt,tk->bk", coefficients, self.arrays.reshape(n_terms, -1))
+            return total.reshape(-1, *shape)

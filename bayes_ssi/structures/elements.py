@@ -14,16 +14,6 @@ from typing import ClassVar
 
 from bayes_ssi.parameters import Product, Value, as_product, positive_product
 
-__all__ = [
-    "AddedMass",
-    "Element",
-    "InPlaneInfill",
-    "OutOfPlaneInfill",
-    "Pendulum",
-    "PointMass",
-    "Spring",
-]
-
 # Where a spring or a mass acts: a floor (0 is the ground), or a degree of freedom by its label.
 Place = int | str
 

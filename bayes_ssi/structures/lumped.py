@@ -23,8 +23,6 @@ from bayes_ssi.structures.elements import Element, Place, PointMass, Spring
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["LumpedStructure"]
-
 
 @dataclass(frozen=True)
 class LumpedStructure(Structure):

@@ -12,16 +12,6 @@ from bayes_ssi.structures.elements import Element, Place, PointMass
 from bayes_ssi.structures.lumped import LumpedStructure
 from bayes_ssi.structures.sensors import Sensor
 
-__all__ = [
-    "DIRECTIONS",
-    "FloorBlock",
-    "FloorMass",
-    "RigidFloors",
-    "floor_label",
-    "floor_sensor",
-    "rigid_masses",
-]
-
 DIRECTIONS = ("x", "y", "torsion")
 
 

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["Sensor", "SensorMatrix"]
-
 
 @dataclass(frozen=True)
 class Sensor:

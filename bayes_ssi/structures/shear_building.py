@@ -9,8 +9,6 @@ from bayes_ssi.parameters import Value, as_product
 from bayes_ssi.structures.elements import PointMass, Spring
 from bayes_ssi.structures.lumped import LumpedStructure
 
-__all__ = ["ShearBuilding"]
-
 
 @dataclass(frozen=True)
 class ShearBuilding(LumpedStructure):

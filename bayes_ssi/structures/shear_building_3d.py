@@ -9,16 +9,13 @@ from bayes_ssi.parameters import Value, as_product
 from bayes_ssi.structures.elements import Place, PointMass, Spring
 from bayes_ssi.structures.rigid_floors import RigidFloors, floor_label, rigid_masses
 
-__all__ = ["ShearBuilding3D"]
-
 
 @dataclass(frozen=True)
 class ShearBuilding3D(RigidFloors):
     """Rigid floors with three degrees of freedom each, on storeys that resist all three.
 
-    The degrees of freedom are ``"floor 1 x"``, ``"floor 1 y"``, ``"floor 1 torsion"`` and so on
-    upwards: displacements of the floor's centre of mass, and its rotation in radians. The centres
-    of mass lie above one another. Elements stand on a degree of freedom, by its label.
+    The degrees of freedom are those of the floors' centres of mass, which lie above one another,
+    as in :class:`~bayes_ssi.structures.rigid_floors.RigidFloors`.
 
     Attributes:
         masses: of the floors, from the lowest.

@@ -28,8 +28,6 @@ from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import PointMass, Spring
 from bayes_ssi.structures.rigid_floors import RigidFloors, rigid_masses
 
-__all__ = ["SpaceFrame"]
-
 
 @dataclass(frozen=True)
 class SpaceFrame(RigidFloors):
@@ -169,10 +167,12 @@ class SpaceFrame(RigidFloors):
             of_columns, of_beams = np.zeros((size, size)), np.zeros((size, size))
             joints = [n + floor * n_places + i for i in place]
             for joint in joints:
-                below = (floor - 1, joint - n_places) if floor else (None, None)
-                _add(of_columns, _column(height), (*below, floor, joint))
+                below = [floor - 1, joint - n_places] if floor else []  # the base is fixed
+                at = [*below, floor, joint]
+                np.add.at(of_columns, np.ix_(at, at), _column(height)[-len(at) :, -len(at) :])
             for i, span in enumerate(np.diff(lines)):
-                _add(of_beams, _beam(float(span)), (joints[i], joints[i + 1]))
+                ends = joints[i : i + 2]
+                np.add.at(of_beams, np.ix_(ends, ends), _beam(float(span)))
             terms.append((modulus * as_product(column), of_columns))
             terms.append((modulus * as_product(beam), of_beams))
         return AffineArray.of(terms, self.parameters, (size, size))
@@ -204,14 +204,6 @@ def _column(height: float) -> FloatArray:
 def _beam(span: float) -> FloatArray:
     """Per E I: rotations of the two ends, which columns keep from moving up or down."""
     return np.array([[4.0, 2.0], [2.0, 4.0]]) / span
-
-
-def _add(total: FloatArray, part: FloatArray, places: Sequence[int | None]) -> None:
-    """Add a member's stiffness at its degrees of freedom; None is the base, which is fixed."""
-    for i, row in enumerate(places):
-        for k, column in enumerate(places):
-            if row is not None and column is not None:
-                total[row, column] += part[i, k]
 
 
 def _numbers(values: Sequence[float], name: str) -> tuple[float, ...]:

@@ -13,8 +13,6 @@ from bayes_ssi.modal import ModalModel, Modes
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.structures.sensors import Sensor, SensorMatrix
 
-__all__ = ["Structure"]
-
 
 class Structure(ABC):
     """A structure with uncertain parameters.
@@ -93,7 +91,7 @@ class Structure(ABC):
                 choices = labels if name in combined else (*combined, *labels)
                 raise ValueError(
                     f"{what} {name!r}: the structure has no degree of freedom {missing!r}; "
-                    f"choose from {_listed(choices)}"
+                    f"choose from {listed(choices)}"
                 )
         return SensorMatrix.of(motions, labels)
 
@@ -115,7 +113,7 @@ class Structure(ABC):
         return np.array([[p.prior.quantile(0.5) for p in self.parameters]])
 
 
-def _listed(labels: Sequence[str], most: int = 30) -> str:
+def listed(labels: Sequence[str], most: int = 30) -> str:
     """Labels for a message; the first ones where there are many."""
     shown = ", ".join(map(repr, labels[:most]))
     return shown if len(labels) <= most else f"{shown} and {len(labels) - most} more"
