@@ -8,7 +8,7 @@ import re
 import sys
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,35 +39,26 @@ def _keep_quiet(text: str) -> None:
     del text
 
 
+@dataclass(frozen=True)
 class Checkpoint:
     """Journals of the model classes of one run.
 
     Attributes:
-        directory: absolute; made when the first journal is opened.
+        directory: of the journals, made when the first is opened inside one that exists; a
+            relative one is in the working directory of this process, also for its workers.
+        run: identifies the run, to recognise its own result later.
+        discard_others: whether another run's journals are thrown away instead of refused.
+        say: called with a line when an earlier run is resumed or a journal is damaged; a warning
+            by default.
     """
 
-    def __init__(
-        self,
-        directory: str | Path,
-        *,
-        run: str = "",
-        discard_others: bool = False,
-        say: Callable[[str], None] = _warn,
-    ) -> None:
-        """Use a directory for the journals of a run.
+    directory: Path
+    run: str = field(default="", kw_only=True)
+    discard_others: bool = field(default=False, kw_only=True)
+    say: Callable[[str], None] = field(default=_warn, kw_only=True)
 
-        Args:
-            directory: its parent must exist; a relative one is in the working directory of the
-                process that calls this, also for its workers.
-            run: identifies the run, to recognise its own result later.
-            discard_others: throw another run's journals away instead of refusing them.
-            say: called with a line when an earlier run is resumed or a journal is damaged; a
-                warning by default.
-        """
-        self.directory = Path(directory).absolute()
-        self._run = run
-        self._discard_others = discard_others
-        self._say = say
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "directory", Path(self.directory).absolute())
 
     def journal(self, model_class: ModelClass, seed: int, settings: DataclassInstance) -> Journal:
         """The journal of one model class, to be closed by the caller; a damaged one is replaced.
@@ -88,13 +79,13 @@ class Checkpoint:
         try:
             journal = Journal(path, run)
         except DamagedJournalError as error:
-            self._say(f"{error}; everything is computed again")
+            self.say(f"{error}; everything is computed again")
         except OtherRunError:
-            if not self._discard_others:
+            if not self.discard_others:
                 raise
         else:
             if journal.n_kept:
-                self._say(
+                self.say(
                     f"model class {model_class.name!r}: resumes after {journal.n_kept} evaluations"
                 )
             return journal
@@ -103,25 +94,23 @@ class Checkpoint:
 
     def silent(self) -> Checkpoint:
         """The same, saying nothing, for use in another process."""
-        return Checkpoint(
-            self.directory, run=self._run, discard_others=self._discard_others, say=_keep_quiet
-        )
+        return replace(self, say=_keep_quiet)
 
     def say_resumed(self, names: Iterable[str]) -> None:
         """Say which of these model classes have a journal, before they are sampled silently."""
         resumed = [name for name in names if self._path(name).exists()]
         if resumed:
-            self._say(f"resumes an earlier run of {', '.join(map(repr, resumed))}")
+            self.say(f"resumes an earlier run of {', '.join(map(repr, resumed))}")
 
     @property
     def is_saving(self) -> bool:
         """Whether this run was interrupted while, or after, it wrote its result."""
         marker = self.directory / SAVING
-        return marker.exists() and marker.read_text(encoding="utf-8") == self._run
+        return marker.exists() and marker.read_text(encoding="utf-8") == self.run
 
     def begin_saving(self) -> None:
         """Mark that whatever stands where the result belongs is this run's own from now on."""
-        (self.directory / SAVING).write_text(self._run, encoding="utf-8")
+        (self.directory / SAVING).write_text(self.run, encoding="utf-8")
 
     def remove(self, names: Iterable[str] | None = None) -> None:
         """Remove the journals of these classes, or of all, and the directory if that empties it."""

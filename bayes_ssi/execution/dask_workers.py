@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from time import monotonic, sleep
+from time import monotonic
 from typing import Any
 
 from bayes_ssi.execution.workers import Workers
@@ -57,20 +57,16 @@ class DaskWorkers(Workers):
         # Dask would take equal calls for one call.
         self._executor = self._client.get_executor(pure=False)
         try:
-            self._wait_for_workers()
+            self._client.wait_for_workers(1, timeout=CLUSTER_SECONDS)
+        except TimeoutError:
+            self._stop()
+            raise ValueError(
+                f"the Dask cluster at {self.address!r} has no workers, not even after "
+                f"{CLUSTER_SECONDS:g} s"
+            ) from None
         except BaseException:
             self._stop()
             raise
-
-    def _wait_for_workers(self) -> None:
-        give_up = monotonic() + CLUSTER_SECONDS
-        while not self.n_workers:
-            if monotonic() > give_up:
-                raise ValueError(
-                    f"the Dask cluster at {self.address!r} has no workers, not even after "
-                    f"{CLUSTER_SECONDS:g} s"
-                )
-            sleep(0.1)
 
     def _stop(self) -> None:
         self._client.close()

@@ -21,13 +21,7 @@ Progress = Callable[[str, str, float], None]
 
 @dataclass(frozen=True, init=False, eq=False)
 class Run:
-    """How to carry out a calculation; no result depends on it.
-
-    Attributes:
-        workers: where models are evaluated; in this process if None.
-        checkpoint: keeps every evaluation on disk; nothing is kept if None.
-        progress: called with the name of a model class, of the step, and the share of it done.
-    """
+    """How to carry out a calculation; no result depends on it."""
 
     workers: Workers | None
     checkpoint: Checkpoint | None
@@ -56,7 +50,7 @@ class Run:
             TypeError: the workers are neither a number nor an executor.
         """
         if isinstance(checkpoint, (str, Path)):
-            checkpoint = Checkpoint(checkpoint)
+            checkpoint = Checkpoint(Path(checkpoint))
         object.__setattr__(self, "workers", as_workers(workers))
         object.__setattr__(self, "checkpoint", checkpoint)
         object.__setattr__(self, "progress", progress)
