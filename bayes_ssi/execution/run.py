@@ -21,7 +21,17 @@ Progress = Callable[[str, str, float], None]
 
 @dataclass(frozen=True, init=False, eq=False)
 class Run:
-    """How to carry out a calculation; no result depends on it."""
+    """How to carry out a calculation; no result depends on it.
+
+    Attributes:
+        workers: where models are evaluated; in this process if None. Several model classes are
+            sampled side by side where there are at least as many as workers or their models are
+            fast; otherwise workers share the evaluations of one.
+        checkpoint: keeps every evaluation on disk, so that a run that was interrupted is resumed
+            to the same result; nothing is kept if None. The caller removes it.
+        progress: called with the name of a model class, of the step, and the share of it that is
+            done; of a class sampled in a worker, only at its end.
+    """
 
     workers: Workers | None
     checkpoint: Checkpoint | None
@@ -36,14 +46,10 @@ class Run:
         """Choose workers, checkpoint and progress.
 
         Args:
-            workers: a number of processes on this machine, or any ``concurrent.futures.Executor``.
-                Several model classes are sampled side by side where there are at least as many as
-                workers or their models are fast; otherwise workers share the evaluations of one.
-            checkpoint: directory for the evaluations, made if need be inside one that exists. A
-                run that was interrupted is resumed from it, to the same result. The caller removes
-                it.
-            progress: called with the name of a model class, of the step, and the share of it that
-                is done; of a class sampled in a worker, only at its end.
+            workers: also a number of processes on this machine, or any
+                ``concurrent.futures.Executor``.
+            checkpoint: also a directory, made if need be inside one that exists.
+            progress: as the attribute.
 
         Raises:
             ValueError: the number of workers is not positive.

@@ -19,37 +19,29 @@ from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.structures import Structure
 
 
-def test_places_are_floors_and_storeys(frame):
-    assert [place.name for place in places_of(frame)] == [
+def test_places_are_floors_and_storeys(augmented):
+    """Whatever hangs there already."""
+    assert [place.name for place in places_of(augmented)] == [
         "pendulum 1", "pendulum 2", "pendulum 3", "infill 0-1", "infill 1-2", "infill 2-3",
     ]  # fmt: skip
 
 
-def test_elements_that_are_there_already_are_no_places(augmented, frame):
-    assert places_of(augmented) == places_of(frame)
+WEIGHTS, PRIOR = "number_weights must be two or more positive numbers", "must be a prior, got"
 
 
-@pytest.mark.parametrize("weights", [(), (1.0,), (1.0, 0.0), (1.0, -1.0), (math.inf, 1.0),
-                                     (1.0, math.nan)])  # fmt: skip
-def test_bad_weights_of_numbers_are_refused(weights):
-    with pytest.raises(ValueError, match="number_weights must be two or more positive numbers"):
-        SearchSettings(number_weights=weights)
-
-
-def test_no_branch_is_refused():
-    with pytest.raises(ValueError, match="branches must be at least 1, got 0"):
-        SearchSettings(branches=0)
-
-
-@pytest.mark.parametrize("changes", [{"mass_ratio": 0.05}, {"mass_ratio": None},
-                                     {"frequency": (1.0, 2.0)}])  # fmt: skip
-def test_what_is_no_prior_is_refused(changes):
-    with pytest.raises(TypeError, match=f"{next(iter(changes))} must be a prior, got"):
-        SearchSettings(**changes)
-
-
-def test_weights_of_numbers_may_be_a_list():
-    assert SearchSettings(number_weights=[1, 2]).number_weights == (1, 2)
+@pytest.mark.parametrize(
+    ("option", "value", "error", "message"),
+    [
+        *[("number_weights", weights, ValueError, WEIGHTS)
+          for weights in ((), (1.0,), (1.0, 0.0), (math.inf, 1.0), (1.0, math.nan))],
+        ("branches", 0, ValueError, "branches must be at least 1, got 0"),
+        ("mass_ratio", None, TypeError, PRIOR),
+        ("frequency", (1.0, 2.0), TypeError, PRIOR),
+    ],
+)  # fmt: skip
+def test_bad_settings_are_refused(option, value, error, message):
+    with pytest.raises(error, match=message):
+        SearchSettings(**{option: value})
 
 
 class Plate(Structure):

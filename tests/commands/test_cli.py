@@ -61,17 +61,6 @@ def test_rank(run, tiny_study_file, tmp_path):
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_class_does_not_depend_on_only(run, tiny_study_file, tiny_ranking, tmp_path):
-    result = run("rank", tiny_study_file, "--seed", 7, "--only", "each k", "--out", tmp_path / "r")
-    assert result.exit_code == 0
-    (alone,) = load_result(tmp_path / "r").posteriors
-    among_others = tiny_ranking.posteriors[1]
-    assert alone.name == among_others.name == "each k"
-    assert alone.evidence == among_others.evidence
-    assert (alone.draws == among_others.draws).all()
-
-
-@pytest.mark.usefixtures("no_figures")
 def test_where_results_go_by_default_and_the_wanted_error(run, tiny_study_file, tmp_path):
     assert run("rank", tiny_study_file, "--only", "one k", "--error", "0.2").exit_code == 0
     stored = load_result(tmp_path / "work" / "runs" / "results" / "tiny")
@@ -211,38 +200,10 @@ def test_bad_studies(run, study_file, case):
     assert not list(path.parent.glob("work/*")), "nothing is written"
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "word"),
-    [
-        ("none.py", None, "no such file"),
-        ("study.txt", b"study = 1", "name ending in .py"),
-        ("binary.py", b"\x7fELF\0\0\xff", "binary.py"),
-        ("nul.py", b"x = 1\0\n", "nul.py"),
-        ("empty.py", b"", "defines no study"),
-    ],
-)
-@pytest.mark.parametrize("command", ["rank", "calibrate"])
-def test_files_that_are_no_study(run, tmp_path, command, name, content, word):
-    if content is not None:
-        (tmp_path / name).write_bytes(content)
-    assert_one_line_error(run(command, tmp_path / name), name, word)
-
-
-def test_two_studies(run, tiny_study_file):
-    with tiny_study_file.open("a") as file:
-        file.write("another = study.only(['one k'])\n")
-    assert_one_line_error(run("rank", tiny_study_file), "several studies: study, another")
-
-
 @pytest.mark.parametrize("command", ["rank", "calibrate"])
 @pytest.mark.parametrize("only", ["three", "one k,three", ","])
 def test_unknown_class(run, tiny_study_file, command, only):
     assert_one_line_error(run(command, tiny_study_file, "--only", only), "no model class")
-
-
-def test_incomplete_prior_weights(run, study_file):
-    path = study_file(("description=", 'prior_weights={"one k": 1.0},\n    description='))
-    assert_one_line_error(run("rank", path, "--only", "each k"), "prior weight", "'each k'")
 
 
 @pytest.mark.parametrize(

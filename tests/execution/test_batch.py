@@ -54,21 +54,14 @@ def test_the_row_that_raises_is_found_wherever_it_is(n):
         assert failures == {bad: f"ValueError: no modes at {bad}"}
 
 
-@pytest.mark.parametrize(("bad", "n_calls"), [([700], 21), ([0], 21), ([700, 701], 21)])
+@pytest.mark.parametrize(
+    ("bad", "n_calls"), [([700], 21), ([0], 21), ([700, 701], 21), (range(1024), 2047)]
+)
 def test_the_rows_at_fault_are_found_by_splitting(bad, n_calls):
     """1024 rows are split ten times; both parts are evaluated each time."""
     function = Fragile(*bad)
     evaluate(function, rows(1024))
     assert function.n_calls == n_calls
-
-
-def test_a_batch_that_raises_everywhere():
-    function = Fragile(*range(8), error=np.linalg.LinAlgError)
-    values, failures = evaluate(function, rows(8))
-    assert np.isnan(values).all()
-    assert list(failures) == list(range(8))
-    assert failures[3] == "LinAlgError: no modes at 3"
-    assert function.n_calls == 15
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit])
@@ -84,25 +77,8 @@ def test_an_answer_of_nan_or_infinity_is_an_answer():
     assert failures == {}
 
 
-@pytest.mark.parametrize("answer", [[1, 2], (1.0, 2.0), np.array([1, 2], dtype=np.int32)])
-def test_answers_become_floats(answer):
-    values, _ = evaluate(lambda _: answer, rows(2))
-    assert values.dtype == np.float64
-    np.testing.assert_array_equal(values, [1.0, 2.0])
-
-
 @pytest.mark.parametrize("shape", [(), (2,), (4,), (3, 1), (1, 3)])
 def test_answers_of_the_wrong_shape_are_refused(shape):
     with pytest.raises(ValueError, match="expected one value for each of 3 points, got shape") as e:
         evaluate(lambda _: np.zeros(shape), rows(3))
     assert str(e.value).endswith(str(shape))
-
-
-def test_answers_of_the_wrong_shape_are_refused_in_a_part_of_the_batch():
-    def function(z):
-        if 0.0 in z:
-            raise ValueError("no modes")
-        return np.zeros((len(z), 2))
-
-    with pytest.raises(ValueError, match=r"each of 1 points, got shape \(1, 2\)"):
-        evaluate(function, rows(4))

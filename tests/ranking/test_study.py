@@ -46,12 +46,6 @@ def test_bad_prior_weights_are_refused_before_anything_is_sampled(model_classes,
         bs.rank(bs.Study("s", classes, prior_weights=weights), run=bs.Run(progress=sampling_begins))
 
 
-def test_only_with_a_missing_prior_weight_is_refused(model_classes):
-    classes = [model_classes["1-a"], model_classes["1-b"]]
-    with pytest.raises(ValueError, match="prior weight"):
-        bs.Study("s", classes, prior_weights={"1-a": 1.0}).only(["1-b"])
-
-
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [

@@ -60,33 +60,6 @@ def test_arviz_finds_its_groups(tmp_path, save):
     assert frequency["model_mode"].values.tolist() == [1, 2]
 
 
-def damage(path, how):
-    if how == "missing":
-        path.unlink()
-    elif how == "empty":
-        path.write_bytes(b"")
-    elif how == "text":
-        path.write_text("no netCDF")
-    else:
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-
-
-@pytest.mark.parametrize("how", ["missing", "empty", "text", "half"])
-def test_a_damaged_file_is_refused_in_one_line(tmp_path, save, how):
-    path = tmp_path / "x.nc"
-    posterior = save(path)
-    damage(path, how)
-    with pytest.raises(ValueError, match=r"x\.nc: not a stored posterior") as caught:
-        load_draws(path, posterior)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_missing_parameter_is_refused(tmp_path, save):
-    posterior = save(tmp_path / "x.nc")
-    with pytest.raises(ValueError, match=r"x\.nc: not a stored posterior.*k3"):
-        load_draws(tmp_path / "x.nc", replace(posterior, parameter_names=("k1", "k3")))
-
-
 def test_a_file_that_is_read_is_closed(tmp_path, save):
     """Whoever still held it open would see the old draws of a file that is written again."""
     path = tmp_path / "x.nc"

@@ -8,7 +8,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-import bayes_ssi as bs
 from bayes_ssi.file_names import file_names
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import require_new, save_result
@@ -17,15 +16,6 @@ from bayes_ssi.results.save import require_new, save_result
 @pytest.fixture
 def saved(tiny_ranking, tmp_path):
     return save_result(tiny_ranking, tmp_path / "result", study_file="tiny.py")
-
-
-def ranking_of(prior=None, name="a", **weights):
-    """A study of one class and one parameter, sampled."""
-    k = bs.Parameter("k", prior or bs.LogNormal(40.0, 0.3))
-    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 3.0))
-    building = bs.ShearBuilding((1.0,), (k,))
-    model_class = bs.ModelClass(name, building, data, bs.ErrorModel(0.02, 0.05), pairing={"1": 1})
-    return bs.rank(bs.Study("s", [model_class], **weights))
 
 
 def assert_equal_posteriors(a, b):
@@ -91,12 +81,6 @@ def test_the_ranking_as_a_spreadsheet_reads_it(saved):
         assert float(row["probability"]) == expected.probability
 
 
-def test_saving_the_same_ranking_twice_gives_the_same_files(tiny_ranking, tmp_path):
-    a, b = (save_result(tiny_ranking, tmp_path / name).directory for name in "ab")
-    for name in ("comparison.json", "comparison.csv", "data.csv"):
-        assert (a / name).read_bytes() == (b / name).read_bytes()
-
-
 def test_a_result_is_never_overwritten(tiny_ranking, saved):
     before = (saved.directory / "result.json").read_bytes()
     with pytest.raises(FileExistsError, match="exists already and is not overwritten"):
@@ -120,11 +104,6 @@ def test_overwriting_spares_a_directory_that_is_no_result(tiny_ranking, tmp_path
     with pytest.raises((ValueError, OSError), match="measurements"):
         save_result(tiny_ranking, precious.parent, overwrite=True)
     assert precious.read_text() == "weeks of work"
-
-
-def test_parent_directories_are_made(tiny_ranking, tmp_path):
-    save_result(tiny_ranking, tmp_path / "runs" / "results" / "x")
-    assert load_result(tmp_path / "runs" / "results" / "x").record.seed == 7
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
@@ -154,28 +133,13 @@ def test_class_names_need_not_be_file_names():
         assert not file.startswith("..")
 
 
-@pytest.mark.parametrize(
-    "prior",
-    [
-        bs.Normal(40.0, 2.0),
-        bs.Uniform(20.0, 60.0),
-        bs.LogUniform(20.0, 60.0),
-        bs.HalfNormal(60.0),
-        bs.TruncatedNormal(40.0, 5.0),
-        bs.TruncatedNormal(40.0, 5.0, lower=30.0, upper=50.0),
-        bs.LogNormal(np.float32(40.0), 0.3),
-        bs.LogNormal(np.int64(40), 0.3),
-    ],
-    ids=repr,
-)
-def test_a_result_can_be_saved_whatever_the_prior(tmp_path, prior):
-    ranking = ranking_of(prior)
-    assert save_result(ranking, tmp_path / "r").comparison == ranking.comparison
-
-
-def test_prior_weights_are_recorded(tmp_path):
-    saved = save_result(ranking_of(prior_weights={"a": 2.0}), tmp_path / "r")
-    assert saved.record.prior_weights == {"a": 2.0}
+def test_prior_weights_are_recorded(tiny_ranking, tmp_path):
+    weights = {"one k": 2.0, "each k": 1.0}
+    weighted = replace(tiny_ranking.study, prior_weights=weights)
+    assert (
+        save_result(replace(tiny_ranking, study=weighted), tmp_path / "r").record.prior_weights
+        == weights
+    )
 
 
 @pytest.mark.parametrize("r_hat", [np.inf, np.nan])
@@ -262,8 +226,3 @@ def test_a_damaged_directory_is_refused_in_one_line(saved, file, damage, message
         load_result(saved.directory)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_no_such_directory(tmp_path):
-    with pytest.raises(ValueError, match=r"nowhere: not a result directory: no result\.json"):
-        load_result(tmp_path / "nowhere")
