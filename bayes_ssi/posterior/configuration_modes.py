@@ -99,7 +99,7 @@ class ConfigurationModes:
     """The model's modes in one configuration, and their pairing with the identified modes.
 
     Attributes:
-        name: of the configuration; empty where there is but one and it has none.
+        name: of the configuration; empty where there is only one and it has no name.
         n_modes: how many the structure has.
         pairing: label of an identified mode → number of the model mode, from 1; where it was
             inferred, the most probable one.
@@ -123,11 +123,11 @@ def configuration_modes(
     # The prior medians go the same way as the draws, as their first row.
     at = np.concatenate([model_class.values(np.zeros((1, values.shape[1]))), values])
     for configuration, likelihood, rows in model_class.parts(at):
-        medians, own = rows[:1], rows[1:]
-        inferred = infer_pairing(likelihood, own) if isinstance(likelihood, AnyPairing) else None
+        medians, draws = rows[:1], rows[1:]
+        inferred = infer_pairing(likelihood, draws) if isinstance(likelihood, AnyPairing) else None
         pairing = dict(inferred.best if inferred else likelihood.pairing)
         n_modes = configuration.structure.n_modes
-        updated = _updated_modes(configuration, likelihood, pairing, own, medians)
+        updated = _updated_modes(configuration, likelihood, pairing, draws, medians)
         records.append(ConfigurationModes(configuration.name, n_modes, pairing, inferred, updated))
     return tuple(records)
 

@@ -56,13 +56,13 @@ class DatumTerms:
 def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
     """The model at ``values`` (B, n_parameters), its modes computed once."""
     parts = []
-    for _, likelihood, own in model_class.parts(values):
-        modes = likelihood.modes(own)
+    for _, likelihood, columns in model_class.parts(values):
+        modes = likelihood.modes(columns)
         parts.append(
             AtDraws(
                 modes.frequencies_hz,
-                likelihood.log_likelihoods(own, modes),
-                likelihood.frequency_sds_hz(own),
+                likelihood.log_likelihoods(columns, modes),
+                likelihood.frequency_sds_hz(columns),
             )
         )
     return AtDraws(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from functools import partial
 from time import perf_counter
 
@@ -97,7 +96,7 @@ def sample_as_it_is(
 
 def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> AtDraws:
     """The model at ``values`` (n, n_parameters)."""
-    # A draw is the one before it wherever a proposal was not accepted.
+    # A draw repeats the last one where a proposal was not accepted.
     different, which = np.unique(values, axis=0, return_inverse=True)
     if pool is None:
         model = at_draws(model_class, different)
@@ -123,7 +122,7 @@ def _failures(model_class: ModelClass, target: Target) -> list[str]:
 
 
 def _seed_of(name: str, seed: int) -> np.random.SeedSequence:
-    """The seed of one model class, whatever others are sampled."""
+    """The seed of one model class, which does not depend on the others."""
     digest = hashlib.sha256(name.encode()).digest()
     return np.random.SeedSequence([seed, int.from_bytes(digest[:8], "little")])
 
@@ -170,7 +169,7 @@ def _regions(sampled: SamplingResult, z: FloatArray, values: FloatArray) -> tupl
     of_starts = [regions.shares(start.positions) for start in sampled.starts]
     labels = regions.assign(z.reshape(-1, z.shape[-1]))
     flat = values.reshape(-1, values.shape[-1])
-    records: Sequence[Region] = [
+    records = [
         Region(
             share=float(shares[k]),
             error=float(errors[k]),

@@ -23,8 +23,7 @@ def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> EvidenceEst
 
     Args:
         ensemble: posterior draws.
-        sample: draws from a mixture fitted without ``ensemble``; their likelihoods serve a
-            second time.
+        sample: draws from a mixture fitted without ``ensemble``.
     """
     log_proposals = sample.mixture.log_pdf(ensemble.draws)
     posterior = ensemble.log_posteriors - log_proposals.reshape(ensemble.log_posteriors.shape)
@@ -46,10 +45,7 @@ def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> EvidenceEst
         log_evidence = updated
         if settled:
             break
-    f1, f2 = (
-        np.exp(from_proposal - from_proposal.max()),
-        np.exp(from_posterior - from_posterior.max()),
-    )
+    f1, f2 = (np.exp(terms - terms.max()) for terms in (from_proposal, from_posterior))
     time = float(autocorrelation_times(f2[..., None])[0])
     relative_variance = f1.var() / (f1.mean() ** 2 * f1.size) + time * f2.var() / (
         f2.mean() ** 2 * f2.size

@@ -22,16 +22,12 @@ __all__ = [
 # A chain is long enough at this many of the autocorrelation times that it measures: shorter ones
 # underestimate them (Foreman-Mackey et al. 2013).
 LENGTH_IN_AUTOCORRELATION_TIMES = 50
-# Sums of autocorrelations end at this many autocorrelation times (Sokal 1996).
-SOKAL_WINDOW = 5.0
 # With a heavier tail of the weights, the error of an importance estimate cannot be trusted
 # (Vehtari et al. 2024).
 PARETO_K_LIMIT = 0.7
 # One importance draw should carry no more of the evidence: it alone would move the log evidence by
 # twice the error that is wanted by default.
 LARGEST_WEIGHT = 0.02
-# Weights that differ by less than this are equal but for rounding.
-FLAT = 1e-10
 
 
 def autocorrelation_times(chain: FloatArray) -> FloatArray:
@@ -39,8 +35,8 @@ def autocorrelation_times(chain: FloatArray) -> FloatArray:
 
     The autocovariance is averaged over the walkers before it is normalised, and taken about the
     mean of all of them: a walker that stays where it is then lengthens the time, while emcee's
-    estimate, normalised walker by walker, is not defined for it. Summed over Sokal's window, the
-    first M that exceeds five times the estimate.
+    estimate, normalised walker by walker, is not defined for it. Summed over the window of Sokal
+    (1996), the first M that exceeds five times the estimate.
     """
     n = len(chain)
     centred = chain - chain.mean(axis=(0, 1))
@@ -48,7 +44,7 @@ def autocorrelation_times(chain: FloatArray) -> FloatArray:
     covariance = np.fft.irfft(np.abs(transformed) ** 2, axis=0)[:n].mean(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         times = 2.0 * np.cumsum(covariance / covariance[0], axis=0) - 1.0
-    beyond = np.arange(n)[:, None] > SOKAL_WINDOW * times
+    beyond = np.arange(n)[:, None] > 5.0 * times
     last = np.where(beyond.any(axis=0), beyond.argmax(axis=0), n - 1)
     at_window = times[last, np.arange(chain.shape[-1])]
     return np.where(np.isfinite(at_window), np.maximum(at_window, 1.0), 1.0)
@@ -86,8 +82,8 @@ def pareto_shape(weights: FloatArray) -> float:
         return math.nan
     largest = np.sort(weights)[-n_tail - 1 :]
     excess = largest[1:] - largest[0]
-    if not excess[-1] > FLAT * largest[-1]:
-        return -math.inf
+    if not excess[-1] > 1e-10 * largest[-1]:
+        return -math.inf  # weights that are equal but for rounding
     n_trials = 30 + int(math.sqrt(n_tail))
     quartile = excess[int(n_tail / 4 + 0.5) - 1]
     if not quartile > 1e-290 * excess[-1]:

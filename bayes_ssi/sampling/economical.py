@@ -6,9 +6,9 @@ show that it falls short (incremental mixture importance sampling, Raftery and B
 done twice, independently: the second sample checks the first. Posterior draws are the importance
 draws, resampled by their weights, so they cost nothing more.
 
-There are no particles that come from the prior: a region that the few prior draws of the searches
-do not lead to goes unseen. Posteriors that are not a few plain regions need more components than
-there are, and fail the checks of the importance weights.
+There are no particles from the prior: a region that the few prior draws of the searches miss
+stays unseen. Posteriors that are not a few plain regions need more components than there are, and
+fail the checks of the importance weights.
 """
 
 from __future__ import annotations
@@ -33,9 +33,6 @@ __all__ = ["sample_economically"]
 
 # Draws at once are this many a dimension, for at least six dimensions; a search has half of them.
 BATCH_PER_DIMENSION = 50
-# A mixture fitted to the draws gives new ones, until these agree with the last within two standard
-# errors, or so often.
-MOST_FITS = 5
 # Effective sample size of each of the two samples: together they pass the checks of the draws.
 LEAST_INDEPENDENT = 250
 
@@ -65,7 +62,7 @@ def sample_economically(
             batch,
             prior_share=0.15,
             least_efficiency=0.3,
-            max_draws=10_000,  # where they do not suffice this path is not the right one
+            max_draws=10_000,  # a posterior that needs more is not for this path
         )
         samples.append(_sample(sampler, search.maxima, float(wanted_error)))
         samplers.append(sampler)
@@ -94,7 +91,7 @@ def sample_economically(
 def _sample(sampler: ImportanceSampler, maxima: Maxima, wanted_error: float) -> ImportanceSample:
     """Importance draws until the error is as wanted and the effective sample size suffices."""
     sample = sampler.refined(sampler.sample(maxima.as_mixture().widened()), np.inf)
-    for _ in range(MOST_FITS):
+    for _ in range(5):  # or until two estimates agree within two standard errors
         # Draws that a mixture was fitted to would weigh too little against it: new ones only.
         before = sample.estimate
         sample = sampler.refined(sampler.sample(_adapted(sample, sampler.rng)), np.inf)

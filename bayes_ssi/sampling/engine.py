@@ -99,7 +99,7 @@ def _sample(
     n_walkers = max(WALKERS, 4 * target.n_dimensions)
     walkers = [start.walkers(n_walkers, rng) for start in starts]
     # Particles may have ended in regions that no search found: climb from there, too.
-    ends = [each.positions[:WALKERS] for each in walkers]
+    ends = [positions[:WALKERS] for positions, _ in walkers]
     maxima = find_maxima(target, np.concatenate([search.maxima.z, *ends]))
     sampler = ImportanceSampler(target, rng)
     fitting = ProposalFitting(sampler, maxima)
@@ -151,7 +151,7 @@ def _run_ensembles(
     """
     seeds_of_attempts = zip(*(seed.spawn(MAX_REFITS + 1) for seed in seeds), strict=True)
     settled = False
-    for attempt, own_seeds in enumerate(seeds_of_attempts):
+    for attempt, attempt_seeds in enumerate(seeds_of_attempts):
         settled = settled or attempt == MAX_REFITS
         slowest = math.inf if settled else SLOW
         efficient = trial.efficiency >= LEAST_EFFICIENCY
@@ -159,16 +159,16 @@ def _run_ensembles(
         proposal = fitting.proposal(trial)
         ensembles = [
             run_ensemble(
-                target, own, proposal, longest, seed, _part(progress, "ensembles", i, 2), slowest
+                target, start, proposal, longest, seed, _part(progress, "ensembles", i, 2), slowest
             )
-            for i, (own, seed) in enumerate(zip(walkers, own_seeds, strict=True))
+            for i, (start, seed) in enumerate(zip(walkers, attempt_seeds, strict=True))
         ]
         if settled or all(each.autocorrelation_times.max() <= slowest for each in ensembles):
             break
         walkers = [each.walkers for each in ensembles]
         before = trial.efficiency
         trial = fitting.refitted(ensembles, trial)
-        # A posterior that mixtures hardly fit, well enough for importance draws all the same.
+        # Mixtures hardly fit this posterior, but well enough for importance draws.
         settled = efficient and trial.efficiency < WORTH_REFITTING * before
     if trial.efficiency < LEAST_EFFICIENCY:
         trial = fitting.refitted(ensembles, trial)

@@ -225,8 +225,8 @@ class ImportanceSampler:
     def _with_component(self, sample: ImportanceSample) -> ImportanceSample:
         """The sample with one more component, and draws from it, at its heaviest draw.
 
-        All draws are weighted anew against the larger mixture, in which every component counts by
-        the draws that it gave.
+        All draws are reweighted by the larger mixture, in which every component counts by the
+        draws that it gave.
         """
         n = len(sample.z)
         more = max(self.batch, n) // 6

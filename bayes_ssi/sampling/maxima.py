@@ -1,8 +1,8 @@
 """Maxima of a posterior by many local ascents at once, and Laplace's approximation at each.
 
-Samplers find a region in proportion to its mass on the way from the prior; an ascent finds it
-from anywhere in its basin. What the ascents find is added to the proposals of the sampling, so a
-region that the particles lost is visited all the same.
+Particles reach a region in proportion to its mass on the way from the prior; an ascent reaches it
+from anywhere in its basin. Components at the maxima are added to the proposals of the sampling, so
+regions that the particles lost are still visited.
 """
 
 from __future__ import annotations
@@ -28,8 +28,6 @@ LONGEST_STEP = 2.0  # prior standard deviations
 STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])
 RISE_TO_GO_ON = 1e-3  # nats
 MAX_MAXIMA = 24
-# Beyond this ratio to the prior's precision, 1, rounding would lose the prior's.
-GREATEST_PRECISION = 1e12
 # A maximum with less than e^-12, 6 in a million, of the mass is left out.
 NEGLIGIBLE_LOG_MASS = -12.0
 
@@ -112,8 +110,7 @@ def find_maxima(target: Target, starts: FloatArray) -> Maxima:
     """
     unit = np.tile(np.eye(target.n_dimensions), (len(starts), 1, 1))
     rough = _distinct(target, *_ascend(target, starts, unit))
-    # An ascent along a curved ridge can stop short of its top: climb on from there, now with
-    # the curvature known.
+    # Ascents along a curved ridge can stop short of its top: continue with the curvature known.
     maxima = _distinct(target, *_ascend(target, rough.z, rough.covariances))
     log_masses = maxima.log_masses
     kept = np.flatnonzero(log_masses > log_masses.max() + NEGLIGIBLE_LOG_MASS)
@@ -168,7 +165,7 @@ def _ascend(
         rows = np.arange(len(active))
         rise = values[best, rows] - value[active]
         better = rise > 0
-        # An ascent that found nothing higher tries nearer; one that did goes back to full steps.
+        # An ascent without a rise tries shorter steps; after a rise it returns to full steps.
         reach[active] = np.where(better, 1.0, reach[active] * STEP_LENGTHS[-1])
         moved = active[better]
         step = tried[best, rows][better] - z[moved]
@@ -226,7 +223,8 @@ def _precision(target: Target, z: FloatArray, value: float) -> FloatArray:
     for (i, j), corners in zip(pairs, values[2 * d :].reshape(-1, 4), strict=True):
         hessian[i, j] = hessian[j, i] = (corners[0] - corners[1] - corners[2] + corners[3]) / 4.0
     eigenvalues, vectors = np.linalg.eigh(-hessian / HESSIAN_STEP**2)
-    return (vectors * np.clip(eigenvalues, 1.0, GREATEST_PRECISION)) @ vectors.T
+    # Beyond this ratio to the prior's precision, 1, rounding would lose the prior's.
+    return (vectors * np.clip(eigenvalues, 1.0, 1e12)) @ vectors.T
 
 
 def _inverse(precisions: FloatArray) -> FloatArray:

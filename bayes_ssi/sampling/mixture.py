@@ -25,15 +25,13 @@ __all__ = [
 # Degrees of freedom: the variance of importance weights stays finite where a posterior has tails
 # as heavy as those of five; thirty are nearly normal.
 HEAVY_TAILS, LIGHT_TAILS = 5.0, 30.0
-# Weight of what is added to a mixture lest it miss a part of the posterior. The weights of the
-# other draws rise by a ninth at most.
+# Weight of components added in case a mixture misses a part of the posterior: the importance
+# weights of the other draws rise by a ninth at most.
 DEFENSIVE_SHARE = 0.1
 # More components must raise the mean log density of held-out draws by this much, in nats.
 LEAST_GAIN = 0.01
 # A component needs this many draws a dimension for its covariance to mean something.
 DRAWS_PER_DIMENSION = 10
-# Steps of expectation-maximisation end here, or where one gains less than a tenth of LEAST_GAIN.
-MAX_EM_STEPS = 50
 # Densities of more points than this are computed in parts, which stay in the processor's cache.
 PART = 2048
 
@@ -186,7 +184,7 @@ def fit_mixture(
     floor = 1e-10 * np.eye(d) * max(float(draws.var(axis=0).max()), 1e-300)
     least = min(n, d + 1.0)
     last = -math.inf
-    for _ in range(MAX_EM_STEPS):
+    for _ in range(50):  # or until a step gains less than a tenth of LEAST_GAIN
         totals = responsibilities.sum(1)
         kept = totals >= least
         if not kept.all() and kept.any():

@@ -1,9 +1,8 @@
 """Multistart: independent searches for every maximum of the posterior, until they agree.
 
 One search is multi-level single linkage (Rinnooy Kan and Timmer 1987): many draws from the prior,
-and an ascent from each draw that is higher than all its neighbours. So the ascents go where a
-basin may be that no other ascent is in, and a narrow basin needs one draw in it, not one ascent
-in hundreds.
+and an ascent from each draw that is higher than all its neighbours. Few ascents then share a
+basin, and a narrow basin needs one draw in it, not one ascent in hundreds.
 
 No later step can reveal what the searches miss. Independent searches that find the same maxima are
 the evidence that there are no others; they go on until every maximum that matters was found by
@@ -26,8 +25,8 @@ from bayes_ssi.sampling.target import Target
 
 __all__ = ["MultistartSearch", "search_maxima"]
 
-# Searches go on, to this multiple of those asked for, while only one found a maximum that holds
-# more than this share of the posterior by Laplace's approximation.
+# Searches are repeated, up to this multiple of the wanted number, while a maximum with more than
+# this share of the posterior, by Laplace's approximation, was found by only one of them.
 PATIENCE = 3
 SHARE_THAT_MATTERS = 1e-3
 

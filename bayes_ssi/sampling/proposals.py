@@ -20,8 +20,8 @@ class ProposalFitting:
 
     Attributes:
         sampler: of the importance draws.
-        maxima: of the posterior. Every mixture has components around them, so that a region that
-            the draws lost is proposed all the same.
+        maxima: of the posterior. Every mixture has components around them, so that regions that
+            the draws lost are still proposed.
     """
 
     sampler: ImportanceSampler

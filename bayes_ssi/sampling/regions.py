@@ -178,22 +178,14 @@ def _joined(groups: NDArray[np.intp], pairs: NDArray[np.intp], paths: _Paths) ->
     paths come first; one joins two groups unless it leads far below the typical draw of the lower
     one, as in watersheds by prominence.
     """
-    members = {int(group): paths.log_posteriors[groups == group] for group in np.unique(groups)}
-    parent = {group: group for group in members}
-
-    def root(group: int) -> int:
-        while parent[group] != group:
-            group = parent[group]
-        return group
-
+    groups = groups.copy()
     levels = paths.lowest(*pairs.T)
     for pair in np.argsort(-levels, kind="stable"):
-        a, b = (root(int(group)) for group in groups[pairs[pair]])
-        typical = min(float(np.median(members[a])), float(np.median(members[b])))
-        if a != b and levels[pair] > typical - VALLEY_DEPTH:
-            parent[b] = a
-            members[a] = np.concatenate([members[a], members.pop(b)])
-    return np.array([root(int(group)) for group in groups], dtype=np.intp)
+        a, b = groups[pairs[pair]]
+        typical = min(np.median(paths.log_posteriors[groups == group]) for group in (a, b))
+        if levels[pair] > typical - VALLEY_DEPTH:
+            groups[groups == b] = a
+    return groups
 
 
 def _neighbouring_pairs(

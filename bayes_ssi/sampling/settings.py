@@ -40,7 +40,7 @@ class SamplingSettings:
                 raise ValueError(f"SamplingSettings: {name} must be positive, got {value!r}")
 
     def n_particles(self, n_dimensions: int) -> int:
-        """How many particles sample so many parameters.
+        """The number of particles for this number of parameters.
 
         Raises:
             ValueError: fewer were asked for than these need.

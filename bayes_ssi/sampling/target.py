@@ -81,7 +81,7 @@ class Target:
         return self.log_likelihood(z) + log_standard_normal(z)
 
     def _recall(self, z: FloatArray) -> Evaluated:
-        """The journal's answer, or else a new one, which the journal then keeps."""
+        """The values of the journal, or else new ones, which the journal then keeps."""
         assert self.journal is not None
         recalled = self.journal.recalled(z)
         if recalled is None:

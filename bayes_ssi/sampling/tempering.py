@@ -40,8 +40,6 @@ MOST_REDRAWN = 50
 PARTICLES_PER_DIMENSION = 120
 # Share of the maxima's components in the proposals.
 MAXIMA_SHARE = 0.3
-# The starts' estimate is coarse: smaller differences from it, in nats, mean nothing.
-TOLERANCE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,4 +218,5 @@ def tempered_estimate(starts: Sequence[TemperedStart]) -> EvidenceEstimate:
     by_weights = np.sqrt(sum(s.log_evidence_error**2 for s in starts)) / len(starts)
     by_scatter = float(each.std(ddof=1)) / np.sqrt(len(each))
     error = float(max(by_weights, by_scatter))
-    return EvidenceEstimate("tempered starts", log_evidence, error, TOLERANCE)
+    # The estimate is coarse: differences from it of less than one nat mean nothing.
+    return EvidenceEstimate("tempered starts", log_evidence, error, tolerance=1.0)

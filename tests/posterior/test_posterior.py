@@ -52,18 +52,14 @@ def test_evidence_and_summary_are_those_of_quadrature(posterior):
     assert tempered.log_evidence == pytest.approx(log_evidence, abs=0.3)
     assert laplace.log_evidence == pytest.approx(log_evidence, abs=0.02)
     assert result.mean_log_likelihood == pytest.approx(fit, abs=0.03)
+    assert result.information_gained == pytest.approx(fit - log_evidence, abs=0.03)
     assert row.name == "k"
     assert row.mean == pytest.approx(mean, abs=4.0 * row.mean_error)
     assert row.sd == pytest.approx(sd, abs=4.0 * row.sd_error)
     assert row.mean_error < 0.05 * sd
     assert row.sd_error < 0.05 * sd
-    found_quantiles = (row.quantile_05, row.median, row.quantile_95)
-    assert found_quantiles == pytest.approx(quantiles, abs=0.1 * sd)
-
-
-def test_information_gained_is_fit_less_evidence(posterior):
-    log_evidence, *_, fit = by_quadrature()
-    assert posterior.evidence.information_gained == pytest.approx(fit - log_evidence, abs=0.03)
+    of_draws = (row.quantile_05, row.median, row.quantile_95)
+    assert of_draws == pytest.approx(quantiles, abs=0.1 * sd)
 
 
 def test_the_draws_belong_together(posterior):
@@ -78,7 +74,7 @@ def test_the_draws_belong_together(posterior):
     )
 
 
-def test_what_else_a_posterior_tells(posterior):
+def test_the_other_fields_of_a_posterior(posterior):
     assert posterior.name == "one mass"
     assert posterior.data_digest == one_mass().data.digest
     assert posterior.pairing == {"1": 1}

@@ -122,7 +122,7 @@ def test_a_structure_in_words(augmented):
     assert lines["out of plane infill"] == infill
 
 
-def test_finite_element_models_are_told_by_their_sizes_and_sums():
+def test_finite_element_models_in_words():
     e, t = (bs.Parameter(name, bs.LogNormal(1.0, 0.2)) for name in ("E", "t"))
     k = np.diag([2.0, 3.0])
     terms = [(2.0 * e, k), (t**3, k), k]

@@ -216,7 +216,7 @@ def refitted(mixture, *ensembles):
 
 
 def test_a_refit_covers_what_the_mixture_before_it_lacked():
-    """Importance draws of the mixture in one place are worth most, and see nothing of the other."""
+    """Importance draws of the mixture in one place are efficient, and see nothing of the other."""
     lacking, there = mixture_at(6.0), np.array([[-6.0, 0.0]])
     both = ensemble_at(6.0, -6.0)
     trial, again = refitted(lacking, both, both)

@@ -141,15 +141,6 @@ def test_every_component_draws_in_proportion_to_its_weight(target, mixture):
     assert counts[2] > 0
 
 
-def test_the_posterior_moments_follow_from_the_weights(target, mixture):
-    sample = importance(target, mixture, 3, wanted_error=0.003)
-    mean = sample.weights @ sample.z
-    tolerance = 4.0 / math.sqrt(sample.effective_sample_size)
-    np.testing.assert_array_less(np.abs(mean - MEAN) / SD, tolerance)
-    sd = np.sqrt(sample.weights @ (sample.z - mean) ** 2)
-    np.testing.assert_allclose(sd, SD, rtol=tolerance)
-
-
 SHARE_MISSED, AT, WIDTH = 0.3, np.array([[1.0, 1.0], [-1.0, -1.0]]), 0.3
 
 

@@ -59,6 +59,9 @@ def test_all_four_peaks_are_found(starts):
         np.testing.assert_allclose(covariance, PEAK_SD**2 * np.eye(2), rtol=1e-3, atol=1e-5)
     np.testing.assert_allclose(np.exp(maxima.log_masses), SHARES, rtol=2e-3)
     assert maxima.laplace_estimate.log_evidence == pytest.approx(0.0, abs=1e-3)
+    mixture = maxima.as_mixture()
+    np.testing.assert_allclose(mixture.weights, SHARES, atol=1e-3)
+    np.testing.assert_allclose(mixture.means, PEAKS, atol=2e-3)
 
 
 def test_the_heights_are_likelihood_times_prior(starts):
@@ -91,12 +94,6 @@ def test_the_components_of_a_linear_model_at_a_temperature(linear, beta):
     np.testing.assert_array_less(
         np.abs(mixture.means[0] - beta * covariance @ linear.slope), tolerance
     )
-
-
-def test_components_are_weighted_by_their_mass(starts):
-    mixture = find_maxima(Target(four_peaks, 2), 2.0 * starts).as_mixture()
-    np.testing.assert_allclose(mixture.weights, SHARES, atol=1e-3)
-    np.testing.assert_allclose(mixture.means, PEAKS, atol=2e-3)
 
 
 def test_the_end_of_a_curved_ridge_is_reached(starts):
