@@ -58,13 +58,13 @@ def test_table_1(model_classes, name):
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_every_exact_minimum_of_the_frequencies_is_listed(on_frequencies, name):
-    found = on_frequencies(name)
-    exact = [fit for fit in found.minima if fit.objective < 1e-6]
+    computed = on_frequencies(name)
+    exact = [fit for fit in computed.minima if fit.objective < 1e-6]
     assert len(exact) == 1 + len(OTHERS[name])
     for expected in OTHERS[name]:
         nearest = min(np.abs(np.array(fit.values) - expected).max() for fit in exact)
         assert nearest < 6e-5
-    assert found.undetermined_directions == 0
+    assert computed.undetermined_directions == 0
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -75,8 +75,8 @@ def test_of_equally_good_minima_the_nearest_to_the_prior_comes_first(on_frequenc
 
 
 def test_approach_2_with_shapes_does_not_fit_exactly(model_classes):
-    found = bs.calibrate(model_classes["2"], shape_weight=1.0)
-    assert found.best.objective == pytest.approx(0.00589, abs=5e-6)
+    calibration = bs.calibrate(model_classes["2"], shape_weight=1.0)
+    assert calibration.best.objective == pytest.approx(0.00589, abs=5e-6)
 
 
 def test_the_weight_of_shapes_is_that_of_the_likelihood(model_classes):
@@ -88,10 +88,10 @@ def test_the_weight_of_shapes_is_that_of_the_likelihood(model_classes):
 
 
 def test_only_the_true_model_fits_the_shapes_too(model_classes):
-    found = bs.calibrate(model_classes["3"])
-    np.testing.assert_allclose(found.best.values, 1.0, atol=1e-5)
-    assert found.best.objective < 1e-6
-    assert all(fit.objective > 1e-3 for fit in found.minima[1:])
+    calibration = bs.calibrate(model_classes["3"])
+    np.testing.assert_allclose(calibration.best.values, 1.0, atol=1e-5)
+    assert calibration.best.objective < 1e-6
+    assert all(fit.objective > 1e-3 for fit in calibration.minima[1:])
 
 
 @pytest.mark.parametrize("shape_weight", [0.0, 0.5, 1.0])
@@ -109,8 +109,8 @@ def test_the_objective_is_that_of_the_paper(model_classes, shape_weight):
 
 def test_frequencies_before_calibration(model_classes):
     before = bs.calibrate(model_classes["1-a"], n_starts=4).before
-    found = [mode.model_hz for mode in before.modes]
-    np.testing.assert_allclose(found, [0.9832, 2.7372, 3.9213], atol=5e-5)
+    computed = [mode.model_hz for mode in before.modes]
+    np.testing.assert_allclose(computed, [0.9832, 2.7372, 3.9213], atol=5e-5)
     assert [(mode.label, mode.model_mode) for mode in before.modes] == [
         ("1", 1),
         ("2a", 2),
@@ -122,19 +122,19 @@ def test_modes_without_shape_have_no_mac(model_classes):
     shapes = model_classes["3"]
     bare = bs.ModelClass("3", shapes.structure, shapes.data.without_shapes(), shapes.error,
                          pairing=shapes.pairing)  # fmt: skip
-    found = bs.calibrate(bare)  # any weight: there is no shape to weigh
-    assert all(math.isnan(mode.mac) for mode in found.best.modes)
-    assert len([fit for fit in found.minima if fit.objective < 1e-6]) == 4
+    calibration = bs.calibrate(bare)  # any weight: there is no shape to weigh
+    assert all(math.isnan(mode.mac) for mode in calibration.best.modes)
+    assert len([fit for fit in calibration.minima if fit.objective < 1e-6]) == 4
 
 
 @pytest.mark.parametrize(("pairing", "undetermined"), [({"1": 1}, 2), ({"1": 1, "3": 3}, 1)])
 def test_what_the_frequencies_leave_undetermined(model_classes, pairing, undetermined):
     three = model_classes["2"]
     few = bs.ModelClass("few", three.structure, three.data, three.error, pairing=pairing)
-    found = bs.calibrate(few, shape_weight=0.0)
-    assert found.undetermined_directions == undetermined
-    assert found.best.objective < 1e-6
-    assert [fit for fit in found.minima if fit.objective < 1e-6] == [found.best]
+    calibration = bs.calibrate(few, shape_weight=0.0)
+    assert calibration.undetermined_directions == undetermined
+    assert calibration.best.objective < 1e-6
+    assert [fit for fit in calibration.minima if fit.objective < 1e-6] == [calibration.best]
 
 
 def test_the_point_that_stands_for_a_surface_is_near_the_prior_median(model_classes):
@@ -149,8 +149,8 @@ def test_the_point_that_stands_for_a_surface_is_near_the_prior_median(model_clas
 def test_distances_between_the_papers_best_models(name, d_percent):
     reference = dict(zip(NAMES, BEST_MODELS["3"], strict=True))
     values = dict(zip(NAMES, BEST_MODELS[name], strict=True))
-    found = 100.0 * bs.rms_distance(values, reference)
-    assert found == pytest.approx(d_percent, abs=0.06)
+    computed = 100.0 * bs.rms_distance(values, reference)
+    assert computed == pytest.approx(d_percent, abs=0.06)
 
 
 def test_distances_are_those_of_normalised_parameters():
@@ -158,9 +158,9 @@ def test_distances_are_those_of_normalised_parameters():
     k = bs.Parameter("k", bs.LogNormal(40.0, 0.3))
     data = bs.ModalData((bs.IdentifiedMode("1", math.sqrt(30.0) / (2.0 * math.pi)),), (0.0, 3.0))
     building = bs.ShearBuilding((1.0,), (k,))
-    found = bs.calibrate(bs.ModelClass("x", building, data, pairing={"1": 1}))
-    assert found.best.values == pytest.approx((30.0,))
-    assert found.best.distance == pytest.approx(0.25)
+    calibration = bs.calibrate(bs.ModelClass("x", building, data, pairing={"1": 1}))
+    assert calibration.best.values == pytest.approx((30.0,))
+    assert calibration.best.distance == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize(
@@ -177,10 +177,12 @@ def test_distances_that_mean_nothing(values, reference, message):
 
 def test_the_reference_is_where_calibration_begins(model_classes):
     reference = {"k1": 2.0, "k3": 0.5}
-    found = bs.calibrate(model_classes["1-a"], 0.0, reference)
-    assert found.before.values == (2.0, 1.0, 0.5)
+    calibration = bs.calibrate(model_classes["1-a"], 0.0, reference)
+    assert calibration.before.values == (2.0, 1.0, 0.5)
     expected = [0.948 - 2.0, 1.159 - 1.0, 0.850 - 0.5]
-    assert found.best.distance == pytest.approx(math.sqrt(np.mean(np.square(expected))), abs=1e-3)
+    assert calibration.best.distance == pytest.approx(
+        math.sqrt(np.mean(np.square(expected))), abs=1e-3
+    )
 
 
 def test_the_seed_decides_and_more_starts_find_no_less(model_classes):

@@ -83,9 +83,9 @@ def test_a_real_shape_has_no_phase_scatter():
     ],
 )
 def test_a_shape_is_scored_at_two_sensors_or_more(shape, n_measured, scored):
-    found = mode(shape=shape)
-    assert found.n_measured == n_measured
-    assert (found.scored_shape is not None) is scored
+    held = mode(shape=shape)
+    assert held.n_measured == n_measured
+    assert (held.scored_shape is not None) is scored
 
 
 def test_shapes_are_copied_and_read_only():
@@ -252,16 +252,16 @@ def test_a_shape_at_one_sensor_is_not_in_the_digest():
     ],
 )
 def test_warnings(modes, remark):
-    found = data(*modes).warnings()
-    assert len(found) == 1
-    assert remark in found[0]
+    warnings = data(*modes).warnings()
+    assert len(warnings) == 1
+    assert remark in warnings[0]
 
 
 def test_the_numerical_study_shows_a_split_mode(case_c):
     # MAC of the two shapes: (0.674 0.794 + 0.240 0.376 + 0.698 0.478)^2 = 0.92.
-    (found,) = case_c.warnings()
-    assert "modes '2a' and '2b': 15 % apart" in found
-    assert "MAC 0.92" in found
+    (warnings,) = case_c.warnings()
+    assert "modes '2a' and '2b': 15 % apart" in warnings
+    assert "MAC 0.92" in warnings
 
 
 @pytest.mark.parametrize(
@@ -277,5 +277,5 @@ def test_ordinary_data_have_no_warnings(modes):
 
 
 def test_shapes_that_vanish_where_both_are_measured_are_not_compared():
-    found = data(mode("x", 1.0, [0, 0, 1]), mode("y", 1.1, [1, 1, NAN])).warnings()
-    assert found == ["mode 'y': shape not measured at c"]
+    warnings = data(mode("x", 1.0, [0, 0, 1]), mode("y", 1.1, [1, 1, NAN])).warnings()
+    assert warnings == ["mode 'y': shape not measured at c"]

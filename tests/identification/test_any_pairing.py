@@ -102,12 +102,12 @@ def test_a_clear_case_is_its_one_pairing(model_classes, case_c, augmented, fixed
 
 def test_the_order_of_identified_modes_does_not_matter(augmented, case_c, fixed_error):
     values = np.random.default_rng(2).lognormal(0.0, 0.1, (5, 4))
-    found = []
+    computed = []
     for order in ([0, 1, 2, 3], [3, 1, 0, 2]):
         data = bs.ModalData(tuple(case_c.modes[i] for i in order), case_c.band_hz, case_c.sensors)
         model = bs.ModelClass("any", augmented, data, fixed_error, pairing="any")
-        found.append(model.log_likelihood(values))
-    np.testing.assert_allclose(*found, rtol=1e-12)
+        computed.append(model.log_likelihood(values))
+    np.testing.assert_allclose(*computed, rtol=1e-12)
 
 
 @pytest.mark.parametrize("size", [1, 2, 7])
@@ -264,8 +264,8 @@ def test_a_pairing_that_is_not_listed_has_no_probability(near_the_fit):
 def test_more_draws_than_serve_are_thinned(near_the_fit):
     likelihood, values = near_the_fit
     many = np.tile(values, (2 * MAX_DRAWS // len(values), 1))
-    found = infer_pairing(likelihood, many)
-    assert found.best == infer_pairing(likelihood, values).best
+    computed = infer_pairing(likelihood, many)
+    assert computed.best == infer_pairing(likelihood, values).best
 
 
 def test_data_that_the_structure_cannot_explain_are_spurious(rigid, fixed_error):

@@ -59,9 +59,9 @@ def test_components_are_rotated():
     towards = [2.0 * math.cos(math.radians(30.0 - azimuth)) for azimuth in (278.0, 8.0)]
     first, second = (GroundMotion([0.0, component], 0.01) for component in towards)
     for azimuth in (0.0, 30.0, 120.0):
-        found = along_azimuth(first, 278.0, second, 8.0, azimuth)
+        computed = along_azimuth(first, 278.0, second, 8.0, azimuth)
         expected = 2.0 * math.cos(math.radians(30.0 - azimuth))
-        np.testing.assert_allclose(found.acceleration, [0.0, expected], atol=1e-14)
+        np.testing.assert_allclose(computed.acceleration, [0.0, expected], atol=1e-14)
 
 
 def test_components_that_do_not_belong_together():

@@ -61,7 +61,7 @@ def test_transfer_functions_from_ground_acceleration_solve_the_equations(augment
     omega = 2.0 * math.pi * frequencies
     everywhere = augmented.degrees_of_freedom
     drifts = ((GROUND, "floor 1"), ("floor 1", "floor 2"), ("floor 2", "infill 1-2"))
-    found = {
+    computed = {
         quantity: transfer_functions(
             augmented, values, frequencies, Output(quantity, places), RATIOS
         )
@@ -78,7 +78,7 @@ def test_transfer_functions_from_ground_acceleration_solve_the_equations(augment
         }
         for quantity, exact in expected.items():
             np.testing.assert_allclose(
-                found[quantity][row], exact, rtol=1e-8, atol=1e-9 * np.abs(exact).max()
+                computed[quantity][row], exact, rtol=1e-8, atol=1e-9 * np.abs(exact).max()
             )
 
 
@@ -90,10 +90,10 @@ def test_transfer_functions_from_a_force_solve_the_equations(augmented, values):
         ("acceleration", -((2.0 * math.pi * frequencies) ** 2) * u),
     ):
         output = Output(quantity, augmented.degrees_of_freedom)
-        found = transfer_functions(
+        computed = transfer_functions(
             augmented, values[:1], frequencies, output, 0.02, force_at="floor 2"
         )
-        np.testing.assert_allclose(found[0], exact, rtol=1e-8, atol=1e-9 * np.abs(exact).max())
+        np.testing.assert_allclose(computed[0], exact, rtol=1e-8, atol=1e-9 * np.abs(exact).max())
 
 
 def test_an_oscillator_at_rest_and_at_resonance(oscillator):
@@ -149,11 +149,11 @@ def test_a_step_and_a_ramp_of_the_ground_have_closed_forms(oscillator, dt, ratio
         -(1.0 - decay * (np.cos(damped * t) + ratio * omega / damped * np.sin(damped * t)))
         / omega**2
     )
-    found = time_histories(
+    computed = time_histories(
         oscillator, NO_VALUES, GroundMotion(np.ones(400), dt),
         Output("displacement", ("floor 1",)), ratio,
     )  # fmt: skip
-    np.testing.assert_allclose(found[0, 0], step, atol=1e-11 * np.abs(step).max())
+    np.testing.assert_allclose(computed[0, 0], step, atol=1e-11 * np.abs(step).max())
     ramp = (
         -(
             t - 2.0 * ratio / omega
@@ -161,10 +161,10 @@ def test_a_step_and_a_ramp_of_the_ground_have_closed_forms(oscillator, dt, ratio
                        + (2.0 * ratio**2 - 1.0) / damped * np.sin(damped * t))
         ) / omega**2
     )  # fmt: skip
-    found = time_histories(
+    computed = time_histories(
         oscillator, NO_VALUES, GroundMotion(t, dt), Output("displacement", ("floor 1",)), ratio
     )
-    np.testing.assert_allclose(found[0, 0], ramp, atol=1e-10 * np.abs(ramp).max())
+    np.testing.assert_allclose(computed[0, 0], ramp, atol=1e-10 * np.abs(ramp).max())
 
 
 def exact_history(structure, values, ratios, motion):
@@ -218,9 +218,9 @@ def test_time_histories_are_exact_for_a_linear_record(augmented, values, n_sampl
 def test_a_mode_at_the_sampling_rate_is_no_special_case():
     stiff = bs.ShearBuilding((1.0,), ((2.0 * math.pi * 10.0) ** 2,))  # 10 Hz, sampled at 10 Hz
     motion = GroundMotion(np.random.default_rng(1).standard_normal(100), 0.1)
-    found = time_histories(stiff, NO_VALUES, motion, Output("displacement", ("floor 1",)), 1e-6)
+    computed = time_histories(stiff, NO_VALUES, motion, Output("displacement", ("floor 1",)), 1e-6)
     u, _ = exact_history(stiff, NO_VALUES, [1e-6], motion)
-    np.testing.assert_allclose(found[0], u, atol=1e-8 * np.abs(u).max())
+    np.testing.assert_allclose(computed[0], u, atol=1e-8 * np.abs(u).max())
 
 
 def test_an_empty_batch_has_an_empty_response(augmented):
@@ -234,9 +234,9 @@ def test_an_empty_batch_has_an_empty_response(augmented):
 def test_peaks_are_those_of_the_histories(augmented, values):
     motion = GroundMotion(np.random.default_rng(5).standard_normal(777), 0.02)
     output = Output("acceleration", FLOORS)
-    found = peak_responses(augmented, values, motion, output, 0.02)
+    computed = peak_responses(augmented, values, motion, output, 0.02)
     expected = np.abs(time_histories(augmented, values, motion, output, 0.02)).max(-1)
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(computed, expected, rtol=1e-12)
 
 
 class SparseChain(Structure):
@@ -279,11 +279,11 @@ def test_a_large_sparse_structure_answers_through_the_same_seam():
     frequencies = np.array([0.1, 0.3])
     tip = Output("displacement", (f"node {n}",))
     ratios = stiffness_damping * model.frequencies_hz[0] * math.pi  # C = 0.02 K
-    found = transfer_functions(chain, values[:1], frequencies, tip, ratios)[0, 0]
+    computed = transfer_functions(chain, values[:1], frequencies, tip, ratios)[0, 0]
     for i, omega in enumerate(2.0 * math.pi * frequencies):
         dynamic = (1.0 + 1j * omega * stiffness_damping) * chain.K - omega**2 * chain.M
         exact = spsolve(dynamic.tocsc(), -np.ones(n, dtype=complex))[-1]
-        np.testing.assert_allclose(found[i], exact, rtol=2e-3)  # eight modes of 20,000
+        np.testing.assert_allclose(computed[i], exact, rtol=2e-3)  # eight modes of 20,000
     assert np.isfinite(transfer_functions(chain, values, frequencies, tip, 0.02)).all()
 
 

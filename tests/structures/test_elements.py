@@ -144,6 +144,7 @@ def test_infills_between_impossible_floors_are_refused(kind, between):
     ("build", "message"),
     [
         (lambda: bs.Pendulum(0, 0.2, 1.0), "pendulum 0: an appendage must stand on a floor"),
+        (lambda: bs.Pendulum("tank", 0.1, 1.0, label="tank"), "tank: an appendage must stand on"),
         (lambda: bs.Pendulum(1, -0.2, 1.0), "pendulum 1: mass must be positive .* -0.2"),
         (lambda: bs.Pendulum(1, 0.2, 0.0), "pendulum 1: frequency must be positive .* 0.0"),
         (

@@ -33,21 +33,6 @@ def test_shapes_of_a_uniform_building(n):
     np.testing.assert_allclose(np.abs((shapes * expected).sum(0)), 1.0, rtol=1e-12)
 
 
-def test_bare_building_of_the_numerical_study(frame):
-    frequencies = frame.modes(np.ones((1, 3))).frequencies_hz[0]
-    np.testing.assert_allclose(frequencies, [1.0, 2.80193774, 4.04891734], atol=5e-9)
-
-
-@pytest.mark.parametrize(("m1", "m2", "k1", "k2"), [(1, 1, 1, 1), (2.0, 0.5, 30.0, 7.0)])
-def test_two_storeys_in_closed_form(m1, m2, k1, k2):
-    # m1 m2 w^4 - (m1 k2 + m2 (k1 + k2)) w^2 + k1 k2 = 0
-    middle = m1 * k2 + m2 * (k1 + k2)
-    root = math.sqrt(middle**2 - 4.0 * m1 * m2 * k1 * k2)
-    squares = np.array([middle - root, middle + root]) / (2.0 * m1 * m2)
-    frequencies = bs.ShearBuilding((m1, m2), (k1, k2)).modes(NO_VALUES).frequencies_hz[0]
-    np.testing.assert_allclose(frequencies, np.sqrt(squares) / math.tau, rtol=1e-12)
-
-
 def test_storey_i_stands_below_floor_i():
     building = bs.ShearBuilding(masses=(1.0, 2.0, 3.0), stiffnesses=(10.0, 20.0, 40.0))
     stiffness = [[30.0, -20.0, 0.0], [-20.0, 60.0, -40.0], [0.0, -40.0, 40.0]]
@@ -55,12 +40,6 @@ def test_storey_i_stands_below_floor_i():
     modes = building.modes(NO_VALUES)
     np.testing.assert_allclose(modes.frequencies_hz[0], np.sqrt(squares) / math.tau, rtol=1e-12)
     np.testing.assert_allclose(np.abs(modes.shapes[0]), np.abs(vectors), rtol=1e-10)
-
-
-def test_one_factor_on_every_stiffness_scales_every_frequency(frame):
-    # f goes with the square root of k, and the columns are k1, k2, k3.
-    modes = frame.modes(np.array([[1.0, 1.0, 1.0], [1.21, 1.21, 1.21]]))
-    np.testing.assert_allclose(modes.frequencies_hz[1], 1.1 * modes.frequencies_hz[0], rtol=1e-13)
 
 
 def test_parameters_in_masses_and_stiffnesses():

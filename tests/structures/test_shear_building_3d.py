@@ -36,15 +36,6 @@ def test_a_uniform_building_has_the_frequencies_of_three_chains():
     np.testing.assert_allclose(computed, expected, rtol=1e-12)
 
 
-def test_the_modes_move_in_one_direction_each_where_nothing_is_eccentric():
-    structure = uniform(2, 900.0, 1100.0, 4000.0, 1.5)
-    shapes = structure.modes(NONE).shapes[0].reshape(2, 3, 6)  # floor, direction, mode
-    moving = (np.abs(shapes).max(axis=0) > 1e-9).sum(axis=0)
-    assert moving.tolist() == [1] * 6
-    assert structure.degrees_of_freedom[:4] == ("floor 1 x", "floor 1 y", "floor 1 torsion",
-                                                "floor 2 x")  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("centre", "own", "coupled"), [((0.4, 0.0), 800.0, 1800.0), ((0.0, -0.4), 1800.0, 800.0)]
 )
