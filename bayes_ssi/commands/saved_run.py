@@ -251,7 +251,8 @@ def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:
 
     notes = comparison_notes(result.comparison)
     for posterior in result.ranked_posteriors[: 1 if best_only else None]:
-        notes += [*pairing_notes(posterior), *region_notes(posterior)]
+        for heading, items in (*pairing_notes(posterior), *region_notes(posterior)):
+            notes += [heading, *(f"  {item}" for item in items)]
         notes += [f"{posterior.name!r}: {remark}." for remark in posterior.remarks]
     return notes
 

@@ -6,11 +6,9 @@ search are hypotheses on a class of the study file, by the places and settings o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from bayes_ssi.appendages.hypotheses import hypothesis
-from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.ranking.study import Study
 from bayes_ssi.results.load import SEARCH, StoredResult
@@ -30,13 +28,20 @@ def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict
         ValueError: the study defines no such class, or the record of a search is damaged.
     """
     names = [posterior.name for posterior in stored.posteriors]
-    places = _places(names, stored)
+    search, stands_for = stored.search, stored.record.stands_for
+    places = {each.name: each.appendages for each in search.hypotheses} if search else {}
+    missing = [name for name in names if search and name not in places]
+    if missing:
+        raise ValueError(f"{stored.directory / SEARCH}: no hypothesis {missing[0]!r}")
     try:
-        if stored.search is not None:
-            baseline = _only(study, stored.search.baseline)
-            settings = stored.search.search_settings
-            return {name: hypothesis(baseline, places[name], settings) for name in names}
-        stands_for = stored.record.stands_for
+        if search is not None:
+            baseline = _only(study, search.baseline)
+            return {
+                name: hypothesis(
+                    baseline, [each.place for each in places[name]], search.search_settings
+                )
+                for name in names
+            }
         return {
             name: _only(study, stands_for[name][0]).with_any_pairing(name)
             if name in stands_for
@@ -45,20 +50,6 @@ def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict
         }
     except ValueError as error:
         raise ValueError(f"{study_file}: not the study of {stored.directory}: {error}") from error
-
-
-def _places(names: Sequence[str], stored: StoredResult) -> dict[str, list[AppendagePlace]]:
-    """Where the appendages of every hypothesis hang; empty if the result is no search's."""
-    if stored.search is None:
-        return {}
-    places = {
-        each.name: [appendage.place for appendage in each.appendages]
-        for each in stored.search.hypotheses
-    }
-    missing = [name for name in names if name not in places]
-    if missing:
-        raise ValueError(f"{stored.directory / SEARCH}: no hypothesis {missing[0]!r}")
-    return places
 
 
 def _only(study: Study, name: str) -> ModelClass:

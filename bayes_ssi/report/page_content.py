@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import groupby
 from typing import Any
 
@@ -26,15 +25,6 @@ from bayes_ssi.tables import pairing_notes, region_notes
 __all__ = ["page_content"]
 
 
-@dataclass(frozen=True)
-class _StoredClass:
-    """What is stored of one model class: its posterior, its record, its row of the ranking."""
-
-    posterior: Posterior
-    record: ClassRecord
-    row: RankedClass
-
-
 def page_content(
     stored: StoredResult,
     predictions: SavedPredictions | None,
@@ -48,11 +38,7 @@ def page_content(
         figures: of the report.
     """
     record, comparison = stored.record, stored.comparison
-    ranked = [
-        _StoredClass(stored.posterior(row.name), record.model_class(row.name), row)
-        for row in comparison.classes
-    ]
-    methods = check_names(stored.posteriors)
+    ranked = list(zip(comparison.classes, stored.ranked_posteriors, strict=True))
     return {
         "title": record.study,
         "question": record.description,
@@ -71,12 +57,12 @@ def page_content(
         "several": len(stored.tests) > 1,
         "classes": [
             # A hypothesis of a search carries the description of the class that it was built on.
-            _class(each, stored, described=stored.search is None)
-            for each in ranked[: LIMITS.classes]
+            _class(row, posterior, stored, described=stored.search is None)
+            for row, posterior in ranked[: LIMITS.classes]
         ],
         "n_more": max(0, len(ranked) - LIMITS.classes),
-        "checks": [(each.row, each.posterior, _chain_lengths(each.posterior)) for each in ranked],
-        "check_names": methods,
+        "checks": [(row, posterior, _chain_lengths(posterior)) for row, posterior in ranked],
+        "check_names": check_names(stored.posteriors),
         "search": stored.search,
         "sensitivity": stored.sensitivity,
         "turning": stored.sensitivity.turning if stored.sensitivity else (),
@@ -84,15 +70,17 @@ def page_content(
         "figures": figures,
         "limits": LIMITS,
         "command": record.command or _command(record),
-        "sampled_seconds": sum(each.posterior.seconds for each in ranked),
+        "sampled_seconds": sum(posterior.seconds for posterior in stored.posteriors),
     }
 
 
-def _class(each: _StoredClass, stored: StoredResult, *, described: bool) -> dict[str, Any]:
-    posterior, record = each.posterior, each.record
+def _class(
+    row: RankedClass, posterior: Posterior, stored: StoredResult, *, described: bool
+) -> dict[str, Any]:
+    record = stored.record.model_class(row.name)
     records = {configuration.name: configuration for configuration in record.configurations}
     return {
-        "row": each.row,
+        "row": row,
         "description": record.description if described else "",
         "error_sizes": record.error_sizes,
         "detection_probability": record.detection_probability,
@@ -105,8 +93,8 @@ def _class(each: _StoredClass, stored: StoredResult, *, described: bool) -> dict
             }
             for modes in posterior.configurations
         ],
-        "pairings": _nested(pairing_notes(posterior)),
-        "regions": _nested(region_notes(posterior)),
+        "pairings": pairing_notes(posterior),
+        "regions": region_notes(posterior),
     }
 
 
@@ -122,17 +110,6 @@ def _parameters(posterior: Posterior, record: ClassRecord) -> list[dict[str, Any
         }
         for row in posterior.summary
     ]
-
-
-def _nested(notes: Sequence[str]) -> list[tuple[str, list[str]]]:
-    """Notes by their headings, which are not indented."""
-    nested: list[tuple[str, list[str]]] = []
-    for note in notes:
-        if note.startswith(" "):
-            nested[-1][1].append(note.strip())
-        else:
-            nested.append((note, []))
-    return nested
 
 
 def _structure(record: ConfigurationRecord, first: ConfigurationRecord) -> dict[str, Any]:

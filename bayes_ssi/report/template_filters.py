@@ -55,10 +55,6 @@ def error_percent(model: Any, identified: float) -> str:
     return f"{error:+.1f} %" if error else "0.0 %"
 
 
-def probability(value: float) -> str:
-    return probability_text(float(value))
-
-
 def prior(distribution: Any) -> str:
     """A prior by its name and its numbers."""
     values = {field.name: getattr(distribution, field.name) for field in fields(distribution)}
@@ -113,7 +109,7 @@ FILTERS = {
     "interval": interval,
     "percent": percent,
     "error_percent": error_percent,
-    "probability": probability,
+    "probability": probability_text,
     "prior": prior,
     "names": names,
     "quoted": quoted,

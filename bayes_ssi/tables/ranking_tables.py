@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
-from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.identification.inferred_pairing import InferredPairing
 from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.ranking.averages import AveragedParameter
 from bayes_ssi.ranking.comparison import Comparison, probability_text
@@ -21,6 +21,9 @@ __all__ = [
     "ranking_table",
     "region_notes",
 ]
+
+# A heading and the items of the list below it.
+Note = tuple[str, list[str]]
 
 
 def ranking_table(comparison: Comparison, title: str = "") -> Table:
@@ -111,18 +114,18 @@ def averages_table(averaged: Sequence[AveragedParameter]) -> Table:
     return table
 
 
-def pairing_notes(posterior: Posterior) -> list[str]:
+def pairing_notes(posterior: Posterior) -> list[Note]:
     """Which identified mode is which model mode, where that was inferred."""
     notes = []
     for modes in posterior.configurations:
         if modes.inferred_pairing is not None:
             where = f" in configuration {modes.name!r}" if modes.name else ""
-            notes.append(f"Modes of {posterior.name!r}{where}:")
-            notes += _pairing_notes(modes.inferred_pairing)
+            items = list(_mode_probabilities(modes.inferred_pairing))
+            notes.append((f"Modes of {posterior.name!r}{where}:", items))
     return notes
 
 
-def _pairing_notes(inferred: InferredPairing) -> Iterator[str]:
+def _mode_probabilities(inferred: InferredPairing) -> Iterator[str]:
     """The probabilities of modes, then those of whole pairings, as far as they are not 0.000."""
     for label, probabilities in inferred.of_modes.items():
         by_probability = sorted(probabilities.items(), key=lambda item: -item[1])
@@ -132,24 +135,21 @@ def _pairing_notes(inferred: InferredPairing) -> Iterator[str]:
             for number, probability in by_probability
             if probability >= 0.001
         )
-        yield f"  identified mode {label} is {alternatives}"
+        yield f"identified mode {label} is {alternatives}"
     for share in inferred.pairings:
         if share.probability >= 0.001:
-            yield f"  {_pairing(share)}: probability {probability_text(share.probability)}"
+            pairs = ", ".join(f"{label}-{number}" for label, number in share.pairing.items())
+            pairing = f"pairing {pairs}" if pairs else "every identified mode spurious"
+            yield f"{pairing}: probability {probability_text(share.probability)}"
 
 
-def _pairing(share: PairingShare) -> str:
-    pairs = ", ".join(f"{label}-{number}" for label, number in share.pairing.items())
-    return f"pairing {pairs}" if pairs else "every identified mode spurious"
-
-
-def region_notes(posterior: Posterior) -> list[str]:
+def region_notes(posterior: Posterior) -> list[Note]:
     """The separate regions of a posterior, where there are several and the fit is not unique."""
     if len(posterior.regions) < 2:
         return []
-    notes = [f"The posterior of {posterior.name!r} has {len(posterior.regions)} separate regions:"]
+    items = []
     for region in posterior.regions:
         means = zip(posterior.parameter_names, region.mean, strict=True)
         values = ", ".join(f"{name} = {mean:.4g}" for name, mean in means)
-        notes.append(f"  {100 * region.share:.1f} ± {100 * region.error:.1f} % around {values}")
-    return notes
+        items.append(f"{100 * region.share:.1f} ± {100 * region.error:.1f} % around {values}")
+    return [(f"The posterior of {posterior.name!r} has {len(items)} separate regions:", items)]

@@ -138,7 +138,7 @@ def test_modes_alone_of_a_structure_without_masses(predict, monkeypatch):
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_narrow_peak_is_spoken_of(predict):
+def test_a_warning_about_narrow_peaks(predict):
     assert "(!) The frequencies may miss the top" in predict("--damping", 1e-5).stdout
 
 
@@ -169,29 +169,16 @@ def test_a_failure_leaves_nothing_behind(predict, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "options", "words"),
     [
-        (AT2.replace("NPTS= 4", "NPTS= 5"), ("quake.AT2", "NPTS = 5, but 4 values follow")),
-        (AT2.replace(", DT= .5 SEC", ""), ("quake.AT2", "dt", "is not given")),
-        ("", ("quake.AT2", "empty")),
-        (AT2.replace("NPTS= 4", "NPTS= 1").replace("0. .1 .2 -.1", ".1"), ("two samples",)),
-        (AT2.replace(".2", "nan"), ("quake.AT2", "line 5")),
-        (AT2.replace("OF G", "OF FURLONG"), ("quake.AT2", "unit", "'FURLONG'", "'cm/s2'")),
+        (AT2.replace("NPTS= 4", "NPTS= 5"), (), ("quake.AT2", "NPTS = 5, but 4 values follow")),
+        (AT2, ("--unit", "cm/s2"), ("quake.AT2", "two units", "'cm/s2' and 'g'")),
     ],
 )
-def test_bad_records(predict, tmp_path, text, words):
+def test_bad_records(predict, tmp_path, text, options, words):
     (tmp_path / "quake.AT2").write_text(text, "utf-8")
-    assert_one_line_error(predict("--record", tmp_path / "quake.AT2"), *words)
+    assert_one_line_error(predict("--record", tmp_path / "quake.AT2", *options), *words)
     assert not (tmp_path / "out").exists()
-
-
-def test_a_record_of_mixed_units(predict, tmp_path):
-    (tmp_path / "quake.AT2").write_text(AT2, "utf-8")
-    done = predict("--record", tmp_path / "quake.AT2", "--unit", "cm/s2")
-    assert_one_line_error(done, "two units", "'cm/s2' and 'g'")
-    (tmp_path / "quake.csv").write_text("# dt_s, 0.1\nacc (m/s2)\n1\n2\n", "utf-8")
-    done = predict("--record", tmp_path / "quake.csv")
-    assert_one_line_error(done, "the unit of the acceleration is not given", "'g'")
 
 
 @pytest.mark.parametrize(
@@ -232,34 +219,8 @@ def test_a_result_that_is_incomplete(predict, saved, tmp_path, missing):
     assert_one_line_error(predict(result=copy), str(copy))
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("(K * k, K * k)", "(K * k, 2 * K * k)", ("not the one that was sampled", "Hz")),
-        ('"each k"', '"both k"', ("no model class 'each k'",)),
-        ("(K * k, K * k)", "(K * k1, K * k)", ("not the one that was sampled", "'k1'")),
-        ("study = ", "no_study = None #", ("tiny.py",)),
-    ],
-)
-def test_a_study_that_has_changed(predict, tmp_path, old, new, words):
-    assert old in TINY_STUDY
-    (tmp_path / "tiny.py").write_text(TINY_STUDY.replace(old, new), "utf-8")
+def test_a_study_that_has_changed(predict, tmp_path):
+    text = TINY_STUDY.replace("(K * k, K * k)", "(K * k, 2 * K * k)")
+    (tmp_path / "tiny.py").write_text(text, "utf-8")
     done = predict("--study", tmp_path / "tiny.py", "--class", "one k")
-    assert_one_line_error(done, *words)
-
-
-def test_several_configurations_are_listed(predict, tmp_path):
-    """A study whose classes were tested twice: which test is asked for must be said."""
-    text = (
-        TINY_STUDY.split("study = bs.Study(")[0]
-        + """
-building = bs.ShearBuilding((1.0, 1.0), (K * k1, K * k2))
-tests = [bs.Configuration(name, building, modes, pairing=pairing) for name in ("May", "June")]
-names = ("one k", "each k")
-classes = [bs.ModelClass(name, configurations=tests, error=error) for name in names]
-study = bs.Study("Two", classes)
-"""
-    )
-    (tmp_path / "two.py").write_text(text, "utf-8")
-    done = predict("--study", tmp_path / "two.py")
-    assert_one_line_error(done, "2 configurations; choose one of 'May', 'June'")
+    assert_one_line_error(done, "not the one that was sampled", "Hz")

@@ -305,8 +305,8 @@ def test_an_inferred_pairing_is_stored_and_loaded(ranking, tmp_path):
 
 def test_notes_say_which_mode_is_which(ranking):
     (posterior,) = ranking.posteriors
-    notes = pairing_notes(posterior)
-    assert notes[0] == "Modes of 'one k':"
-    assert notes[1].startswith("  identified mode 1 is model mode 1 with probability ")
-    assert notes[2].startswith("  identified mode 2 is model mode 2 with probability ")
-    assert notes[3].startswith("  pairing 1-1, 2-2: probability ")
+    ((heading, items),) = pairing_notes(posterior)
+    assert heading == "Modes of 'one k':"
+    assert items[0].startswith("identified mode 1 is model mode 1 with probability ")
+    assert items[1].startswith("identified mode 2 is model mode 2 with probability ")
+    assert items[2].startswith("pairing 1-1, 2-2: probability ")

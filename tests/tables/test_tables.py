@@ -78,10 +78,12 @@ def test_regions(make_posterior):
         Region(0.25, 0.01, 4, (0.3, 0.2), (3.0, 4.0)),
     )
     assert region_notes(make_posterior("x")) == []
-    notes = region_notes(make_posterior("x", regions=regions))
-    assert "'x' has 2 separate regions" in notes[0]
-    assert notes[1].strip() == "75.0 ± 1.0 % around k1 = 1, k2 = 2"
-    assert notes[2].strip() == "25.0 ± 1.0 % around k1 = 3, k2 = 4"
+    assert region_notes(make_posterior("x", regions=regions)) == [
+        (
+            "The posterior of 'x' has 2 separate regions:",
+            ["75.0 ± 1.0 % around k1 = 1, k2 = 2", "25.0 ± 1.0 % around k1 = 3, k2 = 4"],
+        )
+    ]
 
 
 def test_calibration(model_classes):
