@@ -16,14 +16,14 @@ from bayes_ssi.commands.predict import predict
 from bayes_ssi.commands.rank import rank
 from bayes_ssi.commands.report import report
 from bayes_ssi.commands.search import search
-from bayes_ssi.commands.terminal import OneLineErrors, quiet_option
+from bayes_ssi.commands.terminal import QUIET_OPTION, OneLineErrors
 
 __all__ = ["main"]
 
 COMMANDS = (calibrate, check, new, rank, search, predict, report, guide)
 
 for command in COMMANDS:
-    command.params.append(quiet_option())
+    command.params.append(QUIET_OPTION)
 
 
 @click.group(

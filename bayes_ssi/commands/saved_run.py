@@ -89,7 +89,8 @@ class RunOptions:
             FileExistsError: there is another result, which is not to be overwritten.
         """
         from bayes_ssi.execution.checkpoint import Checkpoint, name_of_run
-        from bayes_ssi.results.save import require_new
+        from bayes_ssi.results.load import MARKER
+        from bayes_ssi.results.new_directory import require_new
 
         directory = self.out or RESULTS / name
         checkpoint = Checkpoint(
@@ -99,7 +100,7 @@ class RunOptions:
             say=lambda text: click.echo(text, err=True),
         )
         overwrite = self.overwrite or checkpoint.is_saving
-        require_new(directory, overwrite=overwrite)
+        require_new(directory, marker=MARKER, overwrite=overwrite)
         return ResultPlace(study_file, directory, checkpoint, overwrite)
 
     @contextmanager
@@ -133,9 +134,12 @@ class RunOptions:
         self, ranking: Ranking, records: Mapping[str, Any], place: ResultPlace
     ) -> StoredResult:
         """Save a ranking, further records by their files and the figures; remove the checkpoint."""
-        from bayes_ssi.results.save import require_new, save_result
+        from bayes_ssi.results.load import MARKER
+        from bayes_ssi.results.new_directory import require_new
+        from bayes_ssi.results.save import save_result
 
-        require_new(place.directory, overwrite=place.overwrite)
+        # Another result may have appeared since the run began.
+        require_new(place.directory, marker=MARKER, overwrite=place.overwrite)
         place.checkpoint.begin_saving()
         with progress_bars() as progress:
             progress("saving", "result", 0.0)

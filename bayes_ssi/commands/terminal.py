@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BAD_INPUT",
     "INTERRUPTED",
+    "QUIET_OPTION",
     "OneLineErrors",
     "command_line",
     "console",
@@ -28,7 +29,6 @@ __all__ = [
     "json_option",
     "print_record",
     "progress_bars",
-    "quiet_option",
     "say",
 ]
 
@@ -111,27 +111,22 @@ def _keep(context: click.Context, option: click.Parameter, value: bool) -> None:
     context.meta[f"{META}.{option.name}"] = value
 
 
-def quiet_option() -> click.Option:
-    """``--quiet``, for any command."""
-    return click.Option(
-        ["--quiet"],
-        is_flag=True,
-        expose_value=False,
-        callback=_keep,
-        help="Print nothing but errors; the exit code says the rest.",
-    )
-
-
-def json_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command that calls :func:`print_record` the option ``--json``."""
-    return click.option(
-        "--json",
-        "json",
-        is_flag=True,
-        expose_value=False,
-        callback=_keep,
-        help="Print one JSON record instead of tables.",
-    )(command)
+# For any command.
+QUIET_OPTION = click.Option(
+    ["--quiet"],
+    is_flag=True,
+    expose_value=False,
+    callback=_keep,
+    help="Print nothing but errors; the exit code says the rest.",
+)
+# For a command that calls print_record.
+json_option = click.option(
+    "--json",
+    is_flag=True,
+    expose_value=False,
+    callback=_keep,
+    help="Print one JSON record instead of tables.",
+)
 
 
 def print_record(record: Callable[[], Mapping[str, Any]]) -> None:

@@ -16,19 +16,14 @@ from bayes_ssi.model_class.class_record import class_record
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.ranking.study import Ranking, Study
-from bayes_ssi.results import new_directory
 from bayes_ssi.results.draws import save_draws
 from bayes_ssi.results.json_files import write_json
 from bayes_ssi.results.load import IN_THE_FILE_OF_DRAWS, MARKER, StoredResult, load_result
+from bayes_ssi.results.new_directory import new_directory
 from bayes_ssi.results.result_record import DataFile, ResultRecord
 from bayes_ssi.versions import versions
 
-__all__ = ["require_new", "save_result"]
-
-
-def require_new(directory: str | Path, *, overwrite: bool = False) -> None:
-    """As :func:`bayes_ssi.results.new_directory.require_new`, for a result directory."""
-    new_directory.require_new(directory, marker=MARKER, overwrite=overwrite)
+__all__ = ["save_result"]
 
 
 def save_result(
@@ -56,7 +51,7 @@ def save_result(
         FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
             than a result.
     """
-    with new_directory.new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
+    with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         (partial / "posteriors").mkdir()
         data = _save_tests(ranking.study, partial)
         files = file_names([posterior.name for posterior in ranking.posteriors], "nc")

@@ -291,14 +291,6 @@ def test_killed_while_its_own_result_is_replaced(sampled_command, uninterrupted)
     sampled_command.assert_result_is(uninterrupted)
 
 
-def test_a_damaged_checkpoint_is_said_and_harms_nothing(sampled_command, uninterrupted):
-    (path,) = sampled_command.checkpoint.glob("*.journal")
-    path.write_bytes(path.read_bytes()[:10000])
-    assert sampled_command.run() == 0
-    assert sampled_command.stderr.startswith(f"{path}: damaged, ")
-    sampled_command.assert_result_is(uninterrupted)
-
-
 def test_interrupts_and_full_disks_are_said_in_a_line_and_lose_nothing(command, uninterrupted):
     for _ in range(2):
         assert command.run(moment="an interrupt") == 130
@@ -324,13 +316,6 @@ def test_another_seed_replaces_an_unfinished_run_on_request(sampled_command, tin
     posterior = load_result(sampled_command.result).posteriors[0]
     assert posterior.evidence == tiny_ranking.posteriors[0].evidence
     assert not sampled_command.checkpoint.exists()
-
-
-def test_a_study_that_changed_is_refused(sampled_command):
-    path = sampled_command.study_file
-    path.write_text(TINY_STUDY.replace("0.002", "0.003"), encoding="utf-8")
-    assert sampled_command.run() == 2
-    sampled_command.assert_one_line_error("the checkpoint of another run, with definition ")
 
 
 def test_a_result_that_was_there_before_is_not_overwritten(sampled_command, uninterrupted):

@@ -10,7 +10,7 @@ import pytest
 
 from bayes_ssi.file_names import file_names
 from bayes_ssi.results.load import load_result
-from bayes_ssi.results.save import require_new, save_result
+from bayes_ssi.results.save import save_result
 
 
 @pytest.fixture
@@ -85,8 +85,6 @@ def test_a_result_is_never_overwritten(tiny_ranking, saved):
     before = (saved.directory / "result.json").read_bytes()
     with pytest.raises(FileExistsError, match="exists already and is not overwritten"):
         save_result(tiny_ranking, saved.directory)
-    with pytest.raises(FileExistsError, match="--overwrite"):
-        require_new(saved.directory)
     assert (saved.directory / "result.json").read_bytes() == before
 
 
