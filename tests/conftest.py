@@ -210,12 +210,12 @@ def fake_sampling(monkeypatch, make_posterior):
             if run.checkpoint is not None:  # as its journals do
                 run.checkpoint.directory.mkdir(exist_ok=True)
             levels.append([candidate.name for candidate in candidates])
-            found = []
+            posteriors = []
             for candidate in candidates:
                 n = len(candidate.parameters)
                 rng = np.random.default_rng(list(candidate.name.encode()))
                 centre = rng.normal(1.0, 0.3, n)
-                found.append(
+                posteriors.append(
                     make_posterior(
                         candidate.name,
                         log_evidence(candidate),
@@ -225,7 +225,7 @@ def fake_sampling(monkeypatch, make_posterior):
                         data_digest=candidate.data_digest,
                     )
                 )
-            return found
+            return posteriors
 
         monkeypatch.setattr("bayes_ssi.appendages.appendage_search.sample_all", sample_all)
         return levels

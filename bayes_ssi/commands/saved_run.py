@@ -44,7 +44,7 @@ class ResultPlace:
     Attributes:
         study_file: that defines the study.
         directory: of the result.
-        checkpoint: of the run, beside it.
+        checkpoint: of the run, next to it.
         overwrite: whether a result that is there may be replaced.
     """
 
@@ -56,7 +56,7 @@ class ResultPlace:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options of every command that samples, and what these commands do alike."""
+    """Options of every command that samples, and what these commands have in common."""
 
     seed: int
     log_evidence_error: float
@@ -179,7 +179,7 @@ class RunOptions:
 
 
 def _print_performance_hints(study: Study) -> None:
-    """Say before a long run how it could be short, once for structures that are alike."""
+    """Say before a long run how it could be shortened, once for each kind of structure."""
     from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 
     names_by_hint: dict[str, list[str]] = {}

@@ -128,7 +128,7 @@ class Checkpoint:
 
 
 def _remove(journal: Path) -> None:
-    """Remove a journal, with the file that SQLite leaves beside it where a run was killed."""
+    """Remove a journal, and the file that SQLite leaves next to it if a run is killed."""
     for path in (journal.with_name(f"{journal.name}-journal"), journal):
         path.unlink(missing_ok=True)
 

@@ -24,8 +24,8 @@ __all__ = ["Workers"]
 
 # Parts of a batch for each worker: more than one, so that none waits long for the slowest.
 PARTS_PER_WORKER = 4
-# Lost points are evaluated again in so many groups, down to single points: with four, the point of
-# a batch of 1024 at which a worker dies is found after six deaths at most.
+# Lost points are divided into this many groups and evaluated again, down to single points: four
+# isolate the point of a batch of 1024 at which a worker dies after six deaths at most.
 GROUPS = 4
 # Deaths before a run gives up: enough to find some twenty points at which workers die.
 MAX_DEATHS = 100

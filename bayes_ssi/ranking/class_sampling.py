@@ -36,7 +36,7 @@ def sample_all(
         settings: how precisely to sample.
         run: workers, checkpoint and progress. Progress of a class sampled as a whole by a worker
             is reported at its end; if its worker died, its evaluations are shared, so that the
-            points at which workers die are found.
+            points at which workers die are isolated.
 
     Raises:
         ValueError: a class's likelihood is zero everywhere, the model cannot be evaluated by the

@@ -27,8 +27,8 @@ SCALE = (
     (10.0, "strong"),
     (math.inf, "very strong"),
 )
-# A class is distinguishable from the best one if their difference exceeds so many of its standard
-# errors: about 95 % of a normal distribution lie within two.
+# A class is distinguishable from the best one if their difference exceeds this multiple of its
+# standard error: about 95 % of a normal distribution lie within two.
 STANDARD_ERRORS = 2.0
 # A class less probable than this is not flagged for leaning on its priors: that it must is what
 # makes it improbable.

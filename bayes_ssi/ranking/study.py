@@ -97,15 +97,15 @@ class Study:
         A merged class carries the names of all, the sum of their prior weights, and the
         description of the first.
         """
-        alike: dict[tuple[str, ...], list[ModelClass]] = {}
+        groups: dict[tuple[str, ...], list[ModelClass]] = {}
         for candidate in self.model_classes:
             structures = [c.structure for c in candidate.configurations]
             described = (*structures, candidate.error, candidate.identification)
             with np.printoptions(threshold=sys.maxsize):  # arrays in full
                 key = (*map(repr, described), candidate.data_digest)
-            alike.setdefault(key, []).append(candidate)
+            groups.setdefault(key, []).append(candidate)
         merged, weights, stands_for = [], {}, {}
-        for candidates in alike.values():
+        for candidates in groups.values():
             name = " or ".join(candidate.name for candidate in candidates)
             merged.append(candidates[0].with_any_pairing(name))
             stands_for[name] = tuple(

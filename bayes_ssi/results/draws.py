@@ -98,7 +98,7 @@ def _varying_terms(terms: DatumTerms) -> tuple[list[str], FloatArray]:
 
 
 def load_draws(path: Path, posterior: Posterior) -> Posterior:
-    """The posterior with the draws that :func:`save_draws` wrote of it.
+    """The posterior with the draws that :func:`save_draws` wrote.
 
     Raises:
         ValueError: the file is missing, damaged, or lacks a group or a parameter.

@@ -81,9 +81,9 @@ def test_a_hypothesis_is_the_structure_with_the_element_on_it(frame, bare, place
     values = {"k1": 1.1, "k2": 0.9, "k3": 1.2,
               f"mass ratio, {place.name}": 0.1, f"frequency, {place.name}": 2.5}  # fmt: skip
     assert set(made.parameter_names) == set(values)
-    found = made.structure.modes(np.array([[values[name] for name in made.parameter_names]]))
+    modes = made.structure.modes(np.array([[values[name] for name in made.parameter_names]]))
     expected = frame.with_element(element).modes(np.array([[1.1, 0.9, 1.2]]))
-    np.testing.assert_allclose(found.frequencies_hz, expected.frequencies_hz, rtol=1e-11)
+    np.testing.assert_allclose(modes.frequencies_hz, expected.frequencies_hz, rtol=1e-11)
 
 
 def test_a_hypothesis_with_two_appendages(bare):
@@ -116,8 +116,8 @@ def test_priors_of_the_user_are_used(bare):
 
 def test_every_hypothesis_is_scored_over_all_pairings(bare, fake_sampling):
     fake_sampling(by_count(0.0, 0.0))
-    found = search(bare, ONE)
-    assert {candidate.pairing for candidate in found.ranking.study.model_classes} == {"any"}
+    result = search(bare, ONE)
+    assert {candidate.pairing for candidate in result.ranking.study.model_classes} == {"any"}
 
 
 def test_the_scale_of_masses_is_the_mean_floor_mass(case_c, fixed_error, fake_sampling):
@@ -125,8 +125,8 @@ def test_the_scale_of_masses_is_the_mean_floor_mass(case_c, fixed_error, fake_sa
     k = bs.Parameter("k", bs.LogNormal(100.0, 0.3))
     m = bs.Parameter("m", bs.LogNormal(4.0, 0.1))
     structure = bs.ShearBuilding((1.0, 2.5 * m, 1.0), (k, k, k))
-    found = search(bs.ModelClass("b", structure, case_c, fixed_error, pairing={}), ONE)
-    assert found.record.mass_scale == pytest.approx(4.0)
+    result = search(bs.ModelClass("b", structure, case_c, fixed_error, pairing={}), ONE)
+    assert result.record.mass_scale == pytest.approx(4.0)
 
 
 @dataclass(frozen=True)
@@ -156,13 +156,13 @@ class RoofPlace(AppendagePlace):
 def test_another_kind_of_appendage_is_one_class(bare, fake_sampling, monkeypatch):
     monkeypatch.setattr("bayes_ssi.appendages.hypotheses.KINDS", (*KINDS, RoofPlace))
     levels = fake_sampling(by_count(0.0, 1.0, 2.0))
-    found = search(bare, ONE)
+    result = search(bare, ONE)
     assert "mast" in levels[0]
-    record = found.record
+    record = result.record
     assert from_record(SearchRecord, json.loads(json.dumps(to_record(record)))) == record
     ax = plot_places(record.place_probabilities)
     points = {tuple(c.get_offsets()[0]) for c in ax.collections}
-    assert len(points) == len(found.record.places) == 7
+    assert len(points) == len(result.record.places) == 7
     assert [text.get_text() for text in ax.get_legend().get_texts()] == [
         "pendulum on a floor", "infill in a storey", "mast on the roof",
     ]  # fmt: skip
@@ -171,8 +171,8 @@ def test_another_kind_of_appendage_is_one_class(bare, fake_sampling, monkeypatch
 # Levels and weights
 
 
-def places_of_hypotheses(found):
-    return {h.name: [each.place for each in h.appendages] for h in found.record.hypotheses}
+def places_of_hypotheses(result):
+    return {h.name: [each.place for each in h.appendages] for h in result.record.hypotheses}
 
 
 def test_one_appendage_at_most(bare, fake_sampling):
@@ -212,29 +212,29 @@ def test_three_are_not_tried_where_two_do_not_help(bare, fake_sampling):
 
 def test_more_than_there_are_places_are_not_tried(tiny_study, fake_sampling):
     levels = fake_sampling(by_count(0.0, 1.0, 2.0, 3.0, 4.0))
-    found = search(
+    result = search(
         tiny_study.model_classes[0], SearchSettings(number_weights=(1.0,) * 9, branches=9)
     )
     assert [len(level) for level in levels] == [5, 6, 4, 1]
-    assert max(map(len, places_of_hypotheses(found).values())) == 4
+    assert max(map(len, places_of_hypotheses(result).values())) == 4
 
 
-def test_a_number_shares_its_weight_among_all_ways_to_place_so_many(bare, fake_sampling):
+def test_a_number_shares_its_weight_among_all_placements(bare, fake_sampling):
     fake_sampling(by_count(0.0, 1.0, 2.0))
-    found = search(bare, SearchSettings(number_weights=(2.0, 3.0, 0.5)))
-    numbers = {name: len(places) for name, places in places_of_hypotheses(found).items()}
-    assert found.ranking.study.prior_weights == pytest.approx(
+    result = search(bare, SearchSettings(number_weights=(2.0, 3.0, 0.5)))
+    numbers = {name: len(places) for name, places in places_of_hypotheses(result).items()}
+    assert result.ranking.study.prior_weights == pytest.approx(
         {name: (2.0, 3.0, 0.5)[n] / math.comb(6, n) for name, n in numbers.items()}
     )
     assert list(numbers.values()).count(1) == 6
 
 
-def shares(found, log_evidence):
+def shares(result, log_evidence):
     """Probability of every hypothesis, from evidence and prior weight."""
-    weights = found.ranking.study.prior_weights
+    weights = result.ranking.study.prior_weights
     plain = {
         each.name: weights[each.name] * math.exp(log_evidence(each))
-        for each in found.ranking.study.model_classes
+        for each in result.ranking.study.model_classes
     }
     return {name: share / sum(plain.values()) for name, share in plain.items()}
 
@@ -242,13 +242,13 @@ def shares(found, log_evidence):
 def test_probabilities_of_places_are_sums_over_hypotheses(bare, fake_sampling):
     log_evidence = by_count(0.0, 1.0, 3.0)
     fake_sampling(log_evidence)
-    found = search(bare)
-    expected = shares(found, log_evidence)
-    places = places_of_hypotheses(found)
+    result = search(bare)
+    expected = shares(result, log_evidence)
+    places = places_of_hypotheses(result)
     for place in places_of(bare.structure):
         total = sum(share for name, share in expected.items() if place in places[name])
-        assert found.record.place_probabilities[place] == pytest.approx(total, rel=1e-9)
-    assert found.record.probability_of_any == pytest.approx(
+        assert result.record.place_probabilities[place] == pytest.approx(total, rel=1e-9)
+    assert result.record.probability_of_any == pytest.approx(
         1.0 - expected["no appendage"], rel=1e-9
     )
 
@@ -257,13 +257,13 @@ def test_averaged_parameters_are_those_of_the_mixture(frame, case_c, fake_sampli
     """With an inferred error, whose column moves as appendages add theirs."""
     log_evidence = by_count(0.0, 0.5, 1.0)
     fake_sampling(log_evidence)
-    found = search(bs.ModelClass("b", frame, case_c, pairing={}))
-    expected = shares(found, log_evidence)
+    result = search(bs.ModelClass("b", frame, case_c, pairing={}))
+    expected = shares(result, log_evidence)
     draws = {p.name: dict(zip(p.parameter_names, p.values.T, strict=True))
-             for p in found.ranking.posteriors}  # fmt: skip
+             for p in result.ranking.posteriors}  # fmt: skip
     naive = draws["no appendage"]
-    assert [row.name for row in found.record.averaged_parameters] == list(naive)
-    for row in found.record.averaged_parameters:
+    assert [row.name for row in result.record.averaged_parameters] == list(naive)
+    for row in result.record.averaged_parameters:
         x = np.concatenate([own[row.name] for own in draws.values()])
         w = np.repeat([expected[name] / 1000 for name in draws], 1000)
         mean = float(w @ x)
@@ -277,18 +277,18 @@ def test_averaged_parameters_are_those_of_the_mixture(frame, case_c, fake_sampli
 
 def test_appendages_are_medians_and_intervals_in_units_of_the_structure(bare, fake_sampling):
     fake_sampling(by_count(0.0, 1.0, 2.0))
-    found = search(bare)
-    name = next(name for name, places in places_of_hypotheses(found).items() if len(places) == 2)
-    posterior = next(p for p in found.ranking.posteriors if p.name == name)
-    for summary in found.appendages(name):
+    result = search(bare)
+    name = next(name for name, places in places_of_hypotheses(result).items() if len(places) == 2)
+    posterior = next(p for p in result.ranking.posteriors if p.name == name)
+    for summary in result.appendages(name):
         place = summary.place
         assert place.name in name
-        for quantity, found_there in (("mass ratio", summary.mass),
+        for quantity, quantiles in (("mass ratio", summary.mass),
                                       ("frequency", summary.frequency_hz)):  # fmt: skip
             column = posterior.parameter_names.index(f"{quantity}, {place.name}")
             expected = np.quantile(posterior.values[:, column], [0.05, 0.5, 0.95])
-            assert found_there == pytest.approx(tuple(expected))
-    assert found.appendages("no appendage") == ()
+            assert quantiles == pytest.approx(tuple(expected))
+    assert result.appendages("no appendage") == ()
 
 
 def test_the_record_is_json(bare, fake_sampling):
@@ -310,7 +310,7 @@ def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior)
     monkeypatch.setattr("bayes_ssi.appendages.appendage_search.sample_all", sample_all)
     said = []
     run = bs.Run(checkpoint="there", progress=lambda *what: said.append(what))
-    found = search(bare, ONE, 5, COARSE, run)
+    result = search(bare, ONE, 5, COARSE, run)
     assert calls == [(5, COARSE, "there")]
     assert said == [("no appendage", "evidence", 1.0)]
-    assert (found.ranking.seed, found.ranking.settings) == (5, COARSE)
+    assert (result.ranking.seed, result.ranking.settings) == (5, COARSE)

@@ -110,7 +110,7 @@ def stop(*_):
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_stopped_search_goes_on_and_leaves_no_checkpoint(
+def test_a_stopped_search_is_resumed_and_leaves_no_checkpoint(
     run, tiny_study_file, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: (INFILL_01,))
@@ -146,8 +146,8 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     )
     arguments = ("search", tiny_study_file, "--out", out)
 
-    def one_with_both(found, *_):
-        return [] if (PENDULUM_1, INFILL_01) in found else [(PENDULUM_1, INFILL_01)]
+    def one_with_both(posteriors, *_):
+        return [] if (PENDULUM_1, INFILL_01) in posteriors else [(PENDULUM_1, INFILL_01)]
 
     with monkeypatch.context() as patch:
         patch.setattr("bayes_ssi.appendages.appendage_search._next_level", one_with_both)

@@ -39,9 +39,9 @@ def test_a_bare_frame_hides_nothing(frame, fixed_error, two_workers):
     modes = [bs.IdentifiedMode(str(i), f, shapes[:, i]) for i, f in enumerate(frequencies)]
     data = bs.ModalData(tuple(modes), (0.0, 6.0), ("floor 1", "floor 2", "floor 3"))
     baseline = bs.ModelClass("bare", frame, data, fixed_error, pairing={})
-    found = search(baseline, ONE, settings=COARSE, run=bs.Run(two_workers))
-    assert found.ranking.comparison.best.name == "no appendage"
-    assert found.record.probability_of_any < 0.2
+    result = search(baseline, ONE, settings=COARSE, run=bs.Run(two_workers))
+    assert result.ranking.comparison.best.name == "no appendage"
+    assert result.record.probability_of_any < 0.2
 
 
 def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, two_workers):

@@ -68,7 +68,7 @@ def test_where_results_go_by_default_and_the_wanted_error(run, tiny_study_file, 
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_existing_results_are_kept_unless_told_otherwise(run, tiny_study_file, tmp_path):
+def test_existing_results_are_kept_unless_overwriting_is_asked_for(run, tiny_study_file, tmp_path):
     arguments = ("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
     assert run(*arguments).exit_code == 0
     before = (tmp_path / "r" / "result.json").read_bytes()
@@ -260,7 +260,7 @@ study = bs.Study("large", [
 """
 
 
-def test_slow_structures_are_told_before_they_are_sampled(run, tmp_path, monkeypatch):
+def test_slow_structures_are_named_before_they_are_sampled(run, tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise ValueError("not sampled here")
 

@@ -16,13 +16,13 @@ pytestmark = pytest.mark.usefixtures("no_figures")
 COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()"]
 
 
-def test_quiet_tells_nothing(run, tiny_study_file, tmp_path):
+def test_quiet_prints_nothing(run, tiny_study_file, tmp_path):
     result = run("rank", tiny_study_file, "--only", "one k", "--quiet", "--out", tmp_path / "r")
     assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
     assert load_result(tmp_path / "r").comparison.best.name == "one k"
 
 
-def test_quiet_still_tells_errors_and_failed_checks(run, tiny_study_file, tmp_path, monkeypatch):
+def test_quiet_still_prints_errors_and_failed_checks(run, tiny_study_file, tmp_path, monkeypatch):
     assert "no such file" in run("rank", tmp_path / "none.py", "--quiet").stderr
     differ = ["the ensembles differ"]
     monkeypatch.setattr("bayes_ssi.posterior.to_posterior.failed_checks", lambda _: differ)
@@ -34,26 +34,26 @@ def test_quiet_still_tells_errors_and_failed_checks(run, tiny_study_file, tmp_pa
 
 def test_a_ranking_as_json(run, tiny_study_file, tmp_path):
     result = run("rank", tiny_study_file, "--json", "--out", tmp_path / "r")
-    told, stored = json.loads(result.stdout), load_result(tmp_path / "r")
-    assert told["directory"] == str(tmp_path / "r")
-    best, row = stored.comparison.best, told["classes"][0]
+    printed, stored = json.loads(result.stdout), load_result(tmp_path / "r")
+    assert printed["directory"] == str(tmp_path / "r")
+    best, row = stored.comparison.best, printed["classes"][0]
     assert (row["name"], row["log_evidence"]) == (best.name, best.log_evidence)
-    assert sum(each["probability"] for each in told["classes"]) == pytest.approx(1.0)
-    parameter = told["parameters"]["one k"][0]
+    assert sum(each["probability"] for each in printed["classes"]) == pytest.approx(1.0)
+    parameter = printed["parameters"]["one k"][0]
     assert parameter["mean"] == pytest.approx(float(np.mean(stored.posterior("one k").values)))
-    assert told["pairings"]["one k"] == {"": {"1": 1, "2": 2}}
+    assert printed["pairings"]["one k"] == {"": {"1": 1, "2": 2}}
 
 
 def test_fits_and_data_as_json(run, tiny_study_file, tmp_path):
-    told = json.loads(run("calibrate", tiny_study_file, "--only", "each k", "--json").stdout)
-    (fit,) = told["calibrations"]
+    printed = json.loads(run("calibrate", tiny_study_file, "--only", "each k", "--json").stdout)
+    (fit,) = printed["calibrations"]
     # Unit frequencies at unit factors: the fit is exact.
     assert fit["minima"][0]["values"] == pytest.approx([1.0, 1.0], abs=1e-3)
     path = tmp_path / "modes.csv"
     path.write_text("# band_hz, 0, 3\nlabel,frequency_hz\n1,0.618\n")
-    told = json.loads(run("check", path, "--json").stdout)
-    assert told["modes"][0]["frequency_hz"] == 0.618
-    assert told["remarks"] == ["mode '1': no shape; only its frequency is used"]
+    printed = json.loads(run("check", path, "--json").stdout)
+    assert printed["modes"][0]["frequency_hz"] == 0.618
+    assert printed["remarks"] == ["mode '1': no shape; only its frequency is used"]
 
 
 def test_the_command_is_on_record(run, tiny_study_file, tmp_path):
@@ -73,7 +73,7 @@ def in_a_terminal(*arguments):
     process = subprocess.Popen([*COMMAND, *map(str, arguments)], stdout=slave, stderr=slave,
                                stdin=slave, env=env)  # fmt: skip
     os.close(slave)
-    told = b""
+    printed = b""
     while True:
         try:
             part = os.read(master, 65536)
@@ -81,17 +81,17 @@ def in_a_terminal(*arguments):
             break
         if not part:
             break
-        told += part
+        printed += part
     os.close(master)
     assert process.wait() == 0
-    return told.decode()
+    return printed.decode()
 
 
 def test_colours_and_the_time_left_are_for_terminals_only(tiny_study_file):
     arguments = ("calibrate", tiny_study_file, "--only", "one k", "--starts", 8)
-    told = in_a_terminal(*arguments)
-    assert "\x1b[" in told
-    assert re.search(r"one k.*left", told)
+    printed = in_a_terminal(*arguments)
+    assert "\x1b[" in printed
+    assert re.search(r"one k.*left", printed)
     piped = subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True,
                            check=True)  # fmt: skip
     assert "\x1b" not in piped.stdout + piped.stderr

@@ -114,7 +114,7 @@ def assert_same_fields(left, right):
 
 
 @pytest.mark.parametrize("share", np.random.default_rng(11).random(4).round(6))
-def test_a_run_stopped_anywhere_goes_on_to_the_same_result(
+def test_a_run_stopped_anywhere_is_resumed_to_the_same_result(
     tiny_study, tiny_ranking, whole_journals, checkpoint, directory, share
 ):
     stop(directory, whole_journals, share)

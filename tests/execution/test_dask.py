@@ -171,7 +171,7 @@ def test_a_run_whose_scheduler_has_gone_ends(mortal_cluster):
 
 
 @pytest.mark.parametrize("address", ["x", "nowhere://127.0.0.1:8786"])
-def test_an_address_that_is_none_is_refused(address):
+def test_a_malformed_address_is_refused(address):
     message = f"^no Dask scheduler answers at '{address}': "
     with pytest.raises(ValueError, match=message), DaskWorkers(address):
         pass

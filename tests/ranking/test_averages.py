@@ -29,12 +29,12 @@ def three(make_posterior):
 
 
 def test_averages_are_those_of_the_mixture_of_the_classes_that_infer_it(three):
-    found = averaged_parameters(three, bs.compare(three))
-    assert [(row.name, row.n_classes) for row in found] == [("a", 2), ("b", 3), ("c", 2)]
+    averages = averaged_parameters(three, bs.compare(three))
+    assert [(row.name, row.n_classes) for row in averages] == [("a", 2), ("b", 3), ("c", 2)]
     shares = {"a": {"A": 1 / 3, "B": 2 / 3}, "b": {"A": 1 / 6, "B": 2 / 6, "C": 3 / 6},
               "c": {"B": 2 / 5, "C": 3 / 5}}  # fmt: skip
-    assert [row.probability for row in found] == pytest.approx([1 / 2, 1.0, 5 / 6])
-    for row in found:
+    assert [row.probability for row in averages] == pytest.approx([1 / 2, 1.0, 5 / 6])
+    for row in averages:
         own = {p.name: p.values[:, p.parameter_names.index(row.name)] for p in three
                if row.name in p.parameter_names}  # fmt: skip
         x = np.concatenate(list(own.values()))
@@ -48,9 +48,9 @@ def test_averages_are_those_of_the_mixture_of_the_classes_that_infer_it(three):
 def test_a_class_of_all_the_probability_is_the_average(make_posterior):
     one = make_posterior("A", 0.0, names="a", draws=draws(4, [1.0], 1))
     other = make_posterior("B", -900.0, names="a", draws=draws(5, [9.0], 1))
-    (found,) = averaged_parameters([one, other], bs.compare([one, other]))
-    assert found.mean == pytest.approx(one.values.mean(), rel=1e-12)
-    assert found.n_classes == 2
+    (average,) = averaged_parameters([one, other], bs.compare([one, other]))
+    assert average.mean == pytest.approx(one.values.mean(), rel=1e-12)
+    assert average.n_classes == 2
 
 
 def test_what_only_impossible_classes_share_is_left_out(make_posterior):

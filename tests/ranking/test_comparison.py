@@ -1,4 +1,4 @@
-"""Ranking: probabilities, Bayes factors, what cannot be told apart, and what is refused."""
+"""Ranking: probabilities, Bayes factors, what cannot be flagged apart, and what is refused."""
 
 import math
 
@@ -29,20 +29,20 @@ def test_scale_of_kass_and_raftery(twice_log_bayes_factor, words, sign):
 def test_the_numerical_study(make_posterior):
     """Probabilities and Bayes factors that follow from the four log evidences."""
     log_evidences = {"1-a": 0.248, "1-b": -10.057, "2": -9.304, "3": 16.067}
-    found = bs.compare([make_posterior(name, value) for name, value in log_evidences.items()])
-    assert [row.name for row in found.classes] == ["3", "1-a", "2", "1-b"]
-    assert found.best.name == "3"
+    comparison = bs.compare([make_posterior(name, value) for name, value in log_evidences.items()])
+    assert [row.name for row in comparison.classes] == ["3", "1-a", "2", "1-b"]
+    assert comparison.best.name == "3"
     total = sum(math.exp(value) for value in log_evidences.values())
-    for row in found.classes:
+    for row in comparison.classes:
         assert row.log_evidence == log_evidences[row.name]
         assert row.probability == pytest.approx(math.exp(row.log_evidence) / total, rel=1e-12)
         assert row.log_bayes_factor == pytest.approx(row.log_evidence - 16.067)
-    assert [row.against for row in found.classes] == ["best", *["very strong"] * 3]
-    assert found.classes[1].log_bayes_factor_error == pytest.approx(math.hypot(0.01, 0.01))
-    assert found.best.log_bayes_factor_error == 0.0
-    assert found.not_distinguishable == ()
-    assert found.data_digest == "0123456789abcdef"
-    assert found.scale == "Kass and Raftery (1995)"
+    assert [row.against for row in comparison.classes] == ["best", *["very strong"] * 3]
+    assert comparison.classes[1].log_bayes_factor_error == pytest.approx(math.hypot(0.01, 0.01))
+    assert comparison.best.log_bayes_factor_error == 0.0
+    assert comparison.not_distinguishable == ()
+    assert comparison.data_digest == "0123456789abcdef"
+    assert comparison.scale == "Kass and Raftery (1995)"
 
 
 @pytest.mark.parametrize(
@@ -55,24 +55,28 @@ def test_the_numerical_study(make_posterior):
         (0.0, 0.01, False, "not distinguishable"),
     ],
 )
-def test_what_cannot_be_told_apart(make_posterior, difference, error, distinguishable, against):
-    found = bs.compare([make_posterior("a", -difference, error), make_posterior("b", 0.0, error)])
+def test_classes_that_are_not_distinguishable(
+    make_posterior, difference, error, distinguishable, against
+):
+    comparison = bs.compare(
+        [make_posterior("a", -difference, error), make_posterior("b", 0.0, error)]
+    )
     # Of two equal evidences the first given is the best.
-    other = found.classes[1]
+    other = comparison.classes[1]
     assert (other.distinguishable, other.against) == (distinguishable, against)
-    assert found.not_distinguishable == (() if distinguishable else (other.name,))
+    assert comparison.not_distinguishable == (() if distinguishable else (other.name,))
 
 
-def test_what_a_row_tells(make_posterior):
+def test_what_a_row_says(make_posterior):
     checks = ("the ensembles differ",)
     worse = make_posterior("worse", -2.0, 0.02, names=("a", "b", "c"), failed_checks=checks)
-    found = bs.compare([worse, make_posterior("better", 1.0)])
-    row = found.classes[1]
+    comparison = bs.compare([worse, make_posterior("better", 1.0)])
+    row = comparison.classes[1]
     assert (row.name, row.error, row.n_parameters) == ("worse", 0.02, 3)
     assert row.mean_log_likelihood == pytest.approx(1.0)
     assert row.information_gained == pytest.approx(3.0)
     assert row.failed_checks == checks
-    assert found.failed_checks == ("worse: the ensembles differ",)
+    assert comparison.failed_checks == ("worse: the ensembles differ",)
 
 
 @pytest.mark.parametrize("shift", [-1e4, 1e4])
@@ -88,28 +92,28 @@ def test_probabilities_do_not_depend_on_a_common_constant(make_posterior, shift)
     [(0.0, "0.5000"), (-2.0, "0.1192"), (2.0, "0.8808"), (-20.0, "< 0.0001"), (20.0, "> 0.9999")],
 )
 def test_a_probability_is_never_rounded_to_a_certainty(make_posterior, log_evidence, text):
-    found = bs.compare([make_posterior("a", log_evidence), make_posterior("b", 0.0)])
-    (row,) = [row for row in found.classes if row.name == "a"]
+    comparison = bs.compare([make_posterior("a", log_evidence), make_posterior("b", 0.0)])
+    (row,) = [row for row in comparison.classes if row.name == "a"]
     assert row.probability_text == text
 
 
 def test_prior_weights_multiply_the_evidences(make_posterior):
     posteriors = [make_posterior("a", 0.0), make_posterior("b", math.log(2.0))]
-    found = bs.compare(posteriors, {"a": 6.0, "b": 1.0})
-    probability = {row.name: row.probability for row in found.classes}
+    comparison = bs.compare(posteriors, {"a": 6.0, "b": 1.0})
+    probability = {row.name: row.probability for row in comparison.classes}
     assert probability == {"a": pytest.approx(0.75), "b": pytest.approx(0.25)}
     # The most probable class is the best; Bayes factors are the data's alone.
-    assert found.best.name == "a"
-    assert found.classes[1].log_bayes_factor == pytest.approx(math.log(2.0))
+    assert comparison.best.name == "a"
+    assert comparison.classes[1].log_bayes_factor == pytest.approx(math.log(2.0))
     scaled = bs.compare(posteriors, {"a": 60.0, "b": 10.0})
     assert [row.probability for row in scaled.classes] == pytest.approx([0.75, 0.25])
 
 
 def test_a_class_that_only_prior_weights_hold_down(make_posterior):
     posteriors = [make_posterior("a", 0.0), make_posterior("b", 5.0)]
-    found = bs.compare(posteriors, {"a": 1.0, "b": 1e-6})
-    assert [row.name for row in found.classes] == ["a", "b"]
-    assert found.classes[1].against == "prior weights only"
+    comparison = bs.compare(posteriors, {"a": 1.0, "b": 1e-6})
+    assert [row.name for row in comparison.classes] == ["a", "b"]
+    assert comparison.classes[1].against == "prior weights only"
 
 
 def test_one_class_alone(make_posterior):
@@ -150,10 +154,10 @@ def test_nothing_to_compare():
         bs.compare([])
 
 
-@pytest.mark.parametrize(("log_evidence", "told"), [(-2.0, True), (-8.0, False)])
-def test_the_edge_that_a_class_leans_on_is_told_where_it_is_probable(
-    make_posterior, log_evidence, told
+@pytest.mark.parametrize(("log_evidence", "flagged"), [(-2.0, True), (-8.0, False)])
+def test_the_edge_that_a_class_leans_on_is_flagged_where_it_is_probable(
+    make_posterior, log_evidence, flagged
 ):
     leaning = make_posterior("leaning", log_evidence, failed_edge_checks=("leans on an edge",))
-    found = bs.compare([make_posterior("upright", 0.0), leaning])
-    assert found.failed_checks == (("leaning: leans on an edge",) if told else ())
+    comparison = bs.compare([make_posterior("upright", 0.0), leaning])
+    assert comparison.failed_checks == (("leaning: leans on an edge",) if flagged else ())

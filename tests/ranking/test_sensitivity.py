@@ -85,9 +85,9 @@ def test_error_sizes_against_sampling_with_them(moved, tiny_ranking, name):
             pairing=configuration.pairing,
         )  # fmt: skip
         evidence = bs.sample(again, seed=1).evidence
-        found = row.log_evidences[candidate.name]
-        tolerance = 4.0 * math.hypot(found.error, evidence.error)
-        assert found.log_evidence == pytest.approx(evidence.log_evidence, abs=tolerance)
+        estimate = row.log_evidences[candidate.name]
+        tolerance = 4.0 * math.hypot(estimate.error, evidence.error)
+        assert estimate.log_evidence == pytest.approx(evidence.log_evidence, abs=tolerance)
 
 
 @pytest.mark.parametrize("factor", [2.0, 0.5])
@@ -99,9 +99,9 @@ def test_widths_of_priors_by_quadrature(moved, tiny_ranking, factor):
     z = np.linspace(-8.0, 8.0, 4001)
     values = np.exp(factor * math.sqrt(math.log(1.09)) * z)[:, None]
     integrand = np.exp(candidate.log_likelihood(values) - 0.5 * z**2) / math.sqrt(2.0 * math.pi)
-    found = row.log_evidences["one k"]
+    estimate = row.log_evidences["one k"]
     expected = math.log(np.trapezoid(integrand, z))
-    assert found.log_evidence == pytest.approx(expected, abs=4.0 * found.error)
+    assert estimate.log_evidence == pytest.approx(expected, abs=4.0 * estimate.error)
 
 
 def test_draws_that_do_not_cover_the_changed_class_are_not_used(tiny_ranking):
@@ -155,14 +155,14 @@ def rows(*best):
     )
 
 
-def test_rows_in_which_another_class_comes_first_are_told():
-    found = Sensitivity(rows("a", "b", "a"))
-    assert [row.name for row in found.turning] == ["row 1"]
-    assert sensitivity_notes(found) == [
+def test_rows_in_which_another_class_ranks_first_are_named():
+    of_three = Sensitivity(rows("a", "b", "a"))
+    assert [row.name for row in of_three.turning] == ["row 1"]
+    assert sensitivity_notes(of_three) == [
         "'a' does not rank first under every setting: 'b' does with row 1."
     ]
-    assert found.rows[0].lead == pytest.approx(math.log(9.0))
-    assert sensitivity_table(found).row_count == 3
+    assert of_three.rows[0].lead == pytest.approx(math.log(9.0))
+    assert sensitivity_table(of_three).row_count == 3
 
 
 def test_a_ranking_that_stands_is_said_to_stand():
@@ -193,8 +193,8 @@ def test_a_record_is_read_back(moved):
 def test_from_the_command_line(tmp_path, tiny_study_file):
     arguments = ["rank", str(tiny_study_file), "--only", "one k", "--error", "0.05"]
     out = tmp_path / "r"
-    found = CliRunner().invoke(main, [*arguments, "--sensitivity", "--out", str(out)])
-    assert found.exit_code == 0, found.output
-    assert "Sensitivity to settings" in found.output
-    assert "'one k' ranks first under every setting." in found.output
+    result = CliRunner().invoke(main, [*arguments, "--sensitivity", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "Sensitivity to settings" in result.output
+    assert "'one k' ranks first under every setting." in result.output
     assert len(load_result(out).sensitivity.rows) == 11

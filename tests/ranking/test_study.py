@@ -98,10 +98,10 @@ def test_a_class_does_not_depend_on_the_others(tiny_ranking, tiny_study):
 
 def test_prior_weights_enter_the_ranking(tiny_ranking, tiny_study):
     weighted = bs.Study("w", tiny_study.model_classes, prior_weights={"one k": 1.0, "each k": 1e6})
-    found = {row.name: row.probability for row in bs.rank(weighted, seed=7).comparison.classes}
+    after = {row.name: row.probability for row in bs.rank(weighted, seed=7).comparison.classes}
     before = {row.name: row.probability for row in tiny_ranking.comparison.classes}
     odds = before["each k"] / before["one k"]
-    assert math.log(found["each k"] / found["one k"]) == pytest.approx(math.log(1e6 * odds))
+    assert math.log(after["each k"] / after["one k"]) == pytest.approx(math.log(1e6 * odds))
 
 
 def test_settings_reach_the_sampling(tiny_study):
@@ -181,7 +181,7 @@ def test_two_studies_in_one_file_are_refused(tiny_study_file):
         load_study(tiny_study_file)
 
 
-def test_errors_tell_the_line_of_the_file(tiny_study_file):
+def test_errors_name_the_line_of_the_file(tiny_study_file):
     with tiny_study_file.open("a") as file:
         file.write("bs.LogNormal(median=1.0,\n            cov=-1.0)\n")
     n_lines = len(tiny_study_file.read_text().splitlines())

@@ -102,9 +102,9 @@ def test_arviz_judges_by_leaving_data_out(tiny_ranking, tmp_path):
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = arviz.loo(tree, var_name="modes")
+        loo = arviz.loo(tree, var_name="modes")
     # Left out by importance weights: E[1/p]⁻¹ of each datum, summed.
     inverse = -tiny_ranking.posteriors[0].datum_terms.log_likelihoods.reshape(-1, 3)
     expected = -np.log(np.exp(inverse).mean(0)).sum()
-    elpd = found.elpd_loo if hasattr(found, "elpd_loo") else found.elpd
+    elpd = loo.elpd_loo if hasattr(loo, "elpd_loo") else loo.elpd
     assert abs(float(elpd) - expected) < 0.2

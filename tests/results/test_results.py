@@ -50,8 +50,8 @@ def test_posteriors_by_name_and_by_rank(saved):
 
 
 def test_what_a_directory_holds(saved):
-    found = {p.relative_to(saved.directory).as_posix() for p in saved.directory.rglob("*.*")}
-    assert found == {
+    files = {p.relative_to(saved.directory).as_posix() for p in saved.directory.rglob("*.*")}
+    assert files == {
         "result.json", "data.csv", "comparison.json", "comparison.csv",
         "posteriors/one_k.nc", "posteriors/each_k.nc",
     }  # fmt: skip
