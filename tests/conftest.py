@@ -19,7 +19,7 @@ import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.cli import main
 from bayes_ssi.execution.local_workers import LocalWorkers
-from bayes_ssi.posterior.configuration_modes import ConfigurationModes
+from bayes_ssi.posterior.configuration_modes import ConfigurationModes, UpdatedModes
 from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.ranking.study import load_study
 from bayes_ssi.sampling.estimates import EvidenceEstimate
@@ -158,6 +158,7 @@ def make_posterior():
         rng = np.random.default_rng(3)
         draws = rng.standard_normal((4, 250, len(names)))
         check = EvidenceEstimate("bridge sampling", log_evidence, error)
+        no_modes = UpdatedModes((), (), (), False, ())
         fields = {
             "name": name,
             "parameter_names": tuple(names),
@@ -181,7 +182,7 @@ def make_posterior():
             "failed_edge_checks": (),
             "data_digest": "0123456789abcdef",
             "configurations": (
-                ConfigurationModes("", 2, pairing or {"1": 1, "2": 2}, inferred),
+                ConfigurationModes("", 2, pairing or {"1": 1, "2": 2}, inferred, no_modes),
             ),
         }  # fmt: skip
         return Posterior(**{**fields, **changes})

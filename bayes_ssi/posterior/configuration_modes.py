@@ -104,15 +104,14 @@ class ConfigurationModes:
         pairing: label of an identified mode → number of the model mode, from 1; where it was
             inferred, the most probable one.
         inferred_pairing: how probable pairings are; None where the pairing was given.
-        updated: frequencies, MACs and shapes of the paired modes before and after updating; None
-            in results of versions that did not keep them.
+        updated: frequencies, MACs and shapes of the paired modes before and after updating.
     """
 
     name: str
     n_modes: int
     pairing: Mapping[str, int]
     inferred_pairing: InferredPairing | None
-    updated: UpdatedModes | None = None
+    updated: UpdatedModes
 
 
 def configuration_modes(
@@ -120,7 +119,7 @@ def configuration_modes(
 ) -> tuple[ConfigurationModes, ...]:
     """The modes of a class whose posterior has the draws ``values`` (n, n_parameters)."""
     records = []
-    # The prior medians go the same way as the draws, as their first row.
+    # The prior medians are the first row, ahead of the draws.
     at = np.concatenate([model_class.values(np.zeros((1, values.shape[1]))), values])
     for configuration, likelihood, rows in model_class.parts(at):
         medians, draws = rows[:1], rows[1:]

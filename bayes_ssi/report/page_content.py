@@ -139,7 +139,7 @@ def _configuration(
     label_of = {number: label for label, number in modes.pairing.items()}
     medians = np.median(frequencies_hz.reshape(-1, modes.n_modes), axis=0)
     low, high = data.band_hz
-    updated = {mode.label: mode for mode in modes.updated.modes} if modes.updated else {}
+    updated = {mode.label: mode for mode in modes.updated.modes}
     return {
         "name": modes.name,
         "inferred": modes.inferred_pairing is not None,

@@ -157,7 +157,7 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
 def _of_configuration(modes: ConfigurationModes, data: ModalData, of: str) -> Iterator[Plot]:
     where = label_in(modes.name, "")
     updated, inferred = modes.updated, modes.inferred_pairing
-    if updated is not None and updated.modes:
+    if updated.modes:
         yield f"{where}Mode shapes {of}", partial(plot_mode_shapes, updated, data)
         yield (
             f"{where}Frequencies {of} before and after updating",
