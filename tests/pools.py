@@ -65,8 +65,9 @@ class Crew(LocalWorkers):
         super().__init__(n_workers)
         self.n_calls = self.n_deaths = 0
 
-    def _make(self):
-        return _Breaking(self)
+    def _running(self):
+        self._executor = self._executor or _Breaking(self)
+        return self._executor
 
     def _content(self, data):
         return data

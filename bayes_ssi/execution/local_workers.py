@@ -30,17 +30,11 @@ class LocalWorkers(Workers):
         self._file: IO[bytes] | None = None
 
     def _running(self) -> Executor:
-        if self._executor is None:
-            self._executor = self._make()
-        return self._executor
-
-    def _make(self) -> Executor:
         from loky import ProcessPoolExecutor
 
-        executor: Executor = ProcessPoolExecutor(
-            max_workers=self.n_workers, initializer=end_with_parent
-        )
-        return executor
+        if self._executor is None:
+            self._executor = ProcessPoolExecutor(self.n_workers, initializer=end_with_parent)
+        return self._executor
 
     def _content(self, data: bytes) -> Path:
         """A file: models may hold large matrices, and each process reads them only once."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
-from types import TracebackType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -71,12 +70,7 @@ class Workers:
         self._n_entered += 1
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._n_entered -= 1
         if not self._n_entered:
             self._stop()

@@ -1,4 +1,4 @@
-"""Ranking: probabilities, Bayes factors, what cannot be flagged apart, and what is refused."""
+"""Ranking: probabilities, Bayes factors, classes that differ too little, and what is refused."""
 
 import math
 
