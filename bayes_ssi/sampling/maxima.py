@@ -21,12 +21,16 @@ from bayes_ssi.sampling.target import Target, log_standard_normal
 
 __all__ = ["Maxima", "find_maxima"]
 
-GRADIENT_STEP = 1e-6
-HESSIAN_STEP = 1e-3
+# Of forward first and central second differences: truncation and rounding errors balance for
+# log-likelihoods of some thousand nats.
+GRADIENT_STEP, HESSIAN_STEP = 1e-6, 1e-3
+# An ascent along a curved ridge may need more steps: it is continued once.
 MAX_ASCENT_STEPS = 60
 LONGEST_STEP = 2.0  # prior standard deviations
+# Tried at once, in shares of the BFGS step.
 STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])
 RISE_TO_GO_ON = 1e-3  # nats
+# Each costs a Hessian of 2 d² evaluations.
 MAX_MAXIMA = 24
 # A maximum with less than e^-12, 6 in a million, of the mass is left out.
 NEGLIGIBLE_LOG_MASS = -12.0

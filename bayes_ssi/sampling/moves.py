@@ -61,7 +61,7 @@ class _FromMixture(emcee.moves.Move):
 
     def propose(self, model: Any, state: emcee.State) -> tuple[emcee.State, np.ndarray]:
         if not self._ahead:
-            self._ahead = self._drawn(model, *state.coords.shape)
+            self._ahead = self._drawn(model, len(state.coords))
         proposed, log_density, log_weights = self._ahead.pop()
         current_weights = state.log_prob - self.mixture.log_pdf(state.coords)
         taken = log_weights - current_weights > np.log(model.random.rand(len(proposed)))
@@ -69,24 +69,15 @@ class _FromMixture(emcee.moves.Move):
         state.log_prob[taken] = log_density[taken]
         return state, taken
 
-    def _drawn(
-        self, model: Any, n_walkers: int, n_dimensions: int
-    ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    def _drawn(self, model: Any, n_walkers: int) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
         rng = np.random.default_rng(model.random.randint(0, 2**32, size=4, dtype=np.uint32))
         n_steps = max(1, DRAWN_AT_ONCE // n_walkers)
         counts = rng.multinomial(n_steps * n_walkers, self.mixture.all_weights)
         proposed = rng.permutation(self.mixture.draw(counts, rng))
         log_density, _ = model.compute_log_prob_fn(proposed)
         log_weights = log_density - self.mixture.log_pdf(proposed)
-        shape = (n_steps, n_walkers)
-        return list(
-            zip(
-                proposed.reshape(*shape, n_dimensions),
-                log_density.reshape(shape),
-                log_weights.reshape(shape),
-                strict=True,
-            )
-        )
+        steps = (np.split(each, n_steps) for each in (proposed, log_density, log_weights))
+        return list(zip(*steps, strict=True))
 
 
 def ensemble_sampler(
