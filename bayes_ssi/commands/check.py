@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 __all__ = ["check"]
 
+MODE_FIELDS = ("label", "frequency_hz", "frequency_cov", "damping", "n_measured")
+
 
 @click.command()
 @click.argument("data", type=click.Path(path_type=Path))
@@ -44,15 +46,6 @@ def _record(data: ModalData) -> dict[str, Any]:
         "band_hz": data.band_hz,
         "sensors": data.sensors,
         "digest": data.digest,
-        "modes": [
-            {
-                "label": mode.label,
-                "frequency_hz": mode.frequency_hz,
-                "frequency_cov": mode.frequency_cov,
-                "damping": mode.damping,
-                "n_measured": mode.n_measured,
-            }
-            for mode in data.modes
-        ],
+        "modes": [{key: getattr(mode, key) for key in MODE_FIELDS} for mode in data.modes],
         "remarks": data.warnings(),
     }

@@ -21,7 +21,7 @@ MOST_CLASSES = 12
 
 def save_figures(
     directory: Path,
-    data: ModalData | Mapping[str, ModalData],
+    tests: Mapping[str, ModalData],
     ranked: Sequence[Posterior],
     comparison: Comparison,
 ) -> list[Path]:
@@ -29,14 +29,13 @@ def save_figures(
 
     Args:
         directory: where to.
-        data: the identified modes, or those of each configuration by its name.
+        tests: name of a configuration → its identified modes; the only one may have none, "".
         ranked: the posteriors, the best first; the corner plot is of the best one.
         comparison: the ranking; the best ``MOST_CLASSES`` are drawn.
 
     Raises:
         FileExistsError: the directory exists.
     """
-    tests = {"": data} if isinstance(data, ModalData) else data
     directory.mkdir()
     with figures_for_files():
         figures = {"evidence": plot_evidence(comparison, most=MOST_CLASSES)}

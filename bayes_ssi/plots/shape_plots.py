@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +19,9 @@ from bayes_ssi.plots.figure_style import (
     legend_of_figure,
     without_math,
 )
+from bayes_ssi.posterior.configuration_modes import UpdatedModes
 from bayes_ssi.predictions.bands import Band
+from bayes_ssi.structures.structure import Structure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,17 +35,10 @@ HALF_WIDTH, REACH = 0.7, 2.1
 # Rows of a panel whose labels have room; of more, panels grow no taller and labels become smaller.
 MOST_ROWS = 40
 
+# Both give the heights of their places and name their appendages.
+Building = Structure | UpdatedModes
 # Name, places and components of a shape to compare with.
 Reference = tuple[str, Sequence[str], FloatArray]
-
-
-class Building(Protocol):
-    """What a drawing needs of a structure; a stored record of its modes has it, too."""
-
-    @property
-    def appendages(self) -> tuple[str, ...]: ...
-
-    def heights(self) -> dict[str, float]: ...
 
 
 @dataclass(frozen=True, eq=False)

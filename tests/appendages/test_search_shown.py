@@ -85,4 +85,4 @@ def test_figures_have_room_for_many_hypotheses(of_a_tall_building, tmp_path):
     by_name = {posterior.name: posterior for posterior in ranking.posteriors}
     ranked = [by_name[row.name] for row in ranking.comparison.classes][:40]
     data = ranking.study.model_classes[0].data
-    assert len(save_figures(tmp_path / "figures", data, ranked, bs.compare(ranked))) == 3
+    assert len(save_figures(tmp_path / "figures", {"": data}, ranked, bs.compare(ranked))) == 3

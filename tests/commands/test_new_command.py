@@ -30,8 +30,8 @@ def test_a_new_study_runs(tmp_path, monkeypatch, kind):
         candidate.check_structure()
     # The second storey is 20 % softer: this, and not the nominal building, fits.
     values = np.array([[1.0, 0.8, 1.0], [1.0, 1.0, 1.0]])
-    found = each.log_likelihood(values)
-    assert found[0] > found[1] + 10.0
+    actual = each.log_likelihood(values)
+    assert actual[0] > actual[1] + 10.0
 
 
 def test_nothing_is_overwritten(tmp_path, monkeypatch):

@@ -33,11 +33,11 @@ def updated(model_classes):
 
 def points(ax):
     """Text of a point → where it is."""
-    found = {}
+    actual = {}
     for line in ax.lines:
         if str(line.get_gid()).startswith("hover: "):
-            found[line.get_gid().removeprefix("hover: ")] = line.get_xydata()[0]
-    return found
+            actual[line.get_gid().removeprefix("hover: ")] = line.get_xydata()[0]
+    return actual
 
 
 def test_identified_modes(case_c):
@@ -123,9 +123,9 @@ def test_sensitivity():
         SensitivityRow("σ_f × 2", {}, {"a": 0.2, "b": 0.8}),
     ]
     ax = plot_sensitivity(Sensitivity(tuple(rows)))
-    found = points(ax)
-    assert found["b, unchanged: probability 0.2500"] == pytest.approx([-np.log(3.0), 0])
-    assert found["b, σ_f × 2: probability 0.8000"] == pytest.approx([np.log(4.0), 1])
+    actual = points(ax)
+    assert actual["b, unchanged: probability 0.2500"] == pytest.approx([-np.log(3.0), 0])
+    assert actual["b, σ_f × 2: probability 0.8000"] == pytest.approx([np.log(4.0), 1])
     with pytest.raises(ValueError, match="no ranking"):
         Sensitivity(())
 

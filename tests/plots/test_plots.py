@@ -65,10 +65,10 @@ def test_evidence_has_its_error_bars_and_the_fit(posteriors):
 
 def test_frequencies_relative_to_the_identified_ones(data, posteriors):
     ax = plot_frequencies(data, posteriors)
-    found = points(ax)
+    actual = points(ax)
     # Class a explains modes 1 and 2, class b only mode 1; 2.5 Hz lies 25 % above 2 Hz.
-    np.testing.assert_allclose(found[:, 0], [-0.3, 0.7, 0.3])
-    np.testing.assert_allclose(found[:, 1], [0.0, 25.0, 0.0], atol=0.2)
+    np.testing.assert_allclose(actual[:, 0], [-0.3, 0.7, 0.3])
+    np.testing.assert_allclose(actual[:, 1], [0.0, 25.0, 0.0], atol=0.2)
     segments = [bars[2][0].get_segments()[0][:, 1] for bars in ax.containers]
     np.testing.assert_allclose(np.diff(segments[0]), 2 * 1.96, atol=0.3)  # 95 % of sd 1 %
     np.testing.assert_allclose(np.diff(segments[1]), 2 * 1.96 * 1.25, atol=0.4)
@@ -95,14 +95,14 @@ def test_one_class_is_drawn_in_the_middle(data, posteriors):
 def test_drawing_on_given_axes(data, posteriors, draw):
     _, axes = plt.subplots(1, 2)
     if draw == "evidence":
-        found = plot_evidence(bs.compare(posteriors), axes[1])
+        actual = plot_evidence(bs.compare(posteriors), axes[1])
     else:
-        found = plot_frequencies(data, posteriors, ax=axes[1])
-    assert found is axes[1]
-    assert found.has_data()
+        actual = plot_frequencies(data, posteriors, ax=axes[1])
+    assert actual is axes[1]
+    assert actual.has_data()
     assert not axes[0].has_data()
     assert len(plt.get_fignums()) == 1
-    found.figure.canvas.draw()
+    actual.figure.canvas.draw()
 
 
 def test_corner(make_posterior):
@@ -138,7 +138,7 @@ def test_the_style_does_not_outlive_its_block():
 
 def test_figures_are_written_and_closed(tmp_path, data, posteriors):
     comparison = bs.compare(posteriors)
-    paths = save_figures(tmp_path / "figures", data, posteriors[::-1], comparison)
+    paths = save_figures(tmp_path / "figures", {"": data}, posteriors[::-1], comparison)
     assert sorted(path.name for path in paths) == ["corner.png", "evidence.png", "frequencies.png"]
     for path in paths:
         assert path.read_bytes()[: len(PNG)] == PNG
@@ -147,13 +147,13 @@ def test_figures_are_written_and_closed(tmp_path, data, posteriors):
 
 def test_figures_are_not_written_over_others(tmp_path, data, posteriors):
     with pytest.raises(FileExistsError):
-        save_figures(tmp_path, data, posteriors, bs.compare(posteriors))
+        save_figures(tmp_path, {"": data}, posteriors, bs.compare(posteriors))
 
 
 @pytest.mark.parametrize("name", ["k_1 & k^2", "50 %", "cost $5 or $6", "[a]", "_hidden", "θ"])
 def test_names_are_drawn_as_they_are(tmp_path, data, make_posterior, name):
     posteriors = [make_posterior(name, names=(name, "k2")), make_posterior("b", -2.0)]
-    save_figures(tmp_path / "figures", data, posteriors, bs.compare(posteriors))
+    save_figures(tmp_path / "figures", {"": data}, posteriors, bs.compare(posteriors))
     ax = plot_frequencies(data, posteriors)
     assert texts(ax.figure.legends[0]) == [name, "b"]
 

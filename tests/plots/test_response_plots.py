@@ -22,8 +22,8 @@ def band(middle, half):
 
 
 def line(ax, label):
-    (found,) = [each for each in ax.lines if each.get_label() == label]
-    return found
+    (actual,) = [each for each in ax.lines if each.get_label() == label]
+    return actual
 
 
 @pytest.mark.parametrize("plot", [plot_transfer_functions, plot_time_history])

@@ -53,10 +53,10 @@ def average(tiny_ranking, classes):
 
 def test_draws_are_thinned_evenly(classes, posteriors):
     posterior = posteriors["each k"]
-    found = thinned_draws(posterior, classes["each k"], 10)
+    actual = thinned_draws(posterior, classes["each k"], 10)
     step = len(posterior.values) / 10
     rows = [math.floor(i * step) for i in range(10)]
-    np.testing.assert_array_equal(found.values, posterior.values[rows])
+    np.testing.assert_array_equal(actual.values, posterior.values[rows])
     everything = thinned_draws(posterior, classes["each k"], 2 * len(posterior.values))
     np.testing.assert_array_equal(everything.values, np.repeat(posterior.values, 2, axis=0))
 
@@ -88,9 +88,9 @@ def test_frequencies_are_the_stored_ones(predicted, posteriors):
     stored = posterior.frequencies_hz.reshape(len(posterior.values), 2)
     rows = np.arange(200) * len(stored) // 200
     for mode, column in (("1", 0), ("2", 1), (1, 0), (2, 1)):
-        found = predicted.frequencies_hz(mode)
-        np.testing.assert_allclose(found.draws, stored[rows, column], rtol=1e-9)
-        assert found.share == 1.0
+        actual = predicted.frequencies_hz(mode)
+        np.testing.assert_allclose(actual.draws, stored[rows, column], rtol=1e-9)
+        assert actual.share == 1.0
 
 
 def test_shapes_of_a_uniform_building_have_a_closed_form(classes, posteriors):
@@ -113,8 +113,8 @@ def test_all_draws_of_a_shape_point_the_same_way(predicted, monkeypatch):
     modes = type(each.structure).modes
 
     def flipped(self, values):
-        found = modes(self, values)
-        return found._replace(shapes=found.shapes * flips[:, None, None])
+        actual = modes(self, values)
+        return actual._replace(shapes=actual.shapes * flips[:, None, None])
 
     monkeypatch.setattr(type(each.structure), "modes", flipped)
     np.testing.assert_allclose(predicted.shapes("2", FLOORS).draws, straight, rtol=1e-12)
@@ -175,35 +175,35 @@ def test_draws_of_a_large_structure_are_computed_in_batches(predicted, monkeypat
 
 
 def test_an_average_is_a_mixture(average, classes, posteriors):
-    found = average(400, one_k=0.25, each_k=0.75)
-    assert {each.name: len(each.values) for each in found.classes} == {"one k": 100, "each k": 300}
-    assert found.n_draws == 400
+    actual = average(400, one_k=0.25, each_k=0.75)
+    assert {each.name: len(each.values) for each in actual.classes} == {"one k": 100, "each k": 300}
+    assert actual.n_draws == 400
     parts = [
         predict_class(posteriors[name], classes[name], n).frequencies_hz("1").draws
         for name, n in (("one k", 100), ("each k", 300))
     ]
     expected = np.quantile(np.concatenate(parts), [0.025, 0.5, 0.975])
-    np.testing.assert_allclose(found.frequencies_hz("1").band(0.95), expected, rtol=1e-12)
-    response = found.transfer_functions(FREQUENCIES, ACCELERATION, 0.02)
+    np.testing.assert_allclose(actual.frequencies_hz("1").band(0.95), expected, rtol=1e-12)
+    response = actual.transfer_functions(FREQUENCIES, ACCELERATION, 0.02)
     assert response.draws.shape == (400, 2, 30)
 
 
 def test_shares_are_rounded_to_the_number_of_draws(average):
-    found = average(7, one_k=0.4, each_k=0.6)  # 2.8 and 4.2
-    assert {each.name: len(each.values) for each in found.classes} == {"one k": 3, "each k": 4}
-    found = average(100, one_k=0.001, each_k=0.999)
-    assert [each.name for each in found.classes] == ["each k"]
+    actual = average(7, one_k=0.4, each_k=0.6)  # 2.8 and 4.2
+    assert {each.name: len(each.values) for each in actual.classes} == {"one k": 3, "each k": 4}
+    actual = average(100, one_k=0.001, each_k=0.999)
+    assert [each.name for each in actual.classes] == ["each k"]
 
 
 def test_a_mode_that_a_class_does_not_explain(average, tiny_ranking):
     one, each = tiny_ranking.posteriors
     (modes,) = one.configurations
     first_only = replace(one, configurations=(replace(modes, pairing={"1": 1}),))
-    found = average(100, [each, first_only], one_k=0.3, each_k=0.7)
-    assert found.frequencies_hz("1").share == 1.0
-    second = found.frequencies_hz("2")
+    actual = average(100, [each, first_only], one_k=0.3, each_k=0.7)
+    assert actual.frequencies_hz("1").share == 1.0
+    second = actual.frequencies_hz("2")
     assert (second.share, second.draws.shape) == (0.7, (70,))
-    assert found.shapes("2", FLOORS).share == 0.7
+    assert actual.shapes("2", FLOORS).share == 0.7
 
 
 def test_modes_that_are_none(predicted, average):

@@ -81,10 +81,10 @@ def test_responses_hold_the_bands_of_all_places(predicted, response_request, res
 
 def test_transfer_functions_from_a_force(predicted):
     response_request = ResponseRequest(OUTPUT, 0.02, FREQUENCIES, force_at="floor 1")
-    found = predict_responses(predicted, "one k", response_request)
+    actual = predict_responses(predicted, "one k", response_request)
     own = predicted.of("one k")
     expected = own.transfer_functions(FREQUENCIES, OUTPUT, 0.02, force_at="floor 1")
-    np.testing.assert_allclose(found.transfer_functions, expected.band(0.95), rtol=1e-9)
+    np.testing.assert_allclose(actual.transfer_functions, expected.band(0.95), rtol=1e-9)
     assert response_request.transfer_name == "acceleration / force at floor 1"
     assert response_request.transfer_unit == "1/mass"
 
@@ -95,10 +95,10 @@ def test_csv_files_hold_the_bands(predicted, responses, out):
         "frequencies.csv", "mode_shapes.csv", "peaks.csv", "time_histories.csv",
         "transfer_functions.csv",
     ]  # fmt: skip
-    found = rows(out / "transfer_functions.csv")
-    assert len(found) == 2 * 2 * 24
+    actual = rows(out / "transfer_functions.csv")
+    assert len(actual) == 2 * 2 * 24
     second_place = [
-        row for row in found if (row["model_class"], row["place"]) == ("average", "floor 2")
+        row for row in actual if (row["model_class"], row["place"]) == ("average", "floor 2")
     ]
     for column, expected in zip(
         ("low", "median", "high"), responses[0].transfer_functions, strict=True
@@ -106,10 +106,10 @@ def test_csv_files_hold_the_bands(predicted, responses, out):
         np.testing.assert_allclose(
             [float(row[column]) for row in second_place], expected[1], rtol=1e-6
         )
-    found = rows(out / "time_histories.csv")
-    assert len(found) == 2 * 2 * 2 * 64
-    assert [found[i]["record"] for i in (0, -1)] == ["a", "b"]
-    assert float(found[1]["time_s"]) == 0.05
+    actual = rows(out / "time_histories.csv")
+    assert len(actual) == 2 * 2 * 2 * 64
+    assert [actual[i]["record"] for i in (0, -1)] == ["a", "b"]
+    assert float(actual[1]["time_s"]) == 0.05
     peaks = [row for row in rows(out / "peaks.csv") if row["model_class"] == "average"]
     assert [(row["of"], row["unit"], row["place"]) for row in peaks] == [
         (of, unit, place)
@@ -133,16 +133,16 @@ def test_csv_files_hold_the_bands(predicted, responses, out):
 
 def test_what_is_not_asked_for_is_not_computed(predicted, out):
     ground_to_1 = Output("drift", (("ground", "floor 1"),))
-    found = predict_responses(predicted, "each k", ResponseRequest(ground_to_1, 0.02, FREQUENCIES))
-    assert found.time_histories == found.peaks == {}
-    save_predictions(out, predicted.data, [found])
+    actual = predict_responses(predicted, "each k", ResponseRequest(ground_to_1, 0.02, FREQUENCIES))
+    assert actual.time_histories == actual.peaks == {}
+    save_predictions(out, predicted.data, [actual])
     assert not (out / "time_histories.csv").exists()
-    assert "ground to floor 1" in printed(peak_table([found]))
-    drawn = save_prediction_figures(out / "figures", predicted.data, [found])
+    assert "ground to floor 1" in printed(peak_table([actual]))
+    drawn = save_prediction_figures(out / "figures", predicted.data, [actual])
     assert "time_histories" not in {path.stem for path in drawn}
-    found = predict_responses(predicted, "each k", ResponseRequest(OUTPUT, 0.02))
-    assert found.transfer_functions is found.transfer_peaks is None
-    drawn = save_prediction_figures(out / "again", predicted.data, [found])
+    actual = predict_responses(predicted, "each k", ResponseRequest(OUTPUT, 0.02))
+    assert actual.transfer_functions is actual.transfer_peaks is None
+    drawn = save_prediction_figures(out / "again", predicted.data, [actual])
     assert [path.stem for path in drawn] == ["mode_shapes", "mac", "frequency_change"]
 
 
@@ -208,12 +208,12 @@ def test_the_top_moves_along_with_the_ground(predicted, monkeypatch):
 
 
 def test_default_frequencies_meet_every_peak(predicted):
-    found = default_frequencies(predicted.data, 0.02)
-    assert (found[0], found[-1]) == predicted.data.band_hz
+    actual = default_frequencies(predicted.data, 0.02)
+    assert (actual[0], actual[-1]) == predicted.data.band_hz
     # The amplification of an oscillator at the first frequency, between its neighbours, within
     # 0.2 % of 1/(2ζ).
     lowest = predicted.data.modes[0].frequency_hz
-    nearest = found[np.abs(found - lowest).argmin()] + 0.5 * (found[1] - found[0])
+    nearest = actual[np.abs(actual - lowest).argmin()] + 0.5 * (actual[1] - actual[0])
     ratio = nearest / lowest
     assert 0.04 / np.hypot(1 - ratio**2, 0.04 * ratio) > 0.99
     assert len(default_frequencies(predicted.data, 1e-6)) == 6000

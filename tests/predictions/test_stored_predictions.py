@@ -36,12 +36,12 @@ def test_a_stored_result_predicts_without_sampling(saved, tiny_study_file, monke
     by_record = load_predictions(saved, n_draws=50)
     named = load_predictions(saved, tiny_study_file, n_draws=50)
     for name in ("one k", "each k"):
-        found = [
+        actual = [
             each.of(name).transfer_functions(FREQUENCIES, ROOF, 0.02).draws
             for each in (by_record, named)
         ]
-        assert found[0].shape == (50, 1, 20)
-        np.testing.assert_array_equal(*found)
+        assert actual[0].shape == (50, 1, 20)
+        np.testing.assert_array_equal(*actual)
     average = by_record.of()
     probabilities = {row.name: row.probability for row in by_record.stored.comparison.classes}
     assert average.n_draws == 50
@@ -85,9 +85,9 @@ def test_the_study_file_defines_other_classes(saved, tiny_study_file):
         load_predictions(saved)
 
 
-def save_search(found, directory, study_file):
-    extra = {"search.json": found.record}
-    return save_result(found.ranking, directory, study_file=str(study_file), extra=extra).directory
+def save_search(actual, directory, study_file):
+    extra = {"search.json": actual.record}
+    return save_result(actual.ranking, directory, study_file=str(study_file), extra=extra).directory
 
 
 @pytest.fixture(scope="module")
@@ -101,23 +101,23 @@ def searched(tmp_path_factory):
         patch.setattr(
             "bayes_ssi.appendages.appendage_search.places_of", lambda _: (PENDULUM_1, INFILL_01)
         )
-        found = search(baseline, settings, settings=searches.COARSE)
-    save_search(found, directory / "result", directory / "tiny.py")
-    return found, directory / "result"
+        actual = search(baseline, settings, settings=searches.COARSE)
+    save_search(actual, directory / "result", directory / "tiny.py")
+    return actual, directory / "result"
 
 
 def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
-    found, directory = searched
+    actual, directory = searched
     predicted = load_predictions(directory, n_draws=40)
     assert set(predicted.model_classes) == {"no appendage", "pendulum 1", "infill 0-1"}
-    for hypothesis in found.record.hypotheses:
+    for hypothesis in actual.record.hypotheses:
         built = predicted.model_classes[hypothesis.name]
         places = [each.place for each in hypothesis.appendages]
         assert built.structure.appendages == tuple(f"appendage {place.name}" for place in places)
-        (sampled,) = (c for c in found.ranking.study.model_classes if c.name == hypothesis.name)
+        (sampled,) = (c for c in actual.ranking.study.model_classes if c.name == hypothesis.name)
         assert class_record(built) == class_record(sampled)
     average = predicted.of()
-    probabilities = {row.name: row.probability for row in found.ranking.comparison.classes}
+    probabilities = {row.name: row.probability for row in actual.ranking.comparison.classes}
     assert average.n_draws == 40
     for each in average.classes:
         assert len(each.values) == pytest.approx(40 * probabilities[each.name], abs=1)

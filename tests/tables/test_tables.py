@@ -30,13 +30,13 @@ def lines(table, width=80):
 
 def cells(table, row):
     """The words of the row that begins with ``row``."""
-    (found,) = [line.split() for line in lines(table) if line.split()[: len(row)] == row]
-    return found[len(row) :]
+    (actual,) = [line.split() for line in lines(table) if line.split()[: len(row)] == row]
+    return actual[len(row) :]
 
 
 def test_ranking(make_posterior):
-    found = bs.compare([make_posterior("1-a", 0.248, 0.003), make_posterior("3", 16.067, 0.004)])
-    table = ranking_table(found, "Case (c)")
+    actual = bs.compare([make_posterior("1-a", 0.248, 0.003), make_posterior("3", 16.067, 0.004)])
+    table = ranking_table(actual, "Case (c)")
     assert lines(table)[0] == "Case (c)"
     assert cells(table, ["3"]) == ["16.067", "±", "0.004", "0.00", ">", "0.9999", "best"]
     expected = ["0.248", "±", "0.003", "-15.82", "<", "0.0001", "very", "strong"]
@@ -45,14 +45,14 @@ def test_ranking(make_posterior):
 
 def test_a_failed_check_marks_its_class(make_posterior):
     doubtful = make_posterior("b", -1.0, failed_checks=("the ensembles differ",))
-    found = bs.compare([make_posterior("a"), doubtful])
-    assert [line for line in lines(ranking_table(found)) if "b (!)" in line]
-    assert "  (!) b: the ensembles differ" in comparison_notes(found)
+    actual = bs.compare([make_posterior("a"), doubtful])
+    assert [line for line in lines(ranking_table(actual)) if "b (!)" in line]
+    assert "  (!) b: the ensembles differ" in comparison_notes(actual)
 
 
 def test_notes_name_the_scale_and_what_cannot_be_told_apart(make_posterior):
-    found = bs.compare([make_posterior("a"), make_posterior("b", -0.1), make_posterior("c", -9.0)])
-    assert comparison_notes(found) == [
+    actual = bs.compare([make_posterior("a"), make_posterior("b", -0.1), make_posterior("c", -9.0)])
+    assert comparison_notes(actual) == [
         "Evidence against: scale of Kass and Raftery (1995).",
         "The data do not distinguish 'b' from 'a'.",
     ]
@@ -87,15 +87,15 @@ def test_regions(make_posterior):
 
 
 def test_calibration(model_classes):
-    found = bs.calibrate(model_classes["1-a"], shape_weight=0.0)
-    table = calibration_table(found)
+    actual = bs.calibrate(model_classes["1-a"], shape_weight=0.0)
+    table = calibration_table(actual)
     assert "'1-a'" in lines(table)[0]
     assert cells(table, ["before"])[:3] == ["1", "1", "1"]
     assert cells(table, ["1"])[-2:] == ["0.000", "13.0"]
-    modes = calibration_modes_table(found)
+    modes = calibration_modes_table(actual)
     row = cells(modes, ["2a", "2"])
     assert row[:3] == ["2.604", "2.737", "2.604"]
-    assert float(row[3]) == pytest.approx(found.before.modes[1].mac, abs=5e-5)
+    assert float(row[3]) == pytest.approx(actual.before.modes[1].mac, abs=5e-5)
 
 
 def test_identified_modes(case_c):
