@@ -14,7 +14,9 @@ from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.data.modal_files import read_modal_data
 from bayes_ssi.data.modal_pyoma2 import modal_data_from_pyoma2
 from bayes_ssi.execution.run import Run
-from bayes_ssi.finite_elements import FunctionStructure, MatrixStructure, read_matrix
+from bayes_ssi.finite_elements.function_structure import FunctionStructure
+from bayes_ssi.finite_elements.matrix_files import read_matrix
+from bayes_ssi.finite_elements.matrix_structure import MatrixStructure
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.configuration import Configuration
@@ -40,20 +42,13 @@ from bayes_ssi.response.output import Output
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
 from bayes_ssi.sampling.settings import SamplingSettings
-from bayes_ssi.structures import (
-    AddedMass,
-    FloorBlock,
-    FloorMass,
-    InPlaneInfill,
-    OutOfPlaneInfill,
-    Pendulum,
-    ShearBuilding,
-    ShearBuilding3D,
-    SpaceFrame,
-    Structure,
-    floor_sensor,
-)
+from bayes_ssi.structures.elements import AddedMass, InPlaneInfill, OutOfPlaneInfill, Pendulum
+from bayes_ssi.structures.rigid_floors import FloorBlock, FloorMass, floor_sensor
 from bayes_ssi.structures.sensors import Sensor
+from bayes_ssi.structures.shear_building import ShearBuilding
+from bayes_ssi.structures.shear_building_3d import ShearBuilding3D
+from bayes_ssi.structures.space_frame import SpaceFrame
+from bayes_ssi.structures.structure import Structure
 
 __all__ = [
     "AddedMass",

@@ -160,7 +160,7 @@ def lowest_eigenpairs(
         stiffness: K, positive definite.
         mass: M, positive semi-definite.
         n_modes: how many.
-        extra: how many more, where the structure has so many.
+        extra: how many more, where the structure has that many.
 
     Raises:
         NoModesError: K is not positive definite, or there are fewer modes.
@@ -178,31 +178,23 @@ def lowest_eigenpairs(
     require_supported(stiffness, vectors[:, 0])
     if inverses[0] < 0.0 or mass.diagonal().min() < 0.0:
         raise NoModesError("the mass matrix is not positive semi-definite")
-    n_found = int((inverses > ROUNDING * inverses[0]).sum())
-    if n_found < n_modes:
-        raise too_few_modes(n_found, n_modes)
-    inverses, vectors = inverses[:n_found], vectors[:, :n_found]
+    n_available = int((inverses > ROUNDING * inverses[0]).sum())
+    if n_available < n_modes:
+        raise too_few_modes(n_available, n_modes)
+    inverses, vectors = inverses[:n_available], vectors[:, :n_available]
     return Eigenpairs(1.0 / inverses, vectors / np.sqrt(inverses))
 
 
 def require_supported(stiffness: Any, shape: FloatArray) -> None:
-    """Refuse a first mode (n,) whose energy is rounding: a rigid body's.
-
-    Args:
-        stiffness: (n, n), dense or sparse.
-        shape: of that mode.
-
-    Raises:
-        NoModesError: it is.
-    """
+    """Raise NoModesError where the first mode (n,) has no energy: it is a rigid body's."""
     size = np.abs(shape)
     if not shape @ (stiffness @ shape) > ROUNDING * (size @ (abs(stiffness) @ size)):
         raise NoModesError(NOT_SUPPORTED)
 
 
-def too_few_modes(n_found: int, n_modes: int) -> NoModesError:
+def too_few_modes(n_available: int, n_modes: int) -> NoModesError:
     return NoModesError(
-        f"the mass matrix gives {n_found} modes, fewer than the {n_modes} asked for"
+        f"the mass matrix gives {n_available} modes, fewer than the {n_modes} asked for"
     )
 
 

@@ -1,6 +1,6 @@
 """A structure that delegates to another one, of which tests override what they examine."""
 
-from bayes_ssi.structures import Structure
+from bayes_ssi.structures.structure import Structure
 
 
 class DelegatingStructure(Structure):

@@ -48,8 +48,3 @@ class ApproximateStructure(Structure):
     @abstractmethod
     def accuracy(self, values: FloatArray) -> Accuracy:
         """The largest errors at all of ``values`` (B, n_parameters)."""
-
-
-def exact_structure(structure: Structure) -> Structure:
-    """What an approximate structure approximates; any other structure itself."""
-    return structure.exact if isinstance(structure, ApproximateStructure) else structure

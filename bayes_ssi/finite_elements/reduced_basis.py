@@ -33,7 +33,7 @@ from bayes_ssi.finite_elements.sparse_factors import is_semidefinite, stiffness_
 from bayes_ssi.modal import ROUNDING, Eigenpairs, NoModesError, lowest_eigenpairs
 
 # Random combinations in the sketch of a residual, and a factor on their mean square: the square of
-# the norm is larger in 4 of 10 000 cases (χ² with so many degrees of freedom).
+# the norm is larger in 4 of 10 000 cases (χ² with as many degrees of freedom).
 SKETCH_SIZE, SKETCH_MARGIN = 160, 1.5
 # Eigenvalues that differ by less than this share count as one group: hardly more than the
 # distance of frequencies (half as large) that a test resolves.
@@ -123,12 +123,9 @@ class ReducedBasis:
         return int(self.vectors.shape[1])
 
     def enriched(self, modes: Eigenpairs, negligible: float, reference: Reference) -> ReducedBasis:
-        """The basis with the directions that it lacks of some modes.
+        """The basis with the directions that some modes of the full model have outside it.
 
-        Args:
-            modes: of the full model.
-            negligible: directions that add less than this to a mode, in energy, are left out.
-            reference: as of the basis.
+        Directions that add less than ``negligible`` to a mode, in energy, are left out.
         """
         new = modes.vectors / np.sqrt(modes.eigenvalues)
         new = new / np.sqrt(np.einsum("nm,nm->m", new, reference.matrix @ new))
@@ -148,10 +145,10 @@ class ReducedBasis:
             vectors=vectors,
             stiffness=_bordered(self.stiffness, vectors.T @ by_stiffness),
             mass=_bordered(self.mass, vectors.T @ by_mass),
-            residual_stiffness=_with_columns(
-                self.residual_stiffness, reference.sketch.T @ by_stiffness
+            residual_stiffness=np.dstack(
+                [self.residual_stiffness, reference.sketch.T @ by_stiffness]
             ),
-            residual_mass=_with_columns(self.residual_mass, reference.sketch.T @ by_mass),
+            residual_mass=np.dstack([self.residual_mass, reference.sketch.T @ by_mass]),
             at_sensors=vectors[reference.sensors],
         )
 
@@ -208,12 +205,8 @@ def _shape_errors(
 ) -> FloatArray:
     """Errors (n_modes,) at the sensors of shapes of unit length there.
 
-    Args:
-        eigenvalues: (m,), those of the shapes and perhaps the next one.
-        eta: (m,).
-        moves: (m,), lengths at the sensors of the shapes at unit energy.
-        moved: (m,), by how much the residuals, as static loads, move the sensors.
-        n_modes: how many shapes.
+    Of m modes, perhaps one more than shapes: ``moves`` (m,) are lengths of the shapes at the
+    sensors at unit energy, ``moved`` (m,) how far the residuals, as static loads, move these.
     """
     own = slice(0, n_modes)
     beyond = eigenvalues[n_modes] if len(eigenvalues) > n_modes else np.inf
@@ -248,7 +241,3 @@ def _bordered(matrices: FloatArray, columns: FloatArray) -> FloatArray:
     whole = np.concatenate([rows, columns], axis=2)
     symmetric: FloatArray = 0.5 * (whole + whole.transpose(0, 2, 1))
     return symmetric
-
-
-def _with_columns(matrices: FloatArray, columns: FloatArray) -> FloatArray:
-    return np.concatenate([matrices, columns], axis=2)

@@ -20,7 +20,7 @@ Sensors = Mapping[str, "int | str"] | Sequence["int | str"]
 def sensor_rows(
     n: int, labels: Sequence[str] | None, sensors: Sensors | None
 ) -> tuple[tuple[str, ...], NDArray[np.intp]]:
-    """Names and rows of the measured degrees of freedom.
+    """Names and rows of the measured degrees of freedom, of ``n`` in the model.
 
     Args:
         n: degrees of freedom of the model.
@@ -29,9 +29,7 @@ def sensor_rows(
             None for all.
 
     Raises:
-        ValueError: labels or sensors repeat, labels are too few or too many, there is no degree
-            of freedom where a sensor is, or a large model has no sensors.
-        TypeError: a label or sensor is of the wrong kind.
+        ValueError, TypeError: a label or sensor is not valid, or a large model has no sensors.
     """
     if isinstance(labels, str) or isinstance(sensors, str):
         raise TypeError("labels and sensors must be several names, got a single text")

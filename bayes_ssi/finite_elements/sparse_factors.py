@@ -1,9 +1,8 @@
 """Factors of sparse symmetric matrices, and the signs of their pivots.
 
-K is factorised as L D Lᵀ, with pivots from the diagonal, in an order that keeps the factors
-sparse. The order is found once for a sparsity pattern and used for every factorisation, the part
-of the symbolic work that SuperLU lets one keep. By Sylvester's law of inertia K - σM has as many
-negative pivots as there are modes with (2πf)² < σ.
+K is factorised as L D Lᵀ, with pivots from the diagonal, in an order that keeps the factors sparse.
+The order is computed once for a sparsity pattern and used for every factorisation. By Sylvester's
+law of inertia K - σM has as many negative pivots as there are modes with (2πf)² < σ.
 """
 
 from __future__ import annotations
@@ -22,18 +21,10 @@ RELATIVE_GAP = 1e-6
 
 
 class Factor:
-    """K = L D Lᵀ for a matrix whose rows are in a good order already.
-
-    Attributes:
-        pivots: (n,), D.
-    """
+    """K = L D Lᵀ for a matrix whose rows are in a good order already; ``pivots`` (n,) are D."""
 
     def __init__(self, matrix: Matrix) -> None:
-        """Factorise.
-
-        Raises:
-            NoModesError: the matrix is singular, or has no factor with pivots from the diagonal.
-        """
+        """Factorise; NoModesError if singular, or if no pivot on the diagonal serves."""
         from scipy.sparse.linalg import splu
 
         try:
@@ -66,11 +57,7 @@ class Factor:
 
 
 def stiffness_factor(stiffness: Matrix) -> Factor:
-    """The factor of a positive definite matrix.
-
-    Raises:
-        NoModesError: it is not.
-    """
+    """The factor of a positive definite matrix; NoModesError if it is not."""
     try:
         factor = Factor(stiffness)
     except NoModesError:
@@ -81,11 +68,7 @@ def stiffness_factor(stiffness: Matrix) -> Factor:
 
 
 def fill_reducing_order(matrix: Matrix) -> NDArray[np.intp]:
-    """An order of the rows (n,) in which the factors of a positive definite matrix stay sparse.
-
-    Raises:
-        NoModesError: the matrix is singular.
-    """
+    """An order of the rows (n,) in which the factors of a positive definite matrix stay sparse."""
     from scipy.sparse.linalg import splu
 
     try:

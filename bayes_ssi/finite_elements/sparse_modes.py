@@ -39,11 +39,10 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) 
     """The ``n_modes`` lowest modes, and perhaps a few more, counted.
 
     Args:
-        stiffness: (n, n), positive definite, its rows in a good order (see
-            :func:`fill_reducing_order`).
+        stiffness: (n, n), positive definite, its rows in an order that keeps factors sparse.
         mass: (n, n), positive semi-definite.
         n_modes: how many.
-        extra: how many more, where the structure has so many.
+        extra: how many more, where the structure has that many.
 
     Raises:
         NoModesError: K is not positive definite, M gives fewer modes, or the modes and their count
@@ -102,10 +101,7 @@ def _modes_under(
 ) -> Eigenpairs:
     """The lowest modes, where the inertia of any motion is a sum of ``loads`` (n, k).
 
-    Modes are deflections under such loads, so the Rayleigh-Ritz method finds all of them.
-
-    Raises:
-        NoModesError: these are fewer.
+    Modes are deflections under such loads, so the Rayleigh-Ritz method gives all of them.
     """
     moved = factor.solve(loads)
     energies, directions = np.linalg.eigh(loads.T @ moved)
@@ -115,10 +111,10 @@ def _modes_under(
     inverses, mixed = inverses[::-1], mixed[:, ::-1]
     if len(inverses) and inverses[-1] < -ROUNDING * max(inverses[0], -inverses[-1]):
         raise NoModesError("the mass matrix is not positive semi-definite")
-    n_found = int((inverses > ROUNDING * inverses.max(initial=0.0)).sum())
-    if n_found < n_modes:
-        raise too_few_modes(n_found, n_modes)
-    n_kept = min(n_found, at_most)
+    n_available = int((inverses > ROUNDING * inverses.max(initial=0.0)).sum())
+    if n_available < n_modes:
+        raise too_few_modes(n_available, n_modes)
+    n_kept = min(n_available, at_most)
     inverses = inverses[:n_kept]
     return Eigenpairs(1.0 / inverses, unit @ (mixed[:, :n_kept] / np.sqrt(inverses)))
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.workers import Workers
-from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure, exact_structure
+from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.modal import mac
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
@@ -191,7 +191,9 @@ def _corrected(
     model_class: ModelClass, posterior: Posterior, settings: RefinementSettings
 ) -> Posterior:
     """The posterior with its evidence corrected by full solutions at some draws."""
-    exact = model_class.with_structures(lambda structure, _: exact_structure(structure))
+    exact = model_class.with_structures(
+        lambda s, _: s.exact if isinstance(s, ApproximateStructure) else s
+    )
     values = _evenly_spaced_draws(posterior, settings.n_confirmed)
     change = exact.log_likelihood(values) - model_class.log_likelihood(values)
     weights = np.exp(change - change.max())

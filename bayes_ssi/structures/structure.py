@@ -63,7 +63,7 @@ class Structure(ABC):
         raise TypeError(
             f"structure {type(self).__name__} gives frequencies and shapes but no masses, so its "
             "response cannot be computed; give it a method modal_model(values), as described in "
-            "bayes_ssi.structures.Structure"
+            "bayes_ssi.Structure"
         )
 
     @property

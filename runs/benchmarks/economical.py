@@ -12,7 +12,7 @@ import argparse
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.structures import Structure
+from bayes_ssi.structures.structure import Structure
 
 STOREYS = 6
 TRUTH = (1.1, 0.9, 1.2, 0.8, 1.0, 1.15)

@@ -16,7 +16,7 @@ from bayes_ssi.appendages.search_result import SearchRecord
 from bayes_ssi.codec import from_record, to_record
 from bayes_ssi.modal import Modes
 from bayes_ssi.plots.appendage_places import plot_places
-from bayes_ssi.structures import Structure
+from bayes_ssi.structures.structure import Structure
 
 
 def test_places_are_floors_and_storeys(augmented):

@@ -24,7 +24,6 @@ OTHERS = {
         [2.4582, 0.5827, 0.7334, 0.9519],
     ],
 }
-TRUE_VALUES = {"k1": 1.0, "k2": 1.0, "k3": 1.0}
 
 # Tables 2 to 5: the best model of each approach, by the ten parameters that all four share.
 BEST_MODELS = {

@@ -141,12 +141,6 @@ def test_band_from_the_caller(read):
     assert read("# band_hz, 0, 6\n" + text, band_hz=(0.5, 3)).band_hz == (0.5, 3.0)
 
 
-def test_unsorted_modes_are_sorted(read):
-    unsorted = read(HEAD + "2, 2.0, 1, 2\n1, 1.0, 3, 4\n")
-    assert unsorted.labels == ("1", "2")
-    assert unsorted.modes[0].shape.tolist() == [3.0, 4.0]
-
-
 NO_NUMBER = "is not a number"
 
 

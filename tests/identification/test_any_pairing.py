@@ -14,7 +14,7 @@ from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.class_record import class_record
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
-from bayes_ssi.structures import Structure
+from bayes_ssi.structures.structure import Structure
 from bayes_ssi.tables import pairing_notes
 
 NAN = math.nan
@@ -254,11 +254,8 @@ def test_the_probability_of_a_pairing_is_its_share_of_the_likelihood(near_the_fi
     probabilities = [share.probability for share in inferred.pairings]
     assert probabilities == sorted(probabilities, reverse=True)
     assert inferred.best == inferred.pairings[0].pairing
+    assert inferred.probability({"1": 3, "3": 1}) == 0.0  # it is not listed
     assert sum(probabilities) <= 1.0 + 1e-12
-
-
-def test_a_pairing_that_is_not_listed_has_no_probability(near_the_fit):
-    assert infer_pairing(*near_the_fit).probability({"1": 3, "3": 1}) == 0.0
 
 
 def test_more_draws_than_serve_are_thinned(near_the_fit):

@@ -13,7 +13,7 @@ from scipy.linalg import eigh
 import bayes_ssi as bs
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes
-from bayes_ssi.structures import Structure
+from bayes_ssi.structures.structure import Structure
 
 SENSORS = ("floor 3", "floor 1", "infill 1-2")
 MASSES = (3.0, 2.0, 1.5)

@@ -247,12 +247,6 @@ def test_a_mode_at_the_edge_of_the_band_is_named_with_its_configuration():
     assert failed.startswith("configuration 'loaded': model mode 2 is paired with nothing")
 
 
-def test_any_pairing_merges_classes_that_differ_in_nothing_else(ranking):
-    study = ranking.study.with_any_pairing()
-    assert study.names == ("both or first mode only",)
-    assert [c.pairing for c in study.model_classes[0].configurations] == ["any", "any"]
-
-
 def test_a_search_says_that_it_needs_one_configuration():
     with pytest.raises(
         ValueError,

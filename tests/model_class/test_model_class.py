@@ -12,7 +12,7 @@ import pytest
 import bayes_ssi as bs
 from bayes_ssi.codec import from_record, to_record
 from bayes_ssi.model_class.class_record import ClassRecord, class_record
-from bayes_ssi.structures import Structure
+from bayes_ssi.structures.structure import Structure
 
 # Log evidence, posterior means and standard deviations of the numerical study, computed
 # independently by adaptive importance sampling (error of a log evidence below 0.002).

@@ -11,7 +11,7 @@ from bayes_ssi.modal import Modes
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
-from bayes_ssi.structures import Structure
+from bayes_ssi.structures.structure import Structure
 
 SETTINGS = bs.SamplingSettings(log_evidence_error=0.02)
 

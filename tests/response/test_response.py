@@ -20,7 +20,7 @@ from bayes_ssi.response.modal_response import (
     transfer_functions,
 )
 from bayes_ssi.response.output import GROUND, Output, damping_ratios
-from bayes_ssi.structures import Structure
+from bayes_ssi.structures.structure import Structure
 
 NO_VALUES = np.empty((1, 0))
 FLOORS = ("floor 1", "floor 2", "floor 3")

@@ -7,8 +7,8 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.response.modal_response import transfer_functions
-from bayes_ssi.structures import Structure
 from bayes_ssi.structures.sensors import Sensor, SensorMatrix
+from bayes_ssi.structures.structure import Structure
 
 BUILDING = bs.ShearBuilding3D([2.0, 1.0], [1.5, 1.5], [800.0] * 2, [1800.0] * 2, [5000.0] * 2)
 CORNER = (2.0, -1.5)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.structures import SpaceFrame
+from bayes_ssi.structures.space_frame import SpaceFrame
 
 NONE = np.empty((1, 0))
 ANGULAR = 2.0 * math.pi
