@@ -157,6 +157,14 @@ def collect_parameters(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]
     return tuple(by_name.values())
 
 
+def values_at(parameters: Sequence[Parameter], z: FloatArray) -> FloatArray:
+    """Values (B, n_parameters) of parameters at standard-normal coordinates ``z``."""
+    values = np.empty(z.shape)
+    for column, parameter in enumerate(parameters):
+        values[:, column] = parameter.prior.from_normal(z[:, column])
+    return values
+
+
 @dataclass(frozen=True)
 class ProductTable:
     """Evaluates many products for a batch of parameter values at once.

@@ -14,6 +14,7 @@ from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes, mac
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.parameters import values_at
 
 # The search stays within this many prior standard deviations in standard-normal coordinates.
 FARTHEST = 8.0
@@ -141,8 +142,7 @@ class CalibrationProblem:
 
     def values(self, z: FloatArray) -> FloatArray:
         """Parameter values (B, d) at standard-normal coordinates (B, d)."""
-        columns = [p.prior.from_normal(z[:, i]) for i, p in enumerate(self.parameters)]
-        return np.column_stack(columns)
+        return values_at(self.parameters, z)
 
     def residuals(self, z: FloatArray) -> FloatArray:
         """(B, m): r_f, and λ(φ - φ_e) component by component, whose squares add up to r_φ²."""

@@ -41,9 +41,9 @@ def read_matrix(path: str | Path, key: str | None = None) -> Any:
         pass
     name = path.name.lower()
     readers = {
-        ".mtx": _read_matrix_market,
-        ".mtx.gz": _read_matrix_market,
-        ".npy": _read_npy,
+        ".mtx": _read_single,
+        ".mtx.gz": _read_single,
+        ".npy": _read_single,
         ".npz": _read_npz,
         ".mat": _read_mat,
     }
@@ -117,21 +117,15 @@ def _chosen(key: str | None, keys: list[str]) -> str:
     return key
 
 
-def _require_no_key(key: str | None) -> None:
-    if key is not None:
-        raise _KeyNotFoundError(f"it holds a single matrix, without a key, got {key!r}")
-
-
-def _read_matrix_market(path: Path, key: str | None) -> Any:
+def _read_single(path: Path, key: str | None) -> Any:
+    """A file of Matrix Market or of one numpy array."""
     from scipy.io import mmread
 
-    _require_no_key(key)
+    if key is not None:
+        raise _KeyNotFoundError(f"it holds a single matrix, without a key, got {key!r}")
+    if path.suffix.lower() == ".npy":
+        return np.load(path, allow_pickle=False)
     return mmread(path, spmatrix=False)
-
-
-def _read_npy(path: Path, key: str | None) -> Any:
-    _require_no_key(key)
-    return np.load(path, allow_pickle=False)
 
 
 def _read_npz(path: Path, key: str | None) -> Any:

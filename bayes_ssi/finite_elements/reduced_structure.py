@@ -15,7 +15,7 @@ from bayes_ssi.finite_elements.approximate_structure import Accuracy, Approximat
 from bayes_ssi.finite_elements.reduced_basis import Bounds, ReducedBasis, Reference
 from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 from bayes_ssi.modal import ModalModel, Modes, NoModesError, lowest_eigenpairs, solve_modes
-from bayes_ssi.parameters import Parameter
+from bayes_ssi.parameters import Parameter, values_at
 from bayes_ssi.structures.affine_array import AffineArray
 
 # Directions that add less than this share of the required accuracy to a mode are left out, some of
@@ -230,10 +230,7 @@ class ReducedStructure(ApproximateStructure):
         if not d:
             return np.empty((0, 0))
         uniform = qmc.Sobol(d, rng=np.random.default_rng(0)).random(self.training_points)
-        z = ndtri(np.clip(uniform, 1e-4, 1.0 - 1e-4))
-        return np.column_stack(
-            [p.prior.from_normal(z[:, i]) for i, p in enumerate(self.parameters)]
-        )
+        return values_at(self.parameters, ndtri(np.clip(uniform, 1e-4, 1.0 - 1e-4)))
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what is large, or belongs to this basis, and is quickly made again."""

@@ -88,10 +88,11 @@ def _counted(
         if count == last:
             return Eigenpairs(modes.eigenvalues[:last], modes.vectors[:, :last])
         problem = f"Lanczos iterations found {last} modes where Sylvester's law counts {count}"
-    # Iterations stop early where M has hardly more modes than are wanted.
+    # Iterations stop early where M has hardly more modes than are asked for.
     normal = np.random.default_rng(n).standard_normal((n, 2 * (at_most + 10)))
     loads = mass @ normal
-    if _rank(loads.T @ factor.solve(loads)) < loads.shape[1]:
+    energies = np.linalg.eigvalsh(loads.T @ factor.solve(loads))
+    if energies.min() <= ROUNDING * energies.max():
         return _modes_under(loads, mass, factor, n_modes, at_most)
     raise NoModesError(f"the modes could not be verified: {problem}")
 
@@ -117,11 +118,6 @@ def _modes_under(
     n_kept = min(n_available, at_most)
     inverses = inverses[:n_kept]
     return Eigenpairs(1.0 / inverses, unit @ (mixed[:, :n_kept] / np.sqrt(inverses)))
-
-
-def _rank(gram: FloatArray) -> int:
-    energies = np.linalg.eigvalsh(gram)
-    return int((energies > ROUNDING * energies.max()).sum())
 
 
 def _last_before_a_gap(eigenvalues: FloatArray, n_modes: int) -> int | None:

@@ -10,7 +10,6 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.pairings import (
-    PairingWeights,
     log_sum,
     pair_probabilities,
     sample_pairings,
@@ -74,13 +73,12 @@ def infer_pairing(likelihood: AnyPairing, values: FloatArray) -> InferredPairing
     # Random pairings show which ones matter; the probability of each is exact at every draw.
     drawn = np.unique(sample_pairings(weights, np.random.default_rng(0)), axis=0)
     total = log_sum(weights)
-    shares = [
-        PairingShare(
-            {label: int(i) + 1 for label, i in zip(labels, pairing, strict=True) if i >= 0},
-            _probability(weights, pairing, total),
-        )
-        for pairing in drawn
-    ]
+    shares = []
+    for pairing in drawn:
+        paired = np.flatnonzero(pairing >= 0)
+        log_weight = weights.log_ratios[:, paired, pairing[paired]].sum(axis=1)
+        numbers = {labels[j]: int(pairing[j]) + 1 for j in paired}
+        shares.append(PairingShare(numbers, float(np.exp(log_weight - total).mean())))
     shares.sort(key=lambda share: -share.probability)
     kept = [share for share in shares if share.probability >= LEAST_PROBABILITY][:10]
     of_pairs = pair_probabilities(weights).mean(axis=0)
@@ -96,9 +94,3 @@ def infer_pairing(likelihood: AnyPairing, values: FloatArray) -> InferredPairing
             for label, row in zip(labels, with_spurious, strict=True)
         },
     )
-
-
-def _probability(weights: PairingWeights, pairing: np.ndarray, log_total: FloatArray) -> float:
-    paired = np.flatnonzero(pairing >= 0)
-    log_weight = weights.log_ratios[:, paired, pairing[paired]].sum(axis=1)
-    return float(np.exp(log_weight - log_total).mean())

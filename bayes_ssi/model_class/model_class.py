@@ -16,7 +16,7 @@ from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.model_class.configuration import Configuration, choose_configuration, joint_digest
-from bayes_ssi.parameters import Parameter, collect_parameters
+from bayes_ssi.parameters import Parameter, collect_parameters, values_at
 from bayes_ssi.priors.prior import Prior
 from bayes_ssi.structures.structure import Structure
 
@@ -175,10 +175,7 @@ class ModelClass:
 
     def values(self, z: FloatArray) -> FloatArray:
         """Parameter values (B, n_parameters) at standard-normal coordinates ``z``."""
-        values = np.empty(z.shape)
-        for column, parameter in enumerate(self.parameters):
-            values[:, column] = parameter.prior.from_normal(z[:, column])
-        return values
+        return values_at(self.parameters, z)
 
     def parts(
         self, values: FloatArray

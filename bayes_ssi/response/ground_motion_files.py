@@ -70,7 +70,20 @@ def read_ground_motion(
             raise ValueError(f"a record needs two samples or more, got {len(content.samples)}")
         units = [checked_unit(each) for each in (unit, *content.units) if each is not None]
         dts = [each for each in (dt, *content.dts) if each is not None]
-        return GroundMotion.of(content.samples, _agreed_unit(units), _agreed_dt(dts), path.stem)
+        if not units:
+            choices = ", ".join(map(repr, UNITS))
+            raise ValueError(f"the unit of the acceleration is not given; give one of {choices}")
+        for other in units:
+            if other != units[0]:
+                raise ValueError(
+                    f"two units of the acceleration are given: {units[0]!r} and {other!r}"
+                )
+        if not dts:
+            raise ValueError("dt, the time between samples, is not given; give it in s")
+        for step in dts:
+            if not math.isclose(dts[0], step, rel_tol=1e-3):  # some round to three digits
+                raise ValueError(f"two values of dt are given: {dts[0]!r} and {step!r} s")
+        return GroundMotion.of(content.samples, units[0], dts[0], path.stem)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -171,24 +184,3 @@ def _step_of(times: np.ndarray) -> float:
             f"{float(times[longest])!r} comes {float(times[longest + 1])!r}"
         )
     return step
-
-
-def _agreed_unit(units: Sequence[str]) -> str:
-    if not units:
-        raise ValueError(
-            f"the unit of the acceleration is not given; give one of {', '.join(map(repr, UNITS))}"
-        )
-    for other in units:
-        if other != units[0]:
-            raise ValueError(f"two units of the acceleration are given: {units[0]!r} and {other!r}")
-    return units[0]
-
-
-def _agreed_dt(dts: Sequence[float]) -> float:
-    """The first; the others may be rounded to three digits."""
-    if not dts:
-        raise ValueError("dt, the time between samples, is not given; give it in s")
-    for other in dts:
-        if not math.isclose(dts[0], other, rel_tol=1e-3):
-            raise ValueError(f"two values of dt are given: {dts[0]!r} and {other!r} s")
-    return dts[0]

@@ -211,9 +211,6 @@ class InPlaneInfill(_Infill):
         mass: total mass, in the structure's unit.
         stiffness: stiffness of the spring, in the structure's unit.
         label: names the element in messages and reports; made from its place if not given.
-
-    Raises:
-        ValueError, TypeError: as those of every :class:`Element`.
     """
 
     stiffness: Value
@@ -241,9 +238,6 @@ class OutOfPlaneInfill(_Infill, _InSeries):
         frequency: its natural frequency between fixed floors, in Hz.
         stiffness_factor: multiplies the spring's stiffness ``(m/2) (2πf)²``.
         label: of the element and its own degree of freedom; made from its place if not given.
-
-    Raises:
-        ValueError, TypeError: as those of every :class:`Element`.
     """
 
     frequency: Value
