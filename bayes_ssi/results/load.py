@@ -121,7 +121,7 @@ def load_result(directory: str | Path) -> StoredResult:
     comparison = read_record(Comparison, directory / "comparison.json")
     posteriors = tuple(_posterior(directory, record, i) for i in range(len(record.posteriors)))
     try:
-        tests = {each.configuration: read_modal_csv(directory / each.file) for each in record.data}
+        tests = {name: read_modal_csv(directory / file) for name, file in record.data.items()}
     except OSError as error:
         raise ValueError(f"{error.filename}: {error.strerror}") from error
     result = StoredResult(directory, record, tests, posteriors, comparison)

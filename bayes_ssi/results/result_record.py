@@ -9,19 +9,10 @@ from typing import Any
 from bayes_ssi.model_class.class_record import ClassRecord
 from bayes_ssi.sampling.settings import SamplingSettings
 
-__all__ = ["FORMAT", "DataFile", "ResultRecord"]
+__all__ = ["FORMAT", "ResultRecord"]
 
 # Raised whenever the files of a result change.
-FORMAT = 6
-
-
-@dataclass(frozen=True)
-class DataFile:
-    """Where the identified modes of a configuration are stored, and where they come from."""
-
-    configuration: str
-    file: str
-    source: str
+FORMAT = 7
 
 
 @dataclass(frozen=True)
@@ -42,7 +33,7 @@ class ResultRecord:
         stands_for: as in :class:`~bayes_ssi.ranking.study.Study`.
         posteriors: records of the posteriors, without their draws.
         draws: model class → file of the draws, in the result's directory.
-        data: the identified modes of every configuration.
+        data: configuration → file of its identified modes.
         failed_checks_accepted: whether the user accepted failed checks.
         command: the command that gives the result again; empty where it was made from Python.
         format: of the files.
@@ -61,7 +52,7 @@ class ResultRecord:
     stands_for: Mapping[str, tuple[str, ...]]
     posteriors: tuple[Mapping[str, Any], ...]
     draws: Mapping[str, str]
-    data: tuple[DataFile, ...]
+    data: Mapping[str, str]
     failed_checks_accepted: bool
     command: str
     format: int = FORMAT

@@ -20,7 +20,7 @@ from bayes_ssi.results.draws import save_draws
 from bayes_ssi.results.json_files import write_json
 from bayes_ssi.results.load import IN_THE_FILE_OF_DRAWS, MARKER, StoredResult, load_result
 from bayes_ssi.results.new_directory import new_directory
-from bayes_ssi.results.result_record import DataFile, ResultRecord
+from bayes_ssi.results.result_record import ResultRecord
 from bayes_ssi.versions import versions
 
 __all__ = ["save_result"]
@@ -68,8 +68,8 @@ def save_result(
     return load_result(directory)
 
 
-def _save_tests(study: Study, directory: Path) -> tuple[DataFile, ...]:
-    """Write the identified modes of every configuration, and say where they are."""
+def _save_tests(study: Study, directory: Path) -> dict[str, str]:
+    """Write the identified modes of every configuration: its name → its file."""
     configurations = study.model_classes[0].configurations
     files = {"": "data.csv"}
     if [configuration.name for configuration in configurations] != [""]:
@@ -78,13 +78,13 @@ def _save_tests(study: Study, directory: Path) -> tuple[DataFile, ...]:
         files = {name: f"data/{file}" for name, file in names.items()}
     for configuration in configurations:
         write_modal_data(configuration.data, directory / files[configuration.name])
-    return tuple(DataFile(c.name, files[c.name], c.data.source) for c in configurations)
+    return files
 
 
 def _record(
     ranking: Ranking,
     draws: Mapping[str, str],
-    data: tuple[DataFile, ...],
+    data: Mapping[str, str],
     study_file: str,
     command: str,
     accept_failed_checks: bool,
