@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bayes_ssi.codec import to_record
+from bayes_ssi.commands.response_options import response_request
 from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
 
 if TYPE_CHECKING:
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
     from bayes_ssi.predictions.response_bands import ResponseBands, ResponseRequest
     from bayes_ssi.predictions.saved_predictions import PredictionsRecord
     from bayes_ssi.predictions.stored_predictions import StoredPredictions
-
-from bayes_ssi.commands.response_options import response_request
 
 __all__ = ["predict"]
 
