@@ -96,7 +96,7 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
     if band is None:
         raise ValueError(
             f"{path}: no band; add a line such as '# band_hz, 0, 6' above the column names: the "
-            "lowest and highest frequency (Hz) in which modes were sought"
+            "lowest and highest frequency (Hz) of the search for modes"
         )
     low, high = band
     sensors = tuple(name for name in columns if name not in RESERVED_NAMES)

@@ -21,7 +21,7 @@ from bayes_ssi.modal import mac
 
 @dataclass(frozen=True, eq=False)
 class ModalData:
-    """The modes identified in one test of one structure, and the band they were sought in.
+    """The modes identified in one test of one structure, and the band of the search.
 
     Include every mode identified in the band, also those that a model does not explain.
 
@@ -160,7 +160,7 @@ class ModalData:
                     f"{name}: phases scatter by {mode.phase_scatter_deg:.0f} degrees about one "
                     "line; a real shape is a poor approximation"
                 )
-            # No identification worth using is this uncertain; percentages are above it.
+            # No useful identification is this uncertain; percentages are above it.
             if mode.frequency_cov is not None and mode.frequency_cov > 0.2:
                 warnings.append(
                     f"{name}: frequency_cov is {mode.frequency_cov:g}, a fraction; "

@@ -23,7 +23,7 @@ def read_modal_data(
 
     Args:
         path: the file.
-        band_hz: lowest and highest frequency (Hz) in which modes were sought. A CSV file can
+        band_hz: lowest and highest frequency (Hz) of the search. A CSV file can
             state them itself, a universal file cannot.
         sensors: of a universal file, name → (node, direction), the direction being x, y or z, or
             -x, -y or -z where the sensor points the other way. If None, every node and direction

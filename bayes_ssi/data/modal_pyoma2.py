@@ -24,7 +24,7 @@ def modal_data_from_pyoma2(
         result: ``algorithm.result`` after ``mpe``: ``Fn`` (m,) in Hz and ``Phi`` (channels, m),
             complex; ``Xi`` (m,), damping as a fraction, and ``Fn_std`` (m,), the standard
             deviation of ``Fn`` in Hz, where the algorithm gave them.
-        band_hz: lowest and highest frequency in which modes were sought.
+        band_hz: lowest and highest frequency of the search, in Hz.
         sensors: names of the channels, those of the structure's degrees of freedom;
             ``channel 1``, ``channel 2``, … if None.
         source: where the data come from.

@@ -24,7 +24,7 @@ NEGLIGIBLE = 0.15
 
 
 class ReducedStructure(ApproximateStructure):
-    """A finite-element model whose modes are sought in the span of some of its full solutions.
+    """A finite-element model whose modes are combinations of some of its full solutions.
 
     The basis is made when modes are first computed. Full solutions are placed one after the other
     where the certified error is largest among points of the prior (a greedy reduced basis), until

@@ -94,11 +94,11 @@ class ReducibleStructure(Structure):
         if not is_semidefinite(at_medians):
             raise NoModesError("the mass matrix is not positive semi-definite")
         n_with_mass = int(np.count_nonzero(np.diff(at_medians.indptr)))
-        wanted = self._n_modes or 1
-        if n_with_mass < wanted:
+        required = self._n_modes or 1
+        if n_with_mass < required:
             raise NoModesError(
                 f"the mass matrix has mass at {n_with_mass} degrees of freedom, which gives fewer "
-                f"modes than the {wanted} asked for"
+                f"modes than the {required} asked for"
             )
         return system
 

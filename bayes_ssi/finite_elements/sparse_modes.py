@@ -71,9 +71,9 @@ def _counted(
     n = stiffness.shape[0]
     problem = "there is no gap between eigenvalues"
     for attempt in range(4):  # each from another vector, for more modes
-        wanted = min(at_most + 2 + 6 * attempt, n - 2)
+        n_computed = min(at_most + 2 + 6 * attempt, n - 2)
         try:
-            modes = _lanczos(stiffness, mass, factor, wanted, attempt)
+            modes = _lanczos(stiffness, mass, factor, n_computed, attempt)
         except NoModesError as error:
             problem = str(error)
             break
@@ -87,7 +87,7 @@ def _counted(
             continue
         if count == last:
             return Eigenpairs(modes.eigenvalues[:last], modes.vectors[:, :last])
-        problem = f"Lanczos iterations found {last} modes where Sylvester's law counts {count}"
+        problem = f"Lanczos iterations gave {last} modes where Sylvester's law counts {count}"
     # Iterations stop early where M has hardly more modes than are asked for.
     normal = np.random.default_rng(n).standard_normal((n, 2 * (at_most + 10)))
     loads = mass @ normal
