@@ -18,8 +18,6 @@ from bayes_ssi.commands.report import report
 from bayes_ssi.commands.search import search
 from bayes_ssi.commands.terminal import QUIET_OPTION, OneLineErrors
 
-__all__ = ["main"]
-
 COMMANDS = (calibrate, check, new, rank, search, predict, report, guide)
 
 for command in COMMANDS:

@@ -16,8 +16,6 @@ from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hin
 
 import numpy as np
 
-__all__ = ["from_record", "to_record"]
-
 T = TypeVar("T")
 
 EXPECTED = {str: "text", bool: "true or false", int: "a whole number", float: "a number"}

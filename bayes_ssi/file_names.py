@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-__all__ = ["file_names", "file_stem"]
-
 
 def file_stem(name: str) -> str:
     """The name with an underscore for whatever a file system may not allow."""

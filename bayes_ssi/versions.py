@@ -5,8 +5,6 @@ from __future__ import annotations
 import platform
 import sys
 
-__all__ = ["versions"]
-
 PACKAGES = ("bayes_ssi", "numpy", "scipy", "emcee", "arviz")
 
 

@@ -27,8 +27,6 @@ from bayes_ssi.ranking.comparison import compare
 from bayes_ssi.ranking.study import Ranking, Study
 from bayes_ssi.sampling.settings import SamplingSettings
 
-__all__ = ["search"]
-
 
 def search(
     baseline: ModelClass,

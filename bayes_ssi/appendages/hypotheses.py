@@ -13,17 +13,6 @@ from bayes_ssi.priors.families import LogNormal, LogUniform
 from bayes_ssi.priors.prior import Prior
 from bayes_ssi.structures.lumped import LumpedStructure
 
-__all__ = [
-    "NO_APPENDAGE",
-    "SearchSettings",
-    "frequency_name",
-    "hypothesis",
-    "mass_name",
-    "mean_mass",
-    "places_of",
-    "structure_with_floors",
-]
-
 NO_APPENDAGE = "no appendage"
 
 

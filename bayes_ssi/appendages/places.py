@@ -9,8 +9,6 @@ from typing import ClassVar, Self
 from bayes_ssi.parameters import Value
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
 
-__all__ = ["KINDS", "AppendagePlace", "InfillPlace", "PendulumPlace"]
-
 
 class AppendagePlace(ABC):
     """One kind of appendage at one place; floors count from 1, and 0 is the ground.

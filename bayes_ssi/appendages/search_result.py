@@ -21,16 +21,6 @@ from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.averages import AveragedParameter, averaged_parameters
 from bayes_ssi.ranking.study import Ranking
 
-__all__ = [
-    "AppendageSearch",
-    "AppendageSummary",
-    "AveragedAndNaive",
-    "HypothesisRecord",
-    "PlaceProbability",
-    "SearchRecord",
-    "search_record",
-]
-
 
 @dataclass(frozen=True)
 class AppendageSummary:

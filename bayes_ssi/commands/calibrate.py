@@ -11,8 +11,6 @@ import click
 from bayes_ssi.commands.study_argument import load, study_argument
 from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
 
-__all__ = ["calibrate"]
-
 
 @click.command()
 @study_argument

@@ -12,8 +12,6 @@ from bayes_ssi.commands.terminal import console, json_option, print_record, say
 if TYPE_CHECKING:
     from bayes_ssi.data.modal_data import ModalData
 
-__all__ = ["check"]
-
 MODE_FIELDS = ("label", "frequency_hz", "frequency_cov", "damping", "n_measured")
 
 

@@ -9,8 +9,6 @@ import click
 
 from bayes_ssi.commands.terminal import console, say
 
-__all__ = ["guide"]
-
 
 @click.command()
 @click.option("--no-browser", is_flag=True, help="Only print where the guide is.")

@@ -9,8 +9,6 @@ import click
 from bayes_ssi.commands.scaffold import KINDS, write_study
 from bayes_ssi.commands.terminal import console, say
 
-__all__ = ["new"]
-
 
 @click.command()
 @click.argument("name", type=click.Path(path_type=Path))

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from bayes_ssi.predictions.saved_predictions import PredictionsRecord
     from bayes_ssi.predictions.stored_predictions import StoredPredictions
 
-__all__ = ["predict"]
-
 
 @click.command()
 @click.argument("result", type=click.Path(path_type=Path))

@@ -10,8 +10,6 @@ from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options
 from bayes_ssi.commands.study_argument import load, study_argument
 from bayes_ssi.commands.terminal import console, say
 
-__all__ = ["rank"]
-
 
 @click.command()
 @study_argument

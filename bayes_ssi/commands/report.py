@@ -9,8 +9,6 @@ import click
 
 from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
 
-__all__ = ["report"]
-
 
 @click.command()
 @click.argument("result", type=click.Path(path_type=Path))

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from bayes_ssi.predictions.stored_predictions import StoredPredictions
     from bayes_ssi.response.output import Damping, Output, Quantity
 
-__all__ = ["response_request"]
-
 NO_TRANSFER = "none"
 
 

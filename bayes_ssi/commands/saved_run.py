@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from bayes_ssi.results.load import StoredResult
     from bayes_ssi.sampling.settings import SamplingSettings
 
-__all__ = ["FAILED_CHECK", "ResultPlace", "RunOptions", "notes_of", "run_options"]
-
 FAILED_CHECK = 3
 RESULTS = Path("runs") / "results"
 

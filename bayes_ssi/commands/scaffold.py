@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["KINDS", "write_study"]
-
 KINDS = ("shear-building", "matrices", "function")
 TEMPLATES = Path(__file__).with_name("templates")
 

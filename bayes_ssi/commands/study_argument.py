@@ -10,8 +10,6 @@ import click
 if TYPE_CHECKING:
     from bayes_ssi.ranking.study import Study
 
-__all__ = ["load", "study_argument"]
-
 study_argument = click.argument("study", type=click.Path(path_type=Path))
 
 

@@ -18,20 +18,6 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = [
-    "BAD_INPUT",
-    "INTERRUPTED",
-    "QUIET_OPTION",
-    "OneLineErrors",
-    "command_line",
-    "console",
-    "is_quiet",
-    "json_option",
-    "print_record",
-    "progress_bars",
-    "say",
-]
-
 BAD_INPUT = 2
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 WIDTH = 80

@@ -10,8 +10,6 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["Evaluated", "Function", "SafeFunction", "evaluate"]
-
 # (B, d) coordinates → (B,) log-likelihoods. Row i of the answer depends on row i alone, to the
 # last digit: a batch may be evaluated in parts, here or elsewhere.
 Function = Callable[[FloatArray], FloatArray]

@@ -24,8 +24,6 @@ from bayes_ssi.versions import versions
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["Checkpoint", "name_of_run"]
-
 # Exists from when the result of the run begins to be written.
 SAVING = "saving"
 SUFFIX = ".journal"

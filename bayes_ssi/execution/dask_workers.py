@@ -9,8 +9,6 @@ from typing import Any
 
 from bayes_ssi.execution.workers import Workers
 
-__all__ = ["DaskWorkers"]
-
 # How long a cluster may take to answer, to have its first worker, and to replace the last one.
 CLUSTER_SECONDS = 10.0
 

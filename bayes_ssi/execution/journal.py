@@ -26,8 +26,6 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.codec import to_record
 from bayes_ssi.execution.batch import Evaluated
 
-__all__ = ["DamagedJournalError", "Journal", "OtherRunError"]
-
 FORMAT = 2
 OPEN = (
     "PRAGMA locking_mode = EXCLUSIVE",

@@ -12,8 +12,6 @@ from typing import IO, Any
 from bayes_ssi.execution.remote import end_with_parent
 from bayes_ssi.execution.workers import Workers
 
-__all__ = ["LocalWorkers", "as_workers"]
-
 
 class LocalWorkers(Workers):
     """Processes of this machine; they start with the first call, and are replaced if they die."""

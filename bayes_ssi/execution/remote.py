@@ -15,15 +15,6 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-__all__ = [
-    "STUDY_MODULE",
-    "PackedFunction",
-    "call_packed",
-    "digest_of",
-    "end_with_parent",
-    "pickled",
-]
-
 # Modules of study files carry this prefix. No worker could import them, so they are pickled too.
 STUDY_MODULE = "bayes_ssi_study_"
 

@@ -12,8 +12,6 @@ from bayes_ssi.execution.checkpoint import Checkpoint
 from bayes_ssi.execution.local_workers import as_workers
 from bayes_ssi.execution.workers import Workers
 
-__all__ = ["Progress", "Run"]
-
 # Called with the name of what is computed (a model class, mostly), of the step, and the share of
 # that step that is done.
 Progress = Callable[[str, str, float], None]

@@ -19,8 +19,6 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.batch import Evaluated, Function, SafeFunction
 from bayes_ssi.execution.remote import PackedFunction, call_packed, digest_of, pickled
 
-__all__ = ["Workers"]
-
 # Parts of a batch for each worker: more than one, so that none waits long for the slowest.
 PARTS_PER_WORKER = 4
 # Lost points are divided into this many groups and evaluated again, down to single points: four

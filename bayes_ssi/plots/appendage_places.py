@@ -13,8 +13,6 @@ from bayes_ssi.ranking.comparison import probability_text
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["plot_places"]
-
 
 def plot_places(probabilities: Mapping[AppendagePlace, float], ax: Axes | None = None) -> Axes:
     """The building, and the probability of an appendage at each place of a search.

@@ -26,8 +26,6 @@ from bayes_ssi.predictions.predicted_modes import PredictedMode
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["plot_frequency_change", "plot_mac_change", "plot_parameters"]
-
 
 class _Row(NamedTuple):
     """One mode: where it is drawn before, and (low, median, high) after; texts are for hovering."""

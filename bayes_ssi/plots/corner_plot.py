@@ -14,8 +14,6 @@ from bayes_ssi.posterior.posterior import Posterior
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["plot_corner"]
-
 QUANTILES = (0.05, 0.5, 0.95)
 # Probability within one and within two standard deviations of a normal density of two variables.
 CONTOURS = 1.0 - np.exp(-0.5 * np.array([1.0, 2.0]) ** 2)

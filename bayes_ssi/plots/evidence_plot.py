@@ -20,8 +20,6 @@ from bayes_ssi.ranking.comparison import Comparison
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["plot_evidence"]
-
 
 def plot_evidence(
     comparison: Comparison, ax: Axes | None = None, *, most: int | None = None

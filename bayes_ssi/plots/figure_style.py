@@ -12,32 +12,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "BLUE",
-    "COLOURS",
-    "GREEN",
-    "GREY",
-    "HOVER",
-    "LINES",
-    "MARKERS",
-    "ORANGE",
-    "PANELS_ACROSS",
-    "VERMILION",
-    "WIDTH",
-    "axes_of",
-    "figure_of",
-    "figures_for_files",
-    "hover",
-    "legend_below",
-    "legend_of_figure",
-    "letters_across",
-    "name_rows",
-    "save_figure",
-    "style",
-    "whole_figure",
-    "without_math",
-]
-
 # Okabe and Ito's palette: colour-blind readers can tell its colours apart, and so can everyone in
 # grey, by lightness. Where colours repeat, markers and lines differ.
 COLOURS = BLUE, ORANGE, GREEN, VERMILION, GREY = (

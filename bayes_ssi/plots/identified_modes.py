@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["plot_identified_modes"]
-
 
 def plot_identified_modes(
     data: ModalData, figure: Figure | None = None, configuration: str = ""

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.image import AxesImage
 
-__all__ = ["plot_mac", "plot_pairing"]
-
 
 def plot_mac(
     matrix: FloatArray,

@@ -24,8 +24,6 @@ from bayes_ssi.posterior.posterior import Posterior
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["plot_frequencies"]
-
 
 def plot_frequencies(
     data: ModalData,

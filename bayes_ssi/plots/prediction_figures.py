@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["save_prediction_figures"]
-
 
 def save_prediction_figures(
     directory: str | Path, data: ModalData, responses: Sequence[ResponseBands]

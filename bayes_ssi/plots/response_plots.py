@@ -14,8 +14,6 @@ from bayes_ssi.predictions.bands import Band
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["plot_time_history", "plot_transfer_functions"]
-
 
 def plot_transfer_functions(
     frequencies_hz: FloatArray,

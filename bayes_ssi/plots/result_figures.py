@@ -13,8 +13,6 @@ from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison
 
-__all__ = ["MOST_CLASSES", "save_figures"]
-
 # Classes that one figure can show legibly.
 MOST_CLASSES = 12
 

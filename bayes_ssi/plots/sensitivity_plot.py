@@ -22,8 +22,6 @@ from bayes_ssi.ranking.sensitivity import Sensitivity
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["plot_sensitivity"]
-
 
 def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
     """Log of each class's probability over that of the first class, setting by setting.

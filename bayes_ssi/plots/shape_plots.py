@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["DrawnShape", "plot_building_shape", "plot_shape_components", "plot_shapes"]
-
 # Half the width of a building, in the unit of the shapes that are drawn on it, and how far from its
 # axis anything is drawn: appendages may move many times as far as floors.
 HALF_WIDTH, REACH = 0.7, 2.1

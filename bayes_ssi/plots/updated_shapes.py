@@ -14,8 +14,6 @@ from bayes_ssi.predictions.bands import Band
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["plot_mode_shapes"]
-
 
 def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None = None) -> Figure:
     """The paired modes' shapes, with 95 % bands and the identified components.

@@ -21,8 +21,6 @@ from bayes_ssi.sampling.diagnostics import (
 from bayes_ssi.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.sampling.result import SamplingResult
 
-__all__ = ["failed_checks", "failed_edge_checks"]
-
 # Vehtari et al. (2021) ask for both.
 R_HAT_LIMIT, LEAST_EFFECTIVE_SAMPLE_SIZE = 1.01, 400
 # The wanted error counts as reached up to this multiple of it.

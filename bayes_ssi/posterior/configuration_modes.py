@@ -23,15 +23,6 @@ from bayes_ssi.response.modal_response import ground_influence
 from bayes_ssi.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.structures.structure import Structure
 
-__all__ = [
-    "LEVEL",
-    "ConfigurationModes",
-    "UpdatedMode",
-    "UpdatedModes",
-    "configuration_modes",
-    "moves_sideways",
-]
-
 LEVEL = 0.95
 # Enough draws for the quantiles that a plot shows, at a small part of the sampling's cost.
 MOST_DRAWS = 200

@@ -16,8 +16,6 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.model_class.model_class import ModelClass
 
-__all__ = ["AtDraws", "DatumTerms", "at_draws", "datum_terms"]
-
 
 class AtDraws(NamedTuple):
     """The model at B draws, those of all configurations in turn.

@@ -15,8 +15,6 @@ from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.datum_terms import DatumTerms
 from bayes_ssi.sampling.estimates import EvidenceEstimate
 
-__all__ = ["Evidence", "ParameterSummary", "Posterior", "Region", "check_names"]
-
 
 @dataclass(frozen=True)
 class Evidence:

@@ -23,8 +23,6 @@ from bayes_ssi.sampling.result import SamplingResult
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
-__all__ = ["sample_as_it_is"]
-
 # Failed evaluations in a smaller share than this lie in the far tails of a prior.
 NEGLIGIBLE_FAILURES = 1e-3
 

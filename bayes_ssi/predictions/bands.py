@@ -9,8 +9,6 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["Band", "Prediction"]
-
 
 class Band(NamedTuple):
     """A central interval at every point of a prediction, and the median."""

@@ -13,8 +13,6 @@ from bayes_ssi.predictions.predictions import Predictions
 from bayes_ssi.response.modal_response import ground_influence
 from bayes_ssi.response.output import GROUND, Output, Quantity
 
-__all__ = ["MOST_FREQUENCIES", "default_damping", "default_frequencies", "default_output"]
-
 # Transfer functions of a thousand draws at more frequencies would take minutes.
 MOST_FREQUENCIES = 6000
 

@@ -16,8 +16,6 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["ARRAY_SIZE", "DRAWS", "PosteriorDraws", "thinned_draws"]
-
 DRAWS = 1000
 # Largest array of a batch of draws: 2e7 numbers of 8 bytes are 160 MB.
 ARRAY_SIZE = 20_000_000

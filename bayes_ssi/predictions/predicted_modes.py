@@ -9,8 +9,6 @@ from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.predictions.bands import Band
 from bayes_ssi.predictions.predictions import Predictions
 
-__all__ = ["PredictedMode", "main_places", "predicted_modes", "predicted_shapes", "shown_places"]
-
 # More degrees of freedom than can be read in a table are shown at the sensors alone.
 MOST_PLACES = 60
 

@@ -14,8 +14,6 @@ from bayes_ssi.predictions.bands import Band
 from bayes_ssi.predictions.predicted_modes import predicted_modes, predicted_shapes, shown_places
 from bayes_ssi.predictions.response_bands import ResponseBands
 
-__all__ = ["save_predictions"]
-
 COLUMNS = ("low", "median", "high")
 
 

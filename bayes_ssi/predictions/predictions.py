@@ -25,8 +25,6 @@ from bayes_ssi.response.modal_response import peak_responses, time_histories, tr
 from bayes_ssi.response.output import Damping, Output
 from bayes_ssi.structures.structure import Structure
 
-__all__ = ["AVERAGE", "Predictions", "predict_average", "predict_class"]
-
 # Name of predictions that are averaged over model classes.
 AVERAGE = "average"
 

@@ -21,8 +21,6 @@ from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.modal_response import checked_frequencies
 from bayes_ssi.response.output import Damping, Output, damping_ratios
 
-__all__ = ["ResponseBands", "ResponseRequest", "predict_responses"]
-
 UNITS = {"displacement": "m", "acceleration": "m/s²", "drift": "m"}
 PER_GROUND = {"displacement": "s²", "acceleration": "-", "drift": "s²"}
 PER_FORCE = {"displacement": "s²/mass", "acceleration": "1/mass", "drift": "s²/mass"}

@@ -9,14 +9,6 @@ from pathlib import Path
 
 from bayes_ssi.results.json_files import read_record
 
-__all__ = [
-    "MARKER",
-    "MotionRecord",
-    "PredictionsRecord",
-    "SavedPredictions",
-    "load_saved_predictions",
-]
-
 # The file that every directory of predictions holds.
 MARKER = "predictions.json"
 # Tables that a page has room for; the others are curves, shown as figures.

@@ -13,8 +13,6 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.ranking.study import Study
 from bayes_ssi.results.load import SEARCH, StoredResult
 
-__all__ = ["stored_classes"]
-
 
 def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict[str, ModelClass]:
     """Name → model class, of all that were sampled.

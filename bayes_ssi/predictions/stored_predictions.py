@@ -13,8 +13,6 @@ from bayes_ssi.predictions.stored_classes import stored_classes
 from bayes_ssi.ranking.study import load_study
 from bayes_ssi.results.load import StoredResult, load_result
 
-__all__ = ["StoredPredictions", "load_predictions"]
-
 
 @dataclass(frozen=True, eq=False)
 class StoredPredictions:

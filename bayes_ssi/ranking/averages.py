@@ -11,8 +11,6 @@ import numpy as np
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison
 
-__all__ = ["AveragedParameter", "averaged_parameters"]
-
 
 @dataclass(frozen=True)
 class AveragedParameter:

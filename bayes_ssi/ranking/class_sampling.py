@@ -19,8 +19,6 @@ from bayes_ssi.posterior.sample import sample
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.structures.lumped import LumpedStructure
 
-__all__ = ["sample_all"]
-
 
 def sample_all(
     candidates: Sequence[ModelClass],

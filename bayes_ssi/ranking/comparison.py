@@ -10,15 +10,6 @@ from scipy.special import logsumexp
 
 from bayes_ssi.posterior.posterior import Posterior
 
-__all__ = [
-    "Comparison",
-    "RankedClass",
-    "bayes_factor_scale",
-    "checked_weights",
-    "class_probabilities",
-    "compare",
-]
-
 # Kass and Raftery (1995), Bayes Factors, section 3.2, in 2 ln B.
 SCALE_NAME = "Kass and Raftery (1995)"
 SCALE = (

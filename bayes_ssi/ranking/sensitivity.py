@@ -29,14 +29,6 @@ from bayes_ssi.sampling.diagnostics import pareto_shape
 from bayes_ssi.sampling.estimates import Estimate
 from bayes_ssi.sampling.settings import SamplingSettings
 
-__all__ = [
-    "Sensitivity",
-    "SensitivityRow",
-    "Variation",
-    "default_variations",
-    "sensitivity",
-]
-
 SETTINGS = SamplingSettings(log_evidence_error=0.03)
 
 

@@ -19,8 +19,6 @@ from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.comparison import Comparison, checked_weights, compare
 from bayes_ssi.sampling.settings import SamplingSettings
 
-__all__ = ["Ranking", "Study", "load_study", "rank"]
-
 # Packages that studies import, and the extras of this one that install them.
 EXTRAS = {"openseespy": "opensees", "skfem": "fem"}
 

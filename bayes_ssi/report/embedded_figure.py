@@ -15,8 +15,6 @@ from bayes_ssi.plots.figure_style import HOVER, RC
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["EmbeddedFigure", "embedded_drawing", "embedded_file"]
-
 PNG_HEADER = b"\x89PNG\r\n\x1a\n"
 
 

@@ -22,8 +22,6 @@ from bayes_ssi.results.load import StoredResult
 from bayes_ssi.results.result_record import ResultRecord
 from bayes_ssi.tables import pairing_notes, region_notes
 
-__all__ = ["page_content"]
-
 
 def page_content(
     stored: StoredResult,

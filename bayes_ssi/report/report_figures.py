@@ -39,9 +39,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["ReportFigures", "draw_figures"]
-
-
 # A caption, and how the figure is drawn.
 Plot = tuple[str, Callable[[], "Axes | Figure"]]
 

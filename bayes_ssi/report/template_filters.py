@@ -12,8 +12,6 @@ from bayes_ssi.priors.prior import Prior
 from bayes_ssi.ranking.comparison import probability_text
 from bayes_ssi.sampling.settings import SamplingSettings
 
-__all__ = ["FILTERS", "TESTS"]
-
 MISSING = "-"
 # Endings of a column's name in a CSV file, and other columns that hold numbers.
 UNITS = {"_hz": "Hz", "_s": "s"}

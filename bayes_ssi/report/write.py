@@ -9,8 +9,6 @@ from bayes_ssi.results.load import load_result
 from bayes_ssi.results.new_directory import new_directory, require_new
 from bayes_ssi.versions import versions
 
-__all__ = ["write_report"]
-
 PAGE = "report.html"
 
 

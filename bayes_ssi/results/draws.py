@@ -21,8 +21,6 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.datum_terms import DatumTerms
 from bayes_ssi.posterior.posterior import Posterior
 
-__all__ = ["load_draws", "save_draws"]
-
 FREQUENCY, MODE = "frequency_hz", "model_mode"
 LOG_LIKELIHOOD, DATUM = "modes", "datum"
 IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"

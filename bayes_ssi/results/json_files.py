@@ -8,8 +8,6 @@ from typing import Any, TypeVar
 
 from bayes_ssi.codec import from_record, to_record
 
-__all__ = ["read_json", "read_record", "write_json"]
-
 T = TypeVar("T")
 
 

@@ -28,8 +28,6 @@ from bayes_ssi.results.draws import load_draws
 from bayes_ssi.results.json_files import read_json, read_record
 from bayes_ssi.results.result_record import FORMAT, ResultRecord
 
-__all__ = ["StoredResult", "load_result"]
-
 # The file that every result directory holds.
 MARKER = "result.json"
 SEARCH, SENSITIVITY = "search.json", "sensitivity.json"

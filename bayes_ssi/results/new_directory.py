@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["new_directory", "require_new"]
-
 
 def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) -> None:
     """Refuse a directory that exists, unless it is of the same kind and may be overwritten.

@@ -9,8 +9,6 @@ from typing import Any
 from bayes_ssi.model_class.class_record import ClassRecord
 from bayes_ssi.sampling.settings import SamplingSettings
 
-__all__ = ["FORMAT", "ResultRecord"]
-
 # Raised whenever the files of a result change.
 FORMAT = 7
 

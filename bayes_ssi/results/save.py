@@ -23,8 +23,6 @@ from bayes_ssi.results.new_directory import new_directory
 from bayes_ssi.results.result_record import ResultRecord
 from bayes_ssi.versions import versions
 
-__all__ = ["save_result"]
-
 
 def save_result(
     ranking: Ranking,

@@ -12,8 +12,6 @@ from bayes_ssi.sampling.ensembles import Ensemble
 from bayes_ssi.sampling.estimates import EvidenceEstimate
 from bayes_ssi.sampling.importance import ImportanceSample
 
-__all__ = ["bridge_sampling"]
-
 
 def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> EvidenceEstimate:
     """Bridge sampling between the posterior draws of an ensemble and those from a mixture.

@@ -10,15 +10,6 @@ from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = [
-    "LARGEST_WEIGHT",
-    "LENGTH_IN_AUTOCORRELATION_TIMES",
-    "PARETO_K_LIMIT",
-    "autocorrelation_times",
-    "pareto_shape",
-    "r_hat",
-]
-
 # A chain is long enough at this many of the autocorrelation times that it measures: shorter ones
 # underestimate them (Foreman-Mackey et al. 2013).
 LENGTH_IN_AUTOCORRELATION_TIMES = 50

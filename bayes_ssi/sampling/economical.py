@@ -29,8 +29,6 @@ from bayes_ssi.sampling.result import SamplingResult
 from bayes_ssi.sampling.settings import SamplingSettings, StepProgress
 from bayes_ssi.sampling.target import Target
 
-__all__ = ["sample_economically"]
-
 # Draws at once are this many a dimension, for at least six dimensions; a search has half of them.
 BATCH_PER_DIMENSION = 50
 # Effective sample size of each of the two samples: together they pass the checks of the draws.

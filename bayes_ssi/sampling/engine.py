@@ -36,8 +36,6 @@ from bayes_ssi.sampling.settings import SamplingSettings, StepProgress
 from bayes_ssi.sampling.target import Target
 from bayes_ssi.sampling.tempering import tempered_estimate, tempered_start
 
-__all__ = ["sample_target"]
-
 # Of one ensemble, or four a dimension: emcee's moves need two a dimension.
 WALKERS = 32
 # Chains of more steps are too long where importance draws serve as well. An ensemble that needs

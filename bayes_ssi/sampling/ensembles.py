@@ -14,8 +14,6 @@ from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, auto
 from bayes_ssi.sampling.mixture import Proposal
 from bayes_ssi.sampling.target import Target
 
-__all__ = ["Ensemble", "Walkers", "run_ensemble"]
-
 
 class Walkers(NamedTuple):
     """Where the walkers of an ensemble are.

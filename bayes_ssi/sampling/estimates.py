@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-__all__ = ["Estimate", "EvidenceEstimate"]
-
 # Estimates that differ by more than this many standard errors of their difference disagree: by
 # chance once in 16,000 times.
 STANDARD_ERRORS = 4.0

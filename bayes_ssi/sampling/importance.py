@@ -18,8 +18,6 @@ from bayes_ssi.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.sampling.resampling import systematic_indices
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
-__all__ = ["ImportanceSample", "ImportanceSampler"]
-
 # Posterior draws made of one importance sample: enough for quantiles, few enough to be stored.
 MAX_RESAMPLED = 5000
 # Each adds a sixth to the draws, all of them together a factor of six.

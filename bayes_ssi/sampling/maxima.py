@@ -19,8 +19,6 @@ from bayes_ssi.sampling.estimates import EvidenceEstimate
 from bayes_ssi.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
-__all__ = ["Maxima", "find_maxima"]
-
 # Of forward first and central second differences: truncation and rounding errors balance for
 # log-likelihoods of some thousand nats.
 GRADIENT_STEP, HESSIAN_STEP = 1e-6, 1e-3

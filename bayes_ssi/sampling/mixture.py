@@ -13,15 +13,6 @@ from scipy.special import gammaln
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = [
-    "DRAWS_PER_DIMENSION",
-    "HEAVY_TAILS",
-    "Proposal",
-    "StudentMixture",
-    "choose_mixture",
-    "fit_mixture",
-]
-
 # Degrees of freedom: the variance of importance weights stays finite where a posterior has tails
 # as heavy as those of five; thirty are nearly normal.
 HEAVY_TAILS, LIGHT_TAILS = 5.0, 30.0

@@ -16,8 +16,6 @@ from emcee.moves.red_blue import RedBlueMove
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.mixture import Proposal, StudentMixture
 
-__all__ = ["ensemble_sampler", "initial_state"]
-
 # Proposals that need not wait for one another are evaluated in batches of this size.
 DRAWN_AT_ONCE = 512
 

@@ -23,8 +23,6 @@ from bayes_ssi.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.sampling.regions import nearest_neighbours
 from bayes_ssi.sampling.target import Target
 
-__all__ = ["MultistartSearch", "search_maxima"]
-
 # Searches are repeated, up to this multiple of the wanted number, while a maximum with more than
 # this share of the posterior, by Laplace's approximation, was found by only one of them.
 PATIENCE = 3

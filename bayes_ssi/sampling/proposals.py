@@ -11,8 +11,6 @@ from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.sampling.maxima import Maxima
 from bayes_ssi.sampling.mixture import Proposal, StudentMixture, choose_mixture
 
-__all__ = ["ProposalFitting"]
-
 
 @dataclass(frozen=True)
 class ProposalFitting:

@@ -22,8 +22,6 @@ from bayes_ssi.sampling.target import Target
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-__all__ = ["NEIGHBOURS", "Regions", "find_regions", "nearest_neighbours"]
-
 # Of each draw: enough to connect draws of one region, in a few dimensions, into one network.
 NEIGHBOURS = 8
 # Two groups of draws are apart when every path between them leads this many nats below the typical

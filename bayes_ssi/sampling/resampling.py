@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 
-__all__ = ["evenly_spaced_indices", "systematic_indices"]
-
 
 def systematic_indices(weights: FloatArray, n: int, rng: np.random.Generator) -> NDArray[np.intp]:
     """``n`` sorted indices of ``weights``: how often each occurs is within one of its mean.

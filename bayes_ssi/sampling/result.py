@@ -17,8 +17,6 @@ from bayes_ssi.sampling.multistart import MultistartSearch
 from bayes_ssi.sampling.regions import Regions
 from bayes_ssi.sampling.tempering import TemperedStart
 
-__all__ = ["SamplingResult"]
-
 
 @dataclass(frozen=True, eq=False)
 class SamplingResult:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["SamplingSettings", "StepProgress"]
-
 # Called with the name of a step and the share of it that is done.
 StepProgress = Callable[[str, float], None]
 

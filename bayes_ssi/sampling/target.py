@@ -11,8 +11,6 @@ from bayes_ssi.execution.batch import Evaluated, Function, evaluate
 from bayes_ssi.execution.journal import Journal
 from bayes_ssi.execution.workers import Workers
 
-__all__ = ["Target", "log_standard_normal"]
-
 # Points of a journal that are evaluated again, to see that the model is still the same: a change
 # of the model would hardly spare all of them.
 POINTS_TO_CHECK = 3

@@ -25,8 +25,6 @@ from bayes_ssi.sampling.mixture import HEAVY_TAILS, Proposal, fit_mixture
 from bayes_ssi.sampling.resampling import systematic_indices
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
-__all__ = ["TemperedStart", "tempered_estimate", "tempered_start"]
-
 # Moves go on until positions have lost about two thirds of their correlation with where they
 # began, or no more of it is lost.
 CORRELATION_LEFT = 0.35

@@ -8,8 +8,6 @@ from bayes_ssi.calibration.calibration import Calibration
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.tables.layout import NUMBER, TERMINAL, add_columns, add_row, new_table, number
 
-__all__ = ["calibration_modes_table", "calibration_table"]
-
 
 def calibration_table(calibration: Calibration) -> Table:
     """Every distinct minimum: parameter values, objective and distance.

@@ -9,8 +9,6 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["NUMBER", "TERMINAL", "add_columns", "add_row", "interval", "new_table", "number"]
-
 # Columns of a terminal, and those that a number takes with the space next to it.
 TERMINAL, NUMBER = 80, 9
 

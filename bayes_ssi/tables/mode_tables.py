@@ -7,8 +7,6 @@ from rich.table import Table
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.tables.layout import add_row, new_table, number
 
-__all__ = ["modes_table"]
-
 
 def modes_table(data: ModalData) -> Table:
     """The identified modes as they were read."""

@@ -19,8 +19,6 @@ from bayes_ssi.tables.layout import (
     number,
 )
 
-__all__ = ["frequency_table", "peak_table", "shape_tables"]
-
 
 def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Table:
     """Frequency of every identified mode before and after updating, median and band.

@@ -12,16 +12,6 @@ from bayes_ssi.ranking.averages import AveragedParameter
 from bayes_ssi.ranking.comparison import Comparison, probability_text
 from bayes_ssi.tables.layout import add_row, new_table, number
 
-__all__ = [
-    "averages_table",
-    "comparison_notes",
-    "evidence_table",
-    "pairing_notes",
-    "parameter_table",
-    "ranking_table",
-    "region_notes",
-]
-
 # A heading and the items of the list below it.
 Note = tuple[str, list[str]]
 

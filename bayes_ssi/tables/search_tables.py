@@ -8,8 +8,6 @@ from bayes_ssi.appendages.search_result import AppendageSearch
 from bayes_ssi.ranking.comparison import probability_text
 from bayes_ssi.tables.layout import add_columns, add_row, interval, new_table
 
-__all__ = ["averaged_table", "search_notes", "search_table"]
-
 # Hypotheses and places listed in a terminal; the saved result has all.
 HYPOTHESES_SHOWN = 8
 

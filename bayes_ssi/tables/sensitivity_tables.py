@@ -11,8 +11,6 @@ from bayes_ssi.ranking.comparison import probability_text
 from bayes_ssi.ranking.sensitivity import Sensitivity
 from bayes_ssi.tables.layout import add_row, new_table
 
-__all__ = ["sensitivity_notes", "sensitivity_table"]
-
 
 def sensitivity_table(sensitivity: Sensitivity) -> Table:
     """Setting by setting, which class ranks first, and its lead in nats."""
