@@ -1,7 +1,7 @@
-"""The command line ``bayes-ssi``, and which commands it has.
+"""The command line ``bayes-ssi`` and its commands.
 
-Exit codes: 0, all well; 2, an input is not usable, said in one line; 3, a result was computed and
-saved but a check of it failed, unless that is accepted; 130, it was interrupted.
+Exit codes: 0, success; 2, unusable input, explained in one line; 3, a result was computed and
+saved but one of its checks failed, unless that is accepted; 130, interrupted.
 """
 
 from __future__ import annotations

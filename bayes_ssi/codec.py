@@ -23,10 +23,10 @@ NOT_FINITE = ("inf", "-inf", "nan")
 
 
 def to_record(value: Any, without: Collection[str] = ()) -> Any:
-    """The value as JSON can hold it; of a dataclass, all fields but those named in ``without``.
+    """The value in a form that JSON can hold; for a dataclass, without the fields in ``without``.
 
     Raises:
-        TypeError: it, or a part of it, is of a kind that records do not hold.
+        TypeError: the value, or a part of it, has a type that records cannot hold.
     """
     if is_dataclass(value) or _is_named_tuple(type(value)):
         tag = getattr(value, "record_tag", None)
@@ -47,17 +47,17 @@ def to_record(value: Any, without: Collection[str] = ()) -> Any:
 
 
 def from_record(kind: type[T], record: Any, path: str = "", **given: Any) -> T:
-    """The object of which :func:`to_record` made a record; keys that are no fields are ignored.
+    """The object from its record by :func:`to_record`; keys that are not fields are ignored.
 
     Args:
         kind: the class of the object.
-        record: as read from JSON.
-        path: to the record within a larger one, for messages.
+        record: the record, read from JSON.
+        path: path to the record within a larger one, for messages.
         given: fields of the object that the record does not hold.
 
     Raises:
-        ValueError: a key is missing, or something is of the wrong kind; the message begins with
-            the path to it.
+        ValueError: a key is missing, or a value has the wrong type; the message begins with the
+            path to it.
     """
     return cast(T, _read_fields(kind, record, path, given) if given else _read(kind, record, path))
 
@@ -106,7 +106,7 @@ def _read_scalar(kind: type, record: Any, path: str) -> Any:
         number = isinstance(record, (int, float)) and not isinstance(record, bool)
         _require(number or record in NOT_FINITE, EXPECTED[kind], record, path)
         return float(record)
-    # bool is a subclass of int, but true is no whole number.
+    # bool is a subclass of int, but true is not a whole number.
     _require(type(record) is kind, EXPECTED[kind], record, path)
     return record
 
@@ -135,7 +135,7 @@ def _read_key(kind: type, key: str, path: str) -> Any:
 
 
 def _subclass(base: type, record: Any, path: str) -> type:
-    """The subclass of which a record says that it is."""
+    """The subclass that a record names."""
     _require(isinstance(record, dict), "a record", record, path)
     tag = base.record_tag  # type: ignore[attr-defined]
     known = {kind.__name__: kind for kind in _subclasses(base)}

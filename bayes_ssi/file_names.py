@@ -1,4 +1,4 @@
-"""File names from names that may hold anything."""
+"""File names from arbitrary names."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Iterable
 
 
 def file_stem(name: str) -> str:
-    """The name with an underscore for whatever a file system may not allow."""
+    """The name with underscores for characters that a file system may not allow."""
     return re.sub(r"[^A-Za-z0-9._+-]+", "_", name).strip(".") or "unnamed"
 
 
 def file_names(names: Iterable[str], suffix: str) -> dict[str, str]:
-    """Name → file name; they differ also where case does not count."""
+    """Name → file name; file names are unique even where case is ignored."""
     files: dict[str, str] = {}
     for name in names:
         stem = file_stem(name)

@@ -10,7 +10,7 @@ import scipy.linalg
 
 from bayes_ssi.arrays import FloatArray
 
-# What is smaller, as a share of the largest number that it was computed from, may be rounding:
+# A number smaller than this share of the largest one that it was computed from may be rounding:
 # some hundred units in the last place.
 ROUNDING = 1e-13
 # Solved at once, eigenvalues are wrong by rounding of the largest of their matrix: by a
@@ -24,7 +24,7 @@ NOT_SUPPORTED = (
 
 
 class NoModesError(ValueError):
-    """A structure has no modes, or not as many as are asked for."""
+    """A structure has no modes, or fewer than requested."""
 
 
 class Eigenpairs(NamedTuple):
@@ -51,21 +51,21 @@ class Modes(NamedTuple):
     shapes: FloatArray
 
     def repeated(self, n_rows: int) -> Modes:
-        """For a batch of ``n_rows``, of a structure that no parameter changes and has one row."""
+        """These modes for ``n_rows`` rows; of a structure without parameters there is one row."""
         if len(self.frequencies_hz) == n_rows:
             return self
         return Modes(*(np.broadcast_to(each, (n_rows, *each.shape[1:])) for each in self))
 
 
 class ModalModel(NamedTuple):
-    """Modes, and the masses that a response needs besides, for a batch of B values.
+    """Modes, and what else a response needs of the masses, for a batch of B values.
 
     Attributes:
         frequencies_hz: (B, n_modes).
         shapes: (B, n_dof, n_modes), at unit modal mass: φᵀ M φ = 1.
-        participation: (B, n_modes), φᵀ M ι: how much of the ground's motion goes into a mode.
-        influence: (n_dof,), ι: how every degree of freedom moves when the ground moves by 1 and
-            nothing deforms.
+        participation: (B, n_modes), φᵀ M ι, participation factors.
+        influence: (n_dof,), ι: displacement of every degree of freedom when the ground moves by 1
+            and nothing deforms.
     """
 
     frequencies_hz: FloatArray
@@ -79,11 +79,11 @@ def modal_model(
 ) -> ModalModel:
     """The modal model from modes in any scale and the product M φ.
 
-    Asking for the product leaves open how M is kept: a diagonal, a sparse matrix, or inside
-    another program.
+    Only the product is needed, so M may be stored in any way: as a diagonal, a sparse matrix, or
+    inside another program.
 
     Args:
-        modes: of B structures.
+        modes: modes of B structures.
         mass_times_shapes: (B, n_dof, n_modes), M φ in the scale of ``modes.shapes``.
         influence: (n_dof,); ones if None, all degrees of freedom then being displacements in the
             direction of the ground motion.
@@ -108,7 +108,7 @@ def solve_modes(stiffness: FloatArray, mass: FloatArray, n_modes: int | None = N
         stiffness: (B, n, n) or (1, n, n), symmetric.
         mass: the diagonal of M, (B, n) or (1, n), where all else is zero; or M itself, (B, n, n)
             or (1, n, n), symmetric.
-        n_modes: how many of the lowest modes; all n if None.
+        n_modes: number of lowest modes; all n if None.
 
     Returns:
         The modes of each structure. A row is NaN where an entry is not finite, K is not positive
@@ -159,8 +159,8 @@ def lowest_eigenpairs(
     Args:
         stiffness: K, positive definite.
         mass: M, positive semi-definite.
-        n_modes: how many.
-        extra: how many more, where the structure has that many.
+        n_modes: number of modes.
+        extra: number of further modes, as far as the structure has them.
 
     Raises:
         NoModesError: K is not positive definite, or there are fewer modes.
@@ -186,7 +186,7 @@ def lowest_eigenpairs(
 
 
 def require_supported(stiffness: Any, shape: FloatArray) -> None:
-    """Raise NoModesError where the first mode (n,) has no energy: it is a rigid body's."""
+    """Raise NoModesError where the first mode (n,) has no strain energy: a rigid-body mode."""
     size = np.abs(shape)
     if not shape @ (stiffness @ shape) > ROUNDING * (size @ (abs(stiffness) @ size)):
         raise NoModesError(NOT_SUPPORTED)
@@ -201,8 +201,8 @@ def too_few_modes(n_available: int, n_modes: int) -> NoModesError:
 def inverse_cholesky(matrices: FloatArray) -> FloatArray:
     """L⁻¹ with A = L Lᵀ of a batch of symmetric matrices (B, n, n); NaN where A has no factor.
 
-    Column by column for the whole batch at once: for small matrices, of which one that is not
-    positive definite spoils no other.
+    Column by column for the whole batch at once: suits small matrices, and one that is not
+    positive definite does not affect the others.
     """
     n = matrices.shape[-1]
     lower = np.zeros(matrices.shape)

@@ -79,7 +79,7 @@ class Product(_Multiplies):
     powers: tuple[tuple[Parameter, float], ...] = ()
 
     def __repr__(self) -> str:
-        """In the notation of a study: ``199.3 * k1 * t**3``."""
+        """The product in the notation of a study: ``199.3 * k1 * t**3``."""
         factors = [p.name if power == 1 else f"{p.name}**{power:g}" for p, power in self.powers]
         return " * ".join([f"{self.scale:.6g}", *factors])
 
@@ -120,7 +120,7 @@ def as_product(value: Value, field: str = "value") -> Product:
 
 
 def positive_product(value: Value, field: str) -> Product:
-    """As :func:`as_product`, of a field that must be positive.
+    """Like :func:`as_product`, for a field that must be positive.
 
     Raises:
         ValueError: the number is not positive and finite, or a parameter's prior puts more than a
@@ -170,7 +170,7 @@ class ProductTable:
     """Evaluates many products for a batch of parameter values at once.
 
     Attributes:
-        products: the products, T of them.
+        products: the T products.
         parameters: the columns of the values that :meth:`evaluate` takes; every parameter in
             ``products`` is among them.
     """

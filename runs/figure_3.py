@@ -40,10 +40,10 @@ def main() -> None:
             curves = {}
             for form, structure in forms.items():
                 output = Output("acceleration", cases["FLOORS"])
-                found = transfer_functions(
+                responses = transfer_functions(
                     structure, NO_VALUES, FREQUENCIES, output, cases["DAMPING"]
                 )
-                curves[form] = np.abs(found[0]).max(axis=0)
+                curves[form] = np.abs(responses[0]).max(axis=0)
                 peak = int(curves[form].argmax())
                 natural = structure.modes(NO_VALUES).frequencies_hz[0]
                 table.add_row(

@@ -48,8 +48,8 @@ def chi_chi() -> GroundMotion:
         sys.exit(2)
     components = []
     for name in AZIMUTHS_DEG:
-        found = groundmotions.get_ground_motion("nearfield_pulse", RECORD, name)
-        components.append(GroundMotion.of(found.RecordedAcceleration, "g", float(found.DT)))
+        record = groundmotions.get_ground_motion("nearfield_pulse", RECORD, name)
+        components.append(GroundMotion.of(record.RecordedAcceleration, "g", float(record.DT)))
     first, second = AZIMUTHS_DEG.values()
     return along_azimuth(components[0], first, components[1], second, 0.0, "Chi-Chi TCU102-N")
 

@@ -20,8 +20,8 @@ COARSE = bs.SamplingSettings(log_evidence_error=0.05)
 
 def expecting(spurious_modes: float, candidate: bs.ModelClass) -> bs.ModelClass:
     """The class with another number of spurious modes expected in the band."""
-    found = bs.IdentificationModel(expected_spurious_modes=spurious_modes)
-    return replace(candidate, identification=found)
+    identification = bs.IdentificationModel(expected_spurious_modes=spurious_modes)
+    return replace(candidate, identification=identification)
 
 
 def tuned_within(cov: float, candidate: bs.ModelClass) -> bs.ModelClass:
@@ -42,10 +42,10 @@ def main() -> None:
     ranking = bs.rank(load_study(STUDY), settings=COARSE)
     for row in sensitivity(ranking, VARIATIONS, COARSE).rows:
         best = row.log_evidences[row.best].log_evidence
-        told = ", ".join(
+        differences = ", ".join(
             f"{name} {row.log_evidences[name].log_evidence - best:.2f}" for name in row.ranked
         )
-        print(f"{row.name:20s} {told}; {len(row.failed_checks)} failed checks", flush=True)
+        print(f"{row.name:20s} {differences}; {len(row.failed_checks)} failed checks", flush=True)
 
 
 if __name__ == "__main__":

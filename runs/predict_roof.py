@@ -38,7 +38,7 @@ def main() -> None:
     damping = cases["DAMPING"]
     try:
         stored = load_predictions(result, CLASSES / "shear_building.py")
-        found = {
+        predicted = {
             name: stored.of(name).transfer_functions(FREQUENCIES, ROOF, damping) for name in NAMES
         }
     except ValueError as error:
@@ -55,7 +55,7 @@ def main() -> None:
         figure = Figure(figsize=(6.8, 3.4))
         axes = figure.subplots(1, 2, sharey=True)
         for ax, (name, title) in zip(axes, NAMES.items(), strict=True):
-            band = Band(*(part[0] for part in found[name].band(0.95)))
+            band = Band(*(part[0] for part in predicted[name].band(0.95)))
             inside = ((band.low <= truth) & (truth <= band.high))[near]
             share = f"{100 * inside.mean():.0f} % of the frequencies from {low} to {high} Hz"
             print(f"class {name}: the truth lies in the 95 % band at {share}", end="")

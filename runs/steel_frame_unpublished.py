@@ -72,20 +72,22 @@ def main():
         }
         pair = [data["BC"].mode(label).frequency_hz for label in ("4a", "4b")]
         for weight in SHAPE_WEIGHTS:
-            told = []
+            results = []
             for candidate in study.model_classes[:-1]:
                 tests = [
                     replace(c, structure=changed(c.structure, mass, place), data=data[c.name])
                     for c in candidate.configurations
                 ]
-                found = bs.calibrate(
+                fit = bs.calibrate(
                     bs.ModelClass(candidate.name, configurations=tests), weight, n_starts=STARTS
                 )
-                values = dict(zip(found.parameter_names, found.best.values, strict=True))
+                values = dict(zip(fit.parameter_names, fit.best.values, strict=True))
                 distance = TABLES["distance"](values, TRUE)
-                told.append(f"{candidate.name} {100 * found.best.objective:.2f} and {distance:.1f}")
+                results.append(
+                    f"{candidate.name} {100 * fit.best.objective:.2f} and {distance:.1f}"
+                )
             print(f"x {mass:g}, x {place:g}, {weight:g}: {pair[0]:.2f}, {pair[1]:.2f} Hz; "
-                  f"{', '.join(told)}", flush=True)  # fmt: skip
+                  f"{', '.join(results)}", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":

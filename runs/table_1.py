@@ -32,8 +32,8 @@ def main() -> None:
     for candidate in load_study(STUDY).model_classes:
         values, distance = PAPER[candidate.name]
         _add(table, candidate.name, "paper", values, distance, "")
-        found = bs.calibrate(candidate, SHAPE_WEIGHT[candidate.name])
-        for i, fit in enumerate(found.minima):
+        calibration = bs.calibrate(candidate, SHAPE_WEIGHT[candidate.name])
+        for i, fit in enumerate(calibration.minima):
             if i == 0 or fit.objective < EXACT:
                 row = "ours" if i == 0 else "also exact"
                 _add(table, "", row, fit.values, 100 * fit.distance, f"{100 * fit.objective:.3f}")

@@ -72,9 +72,9 @@ def distance(values, reference):
 
 def calibrated(candidate, shape_weight):
     """Values by name, f_ob in percent, and how many distinct minima there are."""
-    found = bs.calibrate(candidate, shape_weight, n_starts=STARTS)
-    values = dict(zip(found.parameter_names, found.best.values, strict=True))
-    return values, 100.0 * found.best.objective, len(found.minima)
+    calibration = bs.calibrate(candidate, shape_weight, n_starts=STARTS)
+    values = dict(zip(calibration.parameter_names, calibration.best.values, strict=True))
+    return values, 100.0 * calibration.best.objective, len(calibration.minima)
 
 
 def print_tables(console, classes, shape_weight):
@@ -116,12 +116,12 @@ def print_distances(console, classes):
     table.add_row("paper", *published, "")
     by_name = {each.name: each for each in classes}
     for weight in SHAPE_WEIGHTS:
-        found = {name: calibrated(by_name[name], weight)[0] for name in (*approaches, BEST)}
+        values = {name: calibrated(by_name[name], weight)[0] for name in (*approaches, BEST)}
         cells = [
-            f"{distance(found[name], found[BEST]):.1f} ({distance(found[name], truth):.1f})"
+            f"{distance(values[name], values[BEST]):.1f} ({distance(values[name], truth):.1f})"
             for name in approaches
         ]
-        table.add_row(f"{weight:g}", *cells, f"({distance(found[BEST], truth):.1f})")
+        table.add_row(f"{weight:g}", *cells, f"({distance(values[BEST], truth):.1f})")
     console.print(table)
 
 

@@ -1,8 +1,8 @@
 """Checks of a sampled posterior: estimates that should agree, and what the result depends on.
 
 A check is one function in ``CHECKS`` that yields a sentence for each thing that fails. No check
-can see a region that no part of the sampling ever met; the agreement of independent searches is
-the best evidence that there is none.
+can reveal a region that every part of the sampling missed; the agreement of independent searches
+is the best evidence that there is none.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ EDGE_SHARE = 0.5
 
 
 def failed_checks(sampled: SamplingResult) -> list[str]:
-    """What should agree in a result and does not, a sentence each; empty when all is well."""
+    """Disagreements within a result, a sentence each; empty when all is well."""
     return [message for check in CHECKS for message in check(sampled)]
 
 
 def failed_edge_checks(
     model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray
 ) -> list[str]:
-    """What the posterior depends on that is not data: the edge of a prior, or of the band.
+    """What the posterior depends on besides the data: the edge of a prior, or of the band.
 
     Args:
-        model_class: what was sampled.
+        model_class: the class that was sampled.
         z: draws from its posterior (n, d).
-        frequencies_hz: of the model at the draws (n, n_modes), of all configurations in turn.
+        frequencies_hz: model frequencies at the draws (n, n_modes), all configurations in turn.
     """
     return [*_prior_edges(model_class, z), *_band_edges(model_class, z, frequencies_hz)]
 
@@ -168,7 +168,7 @@ def _prior_edges(model_class: ModelClass, z: FloatArray) -> Iterator[str]:
 def _band_edges(
     model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray
 ) -> Iterator[str]:
-    # Of a share estimated by a thousand draws the standard error is 0.016 at most.
+    # The standard error of a share estimated from a thousand draws is 0.016 at most.
     chosen = evenly_spaced_indices(len(z), 1000)
     different, first, times = np.unique(z[chosen], axis=0, return_index=True, return_counts=True)
     remaining = frequencies_hz[chosen[first]]

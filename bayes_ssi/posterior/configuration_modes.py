@@ -1,4 +1,4 @@
-"""The model's modes of each configuration: their pairing, before and after updating.
+"""The model's modes in each configuration: their pairing, before and after updating.
 
 Tables, drawings and reports of a stored result are made from these records: they need neither
 the study nor its structures.
@@ -43,8 +43,8 @@ class UpdatedMode:
         model_mode: number of the model mode, from 1.
         before_hz: frequency at the prior medians.
         after_hz: interval of the frequency.
-        mac_before: with the identified shape, at the prior medians; None where none is scored.
-        mac_after: interval of the same; None where none is scored.
+        mac_before: MAC with the identified shape, at the prior medians; None where none is scored.
+        mac_after: interval of the MAC; None where none is scored.
         shape_before: components at the places, at the prior medians.
         shape_after: interval of each component, (low, median, high) of (n_places,) each.
 
@@ -67,11 +67,11 @@ class UpdatedModes:
 
     Attributes:
         places: degrees of freedom at which shapes are given.
-        place_heights: of each, where a drawing puts it, in storeys above the ground.
+        place_heights: height of each place in a drawing, in storeys above the ground.
         appendages: the places that are no part of the main structure.
         has_floors: whether the places are floors above one another that move sideways; if not,
             heights only keep them apart.
-        modes: the paired ones, in the order of the data.
+        modes: the paired modes, in the order of the data.
     """
 
     places: tuple[str, ...]
@@ -81,7 +81,7 @@ class UpdatedModes:
     modes: tuple[UpdatedMode, ...]
 
     def heights(self) -> dict[str, float]:
-        """Place → height, as of a structure."""
+        """Place → height in a drawing, in storeys above the ground."""
         return dict(zip(self.places, self.place_heights, strict=True))
 
 
@@ -90,11 +90,11 @@ class ConfigurationModes:
     """The model's modes in one configuration, and their pairing with the identified modes.
 
     Attributes:
-        name: of the configuration; empty where there is only one and it has no name.
-        n_modes: how many the structure has.
+        name: name of the configuration; empty where there is only one and it has no name.
+        n_modes: number of modes of the structure.
         pairing: label of an identified mode → number of the model mode, from 1; where it was
             inferred, the most probable one.
-        inferred_pairing: how probable pairings are; None where the pairing was given.
+        inferred_pairing: probabilities of pairings; None where the pairing was given.
         updated: frequencies, MACs and shapes of the paired modes before and after updating.
     """
 
@@ -108,7 +108,7 @@ class ConfigurationModes:
 def configuration_modes(
     model_class: ModelClass, values: FloatArray
 ) -> tuple[ConfigurationModes, ...]:
-    """The modes of a class whose posterior has the draws ``values`` (n, n_parameters)."""
+    """The modes of a class at the posterior draws ``values`` (n, n_parameters)."""
     records = []
     # The prior medians are the first row, ahead of the draws.
     at = np.concatenate([model_class.values(np.zeros((1, values.shape[1]))), values])

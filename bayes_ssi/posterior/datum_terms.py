@@ -18,12 +18,13 @@ from bayes_ssi.model_class.model_class import ModelClass
 
 
 class AtDraws(NamedTuple):
-    """The model at B draws, those of all configurations in turn.
+    """The model at B draws; columns run through all configurations in turn.
 
     Attributes:
-        frequencies_hz: (B, n_modes), of the model.
-        log_likelihoods: (B, n_data), of each datum.
-        frequency_sds_hz: (B, n_identified), of each identified frequency about the model's.
+        frequencies_hz: (B, n_modes), model frequencies.
+        log_likelihoods: (B, n_data), log-likelihood of each datum.
+        frequency_sds_hz: (B, n_identified), standard deviation of each identified frequency about
+            the model's.
     """
 
     frequencies_hz: FloatArray
@@ -36,13 +37,13 @@ class DatumTerms:
     """A posterior datum by datum; labels of several configurations begin with their names.
 
     Attributes:
-        data: names of the data: each identified mode and that there was no other; or all modes
-            of a test, where their pairing was inferred.
+        data: names of the data: each identified mode, and the absence of others; or all modes
+            of a test together, where their pairing was inferred.
         log_likelihoods: (n_chains, n_steps, n_data); they add up to the log-likelihood.
         identified: labels of the identified modes.
-        predicted_hz: (n_chains, n_steps, n_identified), identified frequencies as the class would
-            give them: the paired model frequency with its error, or, of a mode that it calls
-            spurious, anything in the band. A pairing that was inferred is the most probable one.
+        predicted_hz: (n_chains, n_steps, n_identified), identified frequencies drawn from the
+            class: the paired model frequency with its error, or, for a mode that it calls
+            spurious, anything in the band. An inferred pairing is the most probable one.
     """
 
     data: tuple[str, ...]
@@ -73,12 +74,12 @@ def datum_terms(
     shape: tuple[int, int],
     rng: np.random.Generator,
 ) -> DatumTerms:
-    """The terms of a class, datum by datum.
+    """The posterior of a class, datum by datum.
 
     Args:
         model_class: the class.
         model: the model at all draws, chain after chain.
-        pairings: of each configuration.
+        pairings: pairing of each configuration.
         shape: (n_chains, n_steps).
         rng: draws the errors of predicted frequencies.
     """

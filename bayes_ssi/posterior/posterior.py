@@ -24,7 +24,7 @@ class Evidence:
         log_evidence: by mixture importance sampling, the quoted value.
         error: its standard error.
         effective_sample_size: of the importance draws.
-        pareto_k: shape of the tail of their weights; the error is to be trusted below 0.7.
+        pareto_k: shape of the tail of their weights; the error can be trusted below 0.7.
         n_draws: number of importance draws.
         mean_log_likelihood: posterior mean of the log-likelihood, how well the class fits.
         checks: estimates of the log evidence by other methods.
@@ -39,12 +39,12 @@ class Evidence:
     checks: tuple[EvidenceEstimate, ...]
 
     def check(self, name: str) -> EvidenceEstimate | None:
-        """The estimate by the method of that name; None if there is none."""
+        """The estimate by the named method; None if there is none."""
         return next((check for check in self.checks if check.name == name), None)
 
     @property
     def information_gained(self) -> float:
-        """Information gained by the data about the parameters, in nats; the price of the fit.
+        """Information that the data give about the parameters, in nats; the penalty on the fit.
 
         The relative entropy of posterior to prior; log evidence = mean log-likelihood - this.
         """
@@ -53,12 +53,12 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Region:
-    """A part of the posterior that a valley divides from the others.
+    """A part of the posterior separated from the others by valleys.
 
     Attributes:
         share: probability of the region, by importance sampling.
         error: its standard error.
-        n_searches: how many of the independent searches for maxima found one in it.
+        n_searches: number of independent searches for maxima that found one in it.
         shares_of_starts: share of each tempered start's particles.
         mean: posterior mean of every parameter within the region.
     """
@@ -99,8 +99,8 @@ class Posterior:
         draws: (n_chains, n_steps, n_parameters), equally weighted parameter values; a chain is a
             walker of one of the ensembles.
         log_likelihoods: (n_chains, n_steps).
-        frequencies_hz: (n_chains, n_steps, n_modes), of the model at the draws; where there are
-            several configurations, the modes of all of them in turn.
+        frequencies_hz: (n_chains, n_steps, n_modes), model frequencies at the draws; with several
+            configurations, the modes of all of them in turn.
         effective_sample_sizes: (n_parameters,), of the draws.
         evidence: log evidence and its checks.
         regions: separate regions, the most probable first.
@@ -113,14 +113,14 @@ class Posterior:
         n_searches: independent searches for maxima.
         seconds: wall-clock time.
         failed_checks: what should have agreed and did not, a sentence each.
-        failed_edge_checks: what the posterior leans on that is not data, a sentence each.
+        failed_edge_checks: what the posterior depends on besides the data, a sentence each.
         data_digest: identifies the data whose density the evidence is.
         configurations: the model's modes and their pairing, configuration by configuration.
-        relative_spreads: (n_parameters,), standard deviation of the posterior over that of the
-            prior, both in standard-normal coordinates: 1 where the data say nothing.
+        relative_spreads: (n_parameters,), posterior over prior standard deviation, both in
+            standard-normal coordinates: 1 where the data say nothing.
         datum_terms: log-likelihoods and predictions datum by datum, for other packages; not read
             back from a stored result, whose files of draws hold them.
-        remarks: what else a reader should know of how it was computed, a sentence each.
+        remarks: further remarks on how it was computed, a sentence each.
     """
 
     name: str
@@ -153,12 +153,12 @@ class Posterior:
 
     @property
     def pairing(self) -> Mapping[str, int]:
-        """The pairing of a class with one configuration; ValueError otherwise."""
+        """The pairing of the only configuration; ValueError where there are several."""
         return self._only.pairing
 
     @property
     def inferred_pairing(self) -> InferredPairing | None:
-        """How probable pairings are, of a class with one configuration; ValueError otherwise."""
+        """Inferred pairing of the only configuration; ValueError where there are several."""
         return self._only.inferred_pairing
 
     @property
@@ -191,7 +191,7 @@ class Posterior:
     def summary(self) -> tuple[ParameterSummary, ...]:
         """Mean, standard deviation and quantiles of every parameter."""
         means, sds = self.values.mean(0), self.values.std(0)
-        # What the errors of the regions' shares do to the mean. Shares add up to one, so their
+        # Effect of the errors of the regions' shares on the mean. Shares add up to one, so their
         # errors go together: exact for two regions, a bound for more.
         between = sum(region.error * np.abs(region.mean - means) for region in self.regions)
         mean_errors = np.sqrt(sds**2 / self.effective_sample_sizes + between**2)

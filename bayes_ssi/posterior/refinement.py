@@ -2,9 +2,9 @@
 
 A reduced model is accurate over the prior to about the data's own errors, which is all that
 searches need. Where the posterior lies, its certified error must be a small share of the
-identification and prediction errors. Where it is not, the reduced model is refined there and the
-class is sampled again, which costs little. Finally, full solutions at some draws show how far the
-likelihood is off, and correct the evidence:
+identification and prediction errors; otherwise the reduced model is refined there and the class is
+sampled again, which costs little. Finally, full solutions at some draws show the error of the
+likelihood, and correct the evidence:
 
     p(D | full) = p(D | reduced) · E[p(D | θ, full) / p(D | θ, reduced)]
 
@@ -37,15 +37,15 @@ class RefinementSettings:
     """How accurate approximate structures are made where the posterior lies.
 
     Attributes:
-        error_share: of the data's and the model's own errors that the approximation's error may
-            be: added in quadrature, a tenth widens them by half a per cent.
-        error_quantile: of the own errors at the draws, which counts as their size.
+        error_share: largest error of the approximation, as a share of the data's and the model's
+            own errors: added in quadrature, a tenth widens them by half a per cent.
+        error_quantile: quantile of the own errors over the draws that counts as their size.
         n_certified: draws at which errors are certified.
         n_searched: prior draws of the quick search that precedes sampling.
-        n_climbs: how many of the best of these local searches start from.
+        n_climbs: number of local searches, which start from the best of these draws.
         n_confirmed: draws at which full solutions correct the evidence.
-        most_rounds: of sampling and refining.
-        largest_correction: of the log evidence that these draws can be trusted with.
+        most_rounds: largest number of rounds of sampling and refining.
+        largest_correction: largest correction of the log evidence that these draws can support.
     """
 
     error_share: float = 0.1
@@ -59,7 +59,7 @@ class RefinementSettings:
 
 
 def is_approximate(model_class: ModelClass) -> bool:
-    """Whether any of its structures approximates another."""
+    """Whether any structure of the class approximates another."""
     return any(isinstance(c.structure, ApproximateStructure) for c in model_class.configurations)
 
 
@@ -75,8 +75,8 @@ def refined(
     Args:
         model_class: the class.
         sample_class: samples it with its structures unchanged.
-        seed: of the quick search.
-        workers: where that evaluates the model; in this process if None.
+        seed: seed of the quick search.
+        workers: where the quick search evaluates the model; in this process if None.
         settings: how accurate structures are made.
     """
     settings = settings or RefinementSettings()
@@ -120,7 +120,7 @@ class _Requirement(NamedTuple):
     """Where the structure of a configuration must be accurate, and how accurate.
 
     Attributes:
-        values: (B, n_parameters) of the structure.
+        values: (B, n_parameters), parameter values of the structure.
         frequency: largest relative error of frequencies.
         shape: largest error of shapes at unit length.
     """
@@ -133,7 +133,7 @@ class _Requirement(NamedTuple):
 def _requirements(
     model_class: ModelClass, values: FloatArray, settings: RefinementSettings
 ) -> list[_Requirement]:
-    """Those of every configuration, from the own errors at ``values``."""
+    """The requirement on every configuration, from its own errors at ``values``."""
     requirements = []
     for configuration, likelihood, own in model_class.parts(values):
         frequency, shape = (
@@ -148,7 +148,7 @@ def _requirements(
 def _more_accurate(
     model_class: ModelClass, values: FloatArray, settings: RefinementSettings
 ) -> ModelClass:
-    """The class with structures accurate enough at all ``values``; itself if they are already."""
+    """The class with structures accurate enough at all ``values``; unchanged if they are."""
     requirements = _requirements(model_class, values, settings)
 
     def accurate(structure: Structure, i: int) -> Structure:
@@ -244,6 +244,6 @@ def _differences(
 
 
 def _just_below_one(number: float) -> str:
-    """With enough digits to show that it is not one."""
+    """The number as text, with enough digits to show that it is not one."""
     digits = min(max(4, 1 - math.floor(math.log10(max(1.0 - number, 1e-9)))), 9)
     return f"{math.floor(number * 10**digits) / 10**digits:.{digits}f}"

@@ -1,4 +1,4 @@
-"""Sample a model class, of whatever kind its structures are."""
+"""Sample a model class, with exact or approximate structures."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def sample(
 
     Args:
         model_class: what is sampled.
-        seed: the result follows from it and from the class's name alone.
-        settings: how precisely.
+        seed: determines the result, together with the class's name.
+        settings: how precisely to sample.
         run: workers that share the evaluations, a checkpoint to resume from, and progress; the
             result does not depend on them.
         refinement: how accurate approximate structures are made.

@@ -36,8 +36,8 @@ def sample_as_it_is(
 ) -> Posterior:
     """Sample a model class with its structures as they are.
 
-    Arguments and errors as those of :func:`bayes_ssi.posterior.sample.sample`, but the journal
-    is given: it answers evaluations that it holds, and keeps the others.
+    Arguments and errors are as in :func:`bayes_ssi.posterior.sample.sample`; ``journal`` recalls
+    the evaluations that it holds and records the others.
     """
     run = run or Run()
     started = perf_counter()
@@ -94,7 +94,7 @@ def sample_as_it_is(
 
 def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> AtDraws:
     """The model at ``values`` (n, n_parameters)."""
-    # A draw repeats the last one where a proposal was not accepted.
+    # A rejected proposal repeats the last draw.
     different, which = np.unique(values, axis=0, return_inverse=True)
     if pool is None:
         model = at_draws(model_class, different)
@@ -141,10 +141,10 @@ def _evidence(sampled: SamplingResult) -> Evidence:
 def _corrected_draws(
     sampled: SamplingResult, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Draws (n_chains, n_steps, d) and their log-likelihoods, with the regions' right shares.
+    """Draws (n_chains, n_steps, d) and their log-likelihoods, with corrected shares of regions.
 
-    Chains visit far-apart regions in shares that are too noisy; where there are several, the
-    draws are resampled to the shares that importance sampling gives.
+    The shares in which chains visit separate regions are too noisy: where there are several, the
+    draws are resampled to the shares from importance sampling.
     """
     n = min(ensemble.n_steps for ensemble in sampled.draws)
     z = np.concatenate([e.positions[-n:] for e in sampled.draws], axis=1).transpose(1, 0, 2)

@@ -32,11 +32,11 @@ class Prediction:
     share: float = 1.0
 
     def quantile(self, level: float) -> FloatArray:
-        """The quantile at every point, of the draws' shape without the first dimension."""
+        """The quantile at every point; the draws' shape without the first dimension."""
         return np.quantile(self.draws, level, axis=0)
 
     def band(self, level: float = 0.95) -> Band:
-        """The central interval that holds ``level`` of the draws, at each point by itself.
+        """The central interval that holds ``level`` of the draws, point by point.
 
         Raises:
             ValueError: the level is not strictly between 0 and 1.

@@ -26,10 +26,10 @@ def default_damping(data: ModalData) -> tuple[float, str]:
 
 
 def default_output(predictions: Predictions, quantity: Quantity) -> Output:
-    """The quantity at the top of the main structure; of drift, from the ground to there.
+    """The quantity at the top of the main structure; for drift, between the ground and the top.
 
-    The top is the highest degree of freedom of those that move along with the ground, the first
-    one where there are several.
+    The top is the highest degree of freedom that moves along with the ground, the first of them
+    where there are several.
     """
     structure = predictions.classes[0].structure
     heights, influence = structure.heights(), ground_influence(structure)
@@ -64,6 +64,6 @@ def default_frequencies(
             f"band: must be two frequencies in Hz, the lower one first, got {low!r} and {high!r}"
         )
     lowest = max(low, min(mode.frequency_hz for mode in data.modes))
-    # A peak is as wide as ζf on either side; at an eighth of that, it is met within 0.2 %.
+    # A peak extends ζf to either side; steps of an eighth of that meet its height within 0.2 %.
     needed = math.ceil((high - low) / (lowest_damping * lowest / 8.0)) + 1
     return np.linspace(low, high, min(max(needed, 400), MOST_FREQUENCIES))

@@ -17,9 +17,9 @@ from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.structures.structure import Structure
 
 DRAWS = 1000
-# Largest array of a batch of draws: 2e7 numbers of 8 bytes are 160 MB.
+# Size of the largest array of a batch of draws: 2e7 numbers of 8 bytes are 160 MB.
 ARRAY_SIZE = 20_000_000
-# How accurate an approximate structure is made at the draws: of frequencies, and of shapes.
+# Wanted accuracy of an approximate structure at the draws: of frequencies, and of shapes.
 ACCURATE = 1e-4, 0.01
 
 
@@ -28,11 +28,11 @@ class PosteriorDraws:
     """Posterior draws of the parameters of one model class's structure.
 
     Attributes:
-        name: of the model class.
+        name: name of the model class.
         structure: its structure, in one configuration.
         pairing: label of an identified mode → number of the model mode, from 1.
-        values: (n_draws, n_parameters) of the structure.
-        sensors: of the identified modes.
+        values: (n_draws, n_parameters), parameter values of the structure.
+        sensors: sensors of the identified modes.
     """
 
     name: str
@@ -66,8 +66,8 @@ class PosteriorDraws:
 
         Args:
             function: called with batches of draws.
-            size_per_draw: how many numbers its largest array holds for each draw; the mode shapes
-                if these hold more.
+            size_per_draw: size of its largest array for each draw, in numbers; that of the mode
+                shapes if they are larger.
         """
         shapes_size = len(self.structure.degrees_of_freedom) * self.structure.n_modes
         rows = max(1, ARRAY_SIZE // max(shapes_size, size_per_draw))
@@ -90,10 +90,10 @@ def thinned_draws(
     """Draws of a posterior, thinned evenly to ``n_draws``, with the class's structure.
 
     Args:
-        posterior: of the class, sampled or read from files.
+        posterior: posterior of the class, sampled or read from files.
         model_class: the class.
-        n_draws: how many.
-        configuration: whose structure and pairing; not needed where there is one.
+        n_draws: number of draws.
+        configuration: the one whose structure and pairing are used; not needed where there is one.
 
     Raises:
         ValueError: there is no draw to take, there is no such configuration, there are several
@@ -118,8 +118,8 @@ def thinned_draws(
     rows = np.arange(n_draws) * len(posterior.values) // n_draws
     values = posterior.values[rows][:, columns]
     test.check_structure()
-    # Another machine gives frequencies again to rounding errors. Sampling made an approximate
-    # structure accurate at its draws, and so is it made here.
+    # Another machine reproduces frequencies up to rounding errors. Sampling made an approximate
+    # structure accurate at its draws; the same is done here.
     tolerance = 1e-6
     if isinstance(structure, ApproximateStructure):
         structure = structure.accurate_at(values, *ACCURATE)

@@ -19,7 +19,7 @@ class PredictedMode(NamedTuple):
     Attributes:
         label: of the identified mode.
         identified_hz: as identified.
-        before_hz: of the model at the prior medians; of several classes, the median over draws.
+        before_hz: model frequency at the prior medians; for several classes, the median over draws.
         after_hz: the posterior's band.
         share: of the draws that explain the mode.
     """
@@ -34,7 +34,7 @@ class PredictedMode(NamedTuple):
 def predicted_modes(
     data: ModalData, predictions: Predictions, level: float
 ) -> Iterator[PredictedMode]:
-    """Of all identified modes that a prediction explains."""
+    """Frequencies of all identified modes that a prediction explains."""
     for label in _explained(data, predictions):
         after = predictions.frequencies_hz(label)
         before = float(predictions.frequencies_before_hz(label).quantile(0.5))
@@ -61,7 +61,7 @@ def main_places(predictions: Predictions) -> tuple[str, ...]:
 
 
 def shown_places(predictions: Predictions, data: ModalData) -> tuple[str, ...]:
-    """Those of :func:`main_places` to show: all, or of many those with sensors."""
+    """The :func:`main_places` to show: all, or, where they are many, those with sensors."""
     places = main_places(predictions)
     if len(places) <= MOST_PLACES:
         return places

@@ -23,12 +23,12 @@ def save_predictions(
     """Write predictions of one request into ``directory``, which exists.
 
     ``frequencies.csv``, ``mode_shapes.csv`` and, where requested, ``transfer_functions.csv``,
-    ``time_histories.csv`` and ``peaks.csv`` (of both).
+    ``time_histories.csv`` and ``peaks.csv`` (for both).
 
     Args:
-        directory: for the files.
+        directory: where the files are written.
         data: the identified modes.
-        responses: of one or more model classes to the same request.
+        responses: responses of one or more model classes to the same request.
 
     Raises:
         FileExistsError: one of the files exists.

@@ -35,7 +35,7 @@ def predict_class(
     n_draws: int = DRAWS,
     configuration: str | None = None,
 ) -> Predictions:
-    """Predictions of one model class; arguments and errors as those of :func:`thinned_draws`."""
+    """Predictions of one model class; arguments and errors are as in :func:`thinned_draws`."""
     draws = thinned_draws(posterior, model_class, n_draws, configuration)
     return Predictions(posterior.name, (draws,))
 
@@ -52,10 +52,10 @@ def predict_average(
     A class gets its share of the draws, rounded; one whose share rounds to nothing gets none.
 
     Args:
-        comparison: the probabilities.
-        posteriors: of the classes, in any order.
+        comparison: gives the probabilities.
+        posteriors: posteriors of the classes, in any order.
         model_classes: name → class.
-        n_draws: of all classes together.
+        n_draws: number of draws, all classes together.
         configuration: as for :func:`thinned_draws`.
 
     Raises:
@@ -92,8 +92,8 @@ class Predictions:
     """Predictions of one model class, or of several in the proportions of their probabilities.
 
     Attributes:
-        name: for titles.
-        classes: the draws of each.
+        name: name for titles.
+        classes: the draws of each class.
     """
 
     name: str
@@ -107,8 +107,8 @@ class Predictions:
         """The frequency of a mode in Hz, draws (n,).
 
         Args:
-            mode: label of an identified mode; or number of a model mode, from 1, where there is
-                one class only.
+            mode: label of an identified mode; or, where there is one class only, number of a
+                model mode, from 1.
 
         Raises:
             ValueError: there is no such mode.
@@ -120,7 +120,7 @@ class Predictions:
     def frequencies_before_hz(self, mode: str | int) -> Prediction:
         """The frequency of a mode at the prior medians of each draw's class, draws (n,).
 
-        Arguments and errors as those of :meth:`frequencies_hz`.
+        Arguments and errors are as in :meth:`frequencies_hz`.
         """
         parts = []
         for each, number in self._classes_with(mode):
@@ -138,7 +138,7 @@ class Predictions:
         Args:
             mode: as for :meth:`frequencies_hz`.
             places: labels of degrees of freedom.
-            unit_over: those of the places over which a shape has unit length; all if None.
+            unit_over: the places over which a shape has unit length; all if None.
 
         Raises:
             ValueError: there is no such mode, a class has no such place, or one of ``unit_over``
@@ -155,9 +155,9 @@ class Predictions:
         return _aligned(self._joined(parts), [list(places).index(place) for place in over])
 
     def shapes_at_sensors(self, mode: str | int) -> Prediction:
-        """The shape of a mode as the sensors see it, at unit length, draws (n, n_sensors).
+        """The shape of a mode at the sensors, with unit length, draws (n, n_sensors).
 
-        Arguments and errors as those of :meth:`frequencies_hz`.
+        Arguments and errors are as in :meth:`frequencies_hz`.
         """
         parts = [each.shapes(number, each.sensors) for each, number in self._classes_with(mode)]
         return _aligned(self._joined(parts), list(range(parts[0].shape[1])))
@@ -172,8 +172,8 @@ class Predictions:
     ) -> Prediction:
         """Amplitudes of transfer functions, draws (n, n_places, n_frequencies).
 
-        Arguments, units and errors as those of
-        :func:`~bayes_ssi.response.modal_response.transfer_functions`; the message names the class.
+        Arguments, units and errors are as in
+        :func:`~bayes_ssi.response.modal_response.transfer_functions`; messages name the class.
         """
 
         return self._responses(
@@ -188,7 +188,7 @@ class Predictions:
     def time_histories(self, motion: GroundMotion, output: Output, damping: Damping) -> Prediction:
         """Time histories, draws (n, n_places, n_samples).
 
-        Arguments, units and errors as those of
+        Arguments, units and errors are as in
         :func:`~bayes_ssi.response.modal_response.time_histories`.
         """
         return self._responses(
@@ -198,7 +198,7 @@ class Predictions:
     def peak_responses(self, motion: GroundMotion, output: Output, damping: Damping) -> Prediction:
         """Largest amplitudes of time histories, draws (n, n_places).
 
-        Arguments, units and errors as those of
+        Arguments, units and errors are as in
         :func:`~bayes_ssi.response.modal_response.peak_responses`.
         """
         return self._responses(
@@ -257,7 +257,7 @@ def _aligned(shapes: Prediction, over: Sequence[int]) -> Prediction:
 
 @contextmanager
 def _named(each: PosteriorDraws) -> Iterator[None]:
-    """Begin the messages of errors with the name of the model class."""
+    """Prefix error messages with the name of the model class."""
     try:
         yield
     except np.linalg.LinAlgError:  # a ValueError, but not of the input

@@ -32,12 +32,12 @@ class ResponseRequest:
 
     Attributes:
         output: the response quantity and its places.
-        damping: ratio of all modes, or of each.
-        frequencies_hz: (F,), of transfer functions; none are computed if None.
-        force_at: where the force of the transfer functions acts; if None, they are those from
+        damping: one damping ratio for all modes, or one for each.
+        frequencies_hz: (F,), frequencies of transfer functions; none are computed if None.
+        force_at: where the force of the transfer functions acts; if None, their input is the
             ground acceleration.
-        motions: ground motions of time histories, their names unique.
-        level: of the credible bands.
+        motions: ground motions of time histories, with unique names.
+        level: probability of the credible bands.
 
     Raises:
         ValueError: damping, frequencies or level are not valid, or two ground motions have the
@@ -63,18 +63,18 @@ class ResponseRequest:
 
     @property
     def transfer_unit(self) -> str:
-        """Of the transfer functions' amplitudes."""
+        """Unit of the transfer functions' amplitudes."""
         return (PER_GROUND if self.force_at is None else PER_FORCE)[self.output.quantity]
 
     @property
     def transfer_name(self) -> str:
-        """What is divided by what in the transfer functions."""
+        """Output and input of the transfer functions."""
         by = "ground acceleration" if self.force_at is None else f"force at {self.force_at}"
         return f"{self.output.quantity} / {by}"
 
     @property
     def unit(self) -> str:
-        """Of time histories and their peaks."""
+        """Unit of time histories and their peaks."""
         return UNITS[self.output.quantity]
 
 

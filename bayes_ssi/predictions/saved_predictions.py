@@ -11,7 +11,7 @@ from bayes_ssi.results.json_files import read_record
 
 # The file that every directory of predictions holds.
 MARKER = "predictions.json"
-# Tables that a page has room for; the others are curves, shown as figures.
+# Tables that fit on a page; the others are curves, shown as figures.
 TABLES = ("frequencies.csv", "peaks.csv")
 
 
@@ -29,18 +29,18 @@ class PredictionsRecord:
     """What was predicted, and from what.
 
     Attributes:
-        study: its title.
-        result_created: when the result was saved that the draws are from.
-        configuration: that is predicted; empty where there is one.
+        study: title of the study.
+        result_created: when the result was saved from which the draws are taken.
+        configuration: the one that is predicted; empty where there is only one.
         predictions_of: model classes, or "average".
-        draws: of every prediction.
+        draws: number of draws of every prediction.
         level: probability of the credible bands.
-        quantity: of the responses.
-        places: of the responses.
-        damping: ratio of all modes, or of each.
-        transfer_functions: what is divided by what; None where there are none.
+        quantity: response quantity.
+        places: where the responses are predicted.
+        damping: one damping ratio for all modes, or one for each.
+        transfer_functions: their output and input; None where there are none.
         records: ground motions of time histories.
-        versions: of what the predictions depend on.
+        versions: versions of the software that the predictions depend on.
     """
 
     study: str

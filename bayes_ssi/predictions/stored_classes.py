@@ -1,7 +1,7 @@
 """The model classes of a stored result, built again from the study file.
 
-Those of a ranking are in the study file, as they are or with their pairings inferred. Those of a
-search are hypotheses on a class of the study file, by the places and settings of its record.
+The classes of a ranking are in the study file, with their pairings given or inferred. The classes
+of a search are hypotheses on a class of the study file, from the places and settings of its record.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from bayes_ssi.results.load import SEARCH, StoredResult
 
 
 def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict[str, ModelClass]:
-    """Name → model class, of all that were sampled.
+    """Name → model class, for all that were sampled.
 
     Args:
         stored: the result.
         study: the study, from ``study_file``.
-        study_file: for messages.
+        study_file: path of the study, for messages.
 
     Raises:
         ValueError: the study defines no such class, or the record of a search is damaged.

@@ -10,14 +10,14 @@ from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
 
-# A chain is long enough at this many of the autocorrelation times that it measures: shorter ones
+# A chain is long enough at this many of its own estimated autocorrelation times; shorter chains
 # underestimate them (Foreman-Mackey et al. 2013).
 LENGTH_IN_AUTOCORRELATION_TIMES = 50
 # With a heavier tail of the weights, the error of an importance estimate cannot be trusted
 # (Vehtari et al. 2024).
 PARETO_K_LIMIT = 0.7
-# One importance draw should carry no more of the evidence: it alone would move the log evidence by
-# twice the error that is wanted by default.
+# Largest share of the evidence that one importance draw should carry: it alone would move the log
+# evidence by twice the default wanted error.
 LARGEST_WEIGHT = 0.02
 
 
@@ -25,7 +25,7 @@ def autocorrelation_times(chain: FloatArray) -> FloatArray:
     """Integrated autocorrelation times in steps of a chain (n_steps, n_walkers, k), (k,).
 
     The autocovariance is averaged over the walkers before it is normalised, and taken about the
-    mean of all of them: a walker that stays where it is then lengthens the time, while emcee's
+    mean of all of them: a walker that does not move then lengthens the time, while emcee's
     estimate, normalised walker by walker, is not defined for it. Summed over the window of Sokal
     (1996), the first M that exceeds five times the estimate.
     """
@@ -44,11 +44,11 @@ def autocorrelation_times(chain: FloatArray) -> FloatArray:
 def r_hat(chains: Sequence[FloatArray]) -> FloatArray:
     """Potential scale reduction of each coordinate, (d,) (Gelman and Rubin 1992).
 
-    What is compared are the first and second halves of each chain, with all its walkers together:
-    walkers of one ensemble depend on one another, ensembles do not.
+    Compares the first and second halves of each chain, with all its walkers pooled: walkers of one
+    ensemble depend on one another, ensembles do not.
 
     Args:
-        chains: of independent ensembles, each (n_steps, n_walkers, d).
+        chains: one of each independent ensemble, (n_steps, n_walkers, d).
     """
     n = min(len(chain) for chain in chains) // 2
     parts = [part for chain in chains for part in (chain[:n], chain[-n:])]

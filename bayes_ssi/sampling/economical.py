@@ -1,10 +1,10 @@
 """The economical path: posterior and evidence from a few thousand evaluations.
 
 For models that take long. Two short searches find the maxima; Laplace's approximation at each, as
-a Student-t mixture, is what importance draws come from, and components are added where the weights
-show that it falls short (incremental mixture importance sampling, Raftery and Bao 2010). This is
-done twice, independently: the second sample checks the first. Posterior draws are the importance
-draws, resampled by their weights, so they cost nothing more.
+a Student-t mixture, gives the importance draws, and components are added where the weights show
+that it falls short (incremental mixture importance sampling, Raftery and Bao 2010). This is done
+twice, independently: the second sample checks the first. Posterior draws are the importance draws,
+resampled by their weights, so they cost nothing more.
 
 There are no particles from the prior: a region that the few prior draws of the searches miss
 stays unseen. Posteriors that are not a few plain regions need more components than there are, and
@@ -29,9 +29,9 @@ from bayes_ssi.sampling.result import SamplingResult
 from bayes_ssi.sampling.settings import SamplingSettings, StepProgress
 from bayes_ssi.sampling.target import Target
 
-# Draws at once are this many a dimension, for at least six dimensions; a search has half of them.
+# Draws per dimension in one batch, counting at least six dimensions; a search makes half of them.
 BATCH_PER_DIMENSION = 50
-# Effective sample size of each of the two samples: together they pass the checks of the draws.
+# Effective sample size of each of the two samples; the two together pass the checks of the draws.
 LEAST_INDEPENDENT = 250
 
 
@@ -43,8 +43,8 @@ def sample_economically(
 ) -> SamplingResult:
     """Sample the posterior of ``target`` and estimate its evidence with few evaluations.
 
-    Arguments and errors as those of :func:`~bayes_ssi.sampling.engine.sample_target`; of the
-    settings, ``log_evidence_error`` counts.
+    Arguments and errors are as in :func:`~bayes_ssi.sampling.engine.sample_target`; the only
+    setting used is ``log_evidence_error``.
     """
     *seeds, seed_of_searches = seed.spawn(3)
     batch = BATCH_PER_DIMENSION * max(6, target.n_dimensions)
@@ -87,7 +87,7 @@ def sample_economically(
 
 
 def _sample(sampler: ImportanceSampler, maxima: Maxima, wanted_error: float) -> ImportanceSample:
-    """Importance draws until the error is as wanted and the effective sample size suffices."""
+    """Importance draws until the error and the effective sample size are as wanted."""
     sample = sampler.refined(sampler.sample(maxima.as_mixture().widened()), np.inf)
     for _ in range(5):  # or until two estimates agree within two standard errors
         # Draws that a mixture was fitted to would weigh too little against it: new ones only.
@@ -105,9 +105,9 @@ def _sample(sampler: ImportanceSampler, maxima: Maxima, wanted_error: float) -> 
 
 
 def _adapted(sample: ImportanceSample, rng: np.random.Generator) -> StudentMixture:
-    """The mixture's components by their shares of the posterior, and as many fitted to the draws.
+    """The components, weighted by their shares of the posterior, mixed with a new fit to the draws.
 
-    These are fitted to one half of the draws and judged by the other, if there are enough.
+    The new fit uses one half of the draws and is judged by the other, if there are enough.
     """
     known = sample.mixture.reweighted(sample.z, sample.weights)
     n = int(sample.effective_sample_size) // 2

@@ -36,17 +36,17 @@ from bayes_ssi.sampling.settings import SamplingSettings, StepProgress
 from bayes_ssi.sampling.target import Target
 from bayes_ssi.sampling.tempering import tempered_estimate, tempered_start
 
-# Of one ensemble, or four a dimension: emcee's moves need two a dimension.
+# Walkers of one ensemble; four per dimension if that is more (emcee's moves need two).
 WALKERS = 32
-# Chains of more steps are too long where importance draws serve as well. An ensemble that needs
-# them mixes slowly, and begins again with a better mixture.
+# Longer chains are not worth their cost where importance draws serve as well. An ensemble that
+# needs more steps mixes slowly, and starts again with a better mixture.
 FEW_STEPS = 1000
 SLOW = FEW_STEPS / LENGTH_IN_AUTOCORRELATION_TIMES
-# New fits of the mixture end here, or where importance draws are good enough and a new fit raises
-# their efficiency by a smaller factor.
+# Most refits of the mixture; they end earlier where importance draws are good enough and a refit
+# raises their efficiency by less than this factor.
 MAX_REFITS, WORTH_REFITTING = 4, 1.2
-# Importance draws of a lower efficiency are poor: chains are run to their full length, and the
-# mixture is fitted to their draws in the end.
+# Below this efficiency importance draws are poor: chains are run to their full length, and the
+# mixture is finally fitted to their draws.
 LEAST_EFFICIENCY = 0.1
 # Effective sample size with which importance draws can replace those of the ensembles.
 SUFFICIENT = 2000
@@ -65,8 +65,8 @@ def sample_target(
     Args:
         target: log-likelihood over coordinates whose prior is N(0, I).
         seed: everything random follows from it.
-        settings: how precisely.
-        progress: called with the name of a step and the share of it that is done.
+        settings: how precisely to sample.
+        progress: called with the name of a step and the completed share of it.
 
     Raises:
         ValueError: the likelihood is zero at every draw from the prior.
@@ -144,8 +144,8 @@ def _run_ensembles(
 ) -> tuple[list[Ensemble], ImportanceSample]:
     """Independent ensembles, and importance draws from a mixture that suits the posterior.
 
-    The mixture of ``trial`` proposes the ensembles' moves. Walkers that move slowly with it are
-    stopped, and begin again from where they are with a mixture that is fitted to their draws.
+    The mixture of ``trial`` proposes the ensembles' moves. Walkers that mix slowly with it are
+    stopped, and continue from their positions with a mixture fitted to their draws.
     """
     seeds_of_attempts = zip(*(seed.spawn(MAX_REFITS + 1) for seed in seeds), strict=True)
     settled = False
@@ -174,7 +174,7 @@ def _run_ensembles(
 
 
 def _with_enough_draws(sampler: ImportanceSampler, sample: ImportanceSample) -> ImportanceSample:
-    """The sample with as many draws as chains were cut short for, if it is efficient enough."""
+    """The sample, extended to replace chains that were cut short, if it is efficient enough."""
     while (
         sample.efficiency >= LEAST_EFFICIENCY
         and sample.effective_sample_size < SUFFICIENT
@@ -187,7 +187,7 @@ def _with_enough_draws(sampler: ImportanceSampler, sample: ImportanceSample) -> 
 def _with_precise_shares(
     sampler: ImportanceSampler, sample: ImportanceSample, regions: Regions, wanted_error: float
 ) -> ImportanceSample:
-    """The sample with as many more draws as the regions' shares ask for."""
+    """The sample, extended until the regions' shares are precise enough."""
     if regions.n_regions == 1:
         return sample
     errors = sample.share_errors(regions.assign(sample.z), regions.n_regions)

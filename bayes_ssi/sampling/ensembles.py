@@ -59,12 +59,12 @@ class Ensemble:
 
     @property
     def effective_sample_sizes(self) -> FloatArray:
-        """How many independent draws would estimate the mean of each coordinate as well, (d,)."""
+        """Effective sample size for the mean of each coordinate, (d,)."""
         return self.log_posteriors.size / self.autocorrelation_times
 
     @property
     def needed_steps(self) -> int:
-        """The least number of steps that is long enough."""
+        """The smallest sufficient number of steps."""
         return math.ceil(LENGTH_IN_AUTOCORRELATION_TIMES * self.autocorrelation_times.max())
 
     @property
@@ -81,19 +81,19 @@ def run_ensemble(
     progress: Callable[[float], None] = lambda _: None,
     slowest: float = math.inf,
 ) -> Ensemble:
-    """Sample the posterior by emcee, until the chain is long enough.
+    """Sample the posterior with emcee until the chain is long enough.
 
-    Most of the moves propose from a mixture, independently of where a walker is, so walkers
+    Most moves propose from a mixture, independently of a walker's position, so that walkers
     change between separate regions.
 
     Args:
         target: what is sampled.
         walkers: where they begin.
-        proposal: of the moves.
+        proposal: distribution that the moves propose from.
         max_steps: where to stop if the autocorrelation time stays too long.
         seed: everything random follows from it.
-        progress: called with the share of the needed length that is done.
-        slowest: autocorrelation time in steps above which a first, short run is all.
+        progress: called with the completed share of the necessary length.
+        slowest: autocorrelation time in steps above which sampling ends after a first, short run.
     """
     from bayes_ssi.sampling.moves import ensemble_sampler, initial_state
 

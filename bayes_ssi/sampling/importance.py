@@ -18,7 +18,7 @@ from bayes_ssi.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.sampling.resampling import systematic_indices
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
-# Posterior draws made of one importance sample: enough for quantiles, few enough to be stored.
+# Most posterior draws resampled from one importance sample: enough for quantiles, few to store.
 MAX_RESAMPLED = 5000
 # Each adds a sixth to the draws, all of them together a factor of six.
 MAX_ADDED_COMPONENTS = 12
@@ -29,7 +29,7 @@ class ImportanceSample:
     """Draws from a mixture, weighted to the posterior.
 
     Attributes:
-        mixture: what the draws come from.
+        mixture: the proposal distribution.
         z: (n, d), standard-normal coordinates.
         log_likelihoods: (n,).
         log_proposals: (n,), log density of the mixture.
@@ -54,7 +54,7 @@ class ImportanceSample:
 
     @cached_property
     def weights(self) -> FloatArray:
-        """Weights (n,) that add up to one."""
+        """Normalised weights, (n,)."""
         log_weights = self.log_weights
         return np.exp(log_weights - logsumexp(log_weights))
 
@@ -78,7 +78,7 @@ class ImportanceSample:
     def pareto_k(self) -> float:
         """Shape of the generalised Pareto distribution of the largest weights.
 
-        The mean of weights has a finite variance where it is below one half.
+        Below one half, the mean of the weights has a finite variance.
         """
         return pareto_shape(self.weights)
 
@@ -86,14 +86,14 @@ class ImportanceSample:
     def estimate(self) -> Estimate:
         """The log of the mean weight, its error by strata.
 
-        Every component gives draws in proportion to its weight, so what varies is only the mean
-        of each stratum: Var = Σ n_k var_k / n².
+        Every component gives draws in proportion to its weight, so only the mean of each stratum
+        varies: Var = Σ n_k var_k / n².
         """
         log_mean = float(logsumexp(self.log_weights)) - math.log(len(self.weights))
         return Estimate(log_mean, self._error_of_sum(self.weights))
 
     def _error_of_sum(self, terms: FloatArray) -> float:
-        """Standard error of the sum of one term (n,) a draw, by strata."""
+        """Standard error of a sum with one term (n,) per draw, by strata."""
         counts = np.bincount(self.strata)
         # Strata of fewer than 20 draws, too few to know their variance, count as one.
         strata = np.where(counts[self.strata] < 20, -1, self.strata)
@@ -152,12 +152,12 @@ class ImportanceSampler:
     Attributes:
         target: whose likelihood weights the draws.
         rng: everything random follows from it.
-        batch: draws made at once, of which a sixth go to a component that is added.
+        batch: draws made at once; a component that is added gets a sixth of them.
         prior_share: weight of the prior N(0, I) in every mixture. It bounds the importance
-            weights, and shows what the other components miss; nearly all of its draws are lost.
+            weights and shows what the other components miss, but wastes nearly all of its draws.
         least_efficiency: components are added until the effective sample size is this share of
             the draws.
-        max_draws: of one sample.
+        max_draws: the largest size of a sample.
     """
 
     target: Target
@@ -174,8 +174,8 @@ class ImportanceSampler:
     def refined(self, sample: ImportanceSample, wanted_error: float) -> ImportanceSample:
         """``sample`` and more draws, until the log evidence's error is ``wanted_error``.
 
-        The number of draws follows from the error of those that there are. Where the weights have
-        a heavy tail, a single one is heavy, or the efficiency is too low, components are first
+        The number of draws follows from the present error. Where the weights have a heavy tail,
+        a single one is heavy, or the efficiency is too low, components are first
         added at the heaviest draws (incremental mixture importance sampling, Raftery and Bao
         2010).
         """
@@ -224,8 +224,8 @@ class ImportanceSampler:
     def _with_component(self, sample: ImportanceSample) -> ImportanceSample:
         """The sample with one more component, and draws from it, at its heaviest draw.
 
-        All draws are reweighted by the larger mixture, in which every component counts by the
-        draws that it gave.
+        All draws are reweighted by the larger mixture, in which every component has the share of
+        the draws that it gave.
         """
         n = len(sample.z)
         more = max(self.batch, n) // 6

@@ -19,13 +19,13 @@ from bayes_ssi.sampling.estimates import EvidenceEstimate
 from bayes_ssi.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
-# Of forward first and central second differences: truncation and rounding errors balance for
-# log-likelihoods of some thousand nats.
+# Steps of forward first and central second differences: truncation and rounding errors balance
+# for log-likelihoods of some thousand nats.
 GRADIENT_STEP, HESSIAN_STEP = 1e-6, 1e-3
 # An ascent along a curved ridge may need more steps: it is continued once.
 MAX_ASCENT_STEPS = 60
 LONGEST_STEP = 2.0  # prior standard deviations
-# Tried at once, in shares of the BFGS step.
+# Step lengths tried together, as shares of the BFGS step.
 STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])
 RISE_TO_GO_ON = 1e-3  # nats
 # Each costs a Hessian of 2 d² evaluations.
@@ -54,7 +54,7 @@ class Maxima:
         return _inverse(self.precisions)
 
     def are_at(self, z: FloatArray) -> NDArray[np.bool_]:
-        """Whether ``z`` (n, d) are within one standard deviation a coordinate, (m, n)."""
+        """Whether ``z`` (n, d) lie within one standard deviation per coordinate, (m, n)."""
         away = z[None] - self.z[:, None]
         squared_distances = np.einsum("mni,mij,mnj->mn", away, self.precisions, away)
         return squared_distances < z.shape[1]
@@ -72,10 +72,10 @@ class Maxima:
         return EvidenceEstimate("Laplace", float(logsumexp(self.log_masses)))
 
     def as_mixture(self, beta: float = 1.0) -> StudentMixture:
-        """One component a maximum, weighted by its mass, for likelihood^beta · prior.
+        """One component per maximum, weighted by its mass, for likelihood^beta · prior.
 
-        At a temperature the likelihood's share of the precision, what exceeds the prior's 1, is
-        scaled by ``beta``, and the component sits where the tempered quadratic has its top.
+        The likelihood's share of the precision, the excess over the prior's 1, is scaled by
+        ``beta``, and the component sits at the maximum of the tempered quadratic.
         """
         d = self.z.shape[1]
         identity = np.eye(d)
@@ -105,7 +105,7 @@ class Maxima:
 
 
 def find_maxima(target: Target, starts: FloatArray) -> Maxima:
-    """Climb from every row of ``starts`` (S, d) and gather the distinct maxima reached.
+    """Climb from every row of ``starts`` (S, d) and collect the distinct maxima reached.
 
     Raises:
         ValueError: the likelihood is zero at every start.
@@ -141,7 +141,7 @@ def _distinct(target: Target, ends: FloatArray, log_posteriors: FloatArray) -> M
 def _ascend(
     target: Target, starts: FloatArray, inverse: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """All ascents at once, by BFGS with finite differences: ends and their log posteriors.
+    """All ascents at once, by BFGS with finite differences: end points and their log posteriors.
 
     ``inverse`` (S, d, d) are the first inverse Hessians.
     """
@@ -209,7 +209,7 @@ def _update_inverse(
 def _precision(target: Target, z: FloatArray, value: float) -> FloatArray:
     """Negative Hessian (d, d) at a maximum, by central differences, made positive definite.
 
-    Where the posterior is flat or rises the curvature of the prior, 1, stands in.
+    Where the posterior is flat or rises, the curvature of the prior, 1, is used instead.
     """
     d = len(z)
     steps = HESSIAN_STEP * np.eye(d)

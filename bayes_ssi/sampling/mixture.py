@@ -1,4 +1,4 @@
-"""Mixtures of Student-t distributions fitted to draws: the proposal that knows the posterior."""
+"""Mixtures of Student-t distributions fitted to draws: proposals shaped like the posterior."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HEAVY_TAILS, LIGHT_TAILS = 5.0, 30.0
 DEFENSIVE_SHARE = 0.1
 # More components must raise the mean log density of held-out draws by this much, in nats.
 LEAST_GAIN = 0.01
-# A component needs this many draws a dimension for its covariance to mean something.
+# A component needs this many draws per dimension for a meaningful covariance.
 DRAWS_PER_DIMENSION = 10
 # Densities of more points than this are computed in parts, which stay in the processor's cache.
 PART = 2048
@@ -117,8 +117,8 @@ class StudentMixture:
     def reweighted(self, z: FloatArray, weights: FloatArray) -> StudentMixture:
         """The same components with the shares that weighted draws ``z`` (n, d) give them.
 
-        All components share the defensive share equally: a walker that meets what one of them
-        covers could not leave again if it were hardly proposed.
+        All components share the defensive share equally: a walker could hardly leave a region
+        again if its component were hardly ever proposed.
         """
         log_parts = self.log_components(self.squared_distances(z))
         shares = np.exp(log_parts - _log_sum(log_parts)) @ weights
@@ -126,7 +126,7 @@ class StudentMixture:
         return replace(self, weights=shares)
 
     def draw(self, counts: NDArray[np.intp], rng: np.random.Generator) -> FloatArray:
-        """``counts[k]`` draws from component k, in order; the last count is of N(0, I).
+        """``counts[k]`` draws from component k, in order; the last count is for the prior N(0, I).
 
         Args:
             counts: (K + 1,).
@@ -149,12 +149,12 @@ class StudentMixture:
 
 
 class Proposal(NamedTuple):
-    """What proposes the moves of walkers, independently of where they are.
+    """Independence proposal of walkers' moves.
 
     Attributes:
         mixture: fitted beforehand, and fixed.
-        share: of the steps that it proposes; differential evolution and the stretch move propose
-            the others.
+        share: share of the steps that it proposes; differential evolution and the stretch move
+            propose the others.
     """
 
     mixture: StudentMixture
@@ -210,9 +210,9 @@ def choose_mixture(
 ) -> StudentMixture:
     """The mixture, fitted to ``draws``, under which ``held_out`` is most probable.
 
-    That is the one nearest to the posterior in the Kullback-Leibler sense. The number of
-    components grows until two larger numbers in turn no longer help, and the tails are as heavy
-    as suits the held-out draws.
+    It is the nearest to the posterior in the Kullback-Leibler sense. The number of components
+    grows until two larger numbers in turn no longer help, and the weight of the tails is chosen
+    by the held-out draws.
     """
     n, d = draws.shape
     best_count = 1
@@ -232,7 +232,7 @@ def choose_mixture(
 
 
 def _log_sum(log_parts: FloatArray) -> FloatArray:
-    """log Σ exp over the first axis, of finite numbers: faster than the general functions."""
+    """log Σ exp of finite numbers over the first axis, faster than the general functions."""
     highest = log_parts.max(axis=0)
     total: FloatArray = np.log(np.exp(log_parts - highest).sum(axis=0)) + highest
     return total

@@ -67,9 +67,9 @@ def search_maxima(
         target: whose log-likelihood times prior density is climbed.
         n_searches: the least number; more follow while they do not agree.
         seed: everything random follows from it.
-        progress: called with the share of ``n_searches`` that is done.
-        n_draws: from the prior, of each search; a basin with a thousandth of it holds four of 4000.
-        n_ascents: at most, of each search, from the highest of the local maxima among its draws.
+        progress: called with the completed share of ``n_searches``.
+        n_draws: prior draws per search; of 4000, a basin with a thousandth of the prior holds four.
+        n_ascents: most ascents per search, from the highest local maxima among its draws.
 
     Raises:
         ValueError: the likelihood is zero at every draw from the prior.
@@ -86,7 +86,7 @@ def search_maxima(
                 f"the likelihood is zero at all of {n * n_draws} draws from the prior; "
                 "are the priors, the pairing and the units those of the data?"
             )
-        # Climbing on from all of them makes one of those that stopped short of the same maximum.
+        # Climbing on from all of them merges those that stopped short of the same maximum.
         maxima = find_maxima(target, np.concatenate(searches))
         found_by = np.array([maxima.are_at(z).any(axis=1) for z in searches])
         result = MultistartSearch(maxima, found_by)
@@ -107,7 +107,7 @@ def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generat
 
 
 def _local_maxima(draws: FloatArray, log_likelihoods: FloatArray) -> FloatArray:
-    """The draws (k, d) that none of their neighbours exceeds, the highest first."""
+    """The draws (k, d) higher than all their neighbours, the highest first."""
     highest = log_likelihoods[nearest_neighbours(draws)].max(axis=1)
     chosen = np.flatnonzero(log_likelihoods >= highest)
     return draws[chosen[np.argsort(-log_likelihoods[chosen], kind="stable")]]

@@ -14,12 +14,12 @@ from bayes_ssi.sampling.mixture import Proposal, StudentMixture, choose_mixture
 
 @dataclass(frozen=True)
 class ProposalFitting:
-    """Fits mixtures, each of which is tried by a batch of importance draws.
+    """Fits mixtures, each of which is tried out on a batch of importance draws.
 
     Attributes:
-        sampler: of the importance draws.
-        maxima: of the posterior. Every mixture has components around them, so that regions that
-            the draws lost are still proposed.
+        sampler: makes the importance draws.
+        maxima: maxima of the posterior. Every mixture has components around them, so that regions
+            that the draws lost are still proposed.
     """
 
     sampler: ImportanceSampler
@@ -30,10 +30,10 @@ class ProposalFitting:
         return self.sampler.sample(self._mixture(draws, self._thinned(held_out)))
 
     def refitted(self, ensembles: Sequence[Ensemble], trial: ImportanceSample) -> ImportanceSample:
-        """``trial`` from a mixture fitted to two ensembles, if this one suits their draws better.
+        """A trial of a mixture fitted to two ensembles; ``trial`` if that suits their draws better.
 
-        The efficiency of importance draws does not decide: they do not show a region that their
-        mixture lacks, the draws of the ensembles do.
+        The efficiency of importance draws does not decide: unlike the draws of the ensembles,
+        they do not show a region that their mixture lacks.
         """
         draws, held_out = (ensemble.draws for ensemble in ensembles)
         held_out = self._thinned(held_out)

@@ -22,10 +22,10 @@ from bayes_ssi.sampling.target import Target
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-# Of each draw: enough to connect draws of one region, in a few dimensions, into one network.
+# Neighbours per draw: enough to connect the draws of one region, in a few dimensions.
 NEIGHBOURS = 8
-# Two groups of draws are apart when every path between them leads this many nats below the typical
-# draw of the lower one.
+# Two groups of draws are separate when every path between them leads this many nats below the
+# typical draw of the lower one.
 VALLEY_DEPTH = 2.0
 MAX_DRAWS = 1500
 # Points between two draws at which the posterior is evaluated.
@@ -36,7 +36,7 @@ PAIRS = NEIGHBOURS // 2
 
 
 def nearest_neighbours(points: FloatArray) -> NDArray[np.intp]:
-    """The nearest of ``points`` (n, d) to each, (n, k), itself the first."""
+    """The nearest of ``points`` (n, d) to each, (n, k), beginning with itself."""
     from scipy.spatial import cKDTree
 
     k = min(NEIGHBOURS + 1, len(points))
@@ -46,7 +46,7 @@ def nearest_neighbours(points: FloatArray) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """Draws that stand for the regions of a posterior.
+    """Draws that represent the regions of a posterior.
 
     Attributes:
         draws: (n, d).
@@ -86,13 +86,13 @@ class Regions:
 def find_regions(
     target: Target, draws: FloatArray, log_posteriors: FloatArray, max_draws: int = MAX_DRAWS
 ) -> Regions:
-    """Gather draws into regions.
+    """Group draws into regions.
 
     Args:
         target: evaluated at three points between neighbouring draws.
-        draws: (n, d), where the posterior is.
+        draws: (n, d), posterior draws.
         log_posteriors: (n,), up to a constant.
-        max_draws: of the draws at most this many are used, evenly spread.
+        max_draws: use at most this many of the draws, evenly spread.
     """
     if len(draws) > max_draws:
         chosen = evenly_spaced_indices(len(draws), max_draws)
@@ -102,7 +102,7 @@ def find_regions(
     nearest = nearest_neighbours(whitened)
     groups = _groups(nearest, paths)
     groups = _joined(groups, _neighbouring_pairs(groups, nearest, paths), paths)
-    # Groups whose draws are nobody else's neighbours.
+    # Groups whose draws are no other draw's neighbours.
     groups = _joined(groups, _between_groups(groups, whitened, paths), paths)
     return Regions(draws, _without_the_smallest(groups, whitened))
 
@@ -125,7 +125,7 @@ class _Paths:
         return np.minimum(inside.reshape(POINTS_BETWEEN, -1).min(axis=0), lower_end)
 
     def highest_draws(self, groups: NDArray[np.intp]) -> dict[int, int]:
-        """Group → its highest draw, of groups (n,)."""
+        """Group → its highest draw, given the group (n,) of each draw."""
         order = np.argsort(self.log_posteriors, kind="stable")
         return {int(groups[i]): int(i) for i in order}
 
@@ -170,7 +170,7 @@ def _groups(nearest: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
 
 
 def _joined(groups: NDArray[np.intp], pairs: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
-    """Groups (n,) after those are joined that a high path connects.
+    """Groups (n,) after joining those that a high path connects.
 
     ``pairs`` (m, 2) are draws of different groups between which there may be one. The highest
     paths come first; one joins two groups unless it leads far below the typical draw of the lower
@@ -210,7 +210,7 @@ def _neighbouring_pairs(
 
 
 def _without_the_smallest(groups: NDArray[np.intp], whitened: FloatArray) -> NDArray[np.intp]:
-    """Groups (n,) after the draws of those that are too few went to the nearest other draw's."""
+    """Groups (n,) after merging those with too few draws into the nearest other group."""
     from scipy.spatial import cKDTree
 
     large = np.bincount(groups)[groups] >= min(PAIRS + 1, np.bincount(groups).max())

@@ -1,4 +1,4 @@
-"""Choosing some of many draws: by their weights, or evenly."""
+"""Selection of draws by their weights, or evenly."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bayes_ssi.arrays import FloatArray
 
 
 def systematic_indices(weights: FloatArray, n: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """``n`` sorted indices of ``weights``: how often each occurs is within one of its mean.
+    """``n`` sorted indices into ``weights``, each occurring within one of its expected number.
 
     One uniform draw serves all of them (systematic resampling), which adds the least variance.
     """

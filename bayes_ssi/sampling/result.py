@@ -26,14 +26,14 @@ class SamplingResult:
         search: independent searches for maxima.
         starts: the tempered starts; none on the economical path.
         maxima: all known maxima of the posterior.
-        ensembles: of posterior draws.
-        resampled: posterior draws made of the importance draws instead, where ensembles mix too
-            slowly and these draws are many; else empty.
+        ensembles: posterior draws.
+        resampled: posterior draws resampled from the importance draws, where ensembles mix too
+            slowly and the importance draws suffice; else empty.
         importance: what the evidence and the regions' shares come from.
         evidence_checks: estimates of the log evidence by other methods.
         regions: separate regions of the posterior.
-        wanted_error: of the log evidence.
-        n_evaluations: of the log-likelihood.
+        wanted_error: wanted standard error of the log evidence.
+        n_evaluations: evaluations of the log-likelihood.
     """
 
     search: MultistartSearch

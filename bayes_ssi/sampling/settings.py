@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-# Called with the name of a step and the share of it that is done.
+# Called with the name of a step and the completed share of it.
 StepProgress = Callable[[str, float], None]
 
 
@@ -15,14 +15,14 @@ class SamplingSettings:
 
     Attributes:
         log_evidence_error: wanted standard error of the log evidence, in nats.
-        particles: of each tempered start; None chooses by the number of parameters.
+        particles: number in each tempered start; None chooses it by the number of parameters.
         searches: least number of independent searches for maxima.
         max_steps: longest chain of an ensemble, in steps.
         economical: by importance sampling around the maxima alone, with tens of times fewer
-            evaluations; for models that take long, and posteriors of a few plain regions.
+            evaluations; for slow models whose posteriors have a few simple regions.
 
     Raises:
-        ValueError: a setting is not positive, or there are fewer particles than 4 a parameter.
+        ValueError: a setting is not positive, or there are fewer than 4 particles per parameter.
     """
 
     log_evidence_error: float = 0.01
@@ -41,7 +41,7 @@ class SamplingSettings:
         """The number of particles for this number of parameters.
 
         Raises:
-            ValueError: fewer were asked for than these need.
+            ValueError: fewer were requested than these need.
         """
         if self.particles is None:
             return max(500, 100 * n_dimensions)

@@ -28,10 +28,10 @@ class Target:
     Attributes:
         function: (B, d) coordinates → (B,) log-likelihoods; row i depends on row i alone.
         n_dimensions: d.
-        workers: where it is evaluated; here if None.
-        journal: answers the evaluations that an earlier run made, and keeps the new ones.
+        workers: where it is evaluated; in this process if None.
+        journal: recalls the evaluations of an earlier run, and records the new ones.
         n_evaluations: points evaluated so far.
-        n_failed: of these, at how many the function raised, gave NaN or lost its worker; they
+        n_failed: points at which the function raised, returned NaN or lost its worker; they
             count as likelihood zero.
         first_failure: the point (d,) at which it failed first, and why.
     """
@@ -79,7 +79,7 @@ class Target:
         return self.log_likelihood(z) + log_standard_normal(z)
 
     def _recall(self, z: FloatArray) -> Evaluated:
-        """The values of the journal, or else new ones, which the journal then keeps."""
+        """Values from the journal, or else new ones, which are added to it."""
         assert self.journal is not None
         recalled = self.journal.recalled(z)
         if recalled is None:

@@ -59,7 +59,7 @@ class TemperedStart:
     log_evidence_error: float
 
     def walkers(self, n: int, rng: np.random.Generator) -> Walkers:
-        """``n`` of the particles at random; some of them twice only where there are fewer."""
+        """``n`` of the particles at random, with repetition only where there are fewer."""
         chosen = rng.choice(len(self.positions), n, replace=len(self.positions) < n)
         positions = self.positions[chosen]
         return Walkers(positions, self.log_likelihoods[chosen] + log_standard_normal(positions))
@@ -77,7 +77,7 @@ def tempered_start(
     Args:
         target: what is sampled.
         n_particles: at least twice the number of dimensions.
-        maxima: of the posterior, as far as they are known.
+        maxima: the known maxima of the posterior.
         seed: everything random follows from it.
         progress: called with β after each stage.
 
@@ -116,7 +116,7 @@ def tempered_start(
 def _possible_particles(
     target: Target, n: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, float]:
-    """``n`` draws from the possible part of the prior, and of how many prior draws they are."""
+    """``n`` draws from the possible part of the prior, and the number of prior draws they took."""
     positions, log_likelihoods, n_drawn = np.empty((0, target.n_dimensions)), np.empty(0), 0
     while len(positions) < n and n_drawn < MOST_REDRAWN * n:
         drawn = rng.standard_normal((n, target.n_dimensions))

@@ -12,8 +12,8 @@ from bayes_ssi.tables.layout import NUMBER, TERMINAL, add_columns, add_row, new_
 def calibration_table(calibration: Calibration) -> Table:
     """Every distinct minimum: parameter values, objective and distance.
 
-    Parameters are columns as far as a terminal is wide; more of them are rows, with as many of the
-    best minima as columns.
+    Parameters are columns where the terminal is wide enough for them; otherwise they are rows, and
+    as many of the best minima as fit are columns.
     """
     names = (*calibration.parameter_names, "f_ob (%)", "d (%)")
     fits = {"before": calibration.before}

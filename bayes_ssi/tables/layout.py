@@ -9,7 +9,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-# Columns of a terminal, and those that a number takes with the space next to it.
+# Width of a terminal, and of a number with the space next to it, in characters.
 TERMINAL, NUMBER = 80, 9
 
 
@@ -26,7 +26,7 @@ def new_table(title: str, texts: Sequence[str] = (), numbers: Sequence[str] = ()
 
 
 def add_columns(table: Table, texts: Sequence[str] = (), numbers: Sequence[str] = ()) -> None:
-    """Add columns of words, which may be broken, and of numbers, which may not."""
+    """Add columns of words, which may wrap, and of numbers, which may not."""
     for heading in texts:
         table.add_column(Text(heading), overflow="fold")
     for heading in numbers:
@@ -34,12 +34,12 @@ def add_columns(table: Table, texts: Sequence[str] = (), numbers: Sequence[str] 
 
 
 def add_row(table: Table, *cells: str) -> None:
-    """Add cells as they are: names may hold square brackets, which rich takes for markup."""
+    """Add cells literally: names may hold square brackets, which rich takes for markup."""
     table.add_row(*(Text(cell) for cell in cells))
 
 
 def number(value: float | None, form: str) -> str:
-    """A number in a format; a dash for None and NaN. Negative zero has no sign."""
+    """A formatted number; a dash for None and NaN. Negative zero has no sign."""
     if value is None or math.isnan(value):
         return "-"
     text = format(value, form)

@@ -23,7 +23,7 @@ from bayes_ssi.tables.layout import (
 def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Table:
     """Frequency of every identified mode before and after updating, median and band.
 
-    A mode that only some of the averaged classes explain has the fraction of draws that do.
+    Where only some of the averaged classes explain a mode, the fraction of such draws is given.
     """
     level = responses[0].request.level
     rows = [
@@ -55,7 +55,7 @@ def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Tabl
 
 
 def shape_tables(data: ModalData, each: ResponseBands) -> Iterator[Table]:
-    """Medians of the shapes of identified modes, as many modes a table as a terminal is wide."""
+    """Medians of the shapes of identified modes, in tables as wide as a terminal."""
     places = shown_places(each.predictions, data)
     shapes = list(predicted_shapes(data, each.predictions, each.request.level))
     wide = max(NUMBER, 3 + max((len(label) for label, _ in shapes), default=0))

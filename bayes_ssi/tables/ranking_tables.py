@@ -86,7 +86,7 @@ def parameter_table(posterior: Posterior) -> Table:
 def averages_table(averaged: Sequence[AveragedParameter]) -> Table:
     """Parameters that several classes infer, averaged over these classes by their probability.
 
-    The probability is that of these classes together.
+    The column of probabilities gives the total probability of these classes.
     """
     table = new_table(
         "Parameters averaged over the model classes that infer them",
@@ -116,7 +116,7 @@ def pairing_notes(posterior: Posterior) -> list[Note]:
 
 
 def _mode_probabilities(inferred: InferredPairing) -> Iterator[str]:
-    """The probabilities of modes, then those of whole pairings, as far as they are not 0.000."""
+    """The probabilities of modes, then of whole pairings, leaving out those that round to 0.000."""
     for label, probabilities in inferred.of_modes.items():
         by_probability = sorted(probabilities.items(), key=lambda item: -item[1])
         alternatives = ", ".join(

@@ -63,10 +63,10 @@ def one(task: tuple[int, bool]) -> Searched:
         bare = baseline.structure.modes(values[None, : len(baseline.structure.parameters)])
         column = truth.parameter_names.index(f"frequency, {places[0].name}")
         detuning = float(np.abs(values[column] / bare.frequencies_hz[0] - 1.0).min())
-    found = search(
+    result = search(
         replace(baseline, data=data), SETTINGS, index, bs.SamplingSettings(log_evidence_error=0.03)
     )
-    comparison = found.ranking.comparison
+    comparison = result.ranking.comparison
     probabilities = {row.name: row.probability for row in comparison.classes}
     return Searched(truth.name, probabilities, detuning, comparison.failed_checks)
 
@@ -89,7 +89,7 @@ def report(results: list[Searched]) -> None:
         f"False alarms, an appendage stated with more than {ALARM} where there is none: {alarms} "
         f"of {len(without)} (95 % interval {np.nan_to_num(low):.3f} to {high:.3f})"
     )
-    for told, own in (
+    for where, own in (
         (f"within {NEAR:.0%} of a mode's frequency", [r for r in with_one if r.detuning < NEAR]),
         ("elsewhere", [r for r in with_one if r.detuning >= NEAR]),
     ):
@@ -98,8 +98,8 @@ def report(results: list[Searched]) -> None:
         places = [{k: p for k, p in r.probabilities.items() if k != "no appendage"} for r in own]
         place = sum(max(p, key=p.get) == r.truth for p, r in zip(places, own, strict=True))
         print(
-            f"Appendages {told}: {len(own)}; true hypothesis first {first}, true place first among "
-            f"places {place}, an appendage stated with more than {ALARM} {seen}"
+            f"Appendages {where}: {len(own)}; true hypothesis first {first}, true place first "
+            f"among places {place}, an appendage stated with more than {ALARM} {seen}"
         )
     flagged = [result for result in results if result.failed_checks]
     print(f"{len(flagged)} of {len(results)} sets with a failed check")

@@ -49,16 +49,16 @@ def main() -> None:
     options = parser.parse_args()
     weights = (1.0, 1.0, *(0.2**number for number in range(1, options.most)))
     begun = perf_counter()
-    found = search(baseline(), SearchSettings(number_weights=weights), run=bs.Run(options.workers))
+    result = search(baseline(), SearchSettings(number_weights=weights), run=bs.Run(options.workers))
     seconds = perf_counter() - begun
-    for row in found.ranking.comparison.classes[:6]:
+    for row in result.ranking.comparison.classes[:6]:
         print(f"{row.name:16s} {row.log_evidence:8.2f} ± {row.error:.2f}  {row.probability_text}")
-    checks = found.ranking.comparison.failed_checks
-    n = len(found.ranking.comparison.classes)
+    checks = result.ranking.comparison.failed_checks
+    n = len(result.ranking.comparison.classes)
     print(f"{n} hypotheses, {len(checks)} failed checks, {seconds / 60:.1f} minutes")
     for check in checks:
         print(f"    {check}")
-    own = sum(posterior.seconds for posterior in found.ranking.posteriors)
+    own = sum(posterior.seconds for posterior in result.ranking.posteriors)
     print(f"sampling alone {own / 60:.1f} minutes, summed over workers")
 
 

@@ -61,17 +61,17 @@ def test_the_bare_frame_is_the_same_in_all_classes():
 
 @pytest.mark.parametrize("name", SAMPLED)
 def test_evidence_is_that_of_importance_sampling(name):
-    found, error = log_evidence(model_class(name), POSTERIOR)
+    estimate, error = log_evidence(model_class(name), POSTERIOR)
     assert error < 0.06
-    assert found == pytest.approx(SAMPLED[name], abs=0.03 + 4.0 * error)
+    assert estimate == pytest.approx(SAMPLED[name], abs=0.03 + 4.0 * error)
 
 
 def test_a_blade_that_vibrates_in_both_directions_fits_both_tests():
-    found = bs.calibrate(model_class("x and y"), 0.0, n_starts=4)
-    assert found.best.objective < 0.007
-    values = dict(zip(found.parameter_names, found.best.values, strict=True))
+    fit = bs.calibrate(model_class("x and y"), 0.0, n_starts=4)
+    assert fit.best.objective < 0.007
+    values = dict(zip(fit.parameter_names, fit.best.values, strict=True))
     assert values["blade frequency x"] == pytest.approx(3.7, abs=0.15)
     assert values["blade frequency y"] == pytest.approx(17.2, abs=0.6)
     assert 0.002 < values["blade mass x"] < 0.02
     assert 0.002 < values["blade mass y"] < 0.05
-    assert [mode.configuration for mode in found.best.modes] == ["bare"] * 9 + ["with blade"] * 11
+    assert [mode.configuration for mode in fit.best.modes] == ["bare"] * 9 + ["with blade"] * 11

@@ -33,8 +33,8 @@ def study():
 
 @functools.cache
 def model_class(name):
-    (found,) = study().only([name]).model_classes
-    return found
+    (selected,) = study().only([name]).model_classes
+    return selected
 
 
 def log_evidence_and_summary(name, seed):
@@ -45,17 +45,17 @@ def log_evidence_and_summary(name, seed):
 
 @pytest.fixture(scope="module")
 def results(two_workers):
-    """Log evidence and summary of a model class for so many seeds, each sampled once."""
+    """Log evidence and summary of a model class for a number of seeds, each sampled once."""
     known = {}
 
-    def found(name, n):
+    def sampled(name, n):
         have = known.setdefault(name, [])
         seeds = range(len(have), n)
         have += two_workers.call_each(functools.partial(log_evidence_and_summary, name), seeds)
         assert [failed for _, _, failed in have] == [()] * len(have)
         return [(evidence, summary) for evidence, summary, _ in have[:n]]
 
-    return found
+    return sampled
 
 
 def several_maxima():
@@ -87,31 +87,31 @@ def test_posterior_means_and_standard_deviations(name, results):
     summaries = [summary for _, summary in results(name, len(SEEDS))]
     for i, (mean, sd) in enumerate(zip(*POSTERIORS[name], strict=True)):
         for quantity, expected in (("mean", mean), ("sd", sd)):
-            found = np.mean([getattr(summary[i], quantity) for summary in summaries])
+            average = np.mean([getattr(summary[i], quantity) for summary in summaries])
             own = np.linalg.norm(
                 [getattr(summary[i], f"{quantity}_error") for summary in summaries]
             )
             error = math.hypot(own / len(summaries), REFERENCE_ERROR)
-            assert found == pytest.approx(expected, abs=3.0 * error)
+            assert average == pytest.approx(expected, abs=3.0 * error)
 
 
 def test_error_bars_are_those_of_the_scatter(results):
     """Forty seeds: what an error bar claims is what the results do."""
-    found = results("1-a", 40)
-    log_evidences = np.array([evidence.log_evidence for evidence, _ in found])
-    reported = np.mean([evidence.error for evidence, _ in found])
+    sampled = results("1-a", 40)
+    log_evidences = np.array([evidence.log_evidence for evidence, _ in sampled])
+    reported = np.mean([evidence.error for evidence, _ in sampled])
     ratio = reported / log_evidences.std(ddof=1)
     assert 0.7 < ratio < 1.5
-    # The errors are normal: so many lie within one error bar, to 3 binomial standard errors.
+    # The errors are normal: this share lies within one error bar, to 3 binomial standard errors.
     within = np.abs(log_evidences - log_evidences.mean()) < reported
     expected = math.erf(ratio / math.sqrt(2.0))
     assert within.mean() == pytest.approx(
-        expected, abs=3.0 * math.sqrt(expected * (1.0 - expected) / len(found))
+        expected, abs=3.0 * math.sqrt(expected * (1.0 - expected) / len(sampled))
     )
     for i in range(3):
         for quantity in ("mean", "sd"):
-            values = [getattr(summary[i], quantity) for _, summary in found]
-            claimed = np.mean([getattr(summary[i], f"{quantity}_error") for _, summary in found])
+            values = [getattr(summary[i], quantity) for _, summary in sampled]
+            claimed = np.mean([getattr(summary[i], f"{quantity}_error") for _, summary in sampled])
             assert 0.7 < claimed / np.std(values, ddof=1) < 1.5
 
 
@@ -151,17 +151,17 @@ def samples_of_several_maxima(two_workers):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_several_maxima(seed, samples_of_several_maxima):
     """No place that fits is lost, and each has its share."""
-    found = samples_of_several_maxima[seed]
-    assert found.evidence.log_evidence == pytest.approx(2.694, abs=0.03)
-    k1, _, k3, _ = found.values.T
+    posterior = samples_of_several_maxima[seed]
+    assert posterior.evidence.log_evidence == pytest.approx(2.694, abs=0.03)
+    k1, _, k3, _ = posterior.values.T
     far, near = k1 > 1.8, (k1 < 1.8) & (k3 > 1.06)
     shares = [far.mean(), near.mean(), 1.0 - far.mean() - near.mean()]
     np.testing.assert_allclose(shares, [0.029, 0.534, 0.437], atol=0.03)
     assert far.mean() == pytest.approx(0.029, abs=0.01)
     np.testing.assert_allclose(
-        [row.mean for row in found.summary], [1.0747, 0.9298, 1.0600, 0.9659], atol=0.02
+        [row.mean for row in posterior.summary], [1.0747, 0.9298, 1.0600, 0.9659], atol=0.02
     )
-    assert found.failed_checks == ()
+    assert posterior.failed_checks == ()
 
 
 def test_data_are_those_of_the_correct_model():

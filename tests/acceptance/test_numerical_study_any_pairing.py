@@ -18,8 +18,8 @@ def ranking():
 
 
 def test_log_evidence(ranking):
-    found = {row.name: row.log_evidence for row in ranking.comparison.classes}
-    assert found == pytest.approx(LOG_EVIDENCES, abs=0.02)
+    log_evidences = {row.name: row.log_evidence for row in ranking.comparison.classes}
+    assert log_evidences == pytest.approx(LOG_EVIDENCES, abs=0.02)
     assert ranking.comparison.failed_checks == ()
 
 
