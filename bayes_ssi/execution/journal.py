@@ -34,7 +34,8 @@ OPEN = (
     "BEGIN EXCLUSIVE",
     "CREATE TABLE IF NOT EXISTS run (description TEXT)",
     "CREATE TABLE IF NOT EXISTS batches "
-    "(number INTEGER PRIMARY KEY, digest BLOB, log_likelihoods BLOB, failures TEXT)",
+    "(number INTEGER PRIMARY KEY, coordinates_digest BLOB, log_likelihoods BLOB, failures TEXT, "
+    "digest BLOB)",
 )
 
 
@@ -115,6 +116,8 @@ class Journal:
     def recalled(self, z: FloatArray) -> Evaluated | None:
         """The journal's log-likelihoods of the next batch ``z`` (B, d); None if it holds no more.
 
+        Damaged log-likelihoods are dropped, with all that follow them, and so computed again.
+
         Raises:
             ValueError: the journal's next batch was at other coordinates.
         """
@@ -122,11 +125,17 @@ class Journal:
             return None
         number = self._n_recalled + 1
         with self._errors_of_file():
-            digest, log_likelihoods, failures = self._database.execute(
-                "SELECT digest, log_likelihoods, failures FROM batches WHERE number = ?", [number]
+            coordinates_digest, log_likelihoods, failures, digest = self._database.execute(
+                "SELECT coordinates_digest, log_likelihoods, failures, digest FROM batches "
+                "WHERE number = ?",
+                [number],
             ).fetchone()
+            if digest != _digest(log_likelihoods, failures.encode()):
+                self._database.execute("DELETE FROM batches WHERE number >= ?", [number])
+                self._n_batches = self._n_recalled
+                return None
         values = np.frombuffer(log_likelihoods)
-        if digest != _digest(z) or len(values) != len(z):
+        if coordinates_digest != _digest(z.tobytes()) or len(values) != len(z):
             raise ValueError(
                 f"{self.path}: batch {number} of this checkpoint is at other coordinates than the "
                 "run asks for: it was made on another machine or with other versions of the "
@@ -141,9 +150,10 @@ class Journal:
         Raises:
             OSError: it cannot be written.
         """
-        batch = (_digest(z), evaluated.values.tobytes(), json.dumps(dict(evaluated.failures)))
+        values, failures = evaluated.values.tobytes(), json.dumps(dict(evaluated.failures))
+        batch = (_digest(z.tobytes()), values, failures, _digest(values, failures.encode()))
         with self._errors_of_file():
-            self._database.execute("INSERT INTO batches VALUES (NULL, ?, ?, ?)", batch)
+            self._database.execute("INSERT INTO batches VALUES (NULL, ?, ?, ?, ?)", batch)
         self.is_empty = False
 
     @contextmanager
@@ -172,5 +182,5 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _digest(z: FloatArray) -> bytes:
-    return hashlib.blake2b(z.tobytes(), digest_size=16).digest()
+def _digest(*parts: bytes) -> bytes:
+    return hashlib.blake2b(b"".join(parts), digest_size=16).digest()

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -115,6 +116,24 @@ def test_a_damaged_journal_is_refused_and_left_alone(path):
             Journal(path, RUN)
         assert str(caught.value).startswith(f"{path}: ")
         assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("column", ["log_likelihoods", "failures"])
+def test_damaged_log_likelihoods_and_all_that_follow_are_computed_again(path, column):
+    write(path)
+    with sqlite3.connect(path) as database:
+        (stored,) = database.execute(f"SELECT {column} FROM batches WHERE number = 2").fetchone()
+        changed = stored.replace(b"4", b"5") if column == "log_likelihoods" else '{"0": "x"}'
+        assert changed != stored
+        database.execute(f"UPDATE batches SET {column} = ? WHERE number = 2", [changed])
+    database.close()
+    with Journal(path, RUN) as journal:
+        assert journal.recalled(BATCHES[0][0]) is not None
+        assert journal.recalled(BATCHES[1][0]) is None
+        for each in BATCHES[1:]:
+            journal.add(*each)
+    with Journal(path, RUN) as journal:
+        assert_begins_with(journal, 3)
 
 
 def test_a_journal_in_use_is_refused(path):
