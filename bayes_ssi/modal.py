@@ -51,7 +51,7 @@ class Modes(NamedTuple):
     shapes: FloatArray
 
     def repeated(self, n_rows: int) -> Modes:
-        """These modes for ``n_rows`` rows; of a structure without parameters there is one row."""
+        """These modes for ``n_rows`` rows, also where a structure without parameters gave one."""
         if len(self.frequencies_hz) == n_rows:
             return self
         return Modes(*(np.broadcast_to(each, (n_rows, *each.shape[1:])) for each in self))

@@ -1,4 +1,4 @@
-"""Frequencies, MACs and parameters before and after updating, a row each."""
+"""Frequencies, MACs and parameters before and after updating, one row each."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def plot_frequency_change(
     """Frequencies of modes before and after updating, relative to the identified ones.
 
     Args:
-        modes: stored or predicted.
+        modes: stored or predicted modes.
         data: the identified modes.
         ax: axes; new ones if None.
         level: probability of the intervals, for the legend.
@@ -131,7 +131,7 @@ def plot_parameters(
     prior_quantiles: Mapping[str, Sequence[float]],
     ax: Axes | None = None,
 ) -> Axes:
-    """The 90 % interval of every parameter, of its prior and of its posterior.
+    """The 90 % prior and posterior intervals of every parameter.
 
     Each row has a scale of its own: 0 is the prior median, -1 and 1 are the ends of the prior's
     90 % interval, and between them the scale is linear.

@@ -22,7 +22,7 @@ CONTOURS = 1.0 - np.exp(-0.5 * np.array([1.0, 2.0]) ** 2)
 def plot_corner(
     posterior: Posterior, figure: Figure | None = None, parameters: Sequence[str] | None = None
 ) -> Figure:
-    """Marginal and joint posterior densities of the parameters, or of those that are named.
+    """Marginal and joint posterior densities of all or some of the parameters.
 
     Dashed lines are the 5 %, 50 % and 95 % quantiles; contours hold 39 % and 86 % of the draws, as
     one and two standard deviations of a normal density do.
@@ -30,10 +30,10 @@ def plot_corner(
     Args:
         posterior: the draws.
         figure: to draw on; a new one if None.
-        parameters: names; all if None.
+        parameters: names of the parameters; all if None.
 
     Raises:
-        ValueError: there is no parameter of such a name.
+        ValueError: there is no parameter with one of these names.
     """
     names = posterior.parameter_names if parameters is None else tuple(parameters)
     unknown = [name for name in names if name not in posterior.parameter_names]

@@ -33,7 +33,7 @@ def plot_evidence(
     Args:
         comparison: the ranking.
         ax: axes; new ones if None.
-        most: classes drawn, the best first; all if None.
+        most: largest number of classes drawn, the best first; all if None.
     """
     rows = comparison.classes[:most]
     ax = axes_of(ax, (WIDTH, 1.3 + 0.42 * len(rows)))

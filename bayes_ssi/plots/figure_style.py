@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's palette: colour-blind readers can tell its colours apart, and so can everyone in
-# grey, by lightness. Where colours repeat, markers and lines differ.
+# Okabe and Ito's palette: its colours can be distinguished by colour-blind readers and, by their
+# lightness, in greyscale. Where colours repeat, markers and lines differ.
 COLOURS = BLUE, ORANGE, GREEN, VERMILION, GREY = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7F7F7F"
 )  # fmt: skip
@@ -24,7 +24,7 @@ LINES = ("-", "--", "-.", ":")
 WIDTH = 6.4
 # Panels of mode shapes that are legible next to one another on a page.
 PANELS_ACROSS = 4
-# How the SVG identity of a point with a hover text begins.
+# Prefix of the SVG id of a point with a hover text.
 HOVER = "hover: "
 
 RC: dict[Any, Any] = {
@@ -53,7 +53,7 @@ def style() -> Iterator[None]:
 
 @contextmanager
 def figures_for_files() -> Iterator[None]:
-    """The same, and new figures are unknown to pyplot: it neither shows nor keeps them."""
+    """The package's figure style; pyplot neither shows nor keeps figures drawn within."""
     token = _for_files.set(True)
     try:
         with style():
@@ -85,7 +85,7 @@ def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
 
 
 def whole_figure(drawn: Axes | Figure) -> Figure:
-    """The figure that a plot returns, or that of the axes that it returns."""
+    """The figure of a plot, which returned the figure itself or its axes."""
     figure: Any = drawn if hasattr(drawn, "savefig") else drawn.figure
     return figure
 
@@ -97,13 +97,13 @@ def save_figure(drawn: Axes | Figure, path: Path) -> Path:
 
 
 def hover(artist: Any, text: str) -> None:
-    """Give a point a text that SVG drawings of it hold, for a page to show."""
+    """Attach a hover text to a point, which its SVG drawing carries to a page."""
     # An error bar is several artists; the first of its lines is the marker.
     (artist.lines[0] if hasattr(artist, "lines") else artist).set_gid(f"{HOVER}{text}")
 
 
 def without_math(*texts: Any) -> None:
-    """Draw names as they are: between dollar signs matplotlib would set them as mathematics."""
+    """Draw names literally: between dollar signs matplotlib would set them as mathematics."""
     for text in texts:
         text.set_parse_math(False)
 
@@ -116,7 +116,7 @@ def name_rows(ax: Axes, names: Sequence[str]) -> None:
 
 
 def letters_across(inches: float, points: float = 9.0) -> float:
-    """Letters of a font size that fit a width: on average, a letter is 0.6 of its size wide."""
+    """Number of letters that fit a width: on average, a letter is 0.6 of its font size wide."""
     return inches * 72.0 / (0.6 * points)
 
 

@@ -28,7 +28,7 @@ def plot_identified_modes(
 ) -> Figure:
     """The band with every identified frequency in it, and the shapes at the sensors.
 
-    Components are those of unit shapes; a grey bar is the identification's own 95 % interval.
+    Shapes have unit length; a grey bar is the identification's own 95 % interval.
     """
     with_shape = [mode for mode in data.modes if mode.unit_shape is not None]
     n_rows = -(-len(with_shape) // PANELS_ACROSS)
@@ -78,7 +78,7 @@ def _band(ax: Axes, data: ModalData, configuration: str) -> None:
 
 
 def _levels(frequencies_hz: FloatArray, width: float) -> list[float]:
-    """Heights of the lines, such that the labels of close modes do not overlap."""
+    """Heights of the lines, chosen so that the labels of close modes do not overlap."""
     levels: list[float] = []
     for i, frequency in enumerate(frequencies_hz):
         close = i and frequency - frequencies_hz[i - 1] < 0.05 * width

@@ -1,4 +1,4 @@
-"""Matrices of two lists of modes, with their values written in: MACs, and pairings."""
+"""Annotated matrices of two lists of modes: MACs and pairing probabilities."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def plot_mac(
     *,
     of: tuple[str, str] = ("", ""),
 ) -> Axes:
-    """A matrix of modal assurance criteria, values written in.
+    """A matrix of modal assurance criteria, with the values written in its cells.
 
     Args:
         matrix: (n_rows, n_columns), as of :func:`~bayes_ssi.modal.mac`; NaN is left blank.
         rows, columns: names of the modes.
         ax: axes; new ones if None.
-        of: what the rows and what the columns are.
+        of: labels of the two axes: what the rows and the columns are.
     """
     ax = axes_of(ax, (2.0 + 0.55 * len(columns), 1.1 + 0.45 * len(rows)))
     image = _draw(ax, matrix, rows, columns, of, decimals=2)
@@ -46,7 +46,7 @@ def plot_pairing(inferred: InferredPairing, n_modes: int, ax: Axes | None = None
     probabilities = np.array(
         [[inferred.of_modes[label].get(i, 0.0) for i in range(n_modes + 1)] for label in labels]
     )
-    # What would be written as 0.000 is left blank.
+    # Values that round to 0.000 are left blank.
     shown = np.where(probabilities < 0.0005, np.nan, probabilities)
     _draw(ax, shown, labels, columns, ("identified mode", "model mode"), decimals=3)
     return ax

@@ -39,9 +39,9 @@ def plot_frequencies(
 
     Args:
         data: the identified modes.
-        posteriors: of the classes.
+        posteriors: posteriors of the classes.
         ax: axes; new ones if None.
-        configuration: in which ``data`` were identified, where the classes have several.
+        configuration: the one in which ``data`` were identified, where there are several.
     """
     # A mode's frequency, written below the axis, takes 0.72 in.
     ax = axes_of(ax, (max(WIDTH, 0.7 + 0.72 * len(data.modes)), 3.4))

@@ -37,16 +37,16 @@ if TYPE_CHECKING:
 def save_prediction_figures(
     directory: str | Path, data: ModalData, responses: Sequence[ResponseBands]
 ) -> list[Path]:
-    """Write figures of predictions of one request into ``directory``, which is made.
+    """Write figures of predictions of one request into ``directory``, which is created.
 
     Transfer functions and time histories of the first four model classes, where requested;
     for the most probable class of the first one its mode shapes, their MACs with the
     identified shapes, and its frequencies before and after updating.
 
     Args:
-        directory: where to.
+        directory: where the figures are written.
         data: the identified modes.
-        responses: as of :func:`~bayes_ssi.predictions.response_bands.predict_responses`.
+        responses: from :func:`~bayes_ssi.predictions.response_bands.predict_responses`.
 
     Raises:
         FileExistsError: the directory exists.

@@ -27,17 +27,17 @@ def plot_transfer_functions(
     """Amplitudes of transfer functions with their bands, on a logarithmic axis.
 
     Args:
-        frequencies_hz: (F,).
+        frequencies_hz: (F,), frequencies of the amplitudes.
         bands: name → band of arrays (F,), at most four.
         ax: axes; new ones if None.
         reference: name and amplitude (F,) of a black line to compare the bands with.
-        quantity: what the amplitude is, with its unit.
+        quantity: name and unit of the amplitude.
         legend: whether to draw one.
     """
     ax = _draw(ax, frequencies_hz, bands, reference, 1.1)
     ax.set_yscale("log")
     highest = max((float(np.max(band.high)) for band in bands.values()), default=1.0)
-    # At rest, and where it cancels out, a response is as low as rounding lets it: show 4 decades.
+    # Where a response vanishes or cancels out, only rounding errors are left: show 4 decades.
     ax.set_ylim(bottom=max(ax.get_ylim()[0], 1e-4 * highest))
     _label(ax, "frequency (Hz)", quantity, legend)
     return ax
@@ -54,7 +54,7 @@ def plot_time_history(
 ) -> Axes:
     """Time histories with the envelope of their draws.
 
-    Arguments as those of :func:`plot_transfer_functions`, over ``times`` (s).
+    Arguments are as in :func:`plot_transfer_functions`, over ``times`` (s).
     """
     ax = _draw(ax, times, bands, reference, 0.7)
     ax.axhline(0.0, color=GREY, linewidth=0.5)

@@ -26,8 +26,8 @@ def save_figures(
     """Write the figures of a result as PNG files into ``directory``, which is created.
 
     Args:
-        directory: where to.
-        tests: name of a configuration → its identified modes; the only one may have none, "".
+        directory: where the figures are written.
+        tests: name of a configuration → its identified modes; a single one may have the name "".
         ranked: the posteriors, the best first; the corner plot is of the best one.
         comparison: the ranking; the best ``MOST_CLASSES`` are drawn.
 

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
     """Log of each class's probability over that of the first class, setting by setting.
 
-    A row is a setting, the first one the ranking itself. A class to the right of the line is more
-    probable than the class that is first in the ranking itself. The five best classes are drawn.
+    Each row is a setting; the first row is the ranking itself. A class to the right of the line is
+    more probable than the first class of that ranking. The five best classes are drawn.
     """
     rows = sensitivity.rows
     first, *others = rows[0].ranked
@@ -45,7 +45,7 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
                                markersize=5, linestyle="none",
                                label=None if y else name)  # fmt: skip
             hover(point, f"{name}, {row.name}: probability {probability_text(probability)}")
-    # Classes further behind than 30 nats would press together those that matter.
+    # Classes further behind than 30 nats would compress the scale for those that matter.
     if max(map(abs, ax.get_xlim())) > 30.0:
         ax.set_xscale("symlog", linthresh=1.0)
         ax.xaxis.set_major_formatter("{x:g}")

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Half the width of a building, in the unit of the shapes that are drawn on it, and how far from its
-# axis anything is drawn: appendages may move many times as far as floors.
+# Half the width of a building, in the unit of the shapes drawn on it, and the largest distance from
+# its axis that is drawn: appendages may move many times as far as floors.
 HALF_WIDTH, REACH = 0.7, 2.1
-# Rows of a panel whose labels have room; of more, panels grow no taller and labels become smaller.
+# Rows whose labels fit a panel; with more, panels grow no taller and labels become smaller.
 MOST_ROWS = 40
 
 # Both give the heights of their places and name their appendages.
@@ -41,7 +41,7 @@ Reference = tuple[str, Sequence[str], FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class DrawnShape:
-    """A mode shape of a figure; attributes as the arguments of :func:`plot_building_shape`."""
+    """A mode shape of a figure; its attributes are arguments of :func:`plot_building_shape`."""
 
     title: str
     shape: Band
@@ -62,7 +62,7 @@ def plot_shapes(
     Args:
         structure: gives heights and appendages.
         places: degrees of freedom of the shapes.
-        shapes: at least one.
+        shapes: one or more shapes.
         figure: to draw on; a new one if None.
         sideways: whether the places are floors that move sideways, to be drawn as a building; if
             not, shapes are drawn component by component.
@@ -163,7 +163,7 @@ def _draw_appendage(ax: Axes, height: float, low: float, median: float, high: fl
 def _write_below(
     ax: Axes, structure: Building, places: Sequence[str], shape: Band, reach: float
 ) -> None:
-    """Write below the axes the components of appendages that move further than these reach."""
+    """Write below the axes the components of appendages that lie beyond their limits."""
     # Adding zero turns a negative zero into a plain one.
     rounded = np.round(np.array(shape).T, 1) + 0.0
     far = [
@@ -186,7 +186,7 @@ def plot_shape_components(
     """A mode shape component by component, for structures that move in several directions.
 
     The axes reach as far as the main structure moves; components of appendages that move further
-    are written below. Arguments as those of :func:`plot_building_shape`; the first place is the
+    are written below. Arguments are as in :func:`plot_building_shape`; the first place is the
     lowest bar.
     """
     ax = axes_of(ax, (2.6, 0.8 + 0.22 * len(places)))

@@ -40,7 +40,7 @@ def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None
 
 
 def _identified(modes: UpdatedModes, mode: UpdatedMode, data: ModalData) -> Reference | None:
-    """The identified shape at the places, scaled to lie upon the model's median."""
+    """The identified shape at the places, scaled to the model's median."""
     shape = data.mode(mode.label).unit_shape
     if shape is None:
         return None

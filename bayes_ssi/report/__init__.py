@@ -1,4 +1,4 @@
-"""A stored result as one page that people read: HTML that needs no other file."""
+"""A stored result as one self-contained HTML page."""
 
 from bayes_ssi.report.write import write_report
 

@@ -23,8 +23,8 @@ class EmbeddedFigure:
     """One figure.
 
     Attributes:
-        caption: what it shows, also for those who do not see it.
-        html: the element that shows it; names and texts in it are escaped.
+        caption: what it shows, also for readers who cannot see it.
+        html: the element that shows it, with names and texts escaped.
     """
 
     caption: str
@@ -32,12 +32,12 @@ class EmbeddedFigure:
 
 
 def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigure:
-    """A figure as an SVG drawing, in which points with a hover text show it.
+    """A figure as an SVG drawing whose points show their hover texts.
 
     Args:
-        figure: drawn already.
+        figure: the finished figure.
         caption: what it shows.
-        prefix: of the identities in the drawing, its own on the page.
+        prefix: prefix of the ids in the drawing, unique on the page.
     """
     figure.set_dpi(72)  # SVG is drawn in points
     # Laid out once: a figure that is saved with its layout engine is drawn twice.
@@ -58,10 +58,10 @@ def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigur
 
 
 def embedded_file(path: Path, caption: str) -> EmbeddedFigure:
-    """A PNG file that was saved in the package's style, at the size that it was drawn for.
+    """A PNG file saved in the package's style, at its intended size.
 
     Raises:
-        ValueError: it is no PNG file.
+        ValueError: it is not a PNG file.
     """
     content = path.read_bytes()
     if not content.startswith(PNG_HEADER) or len(content) < 24:

@@ -1,4 +1,4 @@
-"""How much a report shows: what a page has room for, and a reader patience."""
+"""How much a report shows, limited by the room on a page and the reader's patience."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ReportLimits:
-    """Largest numbers of what a report shows; what is left out stays in the result directory.
+    """Most items of each kind that a report shows; the result directory holds the others.
 
     Attributes:
-        classes: described in full, the best first; a search may have sampled dozens.
-        hypotheses: of a search in its table.
-        sensors: whose shape components a table of identified modes has as columns.
-        classes_with_modes: whose modes and parameters are drawn.
-        classes_in_frequencies: drawn relative to the identified frequencies.
-        parameters_in_corner: whose joint densities are drawn, the best determined ones.
-        least_probability: of a class that is drawn, unless it is the first, or the second of one
-            test, or cannot be distinguished from the first.
+        classes: classes described in full, the best first; a search may have sampled dozens.
+        hypotheses: hypotheses of a search in its table.
+        sensors: sensors with a column in the table of identified modes.
+        classes_with_modes: classes whose modes and parameters are drawn.
+        classes_in_frequencies: classes drawn relative to the identified frequencies.
+        parameters_in_corner: parameters whose joint densities are drawn, the best determined ones.
+        least_probability: smallest probability of a class that is drawn, unless it is the first,
+            or the second of one test, or cannot be distinguished from the first.
     """
 
     classes: int = 8

@@ -1,4 +1,4 @@
-"""What a report says, from stored records only: numbers and names for the template."""
+"""The contents of a report, from stored records only: numbers and names for the template."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def page_content(
 
     Args:
         stored: the ranking.
-        predictions: those saved with it.
-        figures: of the report.
+        predictions: the predictions saved with it.
+        figures: the figures of the report.
     """
     record, comparison = stored.record, stored.comparison
     ranked = list(zip(comparison.classes, stored.ranked_posteriors, strict=True))
@@ -111,7 +111,7 @@ def _parameters(posterior: Posterior, record: ClassRecord) -> list[dict[str, Any
 
 
 def _structure(record: ConfigurationRecord, first: ConfigurationRecord) -> dict[str, Any]:
-    """A structure line by line; where it is much like the first configuration's, what differs."""
+    """A structure line by line, or its differences if it is much like the first configuration's."""
     own, known = Counter(record.structure_lines), Counter(first.structure_lines)
     if record is first or 2 * (own & known).total() < own.total():
         return {"as_in": None, "lines": _grouped(own), "without": []}
@@ -123,7 +123,7 @@ def _structure(record: ConfigurationRecord, first: ConfigurationRecord) -> dict[
 
 
 def _grouped(lines: Counter[tuple[str, str]]) -> list[tuple[str, list[str]]]:
-    """Name and texts of consecutive lines of one name."""
+    """Name and texts of consecutive lines with the same name."""
     return [
         (name, [text for _, text in group])
         for name, group in groupby(lines.elements(), key=lambda line: line[0])
@@ -170,6 +170,6 @@ def _chain_lengths(posterior: Posterior) -> float:
 
 
 def _command(record: ResultRecord) -> str:
-    """The command that gives a result again, as far as its record says."""
+    """The command that reproduces a result, as far as its record says."""
     error = record.settings.log_evidence_error
     return f"bayes-ssi rank {record.study_file} --seed {record.seed} --error {error:g}"

@@ -1,7 +1,6 @@
 """The figures of a report: which it shows, and where.
 
-A further one is a line that yields its caption and how it is drawn, in the function of the section
-that shows it.
+To add one, yield its caption and how it is drawn in the function of the section that shows it.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ Plot = tuple[str, Callable[[], "Axes | Figure"]]
 
 @dataclass(frozen=True)
 class ReportFigures:
-    """The figures of a report by section; those of tests and of model classes by name."""
+    """The figures of a report by section, and within tests and model classes by name."""
 
     ranking: list[EmbeddedFigure] = field(default_factory=list)
     search: list[EmbeddedFigure] = field(default_factory=list)
@@ -64,8 +63,8 @@ def draw_figures(
 
     Args:
         stored: the ranking.
-        predictions: those saved with it.
-        progress: called with the fraction of the figures that are drawn.
+        predictions: the predictions saved with it.
+        progress: called with the fraction of the figures drawn so far.
     """
     figures = ReportFigures()
     sections: list[tuple[list[EmbeddedFigure], Iterator[Plot]]] = [
@@ -83,7 +82,7 @@ def draw_figures(
 
     from matplotlib import rc_context
 
-    # The same result gives the same page, to the letter.
+    # The same result gives exactly the same page.
     with figures_for_files(), rc_context({"svg.hashsalt": "bayes_ssi"}):
         for i, (section, (caption, plot)) in enumerate(planned, 1):
             section.append(embedded_drawing(whole_figure(plot()), caption, f"figure-{i}"))
@@ -173,7 +172,7 @@ def _of_configuration(modes: ConfigurationModes, data: ModalData, of: str) -> It
 
 
 def _best_determined(posterior: Posterior) -> list[str]:
-    """In their order, the parameters whose spread the data reduce most."""
+    """The parameters whose spread the data reduce most, in their original order."""
     spreads = dict(zip(posterior.parameter_names, posterior.relative_spreads, strict=True))
     best = sorted(spreads, key=spreads.__getitem__)[: LIMITS.parameters_in_corner]
     return [name for name in spreads if name in best]

@@ -1,4 +1,4 @@
-"""How a report writes numbers, lists and names."""
+"""Formatting of numbers, lists and names in a report."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def replaced(items: Sequence[Any], old: str, new: str) -> list[Any]:
 
 
 def settings(given: SamplingSettings) -> str:
-    """Settings in a line; those that leave a choice to the sampling are left out."""
+    """Settings in a line, without those that leave a choice to the sampling."""
     words = {True: "yes", False: "no"}
     return ", ".join(
         f"{key.replace('_', ' ')} {words[value] if isinstance(value, bool) else value}"
@@ -97,7 +97,7 @@ def heading(name: str) -> str:
 
 
 def of_numbers(name: str) -> bool:
-    """Whether a column of predictions' files holds numbers."""
+    """Whether a column of a predictions file holds numbers."""
     return name in NUMBERS or any(name.endswith(ending) for ending in UNITS)
 
 

@@ -25,20 +25,20 @@ def write_report(
 
     Args:
         result: the result directory.
-        directory: where to; ``report`` in the result directory if None.
+        directory: where the report goes; ``report`` in the result directory if None.
         overwrite: replace a report that exists.
-        progress: called with the name of a step and the fraction of all that is done.
+        progress: called with the name of a step and the completed fraction of the work.
 
     Returns:
         The path of the page, ``report.html`` in the directory.
 
     Raises:
         FileExistsError: the directory exists and ``overwrite`` is false, or holds no report.
-        ValueError: it is not a result, damaged, or of another version.
+        ValueError: it is not a result, is damaged, or was written by another version.
     """
     import jinja2
 
-    # Not at the start, which everyone waits for: figures, tables and filters are for reports alone.
+    # Imported here, not at start-up: figures, tables and filters are needed for reports alone.
     from bayes_ssi.predictions.saved_predictions import load_saved_predictions
     from bayes_ssi.report.page_content import page_content
     from bayes_ssi.report.report_figures import draw_figures
