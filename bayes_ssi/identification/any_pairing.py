@@ -32,7 +32,7 @@ class AnyPairing(ModalLikelihood):
 
     @cached_property
     def pairs(self) -> PairedModes:
-        """Every identified mode with every model mode, those of one identified mode together."""
+        """Every pair of an identified mode and a model mode, grouped by identified mode."""
         numbers = range(1, self.structure.n_modes + 1)
         return PairedModes.of(
             self.data, [(label, i) for label in self.data.labels for i in numbers]
@@ -48,7 +48,7 @@ class AnyPairing(ModalLikelihood):
         return (ALL_MODES,)
 
     def log_likelihoods(self, values: FloatArray, modes: Modes) -> FloatArray:
-        """One column: a sum over pairings has no parts that belong to single modes."""
+        """One column: a sum over pairings has no terms of single modes."""
         return self.log_density(values, modes)[:, None]
 
     def log_density(self, values: FloatArray, modes: Modes | None = None) -> FloatArray:

@@ -22,7 +22,7 @@ class ErrorModel:
     """Prediction errors of a model, common to all modes.
 
     They are added in quadrature to each mode's own identification errors, where the data give
-    these. By default both are inferred.
+    them. By default both are inferred.
 
     Attributes:
         frequency_cov: standard deviation of the frequency error as a fraction of the frequency

@@ -16,7 +16,7 @@ from bayes_ssi.identification.pairings import (
 )
 
 MAX_DRAWS = 1000
-# What is less probable than a tenth of one draw is not listed.
+# Pairings less probable than a tenth of one draw are not listed.
 LEAST_PROBABILITY = 0.1 / MAX_DRAWS
 
 
@@ -39,7 +39,7 @@ class InferredPairing:
     """Posterior probabilities of pairings of identified with model modes.
 
     Attributes:
-        pairings: the ten most probable ones at most, the best first.
+        pairings: at most the ten most probable ones, the best first.
         of_modes: label of an identified mode → number of a model mode, from 1, or 0 for spurious
             → probability. Probabilities below 0.0001 are left out.
     """
@@ -62,7 +62,7 @@ def infer_pairing(likelihood: AnyPairing, values: FloatArray) -> InferredPairing
     """Pairings by their probability, averaged over posterior draws.
 
     Args:
-        likelihood: of the model class.
+        likelihood: likelihood of the model class.
         values: equally weighted posterior draws (n, n_parameters); at most ``MAX_DRAWS`` are
             used.
     """

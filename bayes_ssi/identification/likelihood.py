@@ -1,8 +1,8 @@
 """The likelihood: a proper density of the identified modes in the band, given a structure.
 
-Every identified mode in the band gets a density, also one that the model does not explain: that
-is what makes the evidences of different model classes comparable. For one pairing of identified
-with model modes,
+Every identified mode in the band has a density, even one that the model does not explain: only so
+are the evidences of different model classes comparable. For one pairing of identified with model
+modes,
 
     p(D | θ) = e^(-ν) · Π over unpaired data of ν / ((f_hi - f_lo) |S^(d-1)|)
                       · Π over pairs of p_D N(f_e; f, (σ_f f_e)²) p(φ_e | φ)
@@ -41,13 +41,13 @@ MISSED = "no other mode"
 
 
 class ModalTerms(NamedTuple):
-    """The parts of the log-likelihood of a batch of B parameter values; their sum is the whole.
+    """Terms of the log-likelihood at a batch of B parameter values, which sum to the whole.
 
     Attributes:
-        frequency: (B, n_pairs), of the paired frequencies, p_D included.
-        shape: (B, n_shape_pairs), of those paired modes whose shape is scored.
-        undetected: (B,), of the unpaired model modes.
-        spurious: of the unpaired identified modes, and e^(-ν).
+        frequency: (B, n_pairs), terms of the paired frequencies, p_D included.
+        shape: (B, n_shape_pairs), terms of the paired modes whose shape is scored.
+        undetected: (B,), terms of the unpaired model modes.
+        spurious: term of the unpaired identified modes, and of e^(-ν).
     """
 
     frequency: FloatArray
@@ -113,7 +113,7 @@ class ModalLikelihood:
     def terms(self, values: FloatArray, modes: Modes | None = None) -> ModalTerms:
         """The log-likelihood in parts; NaN where the structure has no modes.
 
-        ``modes`` are those at ``values``, where they are known already.
+        ``modes`` are the modes at ``values``, where already known.
         """
         modes = self.modes(values) if modes is None else modes
         error_var = self._error_variances(values)
@@ -145,7 +145,7 @@ class ModalLikelihood:
 
         Args:
             values: (B, n_parameters).
-            modes: at these values.
+            modes: the modes at these values.
         """
         terms = self.terms(values, modes)
         spurious = [self._spurious_term(mode) for mode in self.data.modes]
@@ -179,8 +179,8 @@ class ModalLikelihood:
     def least_errors(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Smallest standard errors (B,) of a paired frequency and of a paired shape.
 
-        Identification and prediction errors together; infinite where no mode is paired or no
-        shape is scored.
+        They combine identification and prediction errors, and are infinite where no mode is
+        paired or no shape is scored.
         """
         prediction_var = self._error_variances(values)
         frequency, shape = (
@@ -194,8 +194,8 @@ class ModalLikelihood:
     def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         """Whether each model mode is unpaired and at the edge of the band, (B, n_modes).
 
-        At the edge is within two standard errors of a limit other than zero.
-        ``frequencies`` (B, n_modes), in Hz, are those of the model at ``values``.
+        A mode is at the edge within two standard errors of a limit other than zero.
+        ``frequencies`` (B, n_modes), in Hz, are the model frequencies at ``values``.
         """
         return self._near_a_limit(values, frequencies, self._unpaired_model_modes)
 
@@ -239,7 +239,7 @@ class ModalLikelihood:
     def _missed_terms(
         self, modes: Modes, prediction_var: FloatArray, which: list[int]
     ) -> FloatArray:
-        """log(1 - p_D P_in) of some model modes, (B, len(which)): that nothing was identified."""
+        """log(1 - p_D P_in), (B, len(which)): log probability that these model modes are missed."""
         low, high = self.data.band_hz
         frequencies = modes.frequencies_hz[:, which]
         sd = np.sqrt(prediction_var + self._typical_frequency_var) * frequencies

@@ -1,4 +1,4 @@
-"""Identified modes, the model modes paired with them, and the residuals between the two."""
+"""Identified modes, the model modes paired with them, and the residuals between them."""
 
 from __future__ import annotations
 

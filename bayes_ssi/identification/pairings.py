@@ -44,7 +44,7 @@ class PairingWeights:
     model_hz: FloatArray
 
     def without(self, j: int, i: int | None = None) -> PairingWeights:
-        """The same without identified mode ``j``, and model mode ``i``."""
+        """These weights without identified mode ``j`` and model mode ``i``."""
         log_ratios = np.delete(self.log_ratios, j, axis=1)
         if i is not None:
             log_ratios[:, :, i] = -np.inf
@@ -138,7 +138,7 @@ _LOG = _Arithmetic(np.logaddexp, np.add, -np.inf, 0.0)
 
 
 def _window_starts(frequencies_hz: FloatArray, model_hz: FloatArray) -> NDArray[np.intp] | None:
-    """The first identified mode (B, I) that each model mode may be; None if it may be any."""
+    """The first identified mode (B, I) that each model mode may be; None without a window."""
     n = len(frequencies_hz)
     if n <= WINDOW:
         return None
@@ -158,8 +158,8 @@ def _sum(
 ) -> FloatArray:
     """Sum (B,) over pairings, for weights of pairs (B, J, I) and of unpaired modes (B, J).
 
-    ``state[S, b]`` is the sum over what the model modes so far may be with the identified modes
-    of the window that are in S, as bits, taken.
+    ``state[S, b]`` is the sum over pairings of the model modes so far that take exactly the
+    identified modes of the window in S, a set given by bits.
     """
     n_rows, n_data, n_model = pairs.shape
     width = min(n_data, WINDOW)

@@ -62,7 +62,7 @@ class Widened(Prior):
 
     Attributes:
         prior: the prior that is widened.
-        factor: on its standard-normal coordinates; below one, the prior is narrowed.
+        factor: multiplies its standard-normal coordinates; below one, the prior is narrowed.
 
     Raises:
         TypeError: ``prior`` is not a prior distribution.

@@ -17,7 +17,7 @@ SPELLINGS = {"gal": "cm/s2", "g0": "g"}
 
 
 def checked_unit(unit: str) -> str:
-    """The unit of acceleration as a key of :data:`UNITS`; also of ``m/s²``, ``m/s^2``, ``Gal``.
+    """The unit of acceleration as a key of :data:`UNITS`; ``m/s²``, ``m/s^2``, ``Gal`` also work.
 
     Raises:
         ValueError: the unit is unknown.
@@ -38,7 +38,7 @@ class GroundMotion:
     Attributes:
         acceleration: (n_samples,), in m/s².
         dt: time between samples in s.
-        name: for titles and tables.
+        name: name for titles and tables.
 
     Raises:
         ValueError: there are fewer than two samples, one is not finite, or dt is not positive.
@@ -76,7 +76,7 @@ class GroundMotion:
 
         Args:
             samples: (n_samples,), accelerations.
-            unit: of the samples, ``"g"``, ``"m/s2"`` or ``"cm/s2"``.
+            unit: unit of the samples, ``"g"``, ``"m/s2"`` or ``"cm/s2"``.
             dt: time between samples in s.
             name: for titles and tables.
 
@@ -92,7 +92,7 @@ class GroundMotion:
 
     @cached_property
     def times(self) -> FloatArray:
-        """(n_samples,), in s, from 0."""
+        """Times of the samples (n_samples,), in s, from 0."""
         times: FloatArray = np.arange(len(self.acceleration), dtype=np.float64)
         times *= self.dt
         return times
@@ -104,7 +104,7 @@ class GroundMotion:
 
     @property
     def peak_velocity(self) -> float:
-        """PGV in m/s, of the acceleration integrated from rest without correction."""
+        """PGV in m/s, by integrating the acceleration from rest without correction."""
         from scipy.integrate import cumulative_trapezoid
 
         return float(np.abs(cumulative_trapezoid(self.acceleration, dx=self.dt)).max())

@@ -33,7 +33,7 @@ NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
 
 
 class _Content(NamedTuple):
-    """What a file holds: accelerations, and every statement of their unit and of dt."""
+    """Contents of a file: accelerations, and every statement of their unit and of dt."""
 
     samples: Sequence[float]
     units: Sequence[str]
@@ -49,8 +49,8 @@ def read_ground_motion(
 
     Args:
         path: the file; one whose name ends in .AT2 is read as PEER's.
-        unit: "g", "m/s2" or "cm/s2", of the accelerations; needed where the file does not say.
-        dt: time between samples in s; needed where the file does not say.
+        unit: "g", "m/s2" or "cm/s2"; needed where the file does not state it.
+        dt: time between samples in s; needed where the file does not state it.
 
     Raises:
         OSError: the file cannot be read.

@@ -5,8 +5,8 @@ With u the displacement relative to the ground, a_g the ground's acceleration an
     M ü + C u̇ + K u = -M ι a_g + p,    u = Σ_r φ_r q_r,
     q̈_r + 2 ζ_r ω_r q̇_r + ω_r² q_r = -Γ_r a_g + φ_rᵀ p,
 
-where φ_r has unit modal mass and Γ_r = φ_rᵀ M ι. Modes that a structure does not give are taken to
-move with the ground: their displacement is left out, their inertia is not.
+where φ_r has unit modal mass and Γ_r = φ_rᵀ M ι. Modes that a structure does not give are assumed
+to move with the ground: their displacement is neglected, their inertia is not.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from bayes_ssi.structures.structure import Structure
 
 
 def modal_model_of(structure: Structure, values: FloatArray) -> ModalModel:
-    """The structure's modal model, the shapes of its arrays checked.
+    """The structure's modal model, with the shapes of its arrays checked.
 
     Raises:
         TypeError: the structure does not know its masses.
@@ -45,9 +45,9 @@ def modal_model_of(structure: Structure, values: FloatArray) -> ModalModel:
 
 
 def ground_influence(structure: Structure) -> FloatArray | None:
-    """How every degree of freedom moves when the ground moves by 1 and nothing deforms, (n_dof,).
+    """Displacements (n_dof,) when the ground moves by 1 and nothing deforms.
 
-    None where the structure does not know.
+    None where the structure does not know them.
     """
     try:
         return modal_model_of(structure, structure.prior_medians()).influence
@@ -68,16 +68,16 @@ def transfer_functions(
 
     Args:
         structure: the structure.
-        values: (B, n_parameters) of its parameters.
-        frequencies_hz: (F,).
+        values: (B, n_parameters), values of its parameters.
+        frequencies_hz: (F,), frequencies of the input.
         output: the response quantity and its places.
-        damping: ratio of all modes, or of each.
+        damping: one damping ratio for all modes, or one for each.
         force_at: the degree of freedom, or sensor's place and direction, at which a force acts;
             ground acceleration if None.
 
     Returns:
-        (B, n_places, F). For ground acceleration the unit is 1 for an acceleration and s² for a
-        displacement; for a force that unit over the structure's unit of mass.
+        (B, n_places, F). For ground acceleration, accelerations have the unit 1 and displacements
+        s²; for a force, these units are divided by the structure's unit of mass.
 
     Raises:
         ValueError: a place or the damping is not valid, or a frequency is negative or not finite.
@@ -126,14 +126,14 @@ def time_histories(
     output: Output,
     damping: Damping,
 ) -> FloatArray:
-    """Response to a ground motion from rest, exact at the samples where it is linear between them.
+    """Response to a ground motion from rest, exact if the motion is linear between samples.
 
     Args:
         structure: the structure.
-        values: (B, n_parameters) of its parameters.
+        values: (B, n_parameters), values of its parameters.
         motion: the ground's acceleration.
         output: the response quantity and its places.
-        damping: ratio of all modes, or of each.
+        damping: one damping ratio for all modes, or one for each.
 
     Returns:
         (B, n_places, n_samples), in m/s² for an acceleration and m for a displacement.
@@ -155,9 +155,9 @@ def peak_responses(
     output: Output,
     damping: Damping,
 ) -> FloatArray:
-    """The largest amplitude of each time history, (B, n_places), without keeping these.
+    """The largest amplitude of each time history, (B, n_places), without storing the histories.
 
-    Arguments, units and errors as those of :func:`time_histories`.
+    Arguments, units and errors are as in :func:`time_histories`.
     """
     peaks = np.empty((len(values), len(output.places)))
     again = repeat(np.empty((len(output.places), len(motion))))
@@ -175,7 +175,7 @@ def _each_history(
     damping: Damping,
     arrays: Iterable[FloatArray],
 ) -> Iterator[FloatArray]:
-    """The response at one row of ``values`` after another.
+    """The response for each row of ``values`` in turn.
 
     Each is written to the next of ``arrays``, (n_places, n_samples), and yielded.
     """

@@ -23,7 +23,7 @@ class Output:
 
     Attributes:
         quantity: "displacement" (relative to the ground), "acceleration" (absolute), or "drift"
-            (the displacement of one place less that of another).
+            (the displacement of one place minus that of another).
         places: labels of degrees of freedom, or of the structure's sensors; for drift pairs of
             them, (lower, upper), of which the lower may be "ground".
 
@@ -73,9 +73,9 @@ class Output:
         """Displacements at the places, or their differences for drift.
 
         Args:
-            structure: has the places.
-            displacements: of all its degrees of freedom, along ``axis``.
-            axis: of ``displacements``; the places are along it in the result.
+            structure: the structure that has the places.
+            displacements: displacements of all its degrees of freedom, along ``axis``.
+            axis: axis of ``displacements``; in the result, the places lie along it.
 
         Raises:
             ValueError: a place is no degree of freedom or sensor of the structure.

@@ -36,8 +36,8 @@ def modal_histories(
         dt: time between samples.
 
     Yields:
-        (n_modes + 1, n_samples) for one row of B after another, in an array that is used again;
-        the last row is the record.
+        (n_modes + 1, n_samples) for each row of B in turn, in an array that is reused; its last
+        row is the record.
     """
     from scipy.signal import lfilter
 

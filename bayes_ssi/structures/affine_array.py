@@ -37,7 +37,7 @@ class AffineArray:
         return cls(table, arrays)
 
     def evaluate(self, values: FloatArray) -> FloatArray:
-        """(B, *shape); (1, *shape) where nothing depends on the parameters."""
+        """The sum, (B, *shape); (1, *shape) where nothing depends on the parameters."""
         n_terms, *shape = self.arrays.shape
         if not any(product.powers for product in self.table.products):
             return self.arrays.sum(axis=0, keepdims=True)

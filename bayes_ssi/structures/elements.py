@@ -57,7 +57,7 @@ class Element(ABC):
 
     @property
     def own_degree_of_freedom(self) -> str | None:
-        """Label of the degree of freedom that the element adds; None for an element without."""
+        """Label of the degree of freedom that the element adds; None if it adds none."""
         return None
 
     def springs(self) -> Sequence[Spring]:
@@ -73,7 +73,7 @@ class Element(ABC):
         return self
 
     def _check(self, default_label: str) -> None:
-        """Give the element that label if it has none, and check its quantities."""
+        """Set this label if the element has none, and check its quantities."""
         if not self.label:
             object.__setattr__(self, "label", default_label)
         for field in fields(self):  # type: ignore[arg-type]
@@ -114,7 +114,7 @@ class AddedMass(Element):
 
 
 class _InSeries(Element):
-    """An element with a degree of freedom of its own on a spring."""
+    """An element with its own degree of freedom on a spring."""
 
     frequency: Value
     stiffness_factor: Value

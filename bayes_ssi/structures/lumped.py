@@ -30,7 +30,7 @@ class LumpedStructure(Structure):
 
     Attributes:
         elements: non-structural elements on the main structure.
-        sensors: those that do not measure a single degree of freedom.
+        sensors: sensors that do not measure a single degree of freedom.
     """
 
     elements: tuple[Element, ...] = field(default=(), kw_only=True)
@@ -92,10 +92,10 @@ class LumpedStructure(Structure):
         return [field.name for field in fields(self) if field.type == "tuple[Value, ...]"]
 
     def _check_storeys(self, *others: str) -> None:
-        """Check that there is one positive value a storey in each field; make these tuples.
+        """Check that each field has one positive value per storey; make the fields tuples.
 
         Args:
-            others: fields as long as these, of other kinds of values.
+            others: further fields of the same length, with other kinds of values.
 
         Raises:
             ValueError: their lengths differ or are zero, or a value can be zero or negative.
@@ -138,7 +138,7 @@ class LumpedStructure(Structure):
         return self.degrees_of_freedom[len(self.main_degrees_of_freedom()) :]
 
     def heights(self) -> dict[str, float]:
-        """As :meth:`Structure.heights`; an appendage is drawn between the places that carry it."""
+        """See :meth:`Structure.heights`; an appendage is drawn between the places that carry it."""
         main = self.main_degrees_of_freedom()
         heights = {label: float(i) for i, label in enumerate(main, 1)}
         for element, own in self._in_series:
@@ -162,7 +162,7 @@ class LumpedStructure(Structure):
         return [(element, own) for element, own in each if own is not None]
 
     def modal_model(self, values: FloatArray) -> ModalModel:
-        """As :meth:`Structure.modal_model`; how degrees of freedom follow the ground is known."""
+        """See :meth:`Structure.modal_model`; the influence of ground motion is known."""
         modes, mass = self.modes(values), self._mass.evaluate(values)
         if mass.ndim == 2:
             product = mass[:, :, None] * modes.shapes
@@ -171,11 +171,11 @@ class LumpedStructure(Structure):
         return modal_model(modes, product, self.influence())
 
     def main_influence(self) -> Sequence[float]:
-        """How much every main degree of freedom moves when the ground moves by 1: by 1 each."""
+        """Displacement of every main degree of freedom when the ground moves by 1: 1 each."""
         return [1.0] * len(self.main_degrees_of_freedom())
 
     def influence(self) -> FloatArray:
-        """As in :class:`ModalModel`, (n_dof,); appendages leave their springs at rest."""
+        """Influence as in :class:`ModalModel`, (n_dof,); springs of appendages stay at rest."""
         influence = [*self.main_influence(), *(0.0 for _ in self.appendages)]
         for element, own in self._in_series:
             for spring in element.springs():
@@ -189,7 +189,7 @@ class LumpedStructure(Structure):
     def matrices(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Stiffness (B, n, n) and mass for ``values``.
 
-        The mass is its diagonal (B, n) where all else is zero, and (B, n, n) otherwise. An array
+        A diagonal mass matrix is given by its diagonal (B, n), any other as (B, n, n). An array
         that depends on no parameter has a first dimension of 1.
         """
         return self._stiffness.evaluate(values), self._mass.evaluate(values)

@@ -32,7 +32,7 @@ class RigidFloors(LumpedStructure):
         ground_motion: the direction in which an earthquake moves the ground, "x" or "y".
 
     Raises:
-        ValueError: the direction is neither.
+        ValueError: the direction is neither "x" nor "y".
     """
 
     ground_motion: str = field(default="x", kw_only=True)
@@ -40,7 +40,7 @@ class RigidFloors(LumpedStructure):
     @property
     @abstractmethod
     def n_floors(self) -> int:
-        """How many floors there are."""
+        """Number of floors."""
 
     def __post_init__(self) -> None:
         if self.ground_motion not in DIRECTIONS[:2]:
@@ -87,7 +87,7 @@ class FloorMass(_OnFloor):
     Attributes:
         on: the floor, from 1.
         mass: the mass, in the structure's unit.
-        radius: of gyration about the floor's centre, for a small mass its distance.
+        radius: radius of gyration about the floor's centre; for a small mass, its distance.
         label: names the element in messages and reports; made from its place if not given.
 
     Raises:
@@ -142,9 +142,9 @@ def floor_sensor(label: str, floor: int, at: tuple[float, float], direction: str
 
     Args:
         label: its name in the data.
-        floor: from 1.
+        floor: number of the floor, from 1.
         at: (x, y) from the floor's centre, in the structure's unit of length.
-        direction: in which it measures: "x", "y", or degrees from x towards y.
+        direction: direction of measurement: "x", "y", or degrees from x towards y.
 
     Raises:
         ValueError: the point or the direction is not valid.
@@ -165,9 +165,9 @@ def rigid_masses(floor: int, mass: Product, rotational_inertia: Product) -> list
 
 
 def _motion_at(floor: int, at: tuple[float, float], angle: float) -> dict[str, float]:
-    """How a point moves, along an axis at an angle in degrees from x, with its floor.
+    """Motion of a point of a floor along an axis, at an angle in degrees from x.
 
-    The point itself moves by (u - y θ, v + x θ); parts that are zero are left out.
+    The point itself moves by (u - y θ, v + x θ); zero terms are left out.
     """
     # Exact along the axes, where a cosine would leave a rounding error.
     along = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0)}

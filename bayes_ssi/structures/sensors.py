@@ -29,7 +29,7 @@ class Sensor:
             stored as pairs.
 
     Raises:
-        ValueError: the label is empty, or the motion is, or a number in it is not finite.
+        ValueError: the label or the motion is empty, or a number in the motion is not finite.
     """
 
     label: str
@@ -57,7 +57,7 @@ class SensorMatrix:
     Attributes:
         rows: (n_sensors, n_terms), degrees of freedom.
         weights: (n_sensors, n_terms).
-        n_dof: of the structure.
+        n_dof: number of degrees of freedom of the structure.
     """
 
     rows: NDArray[np.intp]
@@ -68,7 +68,7 @@ class SensorMatrix:
     def of(
         cls, motions: Sequence[Mapping[str, float]], degrees_of_freedom: Sequence[str]
     ) -> SensorMatrix:
-        """From the motion of every sensor: degree of freedom → what it measures of it.
+        """The matrix from each sensor's motion: degree of freedom → its weight in the measurement.
 
         Raises:
             KeyError: there is no such degree of freedom.
@@ -88,7 +88,7 @@ class SensorMatrix:
         return self.rows.shape[1] == 1 and bool((self.weights == 1.0).all())
 
     def apply(self, motions: FloatArray, axis: int = 1) -> FloatArray:
-        """Motions at the sensors, from those of all degrees of freedom along ``axis``.
+        """Motions at the sensors, given all degrees of freedom along ``axis``.
 
         Shapes (B, n_dof, n_modes) become (B, n_sensors, n_modes). Only measured degrees of freedom
         are read, and terms are added one by one: in a matrix product, a row could depend on the

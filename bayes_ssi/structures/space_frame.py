@@ -1,8 +1,8 @@
 """A frame in space on rigid floors, the rotations of its joints condensed statically.
 
-Columns and beams bend (Euler-Bernoulli) and do not lengthen; nothing resists torsion but columns
-that bend. Each line of columns is then a plane frame that moves with the floors, whose joints turn
-so that no moment is left over.
+Columns and beams bend (Euler-Bernoulli) but do not change length; torsion is resisted by the
+bending of columns alone. Each line of columns is then a plane frame that moves with the floors,
+and its joints rotate until their moments are in equilibrium.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class SpaceFrame(RigidFloors):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Those of the frame, then those of the elements, in the order of first appearance."""
+        """Parameters of the frame, then of the elements, in the order of first appearance."""
         of_storeys = (value for name in self._storey_fields for value in getattr(self, name))
         values = (self.elastic_modulus, *of_storeys)
         own = (p for value in values for p in as_product(value).parameters)
@@ -123,9 +123,9 @@ class SpaceFrame(RigidFloors):
         return total, mass
 
     def _condensed_stiffness(self, values: FloatArray) -> FloatArray:
-        """Of the floors, (B, 3 n_floors, 3 n_floors): all plane frames together.
+        """Stiffness of the floors, (B, 3 n_floors, 3 n_floors): all plane frames together.
 
-        That of the line at y moves by u - y θ, that of the line at x by v + x θ.
+        The frame on the line at y moves by u - y θ, the one on the line at x by v + x θ.
         """
         along_x = [(1.0, 0.0, -y) for y in self.y_lines]
         along_y = [(0.0, 1.0, x) for x in self.x_lines]
@@ -149,10 +149,10 @@ class SpaceFrame(RigidFloors):
     def _plane(
         self, lines: Sequence[float], columns: Sequence[Value], beams: Sequence[Value]
     ) -> AffineArray:
-        """Of a plane frame: displacements of the floors, then rotations of the joints.
+        """Stiffness of a plane frame: displacements of the floors, then rotations of the joints.
 
-        Where the lines are symmetric, so is the frame, and joints that mirror each other turn
-        alike when the floors move: one rotation stands for both.
+        Where the lines are symmetric, so is the frame, and joints that mirror each other rotate
+        equally when the floors move: one rotation represents both.
         """
         modulus = as_product(self.elastic_modulus)
         n, last = self.n_floors, len(lines) - 1
@@ -190,7 +190,7 @@ def _condensed(stiffness: FloatArray, n_kept: int) -> FloatArray:
 
 
 def _column(height: float) -> FloatArray:
-    """Per E I: displacement and rotation below, displacement and rotation above."""
+    """Column stiffness per E I: displacement and rotation below, then above."""
     h = height
     rows = [
         [12.0, 6.0 * h, -12.0, 6.0 * h],
@@ -202,7 +202,7 @@ def _column(height: float) -> FloatArray:
 
 
 def _beam(span: float) -> FloatArray:
-    """Per E I: rotations of the two ends, which columns keep from moving up or down."""
+    """Beam stiffness per E I: rotations of the two ends, which do not move up or down."""
     return np.array([[4.0, 2.0], [2.0, 4.0]]) / span
 
 

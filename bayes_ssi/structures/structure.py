@@ -34,7 +34,7 @@ class Structure(ABC):
     @property
     @abstractmethod
     def n_modes(self) -> int:
-        """How many modes :meth:`modes` returns."""
+        """Number of modes that :meth:`modes` returns."""
 
     @abstractmethod
     def modes(self, values: FloatArray) -> Modes:
@@ -44,15 +44,15 @@ class Structure(ABC):
             values: (B, n_parameters), columns as in :attr:`parameters`.
 
         Row i of the answer must depend on row i of ``values`` alone, to the last digit, since a
-        batch may be evaluated in parts. Where there are no modes, return NaN, or raise: a row that
+        batch may be evaluated in parts. Where there are no modes, return NaN or raise: a row that
         raises counts as failed, and the others are evaluated without it.
         """
 
     def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - raises
         """The modes at unit modal mass, and how the ground's motion drives them.
 
-        :func:`~bayes_ssi.modal.modal_model` makes it from modes in any scale and the product of
-        the mass matrix with them. Rows as in :meth:`modes`.
+        :func:`~bayes_ssi.modal.modal_model` computes it from modes in any scale and the product
+        of the mass matrix with them. Rows are as in :meth:`modes`.
 
         Args:
             values: (B, n_parameters), columns as in :attr:`parameters`.
@@ -68,18 +68,18 @@ class Structure(ABC):
 
     @property
     def sensors(self) -> Sequence[Sensor]:
-        """Sensors that do not measure a single degree of freedom, with labels of their own."""
+        """Sensors that do not measure a single degree of freedom, with their own labels."""
         return ()
 
     def sensor_matrix(self, sensors: Sequence[str], what: str = "sensor") -> SensorMatrix:
         """The sensor matrix of some of :attr:`sensors`, or degrees of freedom by their labels.
 
         Args:
-            sensors: their names.
-            what: they are called in messages.
+            sensors: names of the sensors.
+            what: what they are called in messages.
 
         Raises:
-            ValueError: a name is neither, or one of :attr:`sensors` is not on this structure.
+            ValueError: a name is unknown, or one of :attr:`sensors` is not on this structure.
         """
         labels = self.degrees_of_freedom
         known = set(labels)
@@ -101,11 +101,11 @@ class Structure(ABC):
         return ()
 
     def heights(self) -> dict[str, float]:
-        """Degree of freedom → where a drawing puts it, in storeys above the ground."""
+        """Degree of freedom → its height in a drawing, in storeys above the ground."""
         return {label: float(i) for i, label in enumerate(self.degrees_of_freedom, 1)}
 
     def description(self) -> Mapping[str, Any]:
-        """Of a structure that is not a dataclass, for reports: name → numbers, products or text."""
+        """Description for reports if it is not a dataclass: name → numbers, products or text."""
         return {}
 
     def prior_medians(self) -> FloatArray:
@@ -114,6 +114,6 @@ class Structure(ABC):
 
 
 def listed(labels: Sequence[str], most: int = 30) -> str:
-    """Labels for a message; the first ones where there are many."""
+    """Labels for a message, shortened where there are many."""
     shown = ", ".join(map(repr, labels[:most]))
     return shown if len(labels) <= most else f"{shown} and {len(labels) - most} more"
