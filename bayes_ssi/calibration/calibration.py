@@ -4,8 +4,8 @@ With r_f = f/f_e - 1 and r_φ = ‖φ - φ_e‖ = √(2(1 - √MAC)) for unit sh
 
     f_ob = √[(Σ r_f² + λ² Σ r_φ²) / (Σ 1 + λ² Σ 1)]        (paper, Eq. 1)
 
-Updating problems have several minima, often with the same f_ob, so one optimum is never the
-answer: all minima reached from many starts are listed.
+Updating problems often have several minima, even with the same f_ob, so one optimum is not a
+sufficient answer: all minima reached from many starts are listed.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ class Calibration:
     """All distinct minima of the objective.
 
     Attributes:
-        name: of the model class.
-        parameter_names: those that the structure depends on.
+        name: name of the model class.
+        parameter_names: parameters that the structure depends on.
         before: the model at the reference values.
-        minima: the best first; of equally good ones the nearest to the prior median first.
+        minima: the best first; equally good ones by their distance from the prior median.
         shape_weight: λ.
         undetermined_directions: the number of directions in parameter space that the residuals
             do not determine at the best minimum. If any, the minima form a surface, and its
@@ -58,15 +58,15 @@ def calibrate(
     """Minimise the paper's objective from many starts and list every distinct minimum.
 
     Args:
-        model_class: its pairing says which modes are fitted, those of all its configurations
-            together; its priors say where to search.
-        shape_weight: λ, the weight of shapes relative to frequencies; 0 leaves shapes out. If
-            not given, that of the likelihood: λ = σ_f/σ_φ of the class's error model, at the
-            prior medians where these are inferred.
+        model_class: its pairing gives the fitted modes, of all its configurations together; its
+            priors give the region to search.
+        shape_weight: λ, the weight of shapes relative to frequencies; 0 leaves shapes out. By
+            default that of the likelihood: λ = σ_f/σ_φ of the class's error model, at the prior
+            medians where these are inferred.
         reference: parameter name → value from which the distance d is measured, also the
             model before calibration; prior medians where not given.
         n_starts: local searches, spread over the prior and beyond.
-        seed: of the starts.
+        seed: seed of the starts.
         progress: called with the name of the step and the fraction of it completed.
 
     Raises:

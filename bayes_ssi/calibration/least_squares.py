@@ -32,11 +32,11 @@ class ModeFit:
 
     Attributes:
         configuration: the test in which it was identified; empty where there is only one.
-        label: of the identified mode.
+        label: label of the identified mode.
         model_mode: number of the model mode, from 1.
         identified_hz: identified frequency.
         model_hz: model frequency.
-        mac: between the two shapes; NaN where none was identified.
+        mac: MAC between the two shapes; NaN where none was identified.
     """
 
     configuration: str
@@ -70,8 +70,8 @@ def rms_distance(values: Mapping[str, float], reference: Mapping[str, float]) ->
 
     Args:
         values: parameter name → value divided by its nominal value.
-        reference: the same for the solution from which the distance is measured; the mean is
-            over its parameters, also those that were not updated and are 1 in both.
+        reference: normalised values from which the distance is measured; the mean is over its
+            parameters, including those that were not updated and are 1 in both.
 
     Raises:
         ValueError: there is no parameter in ``reference``, or one is missing in ``values``.
@@ -112,7 +112,7 @@ class CalibrationProblem:
         self.count = n_pairs + shape_weight**2 * n_shapes
 
     def reference_values(self, reference: Mapping[str, float] | None) -> FloatArray:
-        """(n,), the given reference values and prior medians for the others."""
+        """Reference values (n,): those given, and prior medians for the others."""
         given = dict(reference or {})
         unknown = [name for name in given if name not in self.names]
         if unknown:
@@ -129,7 +129,7 @@ class CalibrationProblem:
         return {name: value / median for name, value, median in each}
 
     def starts(self, n: int, seed: int) -> FloatArray:
-        """(n, d): the prior median, and low-discrepancy points of twice the prior's spread."""
+        """Starts (n, d): the prior median, and Sobol points of twice the prior's spread."""
         from scipy.special import ndtri
         from scipy.stats import qmc
 
@@ -145,7 +145,7 @@ class CalibrationProblem:
         return values_at(self.parameters, z)
 
     def residuals(self, z: FloatArray) -> FloatArray:
-        """(B, m): r_f, and λ(φ - φ_e) component by component, whose squares add up to r_φ²."""
+        """Residuals (B, m): r_f, and λ(φ - φ_e) whose squared components add up to λ² r_φ²."""
         residuals = []
         for _, likelihood, modes in self.modes(self.values(z)):
             pairs = likelihood.pairs
@@ -166,7 +166,7 @@ class CalibrationProblem:
             yield configuration, likelihood, Modes(*structure.modes(own))
 
     def jacobian(self, z: FloatArray) -> FloatArray:
-        """(m, d) at one point, by central differences in one batch."""
+        """Jacobian (m, d) at one point, by central differences in one batch."""
         steps = DIFFERENCE_STEP * np.eye(len(z))
         both = self.residuals(np.concatenate([z + steps, z - steps]))
         return (both[: len(z)] - both[len(z) :]).T / (2.0 * DIFFERENCE_STEP)
@@ -245,7 +245,7 @@ def distinct_minima(
     if not ends:
         return [], 0
     objectives = problem.objective(np.array(ends)).tolist()
-    # Exact fits differ only by rounding: they are equally good, and the nearest comes first.
+    # Exact fits differ only by rounding: they are equally good, and the nearest one comes first.
     order = sorted(
         range(len(ends)), key=lambda i: (round(objectives[i], 7), float(np.linalg.norm(ends[i])))
     )

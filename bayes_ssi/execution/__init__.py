@@ -1,1 +1,1 @@
-"""Evaluating models: in batches, in workers, and only once even if a run is interrupted."""
+"""Evaluation of models: in batches, in workers, and only once even if a run is interrupted."""

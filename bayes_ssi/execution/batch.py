@@ -1,4 +1,4 @@
-"""Evaluating a model at a batch of points, whatever the model does at some of them."""
+"""Evaluation of a model at a batch of points, some of which may fail."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Evaluated(NamedTuple):
     """Log-likelihoods of a batch.
 
     Attributes:
-        values: (B,); NaN where the model has no answer.
-        failures: row → why, where there is more to say than that the answer was NaN.
+        values: (B,); NaN where the model failed.
+        failures: row → reason, where one is known beyond that the answer was NaN.
     """
 
     values: FloatArray
@@ -30,10 +30,10 @@ class Evaluated(NamedTuple):
 def evaluate(function: Function, z: FloatArray) -> Evaluated:
     """``function`` at every row of ``z`` (B, d); rows at which it raises are NaN.
 
-    A batch that raises is split in two again and again, down to the rows at fault.
+    A batch that raises is halved repeatedly, down to the rows at fault.
 
     Raises:
-        ValueError: it does not return one value a row.
+        ValueError: it does not return one value per row.
     """
     values = np.full(len(z), np.nan)
     failures: dict[int, str] = {}

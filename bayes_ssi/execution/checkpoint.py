@@ -24,7 +24,7 @@ from bayes_ssi.versions import versions
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-# Exists from when the result of the run begins to be written.
+# This file exists from the moment the run begins to write its result.
 SAVING = "saving"
 SUFFIX = ".journal"
 
@@ -42,12 +42,12 @@ class Checkpoint:
     """Journals of the model classes of one run.
 
     Attributes:
-        directory: of the journals, made when the first is opened inside one that exists; a
-            relative one is in the working directory of this process, also for its workers.
-        run: identifies the run, to recognise its own result later.
-        discard_others: whether another run's journals are thrown away instead of refused.
-        say: called with a line when an earlier run is resumed or a journal is damaged; a warning
-            by default.
+        directory: holds the journals; created with the first one, inside an existing directory. A
+            relative path starts in the working directory of this process, also for its workers.
+        run: identifies the run, so that it recognises its own result later.
+        discard_others: whether another run's journals are discarded instead of refused.
+        say: called with a message when an earlier run is resumed or a journal is damaged; issues a
+            warning by default.
     """
 
     directory: Path
@@ -59,7 +59,7 @@ class Checkpoint:
         object.__setattr__(self, "directory", Path(self.directory).absolute())
 
     def journal(self, model_class: ModelClass, seed: int, settings: DataclassInstance) -> Journal:
-        """The journal of one model class, to be closed by the caller; a damaged one is replaced.
+        """The journal of one model class, closed by the caller; a damaged one is replaced.
 
         Raises:
             ValueError: it belongs to another run, or is in use.
@@ -91,11 +91,11 @@ class Checkpoint:
         return Journal(path, run)
 
     def silent(self) -> Checkpoint:
-        """The same, saying nothing, for use in another process."""
+        """The same checkpoint without messages, for use in another process."""
         return replace(self, say=_keep_quiet)
 
     def say_resumed(self, names: Iterable[str]) -> None:
-        """Say which of these model classes have a journal, before they are sampled silently."""
+        """Report which of these model classes have a journal, before they are sampled silently."""
         resumed = [name for name in names if self._path(name).exists()]
         if resumed:
             self.say(f"resumes an earlier run of {', '.join(map(repr, resumed))}")
@@ -107,11 +107,11 @@ class Checkpoint:
         return marker.exists() and marker.read_text(encoding="utf-8") == self.run
 
     def begin_saving(self) -> None:
-        """Mark that whatever stands where the result belongs is this run's own from now on."""
+        """Mark the result directory as this run's own from now on."""
         (self.directory / SAVING).write_text(self.run, encoding="utf-8")
 
     def remove(self, names: Iterable[str] | None = None) -> None:
-        """Remove the journals of these classes, or of all, and the directory if that empties it."""
+        """Remove the journals of these or all classes, and the directory if it is then empty."""
         journals = self.directory.glob(f"*{SUFFIX}") if names is None else map(self._path, names)
         for path in journals:
             _remove(path)
@@ -126,19 +126,19 @@ class Checkpoint:
 
 
 def _remove(journal: Path) -> None:
-    """Remove a journal, and the file that SQLite leaves next to it if a run is killed."""
+    """Remove a journal and the file that SQLite leaves next to it if a run is killed."""
     for path in (journal.with_name(f"{journal.name}-journal"), journal):
         path.unlink(missing_ok=True)
 
 
 def name_of_run(model_classes: Iterable[ModelClass], *options: object) -> str:
-    """A digest that identifies a run by its model classes and everything else it follows from."""
+    """A digest that identifies a run by its model classes and all else that determines it."""
     parts = [*map(_definition, model_classes), *map(repr, options)]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 def _definition(model_class: ModelClass) -> str:
-    """A digest of everything that a model class is, as far as its description says."""
+    """A digest of a model class, as far as its description tells classes apart."""
     with np.printoptions(threshold=sys.maxsize):  # arrays in full
         text = json.dumps(to_record(class_record(model_class)), sort_keys=True)
     # The default description of an object holds its address, which differs between processes.

@@ -9,14 +9,14 @@ from typing import Any
 
 from bayes_ssi.execution.workers import Workers
 
-# How long a cluster may take to answer, to have its first worker, and to replace the last one.
+# Time allowed for a cluster to answer, to have its first worker, and to replace its last one.
 CLUSTER_SECONDS = 10.0
 
 
 class DaskWorkers(Workers):
-    """The workers of a Dask cluster, as many as there are at the time.
+    """The workers of a Dask cluster, whose number may change.
 
-    Entering connects to the scheduler, and waits for a cluster that is only starting.
+    Entering connects to the scheduler, and waits for a cluster that is still starting.
     """
 
     def __init__(self, address: str) -> None:
@@ -27,7 +27,7 @@ class DaskWorkers(Workers):
 
     @property
     def n_workers(self) -> int:
-        """Threads of all workers; 0 without a scheduler."""
+        """Number of threads of all workers; 0 without a scheduler."""
         try:
             return sum(self._client.nthreads().values())
         except (OSError, RuntimeError):

@@ -1,10 +1,10 @@
 """A journal of evaluations, from which an interrupted run is resumed to the same result.
 
 Everything random follows from the seed, so a run is repeated exactly by giving it the same
-log-likelihoods. The journal keeps every batch of them, in order. A run that has a journal takes
-its log-likelihoods from there while they last: wherever the first run was interrupted, the result
-is the same to the last digit. Only the algebra between the evaluations is done twice, which costs
-little where evaluations are expensive.
+log-likelihoods. The journal keeps every batch of them, in order. A resumed run takes its
+log-likelihoods from the journal while they last: no matter where the first run was interrupted,
+the result is the same to the last digit. Only the algebra between the evaluations is repeated,
+which costs little where evaluations are expensive.
 
 The file is an SQLite database. Every batch is a transaction, so that a run that is killed leaves
 whole batches, and the lock on the file ends with its process.
@@ -29,7 +29,7 @@ from bayes_ssi.execution.batch import Evaluated
 FORMAT = 2
 OPEN = (
     "PRAGMA locking_mode = EXCLUSIVE",
-    # What was written survives the process, if not the machine.
+    # Written batches survive a crash of the process, if not of the machine.
     "PRAGMA synchronous = OFF",
     "BEGIN EXCLUSIVE",
     "CREATE TABLE IF NOT EXISTS run (description TEXT)",
@@ -48,24 +48,24 @@ class DamagedJournalError(ValueError):
 
 
 class Journal:
-    """The evaluations of one run, on disk as they are made.
+    """The evaluations of one run, written to disk as they are made.
 
     Attributes:
-        path: of the file.
+        path: path of the file.
         n_kept: evaluations that the file held when it was opened.
         is_empty: whether it holds no evaluation.
     """
 
     def __init__(self, path: str | Path, run: Mapping[str, Any]) -> None:
-        """Open a journal, or begin one.
+        """Open a journal, or create one.
 
         Args:
-            path: of the file; its directory must exist.
+            path: path of the file, in an existing directory.
             run: identifies the run.
 
         Raises:
             OtherRunError: the file belongs to another run.
-            DamagedJournalError: it is damaged, or no journal.
+            DamagedJournalError: it is damaged, or not a journal.
             ValueError: another run has it open.
             OSError: it cannot be read or written.
         """
@@ -158,7 +158,7 @@ class Journal:
 
     @contextmanager
     def _errors_of_file(self) -> Iterator[None]:
-        """Errors of SQLite as those that callers expect of a file."""
+        """Convert errors of SQLite to those that callers expect of a file."""
         try:
             yield
         except sqlite3.OperationalError as error:

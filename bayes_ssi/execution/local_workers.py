@@ -1,4 +1,4 @@
-"""Processes of this machine, and whatever else a caller may give as workers."""
+"""Worker processes on this machine, and the choice of workers."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from bayes_ssi.execution.workers import Workers
 
 
 class LocalWorkers(Workers):
-    """Processes of this machine; they start with the first call, and are replaced if they die."""
+    """Processes on this machine; they start at the first call and are replaced if they die."""
 
     def __init__(self, n: int) -> None:
-        """Have ``n`` processes.
+        """Prepare ``n`` processes.
 
         Raises:
             ValueError: ``n`` is not positive.
@@ -35,7 +35,7 @@ class LocalWorkers(Workers):
         return self._executor
 
     def _content(self, data: bytes) -> Path:
-        """A file: models may hold large matrices, and each process reads them only once."""
+        """Send a file: models may hold large matrices, and each process reads them only once."""
         self._remove_file()
         self._file = NamedTemporaryFile(prefix="bayes_ssi_")  # noqa: SIM115 - closed by _stop
         self._file.write(data)
@@ -54,7 +54,7 @@ class LocalWorkers(Workers):
     def _stop_processes(self) -> None:
         executor, self._executor = self._executor, None
         if executor is not None:
-            # Loky's own argument: its workers would finish what they do first.
+            # Loky's own argument: otherwise its workers would first finish their tasks.
             executor.shutdown(wait=True, kill_workers=True)  # type: ignore[call-arg]
 
     def _replace(self, death: BrokenExecutor) -> None:
@@ -67,7 +67,7 @@ class LocalWorkers(Workers):
 
 
 def as_workers(workers: int | Executor | Workers | None) -> Workers | None:
-    """Whatever a caller gave as workers.
+    """The workers from whatever a caller passed.
 
     Raises:
         ValueError: their number is not positive.

@@ -21,10 +21,10 @@ STUDY_MODULE = "bayes_ssi_study_"
 
 @dataclass(frozen=True)
 class PackedFunction:
-    """A pickled function on its way to workers.
+    """A pickled function to be sent to workers.
 
     Attributes:
-        digest: of the pickled function; a worker that has unpickled it keeps it.
+        digest: digest of the pickled function; a worker that has unpickled it keeps it.
         sender: id of the process that sends it.
         content: the pickled function, or a file that holds it.
     """
@@ -39,7 +39,7 @@ def digest_of(data: bytes) -> str:
 
 
 def pickled(what: object) -> bytes:
-    """Anything as bytes, including what it needs of a study file.
+    """Any object as bytes, including the code from a study file that it needs.
 
     Raises:
         ValueError: it cannot be pickled.
@@ -62,7 +62,7 @@ def pickled(what: object) -> bytes:
 
 
 def call_packed(function: PackedFunction, item: bytes) -> Any:
-    """The function's answer to a pickled item.
+    """The function's value at a pickled item.
 
     Raises:
         ValueError: one of the two cannot be unpickled here.
@@ -70,7 +70,7 @@ def call_packed(function: PackedFunction, item: bytes) -> Any:
     return _unpacked(function)(_unpickled(item))
 
 
-# A batch is evaluated by one function, and so is the next, until a class is done.
+# Batch after batch is evaluated by the same function until a class is done.
 @lru_cache(maxsize=1)
 def _unpacked(function: PackedFunction) -> Callable[[Any], Any]:
     content = function.content
@@ -94,7 +94,7 @@ def _unpickled(data: bytes) -> Any:
 
 
 def end_with_parent() -> None:
-    """End this process when the one that started it is gone, however that ended."""
+    """End this process when its parent process is gone for any reason."""
     parent = os.getppid()
 
     def watch() -> None:

@@ -1,4 +1,4 @@
-"""How a calculation is carried out: in which processes, with what checkpoint, reported to whom."""
+"""How a calculation is carried out: its workers, checkpoint and progress reports."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from bayes_ssi.execution.checkpoint import Checkpoint
 from bayes_ssi.execution.local_workers import as_workers
 from bayes_ssi.execution.workers import Workers
 
-# Called with the name of what is computed (a model class, mostly), of the step, and the share of
-# that step that is done.
+# Called with the name of what is computed (usually a model class), the name of the step, and the
+# completed share of that step.
 Progress = Callable[[str, str, float], None]
 
 
@@ -27,8 +27,8 @@ class Run:
             fast; otherwise workers share the evaluations of one.
         checkpoint: keeps every evaluation on disk, so that a run that was interrupted is resumed
             to the same result; nothing is kept if None. The caller removes it.
-        progress: called with the name of a model class, of the step, and the share of it that is
-            done; of a class sampled in a worker, only at its end.
+        progress: called with the name of a model class, the name of the step, and the completed
+            share of the step; for a class sampled in a worker, only at its end.
     """
 
     workers: Workers | None
@@ -44,9 +44,9 @@ class Run:
         """Choose workers, checkpoint and progress.
 
         Args:
-            workers: also a number of processes on this machine, or any
+            workers: may also be a number of processes on this machine, or any
                 ``concurrent.futures.Executor``.
-            checkpoint: also a directory, made if need be inside one that exists.
+            checkpoint: may also be a directory, created if necessary inside an existing one.
             progress: as the attribute.
 
         Raises:
@@ -61,7 +61,7 @@ class Run:
 
     @contextmanager
     def working(self) -> Iterator[None]:
-        """Keep the workers; at the outermost end, stop those that were started here."""
+        """Keep the workers running; at the outermost exit, stop those that were started here."""
         if self.workers is None:
             yield
         else:
@@ -69,6 +69,6 @@ class Run:
                 yield
 
     def report(self, name: str, step: str, done: float) -> None:
-        """Report that a share ``done`` of a ``step`` is done for the class of this ``name``."""
+        """Report the completed share ``done`` of a ``step`` of the class ``name``."""
         if self.progress is not None:
             self.progress(name, step, done)

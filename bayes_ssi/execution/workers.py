@@ -1,6 +1,6 @@
 """Workers: the evaluations of a batch spread over the processes or threads of an executor.
 
-Executors are others' work: loky's processes, Dask, or any other ``concurrent.futures.Executor``,
+Executors come from other packages: loky's processes, Dask, or any ``concurrent.futures.Executor``,
 such as mpi4py's ``MPIPoolExecutor``. Since row i of an answer depends on row i alone, results do
 not depend on the number of workers.
 """
@@ -19,7 +19,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.batch import Evaluated, Function, SafeFunction
 from bayes_ssi.execution.remote import PackedFunction, call_packed, digest_of, pickled
 
-# Parts of a batch for each worker: more than one, so that none waits long for the slowest.
+# Parts of a batch per worker: more than one, so that none waits long for the slowest.
 PARTS_PER_WORKER = 4
 # Lost points are divided into this many groups and evaluated again, down to single points: four
 # isolate the point of a batch of 1024 at which a worker dies after six deaths at most.
@@ -32,9 +32,9 @@ T = TypeVar("T")
 
 
 class Workers:
-    """The workers of any executor, which whoever made it shuts down.
+    """The workers of any executor, which its creator shuts down.
 
-    A context manager that may be entered repeatedly. Subclasses start workers of their own at the
+    A context manager that may be entered repeatedly. Subclasses start their own workers at the
     outermost entry, or at the first call, and stop them at the outermost exit.
     """
 
@@ -42,9 +42,9 @@ class Workers:
         """Use an executor.
 
         Args:
-            executor: it takes pickled arguments, or works in threads.
-            n_workers: how many workers it has, where that is known; it decides only into how many
-                parts a batch is divided.
+            executor: an executor that accepts pickled arguments, or works in threads.
+            n_workers: number of its workers, where known; determines only the number of parts
+                into which a batch is divided.
         """
         self._executor = executor
         self._n_workers = n_workers
@@ -54,12 +54,12 @@ class Workers:
 
     @property
     def n_workers(self) -> int:
-        """How many workers there are, as far as is known."""
+        """Number of workers, where known."""
         return self._n_workers
 
     @property
     def n_parts(self) -> int:
-        """How many parts a batch is best divided into."""
+        """Best number of parts to divide a batch into."""
         return PARTS_PER_WORKER * max(self.n_workers, 1)
 
     def __enter__(self) -> Workers:
@@ -77,7 +77,7 @@ class Workers:
         """``function`` at every row of ``z`` (B, d).
 
         Points whose worker died are evaluated again in smaller groups, down to single points. A
-        point at which a worker dies again, alone, counts as failed.
+        single point at which a worker dies again counts as failed.
 
         Raises:
             ValueError: the function cannot be sent to a worker, there is no worker left, or
@@ -107,8 +107,7 @@ class Workers:
     def call_each(self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
         """``function`` of every item, each in one worker, in the order of the items.
 
-        Arguments and errors as those of :meth:`try_each`. An item whose worker died is tried
-        again.
+        Arguments and errors are as in :meth:`try_each`. An item whose worker died is tried again.
         """
         answers: dict[int, R] = {}
         while len(answers) < len(items):
@@ -163,8 +162,8 @@ class Workers:
         return answers
 
     def _pack(self, function: Callable[..., Any]) -> PackedFunction:
-        """The function as it is sent; pickled only once while it is the same."""
-        # Bound methods are made afresh at every access, but compare equal.
+        """The function in the form that is sent, pickled again only when it changes."""
+        # Every access creates a new bound method, but bound methods compare equal.
         if self._packed is None or self._packed[0] != function:
             data = pickled(function)
             packed = PackedFunction(digest_of(data), os.getpid(), self._content(data))
@@ -172,7 +171,7 @@ class Workers:
         return self._packed[1]
 
     def _recover(self, death: BaseException) -> None:
-        """Have workers again after one died, or give up."""
+        """Replace workers after one died, or give up."""
         self._n_deaths += 1
         if self._n_deaths > MAX_DEATHS:
             raise ValueError(
@@ -182,7 +181,7 @@ class Workers:
         if isinstance(death, BrokenExecutor):
             self._replace(death)
 
-    # What subclasses do in their own way:
+    # Methods that subclasses override:
 
     def _start(self) -> None:
         """Start workers that must be there before the first call."""
@@ -195,15 +194,15 @@ class Workers:
         return self._executor
 
     def _content(self, data: bytes) -> Any:
-        """How a pickled function gets to the workers: with every call."""
+        """What is sent for a pickled function: here the function itself, with every call."""
         return data
 
     def _ready(self, waiting: Collection[Future[Any]]) -> Collection[Future[Any]]:
-        """Futures that are ready, at least one."""
+        """The futures that are ready, at least one."""
         return wait(waiting, return_when=FIRST_COMPLETED).done
 
     def _is_death(self, error: BaseException) -> bool:
-        """Whether an error says that a worker died, and not that the function failed."""
+        """Whether an error means that a worker died, rather than that the function failed."""
         return isinstance(error, BrokenExecutor)
 
     def _replace(self, death: BrokenExecutor) -> None:
@@ -214,13 +213,13 @@ class Workers:
         ) from death
 
     def _abandon(self, waiting: Collection[Future[Any]]) -> None:
-        """Drop calls that nobody waits for any longer."""
+        """Cancel calls whose results are no longer needed."""
         for future in waiting:
             future.cancel()
 
 
 def _divided(rows: NDArray[np.intp], n: int) -> list[NDArray[np.intp]]:
-    """At most ``n`` parts of nearly one size, none of them empty."""
+    """At most ``n`` parts of nearly equal size, none of them empty."""
     return [part for part in np.array_split(rows, n) if len(part)]
 
 
@@ -234,7 +233,7 @@ def _submitted(executor: Executor, function: PackedFunction, item: bytes) -> Fut
 
 
 def _as_input_error(error: BaseException) -> BaseException:
-    """What to raise for an error from a worker: one line, unless it is no error of ours."""
+    """A ValueError in one line for an error from a worker; interruptions are left unchanged."""
     if isinstance(error, ValueError) or not isinstance(error, Exception):
         return error
     raised = ValueError(f"workers: one cannot work: {type(error).__name__}: {error}")

@@ -31,7 +31,7 @@ class AffineMatrix:
 
     @classmethod
     def of(cls, given: Any, name: str, size: int | None = None) -> AffineMatrix:
-        """From what a user gave: a matrix, or a list of matrices and (coefficient, matrix).
+        """From a user's argument: a matrix, or a list of matrices and pairs (coefficient, matrix).
 
         Raises:
             TypeError: a term is neither.
@@ -73,7 +73,7 @@ class AffineMatrix:
         return ProductTable(self.products, parameters).evaluate(values)
 
     def dense(self, parameters: tuple[Parameter, ...]) -> AffineArray:
-        """The same with dense matrices, for a batch of values with columns ``parameters``."""
+        """The sum of dense matrices, for a batch of values with columns ``parameters``."""
         return self.projected(np.array([m.toarray() for m in self.matrices]), parameters)
 
     def projected(self, arrays: FloatArray, parameters: tuple[Parameter, ...]) -> AffineArray:
@@ -91,7 +91,7 @@ class AffineMatrix:
         return sp.csc_array((data, pattern.indices, pattern.indptr), shape=pattern.shape)
 
     def ordered(self, order: NDArray[np.intp]) -> AffineMatrix:
-        """The same with its rows and columns in another order."""
+        """This matrix with its rows and columns in another order."""
         matrices = tuple(sp.csc_array(matrix[order][:, order]) for matrix in self.matrices)
         for matrix in matrices:
             matrix.sort_indices()
@@ -112,7 +112,7 @@ class AffineMatrix:
         return [np.searchsorted(positions, _positions(matrix)) for matrix in self.matrices]
 
     def formula(self, symbol: str) -> str:
-        """The sum in symbols: K0 + k1·K1 + k2·K2, that without parameters first."""
+        """The sum in symbols: K0 + k1·K1 + k2·K2, beginning with the term without parameters."""
         terms, number = [], 0
         for product in sorted(self.products, key=lambda product: bool(product.powers)):
             number += bool(product.powers)
@@ -139,7 +139,7 @@ def _coefficient_and_matrix(term: Any, where: str) -> tuple[Value, Any]:
 
 
 def _positions(matrix: Matrix) -> NDArray[np.int64]:
-    """Column by column, the number of every entry's place in the matrix; ascending."""
+    """Position of every entry, counted column by column; ascending."""
     n = matrix.shape[0]
     return np.repeat(np.arange(n, dtype=np.int64), np.diff(matrix.indptr)) * n + matrix.indices
 

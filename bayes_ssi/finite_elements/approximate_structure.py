@@ -1,4 +1,4 @@
-"""Structures that approximate others, and know how accurately."""
+"""Structures that approximate others with known accuracy."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Accuracy(NamedTuple):
     Attributes:
         frequency: relative error of frequencies.
         shape: error of shapes at unit length.
-        statement: a sentence for reports: how the errors are known, and what that cost.
+        statement: a sentence for reports: how the errors are known, and at what cost.
     """
 
     frequency: float
@@ -37,7 +37,7 @@ class ApproximateStructure(Structure):
 
     @abstractmethod
     def accurate_at(self, values: FloatArray, frequency_error: float, shape_error: float) -> Self:
-        """This structure if it is accurate enough, or else a more accurate one.
+        """This structure if it is accurate enough, otherwise a more accurate one.
 
         Args:
             values: (B, n_parameters), where it must be accurate.

@@ -39,8 +39,8 @@ class FunctionStructure(PointwiseStructure):
     * ``frequencies, shapes``: (m,) in Hz, ascending or not, and (n_sensors, m), m being
       ``n_modes`` or more; ``shapes`` may be None where no shape is measured.
 
-    Errors that it raises, and invalid answers, are reported with the values that it was called
-    with; the likelihood of such values is zero.
+    Errors that it raises, and invalid answers, are reported with the arguments of the call; the
+    likelihood of such values is zero.
     """
 
     def __init__(
@@ -57,12 +57,12 @@ class FunctionStructure(PointwiseStructure):
             function: called with keyword arguments, all of them numbers.
             arguments: name of an argument → number, Parameter, or product such as
                 ``30e9 * stiffness``.
-            n_modes: how many of the lowest modes are computed.
-            sensors: of a function that returns modes: the names of the rows of the shapes. Of one
-                that returns matrices: name → number, from 0, of a degree of freedom.
+            n_modes: number of lowest modes that are computed.
+            sensors: for a function that returns modes, the names of the rows of the shapes; for
+                one that returns matrices, name → number, from 0, of a degree of freedom.
 
         Raises:
-            TypeError: the function cannot be called, or an argument is no number or parameter.
+            TypeError: the function is not callable, or an argument is not a number or Parameter.
             ValueError: the function has no such argument or lacks one, or ``n_modes`` or the
                 sensors are not valid.
         """
@@ -129,7 +129,7 @@ class FunctionStructure(PointwiseStructure):
         numbers = self._table.evaluate(values[None])[0].tolist()
         try:
             answer = self.function(**dict(zip(self._arguments, numbers, strict=True)))
-        except SystemExit as exit_:  # scripts of other programs may end so; this one goes on
+        except SystemExit as exit_:  # scripts may end like this; this program goes on
             raise RuntimeError(f"{_name(self.function)} called exit({exit_.code!r})") from None
         if isinstance(answer, (tuple, list)) and len(answer) == 2:
             return answer[0], answer[1]
@@ -195,7 +195,7 @@ class FunctionStructure(PointwiseStructure):
 
 
 def _names_and_rows(sensors: Sensors) -> tuple[tuple[str, ...], NDArray[np.intp]]:
-    """Of a model whose number of degrees of freedom is not known yet."""
+    """Sensors of a model whose number of degrees of freedom is not known yet."""
     if isinstance(sensors, Mapping):
         numbers = [int(number) for number in sensors.values() if isinstance(number, Integral)]
         return sensor_rows(max(numbers, default=0) + 1, None, sensors)
@@ -212,7 +212,7 @@ def _kind(answer: Any) -> str:
 
 
 def _digest(function: Callable[..., Any]) -> str:
-    """Of the function's source, which distinguishes it from another function of its name."""
+    """Digest of the function's source, to distinguish functions of the same name."""
     try:
         text = inspect.getsource(function)
     except (OSError, TypeError):

@@ -12,8 +12,8 @@ from bayes_ssi.arrays import FloatArray
 
 Matrix = sp.csc_array
 
-# Errors, relative to the largest entry, of matrices that other programs wrote: they may have left
-# nine digits.
+# Relative error, to the largest entry, of matrices that other programs wrote, perhaps with nine
+# digits.
 FILE_ROUNDING = 1e-8
 
 
@@ -25,8 +25,8 @@ def read_matrix(path: str | Path, key: str | None = None) -> Any:
     key.
 
     Args:
-        path: the file; its ending says which format it has.
-        key: which array, where there are several.
+        path: the file; its ending gives the format.
+        key: the key of the array, where there are several.
 
     Returns:
         The array in the file: a sparse one, or (n, m) numbers. Vectors, such as lists of measured
@@ -34,7 +34,7 @@ def read_matrix(path: str | Path, key: str | None = None) -> Any:
 
     Raises:
         OSError: there is no such file, or it cannot be opened.
-        ValueError: it is damaged or truncated, of an unknown format, or holds nothing at ``key``.
+        ValueError: it is damaged or truncated, has an unknown format, or no array at ``key``.
     """
     path = Path(path)
     with path.open("rb"):  # raises where there is no file, before any library is called
@@ -68,15 +68,15 @@ def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Any:
 
     Args:
         matrix: sparse or dense.
-        name: for messages.
-        size: how many rows it must have, if that is known.
+        name: name of the matrix for messages.
+        size: the required number of rows, if known.
 
     Returns:
         A sparse matrix in compressed columns if a sparse one is given, else an array (n, n).
 
     Raises:
         TypeError: it is not a matrix of numbers.
-        ValueError: it is not square, of another size, not finite, not real, or not symmetric.
+        ValueError: it is not square, finite, real and symmetric, or has another size.
     """
     if isinstance(matrix, (str, Path)):
         raise TypeError(f"{name} must be an array, got {matrix!r}; read a file with read_matrix")
@@ -118,7 +118,7 @@ def _chosen(key: str | None, keys: list[str]) -> str:
 
 
 def _read_single(path: Path, key: str | None) -> Any:
-    """A file of Matrix Market or of one numpy array."""
+    """An array from a file that holds only one: Matrix Market, or a single numpy array."""
     from scipy.io import mmread
 
     if key is not None:

@@ -26,8 +26,8 @@ from bayes_ssi.finite_elements.sparse_factors import count_below
 from bayes_ssi.modal import BATCHED_UP_TO, ModalModel, Modes, frequencies_hz, solve_modes
 from bayes_ssi.structures.affine_array import AffineArray
 
-# Modes are computed up to this share above the highest frequency of interest, since they come down
-# as parameters change: by a fifth where a stiffness is a third lower than its median.
+# Modes are computed up to this share above the highest frequency of interest, since frequencies
+# fall as parameters change: by a fifth where a stiffness is a third lower than its median.
 MARGIN = 0.2
 
 
@@ -35,7 +35,7 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
     """A finite-element model whose matrices are sums of fixed ones times products of parameters.
 
     Every set of parameter values costs a full eigen-solution, milliseconds for thousands of
-    degrees of freedom and seconds for a hundred thousand; :meth:`reduced` is what to sample with.
+    degrees of freedom and seconds for a hundred thousand; use :meth:`reduced` for sampling.
     """
 
     def __init__(
@@ -59,11 +59,11 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
             sensors: name → number, from 0, or label of a degree of freedom; or a list of labels;
                 all degrees of freedom if None, where they are no more than a thousand.
             labels: of all degrees of freedom.
-            n_modes: how many of the lowest modes are computed.
-            up_to_hz: instead of ``n_modes``: as many as lie below 1.2 times this frequency at the
-                prior medians.
-            influence: (n,), how every degree of freedom moves when the ground moves by 1 and
-                nothing deforms; needed for responses to ground motion only.
+            n_modes: number of lowest modes that are computed.
+            up_to_hz: instead of ``n_modes``: compute all modes below 1.2 times this frequency at
+                the prior medians.
+            influence: (n,), displacements when the ground moves by 1 and nothing deforms; needed
+                only for responses to ground motion.
 
         Raises:
             ValueError, TypeError: an argument is not valid; the message says which.
@@ -78,20 +78,20 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
             raise type(error)(f"MatrixStructure: {error}") from None
 
     def reduced(self, **options: Any) -> ReducedStructure:
-        """The same model in a reduced basis, thousands of times faster, its error certified.
+        """The same model in a reduced basis: thousands of times faster, with a certified error.
 
         Args:
-            options: those of
+            options: arguments of
                 :class:`~bayes_ssi.finite_elements.reduced_structure.ReducedStructure`.
         """
         return ReducedStructure(self, **options)
 
     @cached_property
     def n_modes(self) -> int:
-        """As given, or as many as lie in the band and a margin at the prior medians.
+        """Number of modes: as given, or those below ``up_to_hz`` and a margin at the prior medians.
 
         Raises:
-            ValueError: none lies there.
+            ValueError: there is no mode below.
         """
         if self._n_modes is not None:
             return self._n_modes
@@ -124,7 +124,7 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
         return system.stiffness.dense(self.parameters), system.mass.dense(self.parameters)
 
     def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """Frequencies, shapes and, where it is known how the ground drives them, participation."""
+        """Frequencies, shapes and, where ``influence`` is known, participation."""
         modes, n = self.full_modes(values), self.n_modes
         frequencies, rows = frequencies_hz(modes.eigenvalues[:n]), self.system.sensor_rows
         shapes = modes.vectors[:, :n]
@@ -143,7 +143,7 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
         }
 
     def modal_model(self, values: FloatArray) -> ModalModel:
-        """As :meth:`Structure.modal_model`.
+        """See :meth:`Structure.modal_model`.
 
         Raises:
             TypeError: the structure was not given ``influence``.

@@ -12,12 +12,12 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
-# Memory for recent solutions: those of hundreds of draws at a thousand sensors.
+# Memory for recent solutions: enough for hundreds of draws at a thousand sensors.
 CACHE_BYTES = 64_000_000
 
 
 class PointwiseStructure(Structure):
-    """A structure that is solved at one row of values after the other.
+    """A structure that is solved at one row of values at a time.
 
     Recent solutions and errors are cached: a batch that failed in one row is evaluated again in
     parts, and the modes of stored draws are computed more than once.
@@ -27,14 +27,14 @@ class PointwiseStructure(Structure):
     def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
         """Frequencies (n_modes,) and shapes (n_dof, n_modes) at ``values`` (n_parameters,).
 
-        What else a structure computes there may follow.
+        Further results of the same solution may follow.
 
         Raises:
-            Exception: there are none; :meth:`solution` adds the values to the message.
+            Exception: there are no modes; :meth:`solution` adds the values to the message.
         """
 
     def modes(self, values: FloatArray) -> Modes:
-        """As :meth:`Structure.modes`.
+        """See :meth:`Structure.modes`.
 
         Raises:
             ValueError: a row has no modes; the message gives its values, and why.
@@ -47,10 +47,10 @@ class PointwiseStructure(Structure):
         )
 
     def solution(self, row: FloatArray) -> tuple[FloatArray, ...]:
-        """:meth:`solved_at` for one row of values, computed once.
+        """:meth:`solved_at` for one row of values, cached.
 
         Raises:
-            ValueError: it raised; the message is that of the error, with the values.
+            ValueError: :meth:`solved_at` raised; its message is completed by the values.
         """
         cache: OrderedDict[bytes, tuple[FloatArray, ...] | str]
         cache = self.__dict__.setdefault("_cache", OrderedDict())
@@ -76,5 +76,5 @@ class PointwiseStructure(Structure):
         return ", ".join(f"{p.name} = {value:.6g}" for p, value in each) or "no parameters"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the cache, which need not be sent to workers."""
+        """State without the cache, which need not be sent to workers."""
         return {name: value for name, value in self.__dict__.items() if name != "_cache"}

@@ -63,7 +63,7 @@ class Reference:
     Attributes:
         sketch: (n, SKETCH_SIZE + d), S and, for the d sensors, K_r⁻¹ E.
         sensors: rows of the sensors.
-        coefficients: at the reference values.
+        coefficients: coefficients at the reference values.
         definite: whether every K_t is positive semi-definite.
     """
 
@@ -94,7 +94,7 @@ class ReducedBasis:
         stiffness: Vᵀ K_t V (T, N, N).
         mass: Vᵀ M_u V (U, N, N).
         residual_stiffness: the reference's sketch of K_t V (T, SKETCH_SIZE + d, N).
-        residual_mass: that of M_u V (U, SKETCH_SIZE + d, N).
+        residual_mass: the reference's sketch of M_u V (U, SKETCH_SIZE + d, N).
         at_sensors: Eᵀ V (d, N).
     """
 
@@ -123,7 +123,7 @@ class ReducedBasis:
         return int(self.vectors.shape[1])
 
     def enriched(self, modes: Eigenpairs, negligible: float, reference: Reference) -> ReducedBasis:
-        """The basis with the directions that some modes of the full model have outside it.
+        """The basis extended by the parts of some modes of the full model that lie outside it.
 
         Directions that add less than ``negligible`` to a mode, in energy, are left out.
         """
@@ -191,7 +191,7 @@ def _frequency_bounds(eigenvalues: FloatArray, eta: FloatArray) -> FloatArray:
     with np.errstate(divide="ignore"):
         above[:-1] = 1.0 - eigenvalues[edges] / lowest[edges + 1]
         below[1:] = lowest[edges + 1] / eigenvalues[edges] - 1.0
-    # What lies above the last mode that was computed is only known to be higher.
+    # Modes above the last computed one are only known to be higher.
     above[-1] = CLOSE
     gap = np.minimum(below, above)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -205,8 +205,8 @@ def _shape_errors(
 ) -> FloatArray:
     """Errors (n_modes,) at the sensors of shapes of unit length there.
 
-    Of m modes, perhaps one more than shapes: ``moves`` (m,) are lengths of the shapes at the
-    sensors at unit energy, ``moved`` (m,) how far the residuals, as static loads, move these.
+    For m modes, perhaps one more than shapes: ``moves`` (m,) are lengths of the shapes at the
+    sensors at unit energy, ``moved`` (m,) the displacements there under the residuals as loads.
     """
     own = slice(0, n_modes)
     beyond = eigenvalues[n_modes] if len(eigenvalues) > n_modes else np.inf
@@ -235,7 +235,7 @@ def _sum(coefficients: FloatArray, matrices: FloatArray) -> FloatArray:
 
 
 def _bordered(matrices: FloatArray, columns: FloatArray) -> FloatArray:
-    """Symmetric matrices (T, N, N), given those without the last columns, and these (T, N, k)."""
+    """Symmetric matrices (T, N, N), from their leading blocks and last columns (T, N, k)."""
     before = matrices.shape[1]
     rows = np.concatenate([matrices, columns[:, :before].transpose(0, 2, 1)], axis=1)
     whole = np.concatenate([rows, columns], axis=2)

@@ -1,4 +1,4 @@
-"""A finite-element model in a reduced basis: small matrices, and a certificate of their error."""
+"""A finite-element model in a reduced basis: small matrices with a certified error."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class ReducedStructure(ApproximateStructure):
     The basis is made when modes are first computed. Full solutions are placed one after the other
     where the certified error is largest among points of the prior (a greedy reduced basis), until
     it is small enough at all of them. :meth:`accurate_at` adds solutions at other values. A basis
-    never changes: the one with more solutions is that of a new structure.
+    never changes: adding solutions makes a new structure.
 
     The error is certified as in :mod:`bayes_ssi.finite_elements.reduced_basis`. That cannot detect
     a mode that no full solution has; the modes of every full solution are counted by Sylvester's
@@ -50,10 +50,11 @@ class ReducedStructure(ApproximateStructure):
         Args:
             full: the model.
             frequency_error: largest relative error of frequencies over the prior.
-            shape_error: largest error of shapes, at the sensors and at unit length there.
-            most_full_solutions: the limit, at which a larger error is accepted and reported.
-            training_points: of the prior, among which full solutions are placed; best a power of
-                two, since they are Sobol's.
+            shape_error: largest error of shapes at the sensors, at unit length there.
+            most_full_solutions: largest number of full solutions; at this limit, a larger error is
+                accepted and reported.
+            training_points: number of Sobol points of the prior among which full solutions are
+                placed; best a power of two.
 
         Raises:
             ValueError: one of them is not positive.
@@ -89,7 +90,7 @@ class ReducedStructure(ApproximateStructure):
 
     @property
     def basis(self) -> ReducedBasis:
-        """The basis, made when it is first needed.
+        """The basis, computed when it is first needed.
 
         Raises:
             NoModesError: the full model has no solution at the prior medians.
@@ -101,10 +102,10 @@ class ReducedStructure(ApproximateStructure):
         return self._basis
 
     def modes(self, values: FloatArray) -> Modes:
-        """As :meth:`Structure.modes`; rows without modes are NaN.
+        """See :meth:`Structure.modes`; rows without modes are NaN.
 
         Raises:
-            NoModesError: there are none at the only row of ``values``; the message says why.
+            NoModesError: the only row of ``values`` has no modes; the message says why.
         """
         in_basis = self._modes_in_basis(values)
         return Modes(in_basis.frequencies_hz, self.basis.at_sensors @ in_basis.shapes)
@@ -142,7 +143,7 @@ class ReducedStructure(ApproximateStructure):
     def accurate_at(self, values: FloatArray, frequency_error: float, shape_error: float) -> Self:
         """This structure if it is accurate enough at all ``values``, or one with a larger basis.
 
-        ``most_full_solutions`` is the limit of both together.
+        ``most_full_solutions`` limits the total of both.
         """
         bounds = self.bounds(values)
         if not (_excess(bounds, frequency_error, shape_error) > 1.0).any():
@@ -233,7 +234,7 @@ class ReducedStructure(ApproximateStructure):
         return values_at(self.parameters, ndtri(np.clip(uniform, 1e-4, 1.0 - 1e-4)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what is large, or belongs to this basis, and is quickly made again."""
+        """State without what is large, or belongs to this basis, and is quickly recomputed."""
         derived = ("_reference", "_in_basis")
         return {name: value for name, value in self.__dict__.items() if name not in derived}
 
@@ -246,5 +247,5 @@ class ReducedStructure(ApproximateStructure):
 
 
 def _excess(bounds: Bounds, frequency_error: float, shape_error: float) -> FloatArray:
-    """The larger of both errors, in units of the required ones."""
+    """The larger of the two errors, relative to the required ones."""
     return np.maximum(bounds.frequency / frequency_error, bounds.shape / shape_error)

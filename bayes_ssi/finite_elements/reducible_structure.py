@@ -1,4 +1,4 @@
-"""A finite-element model as a reduced basis needs it: its matrices and its full solutions."""
+"""The matrices and full solutions of a finite-element model, as a reduced basis needs them."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class System(NamedTuple):
     """The matrices of a model, with their rows in an order that keeps factors sparse.
 
     Attributes:
-        stiffness, mass: in that order.
+        stiffness, mass: the matrices, with reordered rows.
         sensor_rows: rows of the sensors.
-        influence: (n,), how every degree of freedom follows the ground; None if not known.
+        influence: (n,), displacements when the ground moves by 1; None if not known.
     """
 
     stiffness: AffineMatrix
@@ -64,12 +64,12 @@ class ReducibleStructure(Structure):
 
     @property
     def degrees_of_freedom(self) -> tuple[str, ...]:
-        """The measured ones (the sensors) or all."""
+        """The measured degrees of freedom (the sensors), or all."""
         return self._names
 
     @property
     def size(self) -> int:
-        """How many degrees of freedom the matrices have."""
+        """Number of degrees of freedom of the matrices."""
         return self._stiffness.size
 
     @cached_property
@@ -103,7 +103,7 @@ class ReducibleStructure(Structure):
         return system
 
     def coefficients(self, values: FloatArray) -> list[Coefficients]:
-        """Those of the matrices at every row of ``values`` (B, n_parameters)."""
+        """Coefficients of the matrices at every row of ``values`` (B, n_parameters)."""
         of_stiffness, of_mass = (
             each.coefficients(values, self.parameters)
             for each in (self.system.stiffness, self.system.mass)
@@ -128,7 +128,7 @@ class ReducibleStructure(Structure):
     def full_modes(self, values: FloatArray, extra: int = 0) -> Eigenpairs:
         """A full solution at ``values`` (n_parameters,), rows as in :attr:`system`.
 
-        It has ``extra`` modes more than :attr:`n_modes`, where the model has that many.
+        It has ``extra`` modes more than :attr:`n_modes`, as far as the model has them.
 
         Raises:
             NoModesError: there are fewer than :attr:`n_modes`, or they cannot be counted.
@@ -136,7 +136,7 @@ class ReducibleStructure(Structure):
         return lowest_modes(*self.matrices(values), self.n_modes, extra)
 
     def require_influence(self) -> FloatArray:
-        """How degrees of freedom follow the ground (n,), rows as in :attr:`system`.
+        """Influence of ground motion (n,), rows as in :attr:`system`.
 
         Raises:
             TypeError: it is not known.
@@ -151,7 +151,7 @@ class ReducibleStructure(Structure):
 
     @property
     def performance_hint(self) -> str:
-        """How it would be sampled much faster, as a sentence; empty where it is fast enough."""
+        """Advice on sampling it much faster, as a sentence; empty where it is fast enough."""
         if self.size <= DENSE_UP_TO:
             return ""
         return (

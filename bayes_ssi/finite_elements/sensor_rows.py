@@ -20,11 +20,11 @@ Sensors = Mapping[str, "int | str"] | Sequence["int | str"]
 def sensor_rows(
     n: int, labels: Sequence[str] | None, sensors: Sensors | None
 ) -> tuple[tuple[str, ...], NDArray[np.intp]]:
-    """Names and rows of the measured degrees of freedom, of ``n`` in the model.
+    """Names and rows of the measured degrees of freedom.
 
     Args:
-        n: degrees of freedom of the model.
-        labels: of all of them, or None.
+        n: number of degrees of freedom of the model.
+        labels: labels of all degrees of freedom, or None.
         sensors: name → label, or number from 0, of a degree of freedom; or labels alone; or
             None for all.
 

@@ -15,13 +15,13 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.matrix_files import FILE_ROUNDING, Matrix
 from bayes_ssi.modal import NOT_SUPPORTED, NoModesError
 
-# Modes are counted below a shift that differs from every (2πf)² by this share of it, and with a
-# factor that solves equations as accurately: closer to singular, pivots have no reliable signs.
+# Modes are counted below a shift that differs from every (2πf)² by this share, and with a factor
+# that solves equations this accurately: closer to singularity, signs of pivots are unreliable.
 RELATIVE_GAP = 1e-6
 
 
 class Factor:
-    """K = L D Lᵀ for a matrix whose rows are in a good order already; ``pivots`` (n,) are D."""
+    """K = L D Lᵀ for a matrix with rows already in a good order; ``pivots`` (n,) are D."""
 
     def __init__(self, matrix: Matrix) -> None:
         """Factorise; NoModesError if singular, or if no pivot on the diagonal serves."""
@@ -42,7 +42,7 @@ class Factor:
 
     @property
     def n_negative(self) -> int:
-        """How many eigenvalues are negative."""
+        """Number of negative eigenvalues."""
         return int((self.pivots < 0.0).sum())
 
     def solve(self, right: FloatArray) -> FloatArray:
@@ -51,7 +51,7 @@ class Factor:
         return solution
 
     def root_times(self, right: FloatArray) -> FloatArray:
-        """C times vectors (n, k), where K = C Cᵀ; of a positive definite matrix."""
+        """C times vectors (n, k), where K = C Cᵀ is positive definite."""
         product: FloatArray = self._lu.L @ (np.sqrt(self.pivots)[:, None] * right)
         return product
 
@@ -84,7 +84,7 @@ def fill_reducing_order(matrix: Matrix) -> NDArray[np.intp]:
 
 
 def count_below(stiffness: Matrix, mass: Matrix, shift: float) -> int:
-    """How many modes have (2πf)² < ``shift``, by the signs of the pivots of K - shift·M.
+    """Number of modes with (2πf)² < ``shift``, by the signs of the pivots of K - shift·M.
 
     Raises:
         NoModesError: K - shift·M cannot be factorised; the shift lies on a mode.

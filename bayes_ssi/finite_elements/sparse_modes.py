@@ -36,13 +36,13 @@ DENSE_UP_TO = 150
 
 
 def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) -> Eigenpairs:
-    """The ``n_modes`` lowest modes, and perhaps a few more, counted.
+    """The ``n_modes`` lowest modes, and perhaps a few more, verified by a count.
 
     Args:
         stiffness: (n, n), positive definite, its rows in an order that keeps factors sparse.
         mass: (n, n), positive semi-definite.
-        n_modes: how many.
-        extra: how many more, where the structure has that many.
+        n_modes: number of modes.
+        extra: number of further modes, as far as the structure has them.
 
     Raises:
         NoModesError: K is not positive definite, M gives fewer modes, or the modes and their count
@@ -67,10 +67,10 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) 
 def _counted(
     stiffness: Matrix, mass: Matrix, factor: Factor, n_modes: int, at_most: int
 ) -> Eigenpairs:
-    """Modes by Lanczos iterations, counted."""
+    """Modes by Lanczos iterations, verified by a count."""
     n = stiffness.shape[0]
     problem = "there is no gap between eigenvalues"
-    for attempt in range(4):  # each from another vector, for more modes
+    for attempt in range(4):  # each with another start vector and more modes
         n_computed = min(at_most + 2 + 6 * attempt, n - 2)
         try:
             modes = _lanczos(stiffness, mass, factor, n_computed, attempt)
@@ -121,7 +121,7 @@ def _modes_under(
 
 
 def _last_before_a_gap(eigenvalues: FloatArray, n_modes: int) -> int | None:
-    """How many modes to keep, ``n_modes`` or more: as many as lie below the widest gap."""
+    """Number of modes to keep, ``n_modes`` or more: those below the widest gap."""
     gaps = np.diff(eigenvalues) / eigenvalues[1:]
     candidates = [n for n in range(n_modes, len(eigenvalues)) if gaps[n - 1] > RELATIVE_GAP]
     return max(candidates, key=lambda n: gaps[n - 1], default=None)
