@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 
-# Columns of a file of modes, which sensors may not be named after.
+# Columns of a file of modes; no sensor may have one of these names.
 RESERVED_NAMES = ("label", "frequency_hz", "frequency_cov", "shape_sd", "damping")
 
 
@@ -31,7 +31,7 @@ class IdentifiedMode:
         damping: fraction of critical damping.
 
     Raises:
-        ValueError: a number is out of range, or the shape has no component that is not zero.
+        ValueError: a number is out of range, or every component of the shape is zero.
     """
 
     label: str
@@ -110,17 +110,17 @@ class IdentifiedMode:
 
     @property
     def n_measured(self) -> int:
-        """At how many sensors the shape is known; 0 without a shape."""
+        """Number of sensors at which the shape is known; 0 without a shape."""
         return 0 if self.shape is None else int(np.isfinite(self.shape).sum())
 
     @property
     def scored_shape(self) -> FloatArray | None:
-        """``unit_shape`` if it carries information; one component alone has no shape."""
+        """``unit_shape`` if it carries information: a single component does not."""
         return self.unit_shape if self.n_measured >= 2 else None
 
 
 def _rotated(shape: NDArray[Any]) -> NDArray[Any]:
-    """A complex shape at the phase at which its real part is longest; a real shape itself."""
+    """The shape at the phase at which its real part is longest; real shapes are unchanged."""
     if not np.iscomplexobj(shape):
         return shape
     return shape * np.exp(-0.5j * np.angle(np.nansum(shape**2)))

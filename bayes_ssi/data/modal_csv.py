@@ -110,8 +110,8 @@ def write_modal_data(data: ModalData, path: str | Path) -> None:
     """Write identified modes to a new CSV file.
 
     Args:
-        data: the modes; :func:`bayes_ssi.read_modal_data` reads the same again.
-        path: of the file.
+        data: the modes; :func:`bayes_ssi.read_modal_data` reads them back unchanged.
+        path: path of the file.
 
     Raises:
         FileExistsError: the file exists.
@@ -194,7 +194,7 @@ def _column_names(line: _Line) -> list[str]:
 
 
 def _read_head(head: list[_Line]) -> tuple[str, tuple[float, float] | None]:
-    """The source and the band that the lines above the column names give."""
+    """The source and the band, from the lines above the column names."""
     source, band = "", None
     for line in head:
         cells = [line.cells[0].lstrip("# ").strip(), *line.cells[1:]]

@@ -23,7 +23,7 @@ from bayes_ssi.modal import mac
 class ModalData:
     """The modes identified in one test of one structure, and the band of the search.
 
-    Include every mode identified in the band, also those that a model does not explain.
+    Include every mode identified in the band, even those that a model does not explain.
 
     Attributes:
         modes: in ascending order of frequency (unsorted ones are sorted).
@@ -33,7 +33,7 @@ class ModalData:
 
     Raises:
         ValueError: labels repeat, a mode lies outside the band, a shape does not have one
-            component a sensor, or the band is empty.
+            component per sensor, or the band is empty.
     """
 
     modes: tuple[IdentifiedMode, ...]
@@ -78,7 +78,7 @@ class ModalData:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Of the modes, in ascending order of frequency."""
+        """Labels of the modes, in ascending order of frequency."""
         return tuple(mode.label for mode in self.modes)
 
     @property
@@ -88,7 +88,7 @@ class ModalData:
 
     @property
     def unit_shapes(self) -> FloatArray:
-        """(n_sensors, n_modes), each at unit length; NaN where not measured."""
+        """Shapes (n_sensors, n_modes), each at unit length; NaN where not measured."""
         missing = np.full(len(self.sensors), np.nan)
         shapes = [missing if m.unit_shape is None else m.unit_shape for m in self.modes]
         return np.array(shapes).reshape(len(self.modes), len(self.sensors)).T
@@ -97,7 +97,7 @@ class ModalData:
         """The mode of that label.
 
         Raises:
-            ValueError: there is none.
+            ValueError: there is no such mode.
         """
         for mode in self.modes:
             if mode.label == label:
@@ -107,14 +107,14 @@ class ModalData:
         )
 
     def without_shapes(self) -> ModalData:
-        """The same modes by their frequencies alone."""
+        """The same modes with their frequencies only."""
         return replace(
             self, modes=tuple(replace(m, shape=None, shape_sd=None) for m in self.modes), sensors=()
         )
 
     @cached_property
     def digest(self) -> str:
-        """Identifies the frequencies, scored shapes and band that an evidence is a density of.
+        """Digest of the frequencies, scored shapes and band whose density an evidence is.
 
         Evidences are comparable only where their digests agree.
         """

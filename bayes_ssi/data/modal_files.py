@@ -1,4 +1,4 @@
-"""Files of identified modes, of any form that the package reads."""
+"""Files of identified modes, in any format that the package reads."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def read_modal_data(
         path: the file.
         band_hz: lowest and highest frequency (Hz) of the search. A CSV file can
             state them itself, a universal file cannot.
-        sensors: of a universal file, name → (node, direction), the direction being x, y or z, or
+        sensors: for a universal file, name → (node, direction); the direction is x, y or z, or
             -x, -y or -z where the sensor points the other way. If None, every node and direction
-            that moves is a sensor, named ``12 x``. The columns of a CSV file name its own.
+            that moves is a sensor, named ``12 x``. A CSV file names its sensors itself.
 
     Raises:
         OSError: the file cannot be read.

@@ -18,14 +18,14 @@ def modal_data_from_pyoma2(
     sensors: Sequence[str] | None = None,
     source: str = "",
 ) -> ModalData:
-    """The modes that were selected in a run of an algorithm of pyOMA2.
+    """The modes selected from the result of a pyOMA2 algorithm.
 
     Args:
         result: ``algorithm.result`` after ``mpe``: ``Fn`` (m,) in Hz and ``Phi`` (channels, m),
             complex; ``Xi`` (m,), damping as a fraction, and ``Fn_std`` (m,), the standard
             deviation of ``Fn`` in Hz, where the algorithm gave them.
         band_hz: lowest and highest frequency of the search, in Hz.
-        sensors: names of the channels, those of the structure's degrees of freedom;
+        sensors: names of the channels, as the structure names its degrees of freedom;
             ``channel 1``, ``channel 2``, … if None.
         source: where the data come from.
 

@@ -35,7 +35,7 @@ def read_modal_uff(
 ) -> ModalData:
     """Read the modes of a universal file.
 
-    Arguments as those of :func:`bayes_ssi.data.modal_files.read_modal_data`.
+    Arguments are as in :func:`bayes_ssi.data.modal_files.read_modal_data`.
 
     Returns:
         Modes labelled 1, 2, … in ascending order of frequency. A complex mode's frequency is

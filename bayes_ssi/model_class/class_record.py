@@ -1,4 +1,4 @@
-"""What a model class is, as a record to be stored: for results, and to recognise a class again."""
+"""Stored records of model classes: for results, and to recognise a class again."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ class ConfigurationRecord:
     """One configuration of a model class.
 
     Attributes:
-        name: empty where there is one configuration.
-        structure: name of its class.
-        definition: the structure as Python writes it.
+        name: name of the configuration; empty where there is only one.
+        structure: name of the structure's class.
+        definition: ``repr`` of the structure.
         structure_lines: heading and text, line by line.
-        degrees_of_freedom: of the structure.
+        degrees_of_freedom: degrees of freedom of the structure.
         pairing: label of an identified mode → number of the model mode; None where it is inferred.
         spurious: labels of the identified modes that are not paired; None where that is inferred.
         identification_errors: label → name of the error → its size, None where not given.
-        data_digest: of the identified modes.
+        data_digest: digest of the identified modes.
     """
 
     name: str
@@ -50,7 +50,7 @@ class ConfigurationRecord:
 
 @dataclass(frozen=True)
 class ClassRecord:
-    """A model class; ``error`` is its error model as Python writes it, ``error_sizes`` in words."""
+    """A model class; ``error`` is the ``repr`` of its error model, ``error_sizes`` describes it."""
 
     name: str
     description: str

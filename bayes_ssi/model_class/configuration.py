@@ -22,11 +22,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class Configuration:
-    """One test: the structure as it was then, and the modes identified in it.
+    """One test: the structure in its state at the time, and the modes identified in it.
 
     A structure is often tested several times with known changes in between: bare, with masses
-    added, with an appendage on its roof. What does not change is said by using the same
-    Parameter in the structures of all configurations.
+    added, with an appendage on its roof. Use the same Parameter in the structures of all
+    configurations for what does not change.
 
     Attributes:
         name: unique in a model class; empty only where there is one configuration.
@@ -40,7 +40,7 @@ class Configuration:
     Raises:
         ValueError: a sensor is not on the structure, the pairing is not valid, or the name is
             not one that a file could hold. The message begins with the configuration's name.
-        TypeError: a field is of the wrong kind.
+        TypeError: a field has the wrong type.
     """
 
     name: str
@@ -82,7 +82,7 @@ class Configuration:
         """Compute the structure's modes at the prior medians as a check.
 
         Raises:
-            ValueError: it raises an error, or returns arrays of other shapes than it should.
+            ValueError: it raises an error, or returns arrays of the wrong shapes.
         """
         n_dof, n_modes = len(self.structure.degrees_of_freedom), self.structure.n_modes
         kind = f"structure {type(self.structure).__name__}"
@@ -103,7 +103,7 @@ class Configuration:
 
 
 def joint_digest(tests: Mapping[str, ModalData]) -> str:
-    """Identifies what an evidence is a density of: the data of all configurations, by name."""
+    """Digest of the data of all configurations, by name, whose density an evidence is."""
     if list(tests) == [""]:
         return tests[""].digest
     digests = sorted((name, data.digest) for name, data in tests.items())
@@ -119,12 +119,12 @@ def choose_configuration(items: Mapping[str, T], name: str | None, owner: str) -
     """The item of one configuration, or the only item if no name is given.
 
     Args:
-        items: by the names of their configurations.
-        name: of the configuration.
-        owner: whose configurations they are, for messages.
+        items: name of a configuration → item.
+        name: name of the configuration.
+        owner: what has the configurations, for messages.
 
     Raises:
-        ValueError: there is none of that name, or there are several and none is named.
+        ValueError: there is no such configuration, or there are several and none is named.
     """
     if name is None and len(items) == 1:
         return next(iter(items.values()))

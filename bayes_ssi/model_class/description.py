@@ -11,7 +11,7 @@ from typing import Any
 from bayes_ssi.parameters import Parameter, Product
 from bayes_ssi.structures.structure import Structure
 
-# Some lines of a report; longer fields are cut.
+# Length of a few lines of a report; longer fields are cut.
 MOST_CHARACTERS = 300
 
 

@@ -27,12 +27,12 @@ Pairing = Mapping[str, int] | Literal["any"]
 class ModelClass:
     """One hypothesis about a structure: its model, its unknowns, and which mode is which.
 
-    The structure was tested once, or in several configurations: the likelihood is then the
-    product of those of the tests, and parameters of the same name are the same.
+    The structure was tested once, or in several configurations: then the likelihood is the
+    product of the tests' likelihoods, and parameters with the same name are the same.
 
     Attributes:
         name: unique in a study.
-        configurations: the tests; one without a name where ``structure`` and ``data`` were given.
+        configurations: the tests; a single unnamed one where ``structure`` and ``data`` were given.
         error: prediction errors, inferred by default, the same in all configurations.
         identification: detection and spurious modes, the same in all configurations.
         description: a sentence for reports.
@@ -59,7 +59,7 @@ class ModelClass:
         description: str = "",
         priors: Mapping[str, Prior] | None = None,
     ) -> None:
-        """A hypothesis by a structure, its data and pairing, or by several configurations.
+        """Define a class by a structure, its data and pairing, or by several configurations.
 
         Args:
             name: unique in a study.
@@ -68,17 +68,17 @@ class ModelClass:
             error: prediction errors, inferred by default.
             pairing: which identified mode is which model mode, as in
                 :class:`~bayes_ssi.model_class.configuration.Configuration`.
-            configurations: the tests, where there are several. A structure, data or a pairing
-                given as well replaces theirs.
+            configurations: the tests, where there are several. A structure, data or pairing that
+                is also given replaces theirs.
             identification: probabilities of detection and of spurious modes.
             description: a sentence for reports.
             priors: name of a parameter → prior in place of its own.
 
         Raises:
-            ValueError: names repeat among different parameters or among configurations, nothing
-                is inferred, a prior is of no parameter, a sensor is not on the structure, or a
-                pairing is not valid. The message begins with the class's name.
-            TypeError: something is missing or of the wrong kind.
+            ValueError: two parameters or configurations share a name, nothing is inferred, a prior
+                belongs to no parameter, a sensor is not on the structure, or a pairing is not
+                valid. The message begins with the class's name.
+            TypeError: an argument is missing or has the wrong type.
         """
         if not isinstance(name, str) or not name.strip():
             raise TypeError(f"ModelClass: name must be text and not empty, got {name!r}")
@@ -104,7 +104,7 @@ class ModelClass:
         """The configuration of that name, or the only one if None.
 
         Raises:
-            ValueError: there is none of that name, or there are several and none is named.
+            ValueError: there is no such configuration, or there are several and none is named.
         """
         by_name = {each.name: each for each in self.configurations}
         return choose_configuration(by_name, name, f"model class {self.name!r}")
@@ -138,7 +138,7 @@ class ModelClass:
     def parameters(self) -> tuple[Parameter, ...]:
         """The inferred parameters, the columns of ``values`` and of ``z``.
 
-        Those of the structures come first, then those of the errors.
+        Parameters of the structures come first, then those of the errors.
         """
         of_all = (p for likelihood in self.likelihoods for p in likelihood.parameters)
         own = collect_parameters((*self._of_structures, *of_all))
@@ -170,7 +170,7 @@ class ModelClass:
 
     @property
     def data_digest(self) -> str:
-        """Identifies the data (of all configurations) whose density the evidence is."""
+        """Digest of the data, of all configurations, whose density the evidence is."""
         return joint_digest({c.name: c.data for c in self.configurations})
 
     def values(self, z: FloatArray) -> FloatArray:
@@ -215,7 +215,7 @@ class ModelClass:
         return total
 
     def frequencies_hz(self, values: FloatArray) -> FloatArray:
-        """Model frequencies (B, n_modes) at ``values``, those of all configurations in turn."""
+        """Model frequencies (B, n_modes) at ``values``, of all configurations in turn."""
         return np.concatenate(
             [likelihood.modes(own).frequencies_hz for _, likelihood, own in self.parts(values)],
             axis=1,
@@ -252,7 +252,7 @@ class ModelClass:
         """Compute every structure's modes at the prior medians as a check.
 
         Raises:
-            ValueError: it raises an error, or returns arrays of other shapes than it should.
+            ValueError: it raises an error, or returns arrays of the wrong shapes.
         """
         for configuration in self.configurations:
             try:
@@ -262,7 +262,7 @@ class ModelClass:
 
 
 def _of_kind(kind: type, name: str, value: Any) -> Any:
-    """The value, or the kind's default where there is none."""
+    """The value, or a default object of this kind where there is none."""
     value = kind() if value is None else value
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be a {kind.__name__}, got {value!r}")
@@ -272,7 +272,7 @@ def _of_kind(kind: type, name: str, value: Any) -> Any:
 def _configurations(
     given: Sequence[Configuration] | None, own: Mapping[str, Any]
 ) -> tuple[Configuration, ...]:
-    """Those given, with ``own`` fields in place of theirs; or one made of the ``own`` fields."""
+    """The given configurations with ``own`` fields replaced, or one made of the ``own`` fields."""
     if given is None:
         missing = [name for name in ("structure", "data", "pairing") if name not in own]
         if missing:

@@ -16,13 +16,13 @@ from bayes_ssi.ranking.comparison import Comparison
 class AveragedParameter:
     """A parameter averaged over the model classes that infer it.
 
-    Classes that give it a fixed value, or do not have it, do not enter.
+    Classes in which it has a fixed value, or does not occur, are left out.
 
     Attributes:
-        name: of the parameter.
+        name: name of the parameter.
         n_classes: number of classes that infer it.
-        probability: of these classes together, among all that were compared.
-        mean, sd, quantile_05, quantile_95: over the classes, in the proportions of their
+        probability: total probability of these classes, among all that were compared.
+        mean, sd, quantile_05, quantile_95: averages over these classes, weighted by their
             probabilities.
     """
 
@@ -40,11 +40,11 @@ def averaged_parameters(
 ) -> tuple[AveragedParameter, ...]:
     """Every parameter that several classes infer, in the order in which they first appear.
 
-    Parameters of one name are one parameter. One whose classes all have probability zero is left
-    out.
+    Parameters with the same name are the same. One whose classes all have probability zero is
+    left out.
 
     Args:
-        posteriors: of all classes compared, in any order.
+        posteriors: posteriors of all classes compared, in any order.
         comparison: their probabilities.
     """
     probabilities = {row.name: row.probability for row in comparison.classes}

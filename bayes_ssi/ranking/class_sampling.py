@@ -1,9 +1,9 @@
-"""Sampling several model classes: one after another, or side by side in workers.
+"""Sampling of several model classes: one after another, or side by side in workers.
 
 Workers can take whole classes, or share the evaluations of one. Whole classes keep all workers
-busy when there are at least as many classes as workers. Where there are fewer, evaluations are
+busy when there are at least as many classes as workers. With fewer classes, evaluations are
 shared, except those of small matrices and of approximate structures: these are solved in batches,
-in less time than it takes to send them. Results do not depend on it.
+in less time than it takes to send them. Results do not depend on this choice.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def sample_all(
     settings: SamplingSettings,
     run: Run | None = None,
 ) -> list[Posterior]:
-    """Sample several classes; in their order.
+    """Sample several classes; the posteriors are in their order.
 
     Args:
         candidates: the classes.
@@ -52,12 +52,12 @@ def sample_all(
 def _side_by_side(
     candidates: Sequence[ModelClass], seed: int, settings: SamplingSettings, run: Run
 ) -> dict[int, Posterior]:
-    """Whole classes, each in one worker, by their number; without those whose worker died."""
+    """Posteriors of whole classes, each sampled in one worker; none where the worker died."""
     if run.workers is None or len(candidates) == 1:
         return {}
     all_whole = len(candidates) >= run.workers.n_workers
     whole = [i for i, each in enumerate(candidates) if all_whole or _is_cheap(each)]
-    # The largest first: none should be left alone with one worker in the end.
+    # The largest first: none should keep a single worker busy at the end.
     whole.sort(key=lambda i: -len(candidates[i].parameters))
     names = [candidates[i].name for i in whole]
     checkpoint = run.checkpoint

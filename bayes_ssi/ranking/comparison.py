@@ -1,4 +1,4 @@
-"""Ranking model classes by their evidence on the same data."""
+"""Ranking of model classes by their evidence on the same data."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ SCALE = (
 # A class is distinguishable from the best one if their difference exceeds this multiple of its
 # standard error: about 95 % of a normal distribution lie within two.
 STANDARD_ERRORS = 2.0
-# A class less probable than this is not flagged for leaning on its priors: that it must is what
-# makes it improbable.
+# A class less probable than this is not flagged for lying at the edge of its priors: having to do
+# so is what makes it improbable.
 PROBABLE = 0.01
 
 
@@ -43,7 +43,7 @@ class RankedClass:
     """One row of a ranking.
 
     Attributes:
-        name: of the model class.
+        name: name of the model class.
         log_evidence: in nats, and ``error``, its standard error.
         probability: posterior probability of the class among those compared.
         log_bayes_factor: log evidence less that of the most probable class; positive only where
@@ -54,9 +54,9 @@ class RankedClass:
         distinguishable: whether the difference from the best class is more than a bare mention
             on the scale, and more than two of its standard errors.
         mean_log_likelihood: how well the class fits, in nats.
-        information_gained: what the fit cost, in nats.
-        n_parameters: inferred.
-        failed_checks: of the sampling.
+        information_gained: the penalty on the fit, in nats.
+        n_parameters: number of inferred parameters.
+        failed_checks: failed checks of the sampling.
     """
 
     name: str
@@ -104,7 +104,7 @@ class Comparison:
 
     @property
     def not_distinguishable(self) -> tuple[str, ...]:
-        """Names of the classes that are not distinguishable from the best one, without it."""
+        """Names of the other classes that are not distinguishable from the best one."""
         return tuple(row.name for row in self.classes[1:] if not row.distinguishable)
 
     @property
@@ -119,12 +119,12 @@ def compare(
     """Rank model classes by evidence.
 
     Args:
-        posteriors: of the classes, all sampled on the same data.
+        posteriors: posteriors of the classes, all sampled on the same data.
         prior_weights: name → prior weight of a class, equal if not given.
 
     Raises:
-        ValueError: nothing to compare, two classes of one name, evidences of different data, or
-            a prior weight that is missing, unknown or not positive.
+        ValueError: there is nothing to compare, two classes have one name, the data differ, or a
+            prior weight is missing, unknown or not positive.
     """
     if not posteriors:
         raise ValueError("compare: no posterior to compare")

@@ -1,7 +1,7 @@
-"""How sensitive a ranking is to settings that are an analyst's choice.
+"""Sensitivity of a ranking to the analyst's choice of settings.
 
 These are the detection probability, the expected number of spurious modes, the error sizes and
-the width of the priors. Each is changed in turn, and everything is ranked again.
+the width of the priors. Each is changed in turn, and all classes are ranked again.
 
 Where only the likelihood changes, the posterior draws are reweighted: the log evidence changes by
 the log of the mean ratio of the new likelihood to the old. Where the draws do not cover the new
@@ -34,12 +34,12 @@ SETTINGS = SamplingSettings(log_evidence_error=0.03)
 
 @dataclass(frozen=True)
 class ReweightingLimits:
-    """When posterior draws are reweighted for a changed likelihood, and not drawn again.
+    """When posterior draws are reweighted for a changed likelihood instead of sampled again.
 
     Attributes:
-        draws: evenly spread draws at which the changed likelihood is evaluated.
-        pareto_k: shape of the ratios' tail; below 1/2, their variance is finite.
-        largest: ratio to the mean ratio; where none is larger, there is no tail to judge.
+        draws: number of evenly spread draws at which the changed likelihood is evaluated.
+        pareto_k: largest shape of the ratios' tail; below 1/2, their variance is finite.
+        largest: multiple of the mean ratio; where no ratio is larger, there is no tail to judge.
     """
 
     draws: int = 4000
@@ -55,9 +55,9 @@ class Variation:
     """One setting changed.
 
     Attributes:
-        name: for tables.
-        change: a model class → the class with the setting changed.
-        of_priors: whether priors change, and not only the likelihood.
+        name: name for tables.
+        change: function from a model class to the class with the setting changed.
+        of_priors: whether priors change, rather than only the likelihood.
     """
 
     name: str
@@ -70,11 +70,11 @@ class SensitivityRow:
     """The ranking under one variation.
 
     Attributes:
-        name: of the variation.
+        name: name of the variation.
         log_evidences: model class → log evidence in nats, with its standard error.
         probabilities: model class → posterior probability, with the study's prior weights.
-        sampled: the classes that were sampled again; of the others the draws were reweighted.
-        failed_checks: of the classes that were sampled again.
+        sampled: the classes that were sampled again; draws of the others were reweighted.
+        failed_checks: failed checks of the classes that were sampled again.
     """
 
     name: str
@@ -94,7 +94,7 @@ class SensitivityRow:
 
     @property
     def lead(self) -> float:
-        """Log of the best class's probability over the next one's, in nats; inf if it is alone."""
+        """Log of the probability ratio of the two best classes, in nats; inf for a single class."""
         shares = sorted(self.probabilities.values(), reverse=True)
         if len(shares) < 2 or shares[1] == 0.0:
             return math.inf
@@ -144,13 +144,12 @@ def sensitivity(
     """Rank again under every variation.
 
     Args:
-        ranking: under the study's own settings.
+        ranking: the ranking under the study's own settings.
         variations: :func:`default_variations` if None.
-        settings: of the classes that are sampled again; their wanted error also limits that of
-            reweighting. By default it is 0.03 nats.
+        settings: settings for classes that are sampled again; their wanted error also limits that
+            of reweighting. By default it is 0.03 nats.
         run: workers for classes that are sampled again, and progress: called after each variation
-            with "sensitivity", its name and the share of all that are done. Nothing is kept on
-            disk.
+            with "sensitivity", its name and the completed share of all. Nothing is kept on disk.
 
     Raises:
         ValueError: two variations have one name, or a class cannot be sampled.
@@ -206,7 +205,7 @@ def _reweighted(posterior: Posterior, changed: ModelClass, max_error: float) -> 
     if not math.isfinite(top):
         return None
     ratios = np.exp(log_ratios - top)
-    # The shape of too few draws is NaN, and trusted no more than that of a heavy tail.
+    # With too few draws the shape is NaN, and trusted no more than that of a heavy tail.
     no_tail = ratios.max() <= LIMITS.largest * ratios.mean()
     if not (no_tail or pareto_shape(ratios / ratios.sum()) <= LIMITS.pareto_k):
         return None
@@ -220,9 +219,9 @@ def _reweighted(posterior: Posterior, changed: ModelClass, max_error: float) -> 
 
 
 def _missed(factor: float, candidate: ModelClass) -> ModelClass:
-    """With ``factor`` times the probability that a mode is missed.
+    """The class with ``factor`` times the probability that a mode is missed.
 
-    The probability that it is identified falls to half of itself at most.
+    The probability of detection is at most halved.
     """
     missed = 1.0 - candidate.identification.detection_probability
     changed = replace(
@@ -239,7 +238,7 @@ def _spurious(factor: float, candidate: ModelClass) -> ModelClass:
 
 
 def _errors(of_frequencies: float, of_shapes: float, candidate: ModelClass) -> ModelClass:
-    """Error sizes times factors; where they are inferred, their priors move with them."""
+    """The class with scaled error sizes; where they are inferred, their priors are scaled."""
     error = candidate.error
     return replace(
         candidate,
@@ -250,6 +249,6 @@ def _errors(of_frequencies: float, of_shapes: float, candidate: ModelClass) -> M
 
 
 def _priors(factor: float, candidate: ModelClass) -> ModelClass:
-    """With wider priors of the structures' parameters, but not of the error sizes."""
+    """The class with wider priors of the structures' parameters, but not of the error sizes."""
     wider = {p.name: p.prior.widened(factor) for p in candidate.structural_parameters}
     return replace(candidate, priors=wider)

@@ -1,4 +1,4 @@
-"""A study: model classes that answer one question, and ranking them."""
+"""A study: model classes that answer one question, and their ranking."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class Study:
         prior_weights: name of a class → its prior weight; equal where not given.
         description: what the study asks.
         stands_for: class whose pairing is inferred in place of a given one → the classes of the
-            original study that it stands for.
+            original study that it represents.
 
     Raises:
         ValueError: there is no model class, two have one name, or the prior weights are not one
-            positive number a class.
+            positive number per class.
         TypeError: one of them is not a ModelClass.
     """
 
@@ -66,7 +66,7 @@ class Study:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the model classes, in the study's order."""
+        """Names of the model classes, in the study's order."""
         return tuple(candidate.name for candidate in self.model_classes)
 
     def only(self, names: Sequence[str]) -> Study:
@@ -92,8 +92,8 @@ class Study:
     def with_any_pairing(self) -> Study:
         """The study with every pairing inferred; classes that differ in nothing else are merged.
 
-        A merged class carries the names of all, the sum of their prior weights, and the
-        description of the first.
+        A merged class has the names of all, the sum of their prior weights, and the description
+        of the first.
         """
         groups: dict[tuple[str, ...], list[ModelClass]] = {}
         for candidate in self.model_classes:
@@ -118,10 +118,10 @@ class Study:
         )
 
     def require_same_data(self) -> None:
-        """Refuse to go on where classes explain different data, in any configuration.
+        """Check that all classes explain the same data, in every configuration.
 
         Raises:
-            ValueError: they do.
+            ValueError: they do not.
         """
         first = self.model_classes[0]
         for other in self.model_classes[1:]:
@@ -166,7 +166,7 @@ def rank(
 
     Args:
         study: the candidates.
-        seed: a class's result follows from it and the class's name, whatever others there are.
+        seed: a class's result follows from it and the class's name, regardless of other classes.
         settings: how precisely to sample.
         run: workers, a checkpoint to resume from, and progress; the result does not depend on
             them.
@@ -186,8 +186,8 @@ def load_study(path: str | Path) -> Study:
     """The one :class:`Study` that a Python file defines.
 
     Raises:
-        ValueError: there is no such file, it is not Python, it raises, or it defines no study or
-            several.
+        ValueError: there is no such file, it is not Python, it raises an error, or it defines no
+            study or several.
     """
     path = Path(path)
     if not path.is_file():
@@ -228,7 +228,7 @@ def load_study(path: str | Path) -> Study:
 
 
 def _remedy(error: BaseException) -> str:
-    """How to install a finite-element program that a study imports."""
+    """Advice on installing a finite-element program that a study imports."""
     package = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
     return f'; pip install "bayes_ssi[{EXTRAS[package]}]"' if package in EXTRAS else ""
 
