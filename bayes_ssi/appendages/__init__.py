@@ -1,1 +1,1 @@
-"""The search for hidden appendages: places, hypotheses, and what the search says."""
+"""The search for hidden appendages: places, hypotheses and findings."""

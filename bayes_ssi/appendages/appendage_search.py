@@ -1,8 +1,8 @@
 """The search for hidden appendages: is there one, where, how heavy, and at which frequency?
 
 From a baseline model class it builds hypotheses: no appendage; one appendage of each kind at each
-of its places; then one more added to the best of these, as long as the evidence grows. Which
-identified mode is which is never assumed: every hypothesis is scored over all pairings.
+of its places; then one more added to the best of these, as long as the evidence grows. No pairing
+of modes is assumed: every hypothesis is scored over all pairings.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def search(
     """Search for hidden appendages on a baseline structure.
 
     Args:
-        baseline: its structure has floors in a row; its pairing is not used.
+        baseline: a class whose structure has floors; its pairing is not used.
         search_settings: what an appendage may be.
         seed: a hypothesis's result follows from it and the hypothesis's name.
         settings: how precisely to sample.
@@ -82,7 +82,7 @@ def _next_level(
     candidates: Sequence[AppendagePlace],
     options: SearchSettings,
 ) -> list[tuple[AppendagePlace, ...]]:
-    """Hypotheses with one appendage more than the best so far; none if more do not help."""
+    """Hypotheses with one more appendage than the best so far; none if more do not help."""
 
     def log_evidence(places: tuple[AppendagePlace, ...]) -> float:
         return posteriors[places].evidence.log_evidence
@@ -105,5 +105,5 @@ def _next_level(
 
 
 def _prior_weight(number: int, n_candidates: int, options: SearchSettings) -> float:
-    """A number's weight, shared by all ways to place that many appendages."""
+    """Prior weight of a number of appendages, shared by all ways to place them."""
     return options.number_weights[number] / math.comb(n_candidates, number)

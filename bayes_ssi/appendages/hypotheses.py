@@ -29,11 +29,11 @@ class SearchSettings:
             half the lowest identified frequency to the band's upper limit.
         number_weights: prior weights of no appendage, of one, of two, ...; the weight of a
             number is shared evenly by all ways to place that many. Its length limits the search.
-        branches: how many of the best hypotheses are extended by one more appendage.
+        branches: number of best hypotheses that are extended by one more appendage.
 
     Raises:
-        ValueError: fewer than two weights, a weight that is not positive, or no branch.
-        TypeError: a prior is none.
+        ValueError: there are fewer than two weights, one is not positive, or there is no branch.
+        TypeError: a prior is not a prior distribution.
     """
 
     mass_ratio: Prior = field(default_factory=lambda: LogNormal(0.05, 1.0))
@@ -72,7 +72,7 @@ def hypothesis(
     """The baseline with an appendage at each of ``places``, scored over all pairings.
 
     Raises:
-        ValueError: its structure has no floors, or not these.
+        ValueError: its structure has no floors, or lacks some of these.
     """
     options = search_settings or SearchSettings()
     structure = structure_with_floors(baseline)
@@ -87,7 +87,7 @@ def hypothesis(
 
 
 def structure_with_floors(baseline: ModelClass) -> LumpedStructure:
-    """The structure of a class on which appendages can be hung.
+    """The structure of a class, if appendages can be hung on it.
 
     Raises:
         ValueError: it has no floors, or there are several configurations.
@@ -118,10 +118,10 @@ def mean_mass(structure: LumpedStructure) -> float:
 
 
 def mass_name(place: AppendagePlace) -> str:
-    """Name of the parameter that is the vibrating mass over the mean floor mass."""
+    """Name of the parameter for the vibrating mass over the mean floor mass."""
     return f"mass ratio, {place.name}"
 
 
 def frequency_name(place: AppendagePlace) -> str:
-    """Name of the parameter that is the appendage's frequency."""
+    """Name of the parameter for the appendage's frequency."""
     return f"frequency, {place.name}"

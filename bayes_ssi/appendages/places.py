@@ -14,8 +14,8 @@ class AppendagePlace(ABC):
     """One kind of appendage at one place; floors count from 1, and 0 is the ground.
 
     Attributes:
-        title: of the kind, for the legend of a drawing.
-        marker: that draws it, as matplotlib names markers.
+        title: name of the kind, for the legend of a drawing.
+        marker: matplotlib's name of the marker that draws it.
         is_outside: whether it is drawn next to the building, joined to its floor.
     """
 
@@ -33,16 +33,16 @@ class AppendagePlace(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """Unique among all places of a building."""
+        """Name, unique among all places of a building."""
 
     @property
     @abstractmethod
     def height(self) -> float:
-        """In storeys above the ground."""
+        """Height in storeys above the ground."""
 
     @abstractmethod
     def element(self, vibrating_mass: Value, frequency: Value) -> Element:
-        """The appendage, by the mass that vibrates and its frequency in Hz on fixed floors."""
+        """The appendage, given its vibrating mass and its frequency in Hz on fixed floors."""
 
 
 @dataclass(frozen=True)
@@ -99,5 +99,5 @@ class InfillPlace(AppendagePlace):
         return OutOfPlaneInfill(self.between, 2.0 * vibrating_mass, frequency, label=label)
 
 
-# What a search hangs on a building; another kind of appendage is another class here.
+# Kinds of appendages that a search hangs on a building; add a class to search for another kind.
 KINDS: tuple[type[AppendagePlace], ...] = (PendulumPlace, InfillPlace)

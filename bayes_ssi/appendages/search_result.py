@@ -29,7 +29,7 @@ class AppendageSummary:
     Attributes:
         place: where it hangs.
         mass: the vibrating mass, in the structure's unit.
-        mass_ratio: the same over the mean floor mass.
+        mass_ratio: the vibrating mass over the mean floor mass.
         frequency_hz: natural frequency on fixed floors.
     """
 
@@ -77,9 +77,9 @@ class SearchRecord:
         search_settings: what an appendage may be.
         mass_scale: the mean floor mass, in the structure's unit.
         probability_of_any: probability that there is at least one appendage.
-        places: all that were considered.
+        places: all places that were considered.
         hypotheses: the most probable first.
-        averaged_parameters: of the baseline.
+        averaged_parameters: averaged parameters of the baseline.
     """
 
     baseline: str
@@ -101,8 +101,8 @@ class AppendageSearch:
     """The result of a search.
 
     Attributes:
-        ranking: of all hypotheses that were sampled.
-        record: where appendages are, and what they are like.
+        ranking: ranking of all hypotheses that were sampled.
+        record: where appendages are, and their properties.
     """
 
     ranking: Ranking
@@ -125,7 +125,7 @@ def search_record(
     Args:
         baseline: the model class that the hypotheses were built on.
         search_settings: what an appendage may be.
-        ranking: of the hypotheses.
+        ranking: ranking of the hypotheses.
         places: hypothesis → the places of its appendages.
         candidates: all places that were considered.
     """

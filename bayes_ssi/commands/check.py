@@ -1,4 +1,4 @@
-"""``bayes-ssi check``: how a file of identified modes is read."""
+"""``bayes-ssi check``: show a file of identified modes as it is read."""
 
 from __future__ import annotations
 

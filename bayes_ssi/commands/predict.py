@@ -177,7 +177,7 @@ def _modes(predicted: StoredPredictions, responses: Sequence[ResponseBands]) -> 
 
 
 def _composition(predictions: Predictions) -> str:
-    """From which model classes the draws of a prediction are."""
+    """Sentence on the model classes whose draws make a prediction."""
     from bayes_ssi.predictions.predictions import AVERAGE
 
     if predictions.name != AVERAGE:

@@ -1,4 +1,4 @@
-"""The response request that the options of ``bayes-ssi predict`` make."""
+"""The response request from the options of ``bayes-ssi predict``."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def response_request(
     dt: float | None,
     level: float,
 ) -> tuple[ResponseRequest, list[str]]:
-    """The request that the options make, and remarks on it."""
+    """The request from the options, and remarks on it."""
     from bayes_ssi.predictions.default_request import (
         MOST_FREQUENCIES,
         default_frequencies,
@@ -83,7 +83,7 @@ def response_request(
 
 
 def _damping(predicted: StoredPredictions, text: str | None) -> tuple[Damping, str]:
-    """The damping given, or that of the data, and a sentence about it."""
+    """The damping from the option or from the data, and a sentence about it."""
     from bayes_ssi.predictions.default_request import default_damping
 
     if text is None:

@@ -1,4 +1,4 @@
-"""Commands that sample: their options, and a result that is saved even if they are interrupted."""
+"""Commands that sample: their options, checkpoints, and saving of the result."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ RESULTS = Path("runs") / "results"
 
 @dataclass(frozen=True)
 class ResultPlace:
-    """Where a command saves its result, and meanwhile its evaluations.
+    """Where a command saves its result and, until then, its evaluations.
 
     Attributes:
-        study_file: that defines the study.
-        directory: of the result.
-        checkpoint: of the run, next to it.
-        overwrite: whether a result that is there may be replaced.
+        study_file: the file that defines the study.
+        directory: directory of the result.
+        checkpoint: checkpoint of the run, next to the result.
+        overwrite: whether an existing result may be replaced.
     """
 
     study_file: Path
@@ -79,9 +79,9 @@ class RunOptions:
 
         Args:
             study: what is sampled.
-            study_file: that defines it.
-            name: of the result directory, where none was given.
-            options: what the result follows from besides the study, the seed and the settings.
+            study_file: the file that defines it.
+            name: name of the result directory, where none was given.
+            options: what determines the result besides the study, the seed and the settings.
 
         Raises:
             FileExistsError: there is another result, which is not to be overwritten.
@@ -122,7 +122,7 @@ class RunOptions:
             sys.exit(INTERRUPTED)
 
     def sensitivity_record(self, ranking: Ranking, run: Run) -> dict[str, Sensitivity]:
-        """How the ranking depends on the settings, by its file, if that was asked for."""
+        """File name → sensitivity of the ranking to settings, if requested."""
         from bayes_ssi.ranking.sensitivity import sensitivity
         from bayes_ssi.results.load import SENSITIVITY
 
@@ -131,7 +131,7 @@ class RunOptions:
     def save(
         self, ranking: Ranking, records: Mapping[str, Any], place: ResultPlace
     ) -> StoredResult:
-        """Save a ranking, further records by their files and the figures; remove the checkpoint."""
+        """Save a ranking, further records by file name, and figures; remove the checkpoint."""
         from bayes_ssi.results.load import MARKER
         from bayes_ssi.results.new_directory import require_new
         from bayes_ssi.results.save import save_result
@@ -177,7 +177,7 @@ class RunOptions:
 
 
 def _print_performance_hints(study: Study) -> None:
-    """Say before a long run how it could be shortened, once for each kind of structure."""
+    """Advise before a long run how to shorten it, once for each kind of structure."""
     from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 
     names_by_hint: dict[str, list[str]] = {}
@@ -192,7 +192,7 @@ def _print_performance_hints(study: Study) -> None:
 
 
 def run_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of :class:`RunOptions`, as one argument ``options``."""
+    """Add the options of :class:`RunOptions` to a command, as one argument ``options``."""
 
     @functools.wraps(command)
     def wrapped(**options: Any) -> None:
@@ -228,7 +228,7 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, Any]:
-    """What ``--json`` prints: the ranking, the posteriors in numbers, and where the result is."""
+    """The record that ``--json`` prints: ranking, numbers of posteriors, path of the result."""
     return {
         "directory": str(result.directory),
         "study": result.record.study,

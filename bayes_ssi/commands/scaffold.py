@@ -16,7 +16,7 @@ def write_study(name: str | Path, kind: str) -> tuple[Path, Path]:
     """Write a study and its data.
 
     Args:
-        name: of the files, with or without ``.py``; its directory must exist.
+        name: name of the files, with or without ``.py``; its directory must exist.
         kind: one of ``KINDS``.
 
     Returns:
@@ -24,8 +24,8 @@ def write_study(name: str | Path, kind: str) -> tuple[Path, Path]:
 
     Raises:
         FileExistsError: one of the files exists; nothing is written.
-        ValueError: the name is not one of a file.
-        OSError: they cannot be written.
+        ValueError: the name is not a file name.
+        OSError: the files cannot be written.
     """
     path = Path(name)
     path = path.with_suffix("") if path.suffix == ".py" else path

@@ -1,4 +1,4 @@
-"""The study that a command of the command line is given."""
+"""The study that is passed to a command."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ study_argument = click.argument("study", type=click.Path(path_type=Path))
 
 
 def load(path: Path, only: str | None = None) -> Study:
-    """The study of a file, with all its model classes or those whose names are listed.
+    """The study from a file, with all its model classes or only the listed ones.
 
     Raises:
-        ValueError: the file is no study, or has no class of such a name.
+        ValueError: the file is not a study, or lacks a listed class.
     """
     from bayes_ssi.ranking.study import load_study
 

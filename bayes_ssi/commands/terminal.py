@@ -1,4 +1,4 @@
-"""What commands print: errors in one line, tables, lines, and progress.
+"""Output of commands: errors in one line, tables, lines, and progress.
 
 With ``--quiet`` only errors are printed; with ``--json`` one JSON record replaces tables and
 lines, and progress still goes to standard error.
@@ -33,7 +33,7 @@ STEPS = {
 
 
 class OneLineErrors(click.Group):
-    """A group whose errors, of its commands and of their usage, are one line and an exit code."""
+    """A group of commands that reports errors, also of usage, in one line with an exit code."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.meta[COMMAND_LINE] = shlex.join(["bayes-ssi", *args])
@@ -61,7 +61,7 @@ class OneLineErrors(click.Group):
 
 @contextmanager
 def _one_line_errors() -> Iterator[None]:
-    """Bad input ends with one line on standard error and its own exit code."""
+    """Report bad input in one line on standard error, and exit with its own code."""
     try:
         yield
     except (ValueError, TypeError, OSError) as error:
@@ -84,7 +84,7 @@ def command_line() -> str:
 
 
 def is_quiet() -> bool:
-    """Whether only errors are to be printed."""
+    """Whether to print errors only."""
     return bool(_meta().get(QUIET, False))
 
 
@@ -116,7 +116,7 @@ json_option = click.option(
 
 
 def print_record(record: Callable[[], Mapping[str, Any]]) -> None:
-    """Print a JSON record, made only if it was asked for; infinities and NaN are text."""
+    """Print a JSON record, computed only if requested; infinities and NaN are text."""
     if _meta().get(JSON, False) and not is_quiet():
         from bayes_ssi.codec import to_record
 
@@ -124,7 +124,7 @@ def print_record(record: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def console() -> Console:
-    """Where tables are printed."""
+    """The console for tables."""
     from rich.console import Console
 
     if is_quiet() or _meta().get(JSON, False):
@@ -135,16 +135,16 @@ def console() -> Console:
 
 
 def say(where: Console, *lines: str) -> None:
-    """Print lines as they are, without wrapping."""
+    """Print lines without wrapping."""
     for line in lines:
         where.print(line, soft_wrap=True, markup=False, highlight=False)
 
 
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
-    """A function that reports progress on standard error, if anything is to be reported.
+    """A function that reports progress on standard error, unless output is suppressed.
 
-    In a terminal there is a bar for each model class, elsewhere a line at its end.
+    A terminal shows a bar for each model class, other output a line at its end.
     """
     from rich.console import Console
 
@@ -180,7 +180,7 @@ def _bars(stderr: Console) -> Iterator[Callable[[str, str, float], None]]:
         TextColumn("{task.fields[step]}"),
         TimeElapsedColumn(),
         TextColumn("left"),
-        # Steps differ in pace: the time left follows from all that was done, not the last seconds.
+        # Steps differ in pace: estimate the time left from the whole run, not the last seconds.
         TimeRemainingColumn(),
         console=stderr,
         speed_estimate_period=3600.0,

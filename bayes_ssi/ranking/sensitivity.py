@@ -238,7 +238,7 @@ def _spurious(factor: float, candidate: ModelClass) -> ModelClass:
 
 
 def _errors(of_frequencies: float, of_shapes: float, candidate: ModelClass) -> ModelClass:
-    """The class with scaled error sizes; where they are inferred, their priors are scaled."""
+    """The class with error sizes times these factors, also where they are inferred."""
     error = candidate.error
     return replace(
         candidate,

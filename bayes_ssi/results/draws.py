@@ -1,4 +1,4 @@
-"""Draws to and from netCDF through arviz: the only module that touches it.
+"""Draws to and from netCDF through arviz: the only module that uses it.
 
 arviz 0.x keeps draws in an ``InferenceData``, arviz 1.x in an xarray ``DataTree``; the files are
 the same and each version opens the other's.
@@ -25,12 +25,12 @@ FREQUENCY, MODE = "frequency_hz", "model_mode"
 LOG_LIKELIHOOD, DATUM = "modes", "datum"
 IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"
 PRIOR_DRAWS = 1000
-# Names of dimensions and coordinates, which a parameter's variable cannot have.
+# Names of dimensions and coordinates; no parameter's variable can have one of them.
 RESERVED = ("chain", "draw", FREQUENCY, MODE, DATUM, IDENTIFIED, IDENTIFIED_MODE)
 
 
 def save_draws(path: Path, posterior: Posterior, model_class: ModelClass) -> None:
-    """Write the draws of a posterior to a new netCDF file with the groups that arviz names.
+    """Write the draws of a posterior to a new netCDF file with arviz's standard groups.
 
     ``posterior`` and ``prior`` hold a variable for each parameter, ``sample_stats`` the
     log-likelihood (``log_likelihood_total``), ``log_likelihood`` the same datum by datum
@@ -59,7 +59,7 @@ def save_draws(path: Path, posterior: Posterior, model_class: ModelClass) -> Non
         coords |= {DATUM: data, IDENTIFIED_MODE: list(terms.identified)}
     arviz = _import_arviz()
     with warnings.catch_warnings():
-        # Every walker is a chain: there may well be more of them than steps.
+        # Every walker is a chain: there may be more chains than steps.
         warnings.filterwarnings("ignore", "More chains|Found chain dimension", UserWarning)
         if _is_first_generation(arviz):
             data_tree = arviz.from_dict(**groups, dims=dims, coords=coords)
@@ -69,7 +69,7 @@ def save_draws(path: Path, posterior: Posterior, model_class: ModelClass) -> Non
 
 
 def _mode_labels(posterior: Posterior) -> list[int] | list[str]:
-    """Of the model modes: numbers from 1, with the configuration's name if there are several."""
+    """Labels of the model modes: numbers from 1, after the configuration's name if several."""
     if posterior.configuration_names == ("",):
         return list(range(1, posterior.configurations[0].n_modes + 1))
     return [
@@ -83,8 +83,8 @@ def _varying_terms(terms: DatumTerms) -> tuple[list[str], FloatArray]:
     """Names and log-likelihoods of the data; constant terms are part of the first that varies.
 
     A spurious mode has the same density at every draw. Leave-one-out cross-validation fits the
-    tail of each term's distribution, which a constant has not; the term that it is added to only
-    shifts by it, so the sum over the data stays the same.
+    tail of each term's distribution, which a constant lacks. Adding it to another term only shifts
+    that term, so the sum over the data stays the same.
     """
     names, constant = np.array(terms.data), np.ptp(terms.log_likelihoods, axis=(0, 1)) == 0.0
     if constant.all():
@@ -121,9 +121,9 @@ def load_draws(path: Path, posterior: Posterior) -> Posterior:
 
 
 def variable_names(parameter_names: Sequence[str]) -> list[str]:
-    """Names of the parameters' variables: their own, with underscores as far as netCDF needs.
+    """Names of the parameters' variables: their own, with underscores where netCDF needs them.
 
-    An underscore takes the place of a slash, and is added to a name that is reserved or taken.
+    An underscore replaces a slash, and is appended to a name that is reserved or taken.
     """
     names: list[str] = []
     for parameter_name in parameter_names:

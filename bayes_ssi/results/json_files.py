@@ -12,13 +12,13 @@ T = TypeVar("T")
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write the record of an object, as :func:`~bayes_ssi.codec.to_record` makes it."""
+    """Write the record of an object, from :func:`~bayes_ssi.codec.to_record`."""
     text = json.dumps(to_record(value), indent=2, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 
 
 def read_record(kind: type[T], path: Path) -> T:
-    """Read an object of which :func:`write_json` wrote the record.
+    """Read an object from a record that :func:`write_json` wrote.
 
     Raises:
         ValueError: there is no such file, or it holds no such record; the message names the file

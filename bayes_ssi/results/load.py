@@ -41,10 +41,10 @@ class StoredResult:
     """What a result directory holds.
 
     Attributes:
-        directory: where it is.
-        record: all but the draws and the data.
+        directory: path of the directory.
+        record: everything but the draws and the data.
         tests: name of a configuration → the modes identified in it.
-        posteriors: in the study's order.
+        posteriors: the posteriors, in the study's order.
         comparison: the ranking.
     """
 
@@ -56,12 +56,12 @@ class StoredResult:
 
     @property
     def data(self) -> ModalData:
-        """The identified modes of a result with one configuration; ValueError otherwise."""
+        """The identified modes of the only configuration; ValueError where there are several."""
         return choose_configuration(self.tests, None, str(self.directory))
 
     @cached_property
     def sensitivity(self) -> Sensitivity | None:
-        """How the ranking depends on settings; None if that was not computed.
+        """Sensitivity of the ranking to settings; None if it was not computed.
 
         Raises:
             ValueError: its file is damaged.

@@ -1,4 +1,4 @@
-"""Directories that appear with all their files, or not at all."""
+"""Directories that are created with all their files, or not at all."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
     Its parent is created, so that a location that cannot be written is reported at once.
 
     Args:
-        directory: what is to be written.
+        directory: directory to be written.
         marker: the file that every directory of this kind holds.
-        overwrite: whether one of this kind may be replaced.
+        overwrite: whether a directory of this kind may be replaced.
 
     Raises:
         FileExistsError: it exists, and ``overwrite`` is false or it holds something else.
@@ -41,7 +41,7 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
 def new_directory(directory: str | Path, *, marker: str, overwrite: bool = False) -> Iterator[Path]:
     """A temporary directory that becomes ``directory`` at the end, and is removed on failure.
 
-    Arguments and errors as those of :func:`require_new`.
+    Arguments and errors are as in :func:`require_new`.
     """
     directory = Path(directory)
     require_new(directory, marker=marker, overwrite=overwrite)
@@ -52,7 +52,7 @@ def new_directory(directory: str | Path, *, marker: str, overwrite: bool = False
     partial.mkdir()
     try:
         yield partial
-        # Between these two renames alone, neither the old nor the new directory is in place.
+        # Only between these two renames is neither the old nor the new directory in place.
         if directory.exists():
             directory.rename(replaced)
         partial.rename(directory)

@@ -9,32 +9,32 @@ from typing import Any
 from bayes_ssi.model_class.class_record import ClassRecord
 from bayes_ssi.sampling.settings import SamplingSettings
 
-# Raised whenever the files of a result change.
+# Increased whenever the format of a result's files changes.
 FORMAT = 7
 
 
 @dataclass(frozen=True)
 class ResultRecord:
-    """Everything of a result but its draws and its data.
+    """Everything in a result but its draws and its data.
 
     Attributes:
         created: date and time.
         study: title of the study.
         description: what the study asks.
         study_file: the file that defines the study; empty where there is none.
-        seed: of the sampling.
-        settings: of the sampling.
+        seed: seed of the sampling.
+        settings: settings of the sampling.
         prior_weights: model class → prior weight; None where all are equal.
         data_digest: identifies the data that were ranked.
-        versions: of what the result depends on.
+        versions: versions of the software that the result depends on.
         model_classes: the candidates.
         stands_for: as in :class:`~bayes_ssi.ranking.study.Study`.
         posteriors: records of the posteriors, without their draws.
         draws: model class → file of the draws, in the result's directory.
         data: configuration → file of its identified modes.
         failed_checks_accepted: whether the user accepted failed checks.
-        command: the command that gives the result again; empty where it was made from Python.
-        format: of the files.
+        command: the command that reproduces the result; empty where it was made from Python.
+        format: format of the files.
     """
 
     created: str

@@ -1,4 +1,4 @@
-"""Writing a ranking to a result directory."""
+"""Saving a ranking to a result directory."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def save_result(
 
     Args:
         ranking: the result.
-        directory: where to.
+        directory: where the result goes.
         study_file: the file that defines the study, for the record.
         overwrite: replace a result that exists.
         accept_failed_checks: record that failed checks were accepted.
-        command: the command that gives the result again, for the record.
+        command: the command that reproduces the result, for the record.
         extra: name of a further JSON file → the object whose record it holds.
 
     Raises:
@@ -109,7 +109,7 @@ def _record(
 
 
 def _without_draws(posterior: Posterior) -> dict[str, Any]:
-    """The record of a posterior without its draws; with its summary, for other readers."""
+    """The record of a posterior without its draws, but with its summary for other programs."""
     record: dict[str, Any] = to_record(posterior, without=IN_THE_FILE_OF_DRAWS)
     return record | {"summary": to_record(posterior.summary)}
 
