@@ -1,8 +1,8 @@
-"""The numerical study as someone sees it who knows of no appendage: the bare frame, four modes.
+"""The numerical study without knowledge of the appendage: the bare frame and four modes.
 
 The identified modes are those of shear_building.py, made with a resonant infill between floors 1
-and 2 whose half, a mass of 0.075, vibrates. The one model class here has no infill at all and does
-not say which identified mode is which; it is the baseline of
+and 2, half of which, a mass of 0.075, vibrates. The only model class here has no infill at all and
+assumes no pairing; it is the baseline of
 
     bayes-ssi search model_classes/bare_building.py
 """

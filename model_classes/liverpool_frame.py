@@ -2,15 +2,15 @@
 
 Floors of about 0.25 m by 0.3 m on thin columns of nearly the same stiffness in x and y; the blade,
 0.2 m high, is called a tuned mass damper by those who tested it (University of Liverpool, BAYOMA
-database). Frequencies alone are known, with what kind of motion each belongs to.
+database). Only frequencies are known, and the kind of motion of each mode.
 
 The two tests are two configurations of one model class: the frame is the same in both. The blade
-test has a clamp and one accelerometer more on the roof, an unknown small mass in every class.
-What the classes differ in is the blade: does it vibrate by itself, in its weak direction x near the
-first bending modes, in y near the third, in both, or is it mass only?
+test has a clamp and an additional accelerometer on the roof, an unknown small mass in every class.
+The classes differ in the blade: does it vibrate by itself, in its weak direction x near the first
+bending modes, in y near the third, in both, or is it mass only?
 
 Floor masses are equal and unknown, so stiffnesses are per floor mass and masses are shares of it.
-The storeys' stiffnesses have one profile in x, y and torsion, as columns of one kind give.
+The storeys' stiffnesses have one profile in x, y and torsion, as results from equal columns.
 """
 
 import math

@@ -7,10 +7,10 @@ C1  infills in their plane, in parallel with the frame (P-NSE)
 C2  pendulous masses, in series with it (S-NSE)
 C3  infills out of their plane, in series with it (S-NSE)
 
-and Cases (a) to (f) carry one or three of them. ``correct`` holds every case with its elements
-as they are; ``incorrect`` with their masses only, on the floors; runs/figure_3.py, figure_4.py
-and figure_5.py draw what the elements change. The study asks of Case (e), three pendulums about
-the first mode, whether its modes, measured at the floors alone, distinguish the two forms.
+and Cases (a) to (f) have one or three of them. ``correct`` holds every case with its vibrating
+elements, ``incorrect`` with their masses only, on the floors; runs/figure_3.py, figure_4.py and
+figure_5.py draw the difference. The study asks for Case (e), three pendulums about the first mode,
+whether its modes, measured at the floors alone, distinguish the two forms.
 """
 
 import math

@@ -1,7 +1,7 @@
 """The large-scale steel frame of the paper's section 4: three approaches, four tables, twelve sets.
 
 A 2:3 model of a two-storey building, one bay of 4 m (x) by 3 m (y), storeys of 2 m, tested bare
-(BC), with four concrete blocks a floor (SC) and with the two of them at x > 0 (NC). A pair of
+(BC), with four concrete blocks per floor (SC) and with the two of them at x > 0 (NC). A pair of
 braces on the first floor vibrates in y, near the second transverse mode, which appears twice, as
 4a and 4b. Approach 1-a takes 4a for mode 4, 1-b takes 4b, 2 leaves both out, and 3 puts the braces
 into the model. Each updates three sets of parameters, normalised by their nominal values.
@@ -52,7 +52,7 @@ def factor(name):
 
 
 def frame(configuration, updated, braces):
-    """The frame in one configuration; what is not updated has its nominal value."""
+    """The frame in one configuration; quantities that are not updated have nominal values."""
 
     def times(name):
         return factor(name) if name in updated else 1.0
@@ -106,7 +106,7 @@ def model_class(approach, name, pairing):
     )
 
 
-# Which identified mode is which of the model's, in ascending order; the others are left out.
+# Number of the model mode for each identified mode, in ascending order; the others are left out.
 PAIRINGS = {
     "1-a": {"1": 1, "2": 2, "3": 3, "4a": 4, "5": 5, "6": 6},
     "1-b": {"1": 1, "2": 2, "3": 3, "4b": 4, "5": 5, "6": 6},

@@ -40,7 +40,7 @@ DRAWS = 200
 
 
 def structure(path, groups):
-    """The frame whose members have one factor a group."""
+    """The frame, with one stiffness factor per group of members."""
     factor_of = {
         i: bs.Parameter(name, bs.LogNormal(median=1.0, cov=0.3))
         for name, members in groups.items()
@@ -55,7 +55,7 @@ def structure(path, groups):
 
 
 def simulated_modes(frame, rng):
-    """What a test of the true frame would identify in the band."""
+    """The modes that a test of the true frame would identify in the band."""
     truth = np.array([[TRUTH[parameter.name] for parameter in frame.parameters]])
     frequencies, shapes = (each[0] for each in frame.modes(truth))
     modes = []
@@ -71,7 +71,7 @@ def compared(frame, names, posterior, rng):
     """Largest error of frequency, and least MAC, of a reduced model at random draws."""
     some = posterior.values[rng.choice(len(posterior.values), DRAWS, replace=False)]
     own = some[:, [posterior.parameter_names.index(name) for name in names]]
-    # A tenth of the errors, as sampling asks for where the posterior lies.
+    # A tenth of the errors, which sampling requires where the posterior lies.
     reduced = frame.reduced().accurate_at(own, 0.1 * FREQUENCY_COV, 0.1 * SHAPE_SD)
     full, fast = frame.modes(own), reduced.modes(own)
     off = np.abs(fast.frequencies_hz / full.frequencies_hz - 1.0).max()
@@ -80,7 +80,7 @@ def compared(frame, names, posterior, rng):
 
 
 def full_solutions(posterior):
-    """How many were spent on a model class: on its basis, and to confirm its evidence."""
+    """Numbers of full solutions for a model class: for its basis, and to confirm its evidence."""
     counts = [re.search(r"by (\d+) full solutions", remark) for remark in posterior.remarks]
     return sum(int(count.group(1)) for count in counts if count)
 

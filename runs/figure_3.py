@@ -1,4 +1,4 @@
-"""The paper's Figure 3: what non-structural elements do to the transfer function.
+"""The paper's Figure 3: the effect of non-structural elements on the transfer function.
 
     python runs/figure_3.py [FILE]
 

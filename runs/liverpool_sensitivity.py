@@ -1,4 +1,4 @@
-"""How far the ranking of model_classes/liverpool_frame.py hangs on what was assumed.
+"""Sensitivity of the ranking of model_classes/liverpool_frame.py to its assumptions.
 
 Ranks the study again with more and fewer spurious modes expected, and with wider and narrower
 priors of the blade's frequencies; prints ln B of every class against the best.
@@ -19,7 +19,7 @@ COARSE = bs.SamplingSettings(log_evidence_error=0.05)
 
 
 def expecting(spurious_modes: float, candidate: bs.ModelClass) -> bs.ModelClass:
-    """The class with another number of spurious modes expected in the band."""
+    """The class with another expected number of spurious modes in the band."""
     identification = bs.IdentificationModel(expected_spurious_modes=spurious_modes)
     return replace(candidate, identification=identification)
 

@@ -4,7 +4,7 @@
 
 The paper publishes no identified modes of its section 4. These are the modes of that study's
 augmented model at the paper's best parameters (M3+, Table 5), in the three configurations, at its
-sensors: frequencies with a scatter of 0.3 %, unit shapes with one of 0.02 a component, from seed
+sensors: frequencies with a scatter of 0.3 %, unit shapes with 0.02 per component, from seed
 20130704. Writes steel_frame_BC.csv, _SC.csv and _NC.csv to DIRECTORY; none may exist.
 """
 

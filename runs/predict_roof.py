@@ -1,4 +1,4 @@
-"""What two model classes of the numerical study predict for the roof, and the truth.
+"""Predictions of two model classes of the numerical study for the roof, and the truth.
 
     bayes-ssi rank model_classes/shear_building.py
     python runs/predict_roof.py [RESULT [FILE]]

@@ -1,4 +1,4 @@
-"""The README's picture: two modes in place of one, a wrong model that fits perfectly, a right one.
+"""The README's picture: a split mode, a wrong model that fits perfectly, and the right one.
 
     python runs/problem_at_a_glance.py [FILE]
 

@@ -2,7 +2,7 @@
 
     python runs/rank_shear_building.py [DIRECTORY]
 
-The result goes to DIRECTORY, runs/results/rank_shear_building if not given; it must not exist.
+The result goes to a new DIRECTORY, by default runs/results/rank_shear_building.
 """
 
 import sys

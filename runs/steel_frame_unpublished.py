@@ -1,11 +1,11 @@
-"""How far the distances of section 4 hang on what the paper does not publish. PSEUDO-EXPERIMENTAL.
+"""Sensitivity of section 4's distances to what the paper does not publish. PSEUDO-EXPERIMENTAL.
 
     python runs/steel_frame_unpublished.py
 
 Simulates the modes of model_classes/steel_frame.py without scatter at the paper's M3+, with floors
 heavier than its own nominal ones and with blocks elsewhere, calibrates every approach's M3 at two
-weights λ of the shapes, and prints f_ob and the distance from M3+ beside the paper's. What the
-floors weigh decides how near the frame's own second transverse mode lies to the braces' 10.1 Hz.
+weights λ of the shapes, and prints f_ob and the distance from M3+ next to the paper's. The mass of
+the floors decides how near the frame's own second transverse mode lies to the braces' 10.1 Hz.
 About two minutes on one core.
 """
 

@@ -1,4 +1,4 @@
-"""The paper's Table 1 beside ours, with the exact minima that the paper does not mention.
+"""The paper's Table 1 next to ours, with the exact minima that the paper does not mention.
 
     python runs/table_1.py
 

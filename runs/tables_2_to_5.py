@@ -1,11 +1,11 @@
-"""The paper's Tables 2 to 5 beside ours, on PSEUDO-EXPERIMENTAL data, and all twelve ranked.
+"""The paper's Tables 2 to 5 next to ours, from PSEUDO-EXPERIMENTAL data, and all sets ranked.
 
     bayes-ssi rank model_classes/steel_frame.py --error 0.05 --workers 2
     python runs/tables_2_to_5.py [--shape-weight λ] [--result DIRECTORY]
 
 Calibrates the twelve updating sets of model_classes/steel_frame.py on all three configurations
-together, and prints parameters, objective and distance from M3+ beside the paper's; then the
-distances at several weights λ of the shapes, since the paper does not say its own; then the
+together, and prints parameters, objective and distance from M3+ next to the paper's; then the
+distances at several weights λ of the shapes, since the paper does not state its own; then the
 ranking that the first command saved, with the posterior of the best class. λ is by default the
 ratio of the identification errors in the data, 0.003 / 0.02. Minutes on one core.
 """
@@ -71,7 +71,7 @@ def distance(values, reference):
 
 
 def calibrated(candidate, shape_weight):
-    """Values by name, f_ob in percent, and how many distinct minima there are."""
+    """Values by name, f_ob in percent, and the number of distinct minima."""
     calibration = bs.calibrate(candidate, shape_weight, n_starts=STARTS)
     values = dict(zip(calibration.parameter_names, calibration.best.values, strict=True))
     return values, 100.0 * calibration.best.objective, len(calibration.minima)
@@ -106,7 +106,7 @@ def _cell(parameter, values, approach):
 
 
 def print_distances(console, classes):
-    """Of every approach's M3 from M3+, the paper's and ours, at several weights of the shapes."""
+    """Distances of every approach's M3 from M3+, the paper's and ours, at several weights λ."""
     approaches = ("1-a M3", "1-b M3", "2 M3")
     table = new_table("Distance d (%) of M3 from our M3+ (and from what made the data), by λ")
     for heading in ("λ", *approaches, "3 M3+"):

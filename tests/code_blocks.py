@@ -1,4 +1,4 @@
-"""The code of a Markdown page: what its blocks are, and running them in order."""
+"""The code blocks of a Markdown page, and running them in order."""
 
 import re
 import shlex

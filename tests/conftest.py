@@ -42,7 +42,7 @@ def multiplier(name, cov=0.3):
 
 @pytest.fixture
 def frame():
-    """The main structure; one multiplier a storey."""
+    """The main structure, with one stiffness multiplier per storey."""
     stiffnesses = [STOREY_STIFFNESS * multiplier(f"k{i}") for i in (1, 2, 3)]
     return bs.ShearBuilding(masses=(1.0, 1.0, 1.0), stiffnesses=stiffnesses)
 
@@ -192,7 +192,7 @@ def make_posterior():
 
 @pytest.fixture
 def bare(frame, case_c, fixed_error):
-    """The numerical study's frame without its infill, which the data know of."""
+    """The numerical study's frame without the infill that produced the data."""
     return bs.ModelClass("bare", frame, case_c, fixed_error, pairing={"1": 1})
 
 
@@ -259,7 +259,7 @@ COARSE = bs.SamplingSettings(log_evidence_error=0.2, particles=64, searches=1, m
 
 @pytest.fixture
 def nothing_hangs():
-    """Ends a test that waits for workers in vain."""
+    """Fails a test that waits for workers too long."""
 
     def give_up(*_):
         raise AssertionError("no end in sight")

@@ -1,4 +1,4 @@
-"""A structure that delegates to another one, of which tests override what they examine."""
+"""A structure that delegates to another one; tests override the part that they examine."""
 
 from bayes_ssi.structures.structure import Structure
 

@@ -16,7 +16,7 @@ def log_evidence(candidate, posterior):
 
     Args:
         candidate: a model class with one region of posterior.
-        posterior: name of a parameter → about its mean and standard deviation.
+        posterior: name of a parameter → approximate mean and standard deviation.
     """
     rng = np.random.default_rng(1)
     means, sds = np.array([posterior[name] for name in candidate.parameter_names]).T

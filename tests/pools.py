@@ -27,7 +27,7 @@ def sums(z):
 
 
 class Minimal(Executor):
-    """As little of an executor as some packages have: ``submit``, and arguments are pickled."""
+    """A minimal executor, as some packages have it: only ``submit``, with pickled arguments."""
 
     def submit(self, function, /, *arguments):
         function, arguments = pickle.loads(pickle.dumps((function, arguments)))
@@ -56,9 +56,9 @@ class Death(BaseException):
 
 
 class Crew(LocalWorkers):
-    """Workers in one process, which break as processes do: with all that is under way.
+    """Workers in one process that break as processes do: with all calls under way.
 
-    ``n_calls`` is how many calls they began, ``n_deaths`` how often they died.
+    ``n_calls`` is the number of calls begun, ``n_deaths`` the number of deaths.
     """
 
     def __init__(self, n_workers=2):

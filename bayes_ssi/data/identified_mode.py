@@ -115,7 +115,7 @@ class IdentifiedMode:
 
     @property
     def scored_shape(self) -> FloatArray | None:
-        """``unit_shape`` if it carries information: a single component does not."""
+        """``unit_shape`` if it carries information; a single component does not."""
         return self.unit_shape if self.n_measured >= 2 else None
 
 

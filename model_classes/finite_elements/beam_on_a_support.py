@@ -6,7 +6,7 @@
 A function returns the matrices K and M for the support's stiffness and its place, which no sum of
 fixed matrices could give. The beam: steel, 3 m long, 60 by 12 mm, bending about its weak axis, in
 40 Hermite elements. The modes are simulated with the support at 1.9 m and a stiffness of 8 kN/m,
-with errors of 0.2 % of the frequencies and 0.02 a component of the shapes.
+with errors of 0.2 % in the frequencies and 0.02 per component in the shapes.
 
 Is there a support at all, and where?
 """
@@ -42,7 +42,7 @@ def inertia(u, v, _):
 
 STIFFNESS = asm(bending, basis).toarray()[np.ix_(free, free)]
 MASS = asm(inertia, basis).toarray()[np.ix_(free, free)]
-# Which degree of freedom is the deflection at a sensor.
+# The degree of freedom that is the deflection at a sensor.
 NODE_OF = {place: int(np.abs(mesh.p[0] - place).argmin()) for place in PLACES}
 SENSORS = {
     f"{place:g} m": int(np.flatnonzero(free == basis.nodal_dofs[0, node])[0])
@@ -51,7 +51,7 @@ SENSORS = {
 
 
 def deflection(place):
-    """What every degree of freedom adds to the deflection at a place (Hermite's cubics)."""
+    """Contribution of every degree of freedom to the deflection at a place (Hermite's cubics)."""
     size = LENGTH / mesh.nelements
     left = min(int(place / size), mesh.nelements - 1)
     s = place / size - left

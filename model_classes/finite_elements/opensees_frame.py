@@ -6,7 +6,7 @@
 The function below is an ordinary script of OpenSeesPy with its numbers as arguments; it returns
 frequencies and shapes. (On Linux openseespy needs the system's libblas and liblapack.) The modes
 are simulated, at factors 0.85 of the columns' and 1.2 of the beams' stiffness, with errors of
-0.5 % of the frequencies and 0.02 a component of the shapes.
+0.5 % in the frequencies and 0.02 per component in the shapes.
 
 Is one factor enough for columns and beams, or do they differ?
 """

@@ -2,9 +2,9 @@
 
     python runs/benchmarks/economical.py
 
-A building of six storeys with a stiffness factor each stands behind a wall that counts what it is
-asked; four of its modes at three floors are the data. The reference is the other path's evidence,
-sampled to a tenth of the error.
+The black box is a building of six storeys with a stiffness factor each, which counts its
+evaluations; the data are four of its modes at three floors. The reference is the default path's
+evidence, sampled to a tenth of the error.
 """
 
 import argparse
@@ -21,7 +21,7 @@ CAREFUL = bs.SamplingSettings(log_evidence_error=0.003)
 
 
 class BlackBox(Structure):
-    """A structure that counts the sets of values that it is asked for."""
+    """A structure that counts its evaluations."""
 
     def __init__(self, hidden):
         self.hidden, self.n_asked = hidden, 0

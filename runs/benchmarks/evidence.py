@@ -1,4 +1,4 @@
-"""Posterior and evidence of the numerical study's four classes, beside dynesty's defaults.
+"""Posterior and evidence of the numerical study's four classes, compared with dynesty's defaults.
 
     pip install -e ".[benchmarks]"
     python runs/benchmarks/evidence.py [SEEDS]

@@ -1,4 +1,4 @@
-"""Log evidences against known answers, over many seeds, beside two nested samplers.
+"""Log evidences against known answers, over many seeds, compared with two nested samplers.
 
     pip install -e ".[benchmarks]"
     python runs/benchmarks/evidence_accuracy.py [--seeds 20] [--dynesty-seeds 3]
@@ -6,8 +6,8 @@
 
 For each problem: the root-mean-square error of the quoted log evidence, its scatter, the claimed
 error over the scatter, the largest error of a region's probability, evaluations, seconds of one
-processor, and how many runs flag themselves; then, in the same run, dynesty and nautilus at their
-defaults, vectorised where they can be (no seeds leave a peer out).
+processor, and the number of runs with failed checks; then, in the same run, dynesty and nautilus
+at their defaults, vectorised where possible (0 seeds skip one of them).
 """
 
 import argparse

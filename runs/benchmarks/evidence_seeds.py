@@ -1,4 +1,4 @@
-"""How right the quoted log evidences and their error bars are, over many seeds.
+"""Accuracy of the quoted log evidences and their error bars, over many seeds.
 
     python runs/benchmarks/evidence_seeds.py [SEEDS]
 

@@ -1,15 +1,15 @@
-"""A command that is killed at random times and given again: is its result still the same?
+"""Does a command that is killed at random times and resumed give the same result?
 
     python runs/benchmarks/kills.py [--kills 20] [--study model_classes/shear_building.py]
         [--seed 0]
 
-``bayes-ssi rank`` is run once and left alone. Then, as often as asked for, it is started into a
-new directory, killed (SIGKILL) and started again until it ends; half of the commands that were
-killed are killed again, if they last. Every second kill comes after a time that is uniform over
-that of the first run, the others when the journals have grown to a size that is uniform. What
-comes out must be the same: the ranking to the last byte, every array of draws to the last bit,
-and nothing may be left beside the result. Said for each: in which step the kills fell, by how far
-the journals had grown. The exit code is 1 if a result differs.
+``bayes-ssi rank`` is run once without interruption. Then, ``--kills`` times, it is started in a
+new directory, killed (SIGKILL) and started again until it ends; half of the killed commands are
+killed a second time if they last long enough. Every second kill comes after a uniformly random
+share of the first run's time, the others when the journals reach a uniformly random size. The
+results must be the same: the ranking to the last byte, every array of draws to the last bit, and
+nothing may be left next to the result. Prints in which step each command was killed, judged by the
+size of the journals. The exit code is 1 if a result differs.
 """
 
 import argparse
@@ -41,7 +41,7 @@ Steps = dict[str, list[tuple[str, int]]]
 
 
 class Command:
-    """``rank`` into a directory ``r``, beside which there is nothing else."""
+    """The command ``rank`` with result directory ``r``, alone in its parent directory."""
 
     def __init__(self, study: Path, seed: int, place: Path) -> None:
         self.result = place / "r"
@@ -50,7 +50,7 @@ class Command:
         self.arguments.append("--accept-failed-checks")
 
     def run(self, seconds: float = np.inf, size: float = np.inf) -> bool:
-        """Whether it ended by itself, before the time was up or its journals had that size.
+        """Whether the command ended by itself before the time was up or its journals had that size.
 
         Raises:
             RuntimeError: it ended in an error.
@@ -76,7 +76,7 @@ class Command:
             return 0
 
     def step(self, steps: Steps) -> str:
-        """The step in which it was killed."""
+        """The step in which the command was killed."""
         if not self.checkpoint.exists():
             return AFTER_THE_END if self.result.exists() else "before the first evaluation"
         if (self.checkpoint / "saving").exists():
@@ -106,7 +106,7 @@ def steps_of(study: Path, seed: int, checkpoint: Path) -> Steps:
 
 
 def differences(result: Path, expected: Path) -> Iterator[str]:
-    """What differs between two results, and what was left beside the first."""
+    """Differences between two results, and what was left next to the first."""
     yield from sorted(path.name for path in result.parent.iterdir() if path != result)
     for name in FILES:
         if (result / name).read_bytes() != (expected / name).read_bytes():
@@ -121,7 +121,7 @@ def differences(result: Path, expected: Path) -> Iterator[str]:
 
 
 def killed(command: Command, steps: Steps, seconds: float, rng: np.random.Generator) -> list[str]:
-    """Kill a command, once or more if it lasts, and let it end; the steps in which kills fell."""
+    """Kill a command, once or more if it lasts, and let it end; return the steps of the kills."""
     total = sum(ends[-1][1] for ends in steps.values())
     fallen_in: list[str] = []
     while not fallen_in or rng.random() < KILL_AGAIN:

@@ -114,7 +114,7 @@ def shells(d: int) -> Problem:
 
 
 def edge() -> Problem:
-    """The posterior leans on the edge of the support: log L = -Σt/0.02, prior U(0, 1)³."""
+    """The posterior lies at the edge of the support: log L = -Σt/0.02, prior U(0, 1)³."""
     return Problem("edge", 3, lambda z: -ndtr(z).sum(1) / 0.02, -11.7361)
 
 

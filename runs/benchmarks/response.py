@@ -31,7 +31,7 @@ FLOORS = ("floor 1", "floor 2", "floor 3")
 
 
 def largest_difference() -> float:
-    """Of displacements and absolute accelerations at every degree of freedom, 0.05 to 7 Hz."""
+    """Largest relative difference, all displacements and absolute accelerations, 0.05 to 7 Hz."""
     cases = runpy.run_path(str(CASES))
     frequencies, no_values = np.linspace(0.05, 7.0, 700), np.empty((1, 0))
     worst = 0.0

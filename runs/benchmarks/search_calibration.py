@@ -2,11 +2,11 @@
 
     python runs/benchmarks/search_calibration.py [--sets 100] [--processes 2]
 
-So many data sets of a three-storey building with one appendage, whose place, mass and frequency
-are drawn from the search's own priors, and as many without: storey stiffnesses drawn from their
+Simulates ``--sets`` data sets of a three-storey building with one appendage, whose place, mass and
+frequency are drawn from the search's own priors, and as many without: storey stiffnesses from their
 priors, modes from the likelihood itself (errors of frequencies and shapes, missed and spurious
 modes). Each is searched over all seven hypotheses of at most one appendage. If everything is
-right, hypotheses that are given a probability p are true in a share p of the cases.
+right, hypotheses with a stated probability p are true in a share p of the cases.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ NEAR = 0.1
 
 
 class Searched(NamedTuple):
-    """One data set: the true place, what each hypothesis was given, and how near resonance was.
+    """One data set: the true place, each hypothesis's probability, and the distance to resonance.
 
     ``detuning`` is the relative distance of the appendage's frequency from the nearest mode of the
     building without it; NaN without appendage.

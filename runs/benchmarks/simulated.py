@@ -16,8 +16,8 @@ def simulate(
     """Parameter values, identified modes and their pairing, drawn from prior and likelihood.
 
     Each model mode in the band is identified with the detection probability, with errors of its
-    frequency and shape, and spurious modes are added. Nothing identified at all is drawn again:
-    there is then nothing to invert.
+    frequency and shape, and spurious modes are added. A data set without any identified mode is
+    drawn again, since there is nothing to invert.
     """
     values = candidate.values(rng.standard_normal((1, len(candidate.parameters))))
     likelihood = candidate.likelihoods[0]
@@ -47,7 +47,7 @@ def simulate(
 
 
 def print_bands(stated: np.ndarray, right: np.ndarray, edges: tuple[float, ...]) -> None:
-    """How often statements of a probability (n,) were right (n,), in bands of the probability."""
+    """Print how often statements of probability (n,) were right (n,), by bands of probability."""
     from scipy.stats import binomtest
 
     for low, high in pairwise(edges):

@@ -18,7 +18,7 @@ STARTS = {
     "import bayes_ssi": "import bayes_ssi",
     "bayes-ssi --help": "from bayes_ssi.cli import main; main(['--help'])",
 }
-# Compiling the modules at every start is not what is measured.
+# Avoid measuring the compilation of modules.
 ENVIRONMENT = {
     name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"
 }

@@ -21,7 +21,7 @@ REPEATS = 60
 
 
 def symmetric(stiffness, mass):
-    """M^(-1/2) K M^(-1/2), whose eigen-solution no likelihood can avoid."""
+    """M^(-1/2) K M^(-1/2), whose eigen-solution every likelihood needs."""
     if mass.ndim == 2:
         root = 1.0 / np.sqrt(mass)
         return stiffness * root[:, :, None] * root[:, None, :]

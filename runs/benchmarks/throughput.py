@@ -4,7 +4,7 @@
 
 For shear buildings of n = 3, 4 and 7 degrees of freedom and a batch of 512, the time of
 ``ModelClass.log_likelihood`` divided by that of ``numpy.linalg.eigh`` on the same matrices, timed
-in turn; with BLAS as it comes and with BLAS held to one thread (each in a process of its own).
+in turn; with BLAS's default threads and with a single thread (each in its own process).
 """
 
 import os

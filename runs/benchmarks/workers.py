@@ -1,12 +1,12 @@
-"""How much faster a slow model is sampled with workers: processes here, and a Dask cluster.
+"""Speed-up of sampling a slow model with workers: local processes, and a Dask cluster.
 
     pip install -e ".[dask]"
     python runs/benchmarks/workers.py
 
-A shear building that sleeps for a fixed time a point, evaluated in batches such as sampling
-makes: without workers, with one and two processes, and with one and two workers of a Dask cluster
-on this machine. A first batch, which starts the processes and brings them the model, is timed by
-itself. The overhead is what a time exceeds that of the sleep alone, shared among the workers.
+A shear building that sleeps for a fixed time per point is evaluated in batches of typical size:
+without workers, with one and two processes, and with one and two workers of a Dask cluster on this
+machine. The first batch, which starts the processes and sends them the model, is timed separately.
+The overhead is the time in excess of the sleep alone, shared among the workers.
 Then one class is sampled as a whole with one and two processes; the results must be identical.
 """
 
@@ -34,7 +34,7 @@ LARGEST_OVERHEAD = 0.15
 
 
 class SlowBuilding(bs.ShearBuilding):
-    """A shear building whose modes take ``seconds`` a point."""
+    """A shear building whose modes take ``seconds`` per point."""
 
     seconds = SECONDS_A_POINT
     n_points = 0  # evaluated in this process

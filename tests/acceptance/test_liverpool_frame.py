@@ -39,7 +39,7 @@ def test_the_modes_that_were_identified():
         np.testing.assert_array_equal(bare.data.frequencies_hz, BARE)
         np.testing.assert_array_equal(with_blade.data.frequencies_hz, WITH_BLADE)
         assert not bare.data.sensors
-        # What a class leaves out is what moves the blade most.
+        # The modes that a class leaves out are those that move the blade most.
         spurious = set(with_blade.data.labels) - set(with_blade.pairing)
         assert (
             spurious

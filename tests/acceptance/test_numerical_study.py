@@ -59,7 +59,7 @@ def results(two_workers):
 
 
 def several_maxima():
-    """Approach 3 on frequencies alone, small errors and wide priors: three places that fit."""
+    """Approach 3 on frequencies alone, small errors and wide priors: three regions that fit."""
     k1, k2, k3, ks = (
         bs.Parameter(name, bs.LogNormal(1.0, 0.5)) for name in ("k1", "k2", "k3", "ks")
     )
@@ -96,7 +96,7 @@ def test_posterior_means_and_standard_deviations(name, results):
 
 
 def test_error_bars_are_those_of_the_scatter(results):
-    """Forty seeds: what an error bar claims is what the results do."""
+    """Forty seeds: error bars agree with the scatter of the results."""
     sampled = results("1-a", 40)
     log_evidences = np.array([evidence.log_evidence for evidence, _ in sampled])
     reported = np.mean([evidence.error for evidence, _ in sampled])
@@ -150,7 +150,7 @@ def samples_of_several_maxima(two_workers):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_several_maxima(seed, samples_of_several_maxima):
-    """No place that fits is lost, and each has its share."""
+    """No region of the posterior is lost, and each has its share."""
     posterior = samples_of_several_maxima[seed]
     assert posterior.evidence.log_evidence == pytest.approx(2.694, abs=0.03)
     k1, _, k3, _ = posterior.values.T

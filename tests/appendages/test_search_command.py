@@ -110,7 +110,7 @@ def stop(*_):
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_stopped_search_is_resumed_and_leaves_no_checkpoint(
+def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     run, tiny_study_file, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: (INFILL_01,))
@@ -162,7 +162,7 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_failed_check_of_a_search_ends_with_3(run, tiny_study_file, tmp_path, monkeypatch):
+def test_a_failed_check_of_a_search_has_exit_code_3(run, tiny_study_file, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: (INFILL_01,))
     differ = ["the ensembles differ"]
     monkeypatch.setattr("bayes_ssi.posterior.to_posterior.failed_checks", lambda _: differ)

@@ -29,7 +29,7 @@ def test_the_pairing_of_the_best_hypothesis_is_the_right_one(found_in_case_c):
     assert list(best.pairing.values()) == [1, 2, 3, 4]
 
 
-def test_a_bare_frame_hides_nothing(frame, fixed_error, two_workers):
+def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error, two_workers):
     stiffness = (math.pi / math.sin(math.pi / 14.0)) ** 2
     squares, shapes = np.linalg.eigh(
         stiffness * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])

@@ -67,7 +67,7 @@ def test_every_exact_minimum_of_the_frequencies_is_listed(on_frequencies, name):
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_of_equally_good_minima_the_nearest_to_the_prior_comes_first(on_frequencies, name):
+def test_equally_good_minima_are_sorted_by_distance_from_the_prior(on_frequencies, name):
     exact = [fit for fit in on_frequencies(name).minima if fit.objective < 1e-6]
     distances = [np.linalg.norm(np.log(fit.values)) for fit in exact]
     assert distances == sorted(distances)

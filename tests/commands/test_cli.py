@@ -79,7 +79,7 @@ def test_existing_results_are_kept_unless_overwriting_is_asked_for(run, tiny_stu
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_failed_check_ends_with_3_and_is_said(run, tiny_study_file, tmp_path, monkeypatch):
+def test_a_failed_check_is_reported_with_exit_code_3(run, tiny_study_file, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_ssi.posterior.checks.REACHED", 0.0)
     result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
     assert result.exit_code == 3
@@ -119,7 +119,7 @@ def test_check(run, csv_file):
     assert "No warnings." in result.stdout
 
 
-def test_check_says_what_is_odd(run, csv_file):
+def test_check_warns_of_doubtful_data(run, csv_file):
     swapped = CSV.replace("1,0.618", "1,2.618").replace("0.8507,-0.5257", "0.8507,")
     result = run("check", csv_file(swapped))
     assert result.exit_code == 0

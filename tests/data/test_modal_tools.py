@@ -57,7 +57,7 @@ def test_complex_modes_and_named_sensors(tmp_path):
     np.testing.assert_allclose(mode.unit_shape * np.sign(mode.unit_shape[0]), expected, atol=1e-5)
 
 
-def test_what_is_wrong_with_a_universal_file_is_said(tmp_path):
+def test_errors_of_a_universal_file_are_explained(tmp_path):
     path = write(tmp_path / "modes.uff", [normal_mode(1, 0.96, SHAPES[0])])
     with pytest.raises(ValueError, match="sensor 'a': no node 99; nodes are 11, 12, 13"):
         bs.read_modal_data(path, band_hz=(0, 6), sensors={"a": (99, "x")})

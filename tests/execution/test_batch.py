@@ -45,7 +45,7 @@ def test_only_the_rows_that_raise_are_nan():
 
 
 @pytest.mark.parametrize("n", range(1, 10))
-def test_the_row_that_raises_is_found_wherever_it_is(n):
+def test_any_row_that_raises_is_isolated(n):
     for bad in range(n):
         values, failures = evaluate(Fragile(bad), rows(n))
         np.testing.assert_array_equal(

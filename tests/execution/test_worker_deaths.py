@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("nothing_hangs")
 DIED = "the worker that evaluated it died"
 
 
-def test_processes_that_die_are_replaced_and_their_points_found(tmp_path):
+def test_dead_processes_are_replaced_and_their_points_isolated(tmp_path):
     marker = tmp_path / "died"
 
     def function(z):
@@ -74,7 +74,7 @@ def test_a_deadly_point_does_not_make_its_batch_serial(n_workers, row):
 
 
 @pytest.mark.parametrize("rows", [[3, 4, 5, 60, 61, 99], range(0, 100, 5)])
-def test_points_at_which_workers_die_are_found_each_by_itself(rows):
+def test_points_at_which_workers_die_are_isolated(rows):
     assert_all_but(Crew().evaluate(deadly_at(*rows), numbered(100)), rows, 100)
 
 

@@ -109,7 +109,7 @@ def test_arguments_are_those_of_the_function():
         structure(a=1.0, b=1.0, c=1.0)
 
 
-def test_a_function_that_leaves_does_not_take_the_program_with_it():
+def test_a_function_that_exits_does_not_end_the_program():
     def leaves(a):  # noqa: ARG001
         raise SystemExit(3)
 

@@ -92,7 +92,7 @@ def test_a_coarse_basis_knows_that_it_is_coarse():
 
 
 @pytest.mark.parametrize("small", [True, False])
-def test_rows_and_copies_say_the_same(reduced, small, monkeypatch):
+def test_rows_and_copies_agree(reduced, small, monkeypatch):
     assert reduced.basis.size <= BATCHED_UP_TO
     values = draws(130)
     if not small:  # one by one, as in a larger basis
@@ -152,7 +152,7 @@ def test_bad_options(options, message):
         full().reduced(**options)
 
 
-def test_rows_without_modes_are_nan_and_say_why_when_asked_alone():
+def test_rows_without_modes_are_nan_and_explained_when_alone():
     q = bs.Parameter("q", bs.Normal(1.0, 0.2))
     structure = bs.MatrixStructure((q, beam(N, 1)[0]), sp.eye_array(N), n_modes=3).reduced()
     frequencies = structure.modes(np.array([[1.0], [-1.0]])).frequencies_hz

@@ -102,7 +102,7 @@ def test_model_frequencies_of_all_configurations_in_turn():
     np.testing.assert_allclose(joint().frequencies_hz(values)[0], expected, rtol=1e-13)
 
 
-def test_what_is_given_beside_configurations_holds_for_all():
+def test_further_arguments_apply_to_all_configurations():
     every = replace(joint(), pairing="any")
     assert [c.pairing for c in every.configurations] == ["any", "any"]
     assert [c.pairing for c in joint().configurations] == [PAIRS, PAIRS]
@@ -143,7 +143,7 @@ def test_evidence_by_quadrature(ranking):
         assert posterior.failed_checks == ()
 
 
-def test_the_second_test_tells_what_the_first_cannot(ranking):
+def test_the_second_test_determines_what_the_first_cannot(ranking):
     summary = {row.name: row for row in ranking.posteriors[0].summary}
     assert summary["dm"].mean == pytest.approx(0.25, abs=0.05)
     assert summary["dm"].relative_spread < 0.4
@@ -226,7 +226,7 @@ def test_the_objective_is_over_the_pairs_of_all_tests():
     assert calibration.best.objective == pytest.approx(expected, rel=1e-6)
 
 
-def test_an_inferred_pairing_is_told_for_each_configuration():
+def test_an_inferred_pairing_is_reported_for_each_configuration():
     posterior = bs.sample(joint(configurations=[replace(c, pairing="any") for c in
                                                 joint().configurations]))  # fmt: skip
     assert [c.inferred_pairing.best for c in posterior.configurations] == [PAIRS, PAIRS]

@@ -206,7 +206,7 @@ def test_two_parameters_of_one_name_are_refused(augmented, case_c, name):
 
 
 class _Answers(Structure):
-    """A structure that answers whatever it is told to."""
+    """A structure that returns a given answer."""
 
     parameters = (bs.Parameter("k", bs.LogNormal(1.0, 0.3)),)
     degrees_of_freedom = ("floor 1",)

@@ -151,7 +151,7 @@ def test_figures_are_not_written_over_others(tmp_path, data, posteriors):
 
 
 @pytest.mark.parametrize("name", ["k_1 & k^2", "50 %", "cost $5 or $6", "[a]", "_hidden", "θ"])
-def test_names_are_drawn_as_they_are(tmp_path, data, make_posterior, name):
+def test_names_are_drawn_literally(tmp_path, data, make_posterior, name):
     posteriors = [make_posterior(name, names=(name, "k2")), make_posterior("b", -2.0)]
     save_figures(tmp_path / "figures", {"": data}, posteriors, bs.compare(posteriors))
     ax = plot_frequencies(data, posteriors)

@@ -89,14 +89,14 @@ def test_an_inaccurate_structure_is_improved_and_sampled_again(of_class):
     )
 
 
-def test_one_that_cannot_be_improved_fails_a_check(of_class):
+def test_a_structure_that_cannot_be_improved_fails_a_check(of_class):
     posterior = bs.sample(of_class(Stiff(of_class.frame, 0.03, best=0.03)), settings=SETTINGS)
     first, second = posterior.failed_checks
     assert "certified only to 0.03 of the frequency" in first
     assert "full solutions at draws change the log evidence" in second
 
 
-def test_exact_structures_are_sampled_as_they_are(of_class):
+def test_exact_structures_are_sampled_unchanged(of_class):
     candidate = of_class(of_class.frame)
     posterior = bs.sample(candidate, settings=SETTINGS)
     assert posterior.remarks == ()

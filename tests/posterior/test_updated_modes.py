@@ -87,7 +87,7 @@ def test_log_likelihoods_of_the_data_add_up(model_classes, values, name):
         np.testing.assert_allclose(result.log_likelihoods[:, 1:3], expected)
 
 
-def test_of_an_inferred_pairing_there_is_one_datum_a_test(model_classes, values):
+def test_an_inferred_pairing_gives_one_datum_per_test(model_classes, values):
     candidate = model_classes["3"].with_any_pairing("any")
     result = at_draws(candidate, values)
     np.testing.assert_allclose(result.log_likelihoods[:, 0], candidate.log_likelihood(values))

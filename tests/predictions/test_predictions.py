@@ -206,7 +206,7 @@ def test_a_mode_that_a_class_does_not_explain(average, tiny_ranking):
     assert actual.shapes("2", FLOORS).share == 0.7
 
 
-def test_modes_that_are_none(predicted, average):
+def test_unknown_modes(predicted, average):
     with pytest.raises(
         ValueError, match=r"each k: no model mode is paired .* '7'; choose from '1'"
     ):

@@ -155,9 +155,7 @@ def test_nothing_to_compare():
 
 
 @pytest.mark.parametrize(("log_evidence", "flagged"), [(-2.0, True), (-8.0, False)])
-def test_the_edge_that_a_class_leans_on_is_flagged_where_it_is_probable(
-    make_posterior, log_evidence, flagged
-):
+def test_an_edge_check_is_flagged_for_probable_classes_only(make_posterior, log_evidence, flagged):
     leaning = make_posterior("leaning", log_evidence, failed_edge_checks=("leans on an edge",))
     comparison = bs.compare([make_posterior("upright", 0.0), leaning])
     assert comparison.failed_checks == (("leaning: leans on an edge",) if flagged else ())

@@ -1,4 +1,4 @@
-"""How a ranking moves with settings: against sampling anew, and closed forms."""
+"""Sensitivity of rankings to settings, against new sampling and closed forms."""
 
 import json
 import math
@@ -165,7 +165,7 @@ def test_rows_in_which_another_class_ranks_first_are_named():
     assert sensitivity_table(of_three).row_count == 3
 
 
-def test_a_ranking_that_stands_is_said_to_stand():
+def test_a_robust_ranking_is_reported_as_such():
     assert sensitivity_notes(Sensitivity(rows("a", "a"))) == [
         "'a' ranks first under every setting."
     ]
@@ -177,7 +177,7 @@ def test_a_class_alone_leads_by_infinity():
     assert sensitivity_table(Sensitivity((row,))).row_count == 1
 
 
-def test_failed_checks_are_said():
+def test_failed_checks_are_reported():
     (row,) = rows("a")
     flagged = Sensitivity((replace(row, failed_checks=("a: a chain is too short",)),))
     assert sensitivity_notes(flagged)[-1] == "  (!) row 0: a: a chain is too short"

@@ -124,7 +124,7 @@ def test_loading_a_file(tiny_study_file):
     assert load_study(str(tiny_study_file)).names == study.names
 
 
-def test_loading_leaves_nothing_beside_the_file(tiny_study_file):
+def test_loading_writes_no_files(tiny_study_file):
     before = sys.dont_write_bytecode
     load_study(tiny_study_file)
     assert list(tiny_study_file.parent.iterdir()) == [tiny_study_file]

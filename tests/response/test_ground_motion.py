@@ -44,7 +44,7 @@ def test_peaks_of_a_sine():
         ([1.0, 2.0], None, "dt must be positive and finite"),
     ],
 )
-def test_records_that_are_none(samples, dt, message):
+def test_invalid_records(samples, dt, message):
     with pytest.raises(ValueError, match=message):
         GroundMotion(samples, dt)
 

@@ -61,7 +61,7 @@ def test_arviz_finds_its_groups(tmp_path, save):
 
 
 def test_a_file_that_is_read_is_closed(tmp_path, save):
-    """Whoever still held it open would see the old draws of a file that is written again."""
+    """A file left open would still show its old draws after it is rewritten."""
     path = tmp_path / "x.nc"
     first = save(path, ("k1",))
     load_draws(path, first)

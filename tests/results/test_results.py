@@ -57,7 +57,7 @@ def test_what_a_directory_holds(saved):
     }  # fmt: skip
 
 
-def test_the_record_tells_how_the_result_came_about(saved):
+def test_the_record_documents_how_the_result_was_made(saved):
     record = json.loads((saved.directory / "result.json").read_text(encoding="utf-8"))
     assert record["study"] == "Two storeys"
     assert record["study_file"] == "tiny.py"

@@ -113,7 +113,7 @@ def test_a_narrow_basin_is_found_by_most_searches(seed):
     assert np.mean(hits, axis=0)[1:].min() > 0.9
 
 
-def test_who_found_what(monkeypatch):
+def test_searches_record_the_maxima_they_found(monkeypatch):
     scripted(monkeypatch, ["A", "AB", "B", "BA"])
     result = searches(two_peaks(0.3), 4)
     np.testing.assert_allclose(result.maxima.z, [A, B], atol=0.01)
@@ -121,7 +121,7 @@ def test_who_found_what(monkeypatch):
     assert result.n_searches == 4
 
 
-def test_searches_go_on_until_a_second_one_finds_what_only_one_found(monkeypatch):
+def test_searches_continue_until_two_agree(monkeypatch):
     scripted(monkeypatch, ["A", "A", "AB", "A", "AB", "A"])
     result = searches(two_peaks(0.3), 3)
     assert result.found_by.sum(axis=0).tolist() == [5, 2]
@@ -162,7 +162,7 @@ def test_only_a_maximum_that_matters_is_waited_for(monkeypatch, share_of_b, n_se
         ([0.9985, 0.0015], [[True, True], [True, False]], False),
     ],
 )
-def test_settled_is_twice_found(shares, found_by, converged):
+def test_a_maximum_found_twice_is_converged(shares, found_by, converged):
     assert MultistartSearch(maxima_of_shares(*shares), np.array(found_by)).converged is converged
 
 

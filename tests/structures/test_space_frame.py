@@ -158,7 +158,7 @@ def steel_frame():
     return made
 
 
-def test_what_the_paper_s_bare_frame_comes_out_at(steel_frame):
+def test_frequencies_of_the_papers_bare_frame(steel_frame):
     modes = steel_frame().modes(NONE)
     np.testing.assert_allclose(
         modes.frequencies_hz[0], [3.48, 4.32, 6.13, 10.48, 15.66, 19.82], rtol=5e-3

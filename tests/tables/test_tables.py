@@ -50,7 +50,7 @@ def test_a_failed_check_marks_its_class(make_posterior):
     assert "  (!) b: the ensembles differ" in comparison_notes(actual)
 
 
-def test_notes_name_the_scale_and_what_cannot_be_told_apart(make_posterior):
+def test_notes_name_the_scale_and_indistinguishable_classes(make_posterior):
     actual = bs.compare([make_posterior("a"), make_posterior("b", -0.1), make_posterior("c", -9.0)])
     assert comparison_notes(actual) == [
         "Evidence against: scale of Kass and Raftery (1995).",
@@ -110,7 +110,7 @@ def test_identified_modes(case_c):
 
 
 @pytest.mark.parametrize("name", ["k[east]", "[bold]", "[/]"])
-def test_names_with_brackets_are_shown_as_they_are(make_posterior, case_c, name):
+def test_names_with_brackets_are_shown_literally(make_posterior, case_c, name):
     """Square brackets are no markup."""
     posterior = make_posterior(name, names=(name,))
     label = replace(case_c.mode("1"), label=name)
