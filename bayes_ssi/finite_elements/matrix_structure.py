@@ -88,7 +88,7 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
 
     @cached_property
     def n_modes(self) -> int:
-        """Number of modes, as given or up to ``up_to_hz`` and a margin at the prior medians."""
+        """Number of modes, as given or up to ``up_to_hz`` and a margin at the prior medians.
 
         Raises:
             ValueError: there is no mode below.
