@@ -1,4 +1,4 @@
-"""The search for hidden appendages: its hypotheses, their levels, and what is made of them."""
+"""The search for hidden appendages: its hypotheses, their levels and its findings."""
 
 import json
 import math
@@ -20,7 +20,7 @@ from bayes_ssi.structures.structure import Structure
 
 
 def test_places_are_floors_and_storeys(augmented):
-    """Whatever hangs there already."""
+    """The appendages already present."""
     assert [place.name for place in places_of(augmented)] == [
         "pendulum 1", "pendulum 2", "pendulum 3", "infill 0-1", "infill 1-2", "infill 2-3",
     ]  # fmt: skip
@@ -186,7 +186,7 @@ def test_two_are_tried_on_the_best_ones(bare, fake_sampling):
     levels = fake_sampling(lambda made: heights.get(made.name, -1.0))
     search(bare)
     assert len(levels) == 2
-    # Five places beside each of the two best, the pair of both counted once.
+    # Five further places for each of the two best, their common pair counted once.
     assert len(set(levels[1])) == len(levels[1]) == 9
     assert all("infill 1-2" in name or "pendulum 3" in name for name in levels[1])
     assert "pendulum 3 + infill 1-2" in levels[1]

@@ -1,4 +1,4 @@
-"""``bayes-ssi search``: its options, what it saves, and how it goes on after a stop."""
+"""``bayes-ssi search``: its options, what it saves, and resuming after an interruption."""
 
 import json
 

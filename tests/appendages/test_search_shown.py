@@ -1,4 +1,4 @@
-"""How a search is shown: tables, notes, and figures."""
+"""Tables, notes and figures of a search."""
 
 import io
 
@@ -56,7 +56,7 @@ def test_the_table_always_shows_no_appendage(of_a_tall_building):
 
 
 def test_hypotheses_that_no_table_row_shows_are_counted(of_a_tall_building):
-    """Eight by probability, and no appendage beside them."""
+    """Eight by probability, and no appendage in addition."""
     n = len(of_a_tall_building.record.hypotheses)
     rows = of_a_tall_building.ranking.comparison.classes
     assert "no appendage" not in [row.name for row in rows[:8]]

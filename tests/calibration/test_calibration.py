@@ -14,7 +14,7 @@ TABLE_1 = {
     "2": ([0.985, 1.045, 1.004], 2.7),
     "3": ([1.0, 1.0, 1.0, 1.0], 0.0),
 }
-# What else fits the frequencies exactly, to four decimals.
+# The other exact fits of the frequencies, to four decimals.
 OTHERS = {
     "1-a": [[2.5769, 0.6164, 0.5877]],
     "1-b": [[2.6372, 0.5563, 0.8471]],

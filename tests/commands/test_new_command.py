@@ -1,4 +1,4 @@
-"""Studies to begin with run as they stand, and nothing is overwritten."""
+"""Example studies run unchanged, and nothing is overwritten."""
 
 import numpy as np
 import pytest

@@ -125,7 +125,7 @@ def test_modes_alone(predict, tmp_path):
 
 @pytest.mark.usefixtures("no_figures")
 def test_modes_alone_of_a_structure_without_masses(predict, monkeypatch):
-    """Those of a function, or of matrices without ``influence``."""
+    """Modes of a function, or of matrices without ``influence``."""
 
     def unknown(*_):
         raise TypeError("its masses are not known; give influence=")

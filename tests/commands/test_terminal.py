@@ -1,4 +1,4 @@
-"""What a terminal, a pipe and a program see of the commands."""
+"""Output of the commands in a terminal, in a pipe and for a program."""
 
 import json
 import os

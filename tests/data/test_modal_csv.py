@@ -26,7 +26,7 @@ label; frequency_hz; frequency_cov; damping; floor 1; floor 2
 
 @pytest.fixture
 def read(tmp_path):
-    """Reads the modes in a text that stands in a file ``modes.csv``."""
+    """Reads the modes from a text written to ``modes.csv``."""
 
     def read_text(text, encoding="utf-8", **kwargs):
         path = tmp_path / "modes.csv"

@@ -1,4 +1,4 @@
-"""Evaluating a batch, whatever the model does at some of its rows."""
+"""Evaluation of batches, in which the model may fail at some rows."""
 
 import numpy as np
 import pytest

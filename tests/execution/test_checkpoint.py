@@ -1,4 +1,4 @@
-"""The checkpoint of a run: going on from it gives the result of a run that was not stopped."""
+"""The checkpoint of a run: resuming from it gives the result of an uninterrupted run."""
 
 import shutil
 import sqlite3
@@ -20,7 +20,7 @@ SETTINGS = bs.SamplingSettings()
 
 
 class Hidden(DelegatingStructure):
-    """A building whose description tells nothing, not even by how much it is softer."""
+    """A building whose description is empty and does not even state how much softer it is."""
 
     def __init__(self, building, softer=1.0, limit=np.inf):
         super().__init__(building)
@@ -86,7 +86,7 @@ def one_k(tiny_study):
 
 
 def stop(directory, journals, share):
-    """What a run leaves that is killed when ``share`` of its batches are written."""
+    """Checkpoint of a run that is killed when ``share`` of its batches are written."""
     directory.mkdir()
     left = int(share * sum(len(batches) for _, batches in journals.values()))
     for name, (path, batches) in journals.items():
@@ -289,7 +289,7 @@ def test_removing_leaves_the_journals_of_others(directory, checkpoint, tiny_stud
 
 
 def test_a_run_that_was_refused_leaves_nothing_in_the_way(one_class, directory):
-    """Its input is mended, and the next run is another one."""
+    """Its input is corrected, which makes the next run a different one."""
     (candidate,) = one_class.model_classes
 
     class Refused(bs.ShearBuilding):

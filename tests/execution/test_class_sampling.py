@@ -91,7 +91,7 @@ def test_classes_whose_worker_died_are_sampled_all_the_same(
 
 
 def test_classes_in_workers_resume_from_their_checkpoints(tiny_study, alone, tmp_path, two_workers):
-    """And it is said here which do, since workers say nothing."""
+    """This process reports which do, since workers print nothing."""
     said = []
     checkpoint = Checkpoint(tmp_path / "c", say=said.append)
     first, second = tiny_study.model_classes
@@ -106,7 +106,7 @@ def test_classes_in_workers_resume_from_their_checkpoints(tiny_study, alone, tmp
 def test_a_relative_checkpoint_is_where_the_run_was_started(
     tiny_study, tmp_path, monkeypatch, checkpoint
 ):
-    """Whatever the working directory of its workers, as those of a cluster."""
+    """Independently of the working directory of the workers, as on a cluster."""
     here, there = tmp_path / "here", tmp_path / "there"
     here.mkdir()
     there.mkdir()

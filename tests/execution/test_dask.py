@@ -1,4 +1,4 @@
-"""Workers of a Dask cluster: the same values, and what becomes of a cluster that loses them."""
+"""Workers of a Dask cluster: the same values, and the loss of workers."""
 
 import contextlib
 import functools
@@ -39,7 +39,7 @@ def make_cluster(n_workers):
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Two workers; a part is given up with the first worker that it kills."""
+    """Two workers; a part is abandoned with the first worker that it kills."""
     with dask.config.set({"distributed.scheduler.allowed-failures": 0}), make_cluster(2) as made:
         yield made
 

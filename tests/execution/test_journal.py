@@ -1,4 +1,4 @@
-"""The journal: what it gives back is what was written, or nothing."""
+"""The journal: it returns what was written, or nothing."""
 
 import os
 import signal
@@ -170,7 +170,7 @@ def process_with_a_journal(path, *lines):
 
 
 def test_a_process_that_is_killed_uses_its_journal_no_more(path):
-    """Nor do its children, as those of a pool that is forked after the journal was opened."""
+    """Nor do its children, such as a pool that is forked after the journal was opened."""
     lines = ("if os.fork():", "    time.sleep(60)", "print(os.getpid(), flush=True)")
     with process_with_a_journal(path, *lines) as process:
         child = int(process.stdout.readline())

@@ -1,4 +1,4 @@
-"""A command that is killed, whenever that is, and given again ends with the same result."""
+"""A command that is killed at any time and given again ends with the same result."""
 
 import multiprocessing
 import os
@@ -128,7 +128,7 @@ def in_the_process(arguments, stderr, moment):
 
 
 class Command:
-    """``rank`` of the tiny study into a directory ``r`` beside which there is nothing else."""
+    """``rank`` of the tiny study into a directory ``r``, alone in its parent directory."""
 
     def __init__(self, directory):
         self.study_file = directory / "tiny.py"

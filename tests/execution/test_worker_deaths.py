@@ -1,4 +1,4 @@
-"""What becomes of points whose workers die."""
+"""Evaluation of points whose workers die."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Workers: the same values wherever they are computed, and what cannot be sent or answered."""
+"""Workers: the same values in any process, and models that cannot be sent or evaluated."""
 
 import gc
 import os
@@ -110,7 +110,7 @@ def missing_package(name):
 
 
 class NeedsMore:
-    """A model that is sent, but can be made here only."""
+    """A model that can be sent, but not rebuilt in another process."""
 
     def __call__(self, z):
         return sums(z)

@@ -1,4 +1,4 @@
-"""Structures that a user's function computes, and what becomes of its errors."""
+"""Structures computed by a user's function, and the handling of its errors."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Reduced bases against full solutions: their accuracy, and that they know it."""
+"""Reduced bases against full solutions: their accuracy and its certificate."""
 
 import math
 import pickle
@@ -55,7 +55,7 @@ def test_is_small_and_right_over_the_prior(reduced):
     alike = [np.diag(mac(a, b)) for a, b in zip(exact.shapes, fast.shapes, strict=True)]
     assert off.max() < 1e-4
     assert np.min(alike) > 0.9999
-    # Bounds hold, and are not empty words.
+    # Bounds hold, and are not trivially wide.
     bounds = reduced.bounds(values)
     assert np.all(bounds.frequency >= off - 1e-12)
     assert np.median(bounds.frequency / np.maximum(off, 1e-12)) < 1000.0

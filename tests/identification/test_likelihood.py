@@ -1,4 +1,4 @@
-"""The likelihood against plain loops over its definition, quadrature, and what it must ignore."""
+"""The likelihood against plain loops over its definition, quadrature, and invariances."""
 
 import math
 from dataclasses import replace
@@ -242,7 +242,7 @@ LOWER_HZ, UPPER_HZ = ((math.sqrt(5.0) + sign) / (4.0 * math.pi) for sign in (-1.
 
 
 def at_band_edge(band, pairing, frequency_cov=0.01, own=(None,)):
-    """Of two unit masses on two springs, of 1 and of 4 times unit stiffness, and of -1 times."""
+    """Two unit masses on two springs of 1, 4 and -1 times unit stiffness."""
     k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
     two = bs.ShearBuilding((1.0, 1.0), (k, k))
     middle = sum(band) / 2.0

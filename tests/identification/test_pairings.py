@@ -97,7 +97,7 @@ def test_huge_ratios_neither_overflow_nor_underflow(sign):
     "log_ratio", [1.0, 36.0, 300.0, 700.0, 720.0, 735.0, 744.0, 745.0, 746.0, 900.0, 1e5]
 )
 def test_modes_that_all_want_the_same_one(n_data, log_ratio):
-    """All but one must do without, however much each would gain."""
+    """All but one stay unpaired, however much each would gain."""
     expected = np.logaddexp(0.0, log_ratio + math.log(n_data))
     computed = log_sum(weights(np.full((1, n_data, 1), log_ratio)))[0]
     assert computed == pytest.approx(expected, rel=1e-13)

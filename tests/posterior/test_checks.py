@@ -175,7 +175,7 @@ def test_regions_of_one_are_not_asked_for(sampled):
 
 
 def searched(sampled, found_by_second):
-    """The same result, had only this number of searches found the second region."""
+    """The same result with the second region found by this number of searches only."""
     of_second = sampled.regions.assign(sampled.search.maxima.z) == 1
     found_by = sampled.search.found_by.copy()
     found_by[found_by_second:, of_second] = False
@@ -218,7 +218,7 @@ def draws_of(z, share, n=20_000):
     return np.interp((np.arange(n) + 0.5) / n, np.cumsum(share), z)[:, None]
 
 
-# Priors, the error, and which edge the posterior leans on; k is 1.21 for a perfect fit.
+# Priors, the error, and the edge at which the posterior lies; k is 1.21 for a perfect fit.
 LEANING = [
     (2.0, 4.0, 0.01, "lower"),
     (2.0, 4.0, 0.02, None),

@@ -1,4 +1,4 @@
-"""Modes before and after updating, against the structure asked again and closed forms."""
+"""Modes before and after updating, against the structure's own modes and closed forms."""
 
 import json
 

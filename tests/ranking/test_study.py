@@ -36,7 +36,7 @@ def test_an_unknown_class_is_refused(model_classes):
     [{"1-a": 1.0}, {"1-a": 1.0, "1-b": 0.0}, {"1-a": 1.0, "1-b": 1.0, "x": 1.0}],
 )
 def test_bad_prior_weights_are_refused_before_anything_is_sampled(model_classes, weights):
-    """Whether when the study is made or ranked: a run must not be lost to them."""
+    """Refused when the study is made or ranked, so that no run is lost to them."""
     classes = [model_classes["1-a"], model_classes["1-b"]]
 
     def sampling_begins(*_):

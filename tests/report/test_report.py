@@ -117,7 +117,7 @@ def test_the_page_is_whole_and_needs_nothing_else(reported, page):
 
 
 def test_remarks_of_a_class(tiny_ranking, tmp_path):
-    """How far a reduced model may be off, and what it cost, for instance."""
+    """For instance, the error of a reduced model and its cost."""
     remark = "2302 degrees of freedom reduced to 93 by 19 full solutions"
     first, *others = tiny_ranking.posteriors
     posteriors = (replace(first, remarks=(remark,)), *others)

@@ -118,7 +118,7 @@ def test_a_posterior_for_which_it_is_not_made_is_flagged():
 
 
 class Counting(DelegatingStructure):
-    """A shear building behind a wall, that counts how often it is asked."""
+    """A black-box shear building that counts its evaluations."""
 
     def __init__(self, building):
         super().__init__(building)

@@ -1,4 +1,4 @@
-"""Searches for maxima: what one finds, when several agree, and how long they go on."""
+"""Searches for maxima: results of one search, agreement of several, and when they stop."""
 
 import math
 
@@ -60,7 +60,7 @@ def finds(maxima, points):
 
 
 def scripted(monkeypatch, script):
-    """Searches that find what the script says, "A", "B" or "AB", the last over and over."""
+    """Searches that find the scripted maxima, "A", "B" or "AB", repeating the last."""
     names = iter(script)
     last = ["A"]
 
@@ -249,7 +249,7 @@ def test_ascents_cost_less_than_the_draws(d):
 
 
 def test_the_number_of_evaluations_is_bounded():
-    """A posterior with a thousand tops, of which no two searches find the same."""
+    """A posterior with a thousand maxima; no two searches find the same ones."""
 
     def rough(z):
         return 8.0 * np.sin(40.0 * z).sum(axis=1)

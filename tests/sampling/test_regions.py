@@ -93,7 +93,7 @@ def test_a_sheared_and_narrow_region_is_one(sd):
 
 @pytest.mark.parametrize("d", [2, 3, 5])
 def test_two_shells_are_two_regions(d):
-    """Hollow, and nearer to one another than they are wide."""
+    """Hollow regions that are closer to one another than they are wide."""
     rng = np.random.default_rng(d)
     directions = rng.standard_normal((2000, d))
     draws = (2.0 + 0.1 * rng.standard_normal((2000, 1))) * directions
