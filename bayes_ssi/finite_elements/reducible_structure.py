@@ -80,7 +80,7 @@ class ReducibleStructure(Structure):
             NoModesError: M is not positive semi-definite, or has mass at too few places.
         """
         pattern = self._stiffness.pattern + self._mass.pattern
-        # Of a diagonally dominant matrix with this pattern, which is positive definite.
+        # From a diagonally dominant matrix with this pattern, which is positive definite.
         row_sums = np.asarray(pattern.sum(axis=1)).ravel()
         order = fill_reducing_order(sp.csc_array(sp.diags_array(row_sums + 1.0) - pattern))
         system = System(

@@ -45,7 +45,7 @@ def plot_corner(
     values = posterior.values[:, [posterior.parameter_names.index(name) for name in names]]
     n = len(names)
     figure = figure_of(figure, (0.8 + 1.5 * n, 1.4 + 1.5 * n))
-    # Of a panel of 1.5 in, a name may take 1.3 in.
+    # In a panel of 1.5 in, a name may take 1.3 in.
     points = min(9.0, 9.0 * letters_across(1.3) / max(map(len, names)))
     with warnings.catch_warnings():
         # At its import arviz 0.23 announces version 1; constrained layout replaces corner's own.

@@ -151,7 +151,7 @@ def _whitening(differences: FloatArray) -> FloatArray:
 def _groups(nearest: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
     """The group (n,) of each draw, by the local maximum that higher neighbours lead to."""
     n = len(nearest)
-    # Of equally high neighbours the first counts, so that no two lead to one another.
+    # The first of equally high neighbours counts, so that no two lead to one another.
     order = np.lexsort((-np.arange(n), paths.log_posteriors))
     rank = np.empty(n, dtype=np.intp)
     rank[order] = np.arange(n)

@@ -102,7 +102,7 @@ class TestModes:
             carried[places, i] += 1.0 + i + np.linspace(0.0, 1.0, spread)
         stiffness = sp.csc_array(1e4 * chain(n))
         structure = bs.MatrixStructure(stiffness, carried @ carried.T, n_modes=4)
-        # Of B Bᵀ φ = μ K φ the nonzero μ are those of Bᵀ K⁻¹ B, (rank, rank).
+        # The nonzero μ of B Bᵀ φ = μ K φ are those of Bᵀ K⁻¹ B, (rank, rank).
         flexibility = carried.T @ np.linalg.solve(stiffness.toarray(), carried)
         expected = np.sqrt(1.0 / np.linalg.eigvalsh(flexibility)[::-1][:4]) / (2.0 * math.pi)
         frequencies, shapes = structure.modes(np.zeros((1, 0)))

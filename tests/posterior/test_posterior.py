@@ -156,7 +156,7 @@ def test_the_summary_counts_draws_by_their_effective_number(make_posterior):
         assert row.mean == pytest.approx(values[:, i].mean())
         assert row.sd == pytest.approx(values[:, i].std())
         assert row.mean_error == pytest.approx(row.sd / math.sqrt(size))
-        # Of a normal distribution the standard deviation's error is sd / √(2 n).
+        # For a normal distribution, the standard deviation's error is sd / √(2 n).
         assert row.sd_error == pytest.approx(row.sd / math.sqrt(2.0 * size), rel=0.1)
         expected = np.quantile(values[:, i], [0.05, 0.5, 0.95])
         assert (row.quantile_05, row.median, row.quantile_95) == pytest.approx(expected)

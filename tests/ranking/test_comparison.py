@@ -61,7 +61,7 @@ def test_classes_that_are_not_distinguishable(
     comparison = bs.compare(
         [make_posterior("a", -difference, error), make_posterior("b", 0.0, error)]
     )
-    # Of two equal evidences the first given is the best.
+    # With equal evidences, the class given first is the best.
     other = comparison.classes[1]
     assert (other.distinguishable, other.against) == (distinguishable, against)
     assert comparison.not_distinguishable == (() if distinguishable else (other.name,))

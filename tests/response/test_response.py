@@ -125,7 +125,7 @@ def test_time_histories_cost_little_more_than_filtering(augmented, values):
         for _ in range(n_histories * augmented.n_modes):
             lfilter([0.1, 0.2, 0.1], [1.0, -1.9, 0.95], motion.acceleration)
         ratios.append((middle - begun) / (perf_counter() - middle))
-    # The least disturbed of several runs beside other work.
+    # The least disturbed of several runs, since other work may disturb them.
     assert min(ratios) <= 2.0, ratios
 
 

@@ -9,7 +9,7 @@ from bayes_ssi.sampling.target import POINTS_TO_CHECK, Target, log_standard_norm
 
 
 class Fragile:
-    """A model that raises below zero and returns NaN beyond ten; it records the size of each batch."""
+    """A model that raises below zero and returns NaN beyond ten; it records batch sizes."""
 
     def __init__(self):
         self.asked = []
