@@ -174,7 +174,7 @@ class FunctionStructure(PointwiseStructure):
         phi = np.asarray(shapes)
         if phi.dtype.kind not in "iuf" or phi.shape != (n_sensors, len(f)):
             raise ValueError(
-                f"{name} must return real shapes with one row a sensor and one column a mode, "
+                f"{name} must return real shapes with one row per sensor and one column per mode, "
                 f"{(n_sensors, len(f))}, got {_kind(shapes)}"
             )
         order = np.argsort(f, kind="stable")[: self.n_modes]  # NaN comes last

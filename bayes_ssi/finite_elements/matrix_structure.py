@@ -186,7 +186,7 @@ def _checked_influence(influence: ArrayLike | None, n: int) -> FloatArray | None
     array = np.array(influence, dtype=float)
     if array.shape != (n,) or not np.isfinite(array).all():
         raise ValueError(
-            f"influence must be {n} finite numbers, one a degree of freedom, got "
+            f"influence must be {n} finite numbers, one per degree of freedom, got "
             f"shape {array.shape}"
         )
     array.setflags(write=False)

@@ -107,7 +107,7 @@ class LumpedStructure(Structure):
         counts = {name: len(getattr(self, name)) for name in (*names, *others)}
         if len(set(counts.values())) != 1 or 0 in counts.values():
             listed = ", ".join(f"{count} {name}" for name, count in counts.items())
-            raise ValueError(f"{kind}: needs one of each a storey, at least one, got {listed}")
+            raise ValueError(f"{kind}: needs one of each per storey, at least one, got {listed}")
         for name in names:
             for i, value in enumerate(getattr(self, name), 1):
                 positive_product(value, f"{kind}: {name}, number {i} from below,")

@@ -59,7 +59,7 @@ CAN_BE_NEGATIVE = 10.0 * bs.Parameter("k", bs.Normal(1.0, 0.5))
 @pytest.mark.parametrize(
     ("masses", "stiffnesses", "message"),
     [
-        ((1.0, 1.0), (1.0,), "needs one of each a storey, .* got 2 masses, 1 stiffnesses"),
+        ((1.0, 1.0), (1.0,), "needs one of each per storey, .* got 2 masses, 1 stiffnesses"),
         ((), (), "needs .* got 0 masses, 0 stiffnesses"),
         ((1.0, -2.0), (1.0, 1.0), "masses, number 2 from below, must be positive .* got -2.0"),
         ((1.0, 1.0), (0.0, 1.0), "stiffnesses, number 1 from below, must be .* got 0.0"),

@@ -105,7 +105,7 @@ def test_parameters_stand_in_any_field():
     ("make", "message"),
     [
         (lambda: bs.ShearBuilding3D([1.0, 1.0], [1.0], [1.0], [1.0], [1.0]),
-         "needs one of each a storey, at least one, got 2 masses, 1 radii_of_gyration"),
+         "needs one of each per storey, at least one, got 2 masses, 1 radii_of_gyration"),
         (lambda: bs.ShearBuilding3D([], [], [], [], []), "at least one, got 0 masses"),
         (lambda: bs.ShearBuilding3D([1.0], [1.0], [1.0], [-2.0], [1.0]),
          "stiffnesses_y, number 1 from below, must be positive and finite, got -2.0"),

@@ -227,7 +227,7 @@ def refused(match, **changed):
 
 def test_bad_fields_are_refused():
     refused(
-        "one of each a storey, at least one, got 2 column",
+        "one of each per storey, at least one, got 2 column",
         column_inertias_x=(1.0, 1.0),
     )
     refused("storey_heights must be positive", storey_heights=(-2.0,))
