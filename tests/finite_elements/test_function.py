@@ -89,7 +89,7 @@ def test_frequencies_alone():
         (([1.0], np.eye(2)), r"at least 2 frequencies, got shape \(1,\)"),
         (([1.0, math.nan], np.eye(2)), "numbers that are not finite"),
         (([0.0, 1.0], np.eye(2)), "a frequency of 0 Hz, which is not positive"),
-        (([1.0, 2.0], np.eye(3)), r"one column a mode, \(2, 2\), got ndarray of shape \(3, 3\)"),
+        (([1.0, 2.0], np.eye(3)), r"one column per mode, \(2, 2\), got ndarray of shape \(3, 3\)"),
         (([1.0, 2.0], 1j * np.eye(2)), "must return real shapes"),
     ],
 )
