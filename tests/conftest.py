@@ -247,6 +247,12 @@ def found_in_case_c(request, two_workers):
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _interrupts():
+    """A shell lets what it starts in the background ignore interrupts; some tests send them."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _one_blas_thread():
     """Matrices here are small: threads inside BLAS would only wait for one another."""
     with threadpool_limits(limits=1, user_api="blas"):

@@ -1,6 +1,5 @@
 """Workers: the same values in any process, and models that cannot be sent or evaluated."""
 
-import gc
 import os
 import signal
 import subprocess
@@ -225,7 +224,6 @@ def test_an_interrupted_run_does_not_wait_for_what_is_under_way():
 
     with LocalWorkers(1) as workers:
         processes = set(workers.evaluate(process_ids, points(64)).values)
-        gc.collect()  # Python ignores an interrupt that arrives in a finalizer
         threading.Thread(target=interrupt).start()
         begun = time.monotonic()
         with pytest.raises(KeyboardInterrupt):
