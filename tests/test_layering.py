@@ -24,7 +24,18 @@ ORDER = (
     "tables", "plots", "report",
     "commands", "cli",
 )  # fmt: skip
-HEAVY = {"matplotlib", "arviz", "emcee", "jinja2", "h5py", "h5netcdf", "rich", "pandas", "xarray"}
+HEAVY = {
+    "matplotlib",
+    "arviz",
+    "corner",
+    "emcee",
+    "jinja2",
+    "h5py",
+    "h5netcdf",
+    "rich",
+    "pandas",
+    "xarray",
+}
 
 
 def module_name(path):
