@@ -1,11 +1,15 @@
 """The README is short, its code runs, and what it says is there."""
 
+import json
 import re
+import runpy
+from dataclasses import replace
 
 import pytest
 from code_blocks import README, ROOT, blocks, run_block
 
 import bayes_ssi as bs
+from bayes_ssi.cli import main
 
 BLOCKS = blocks(README)
 
@@ -28,6 +32,24 @@ def test_the_script_has_15_lines_and_finds_the_right_class(monkeypatch, capsys):
     name, probability = capsys.readouterr().out.rsplit(maxsplit=1)
     assert name == "resonant infill"
     assert float(probability) > 0.9999
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_the_table_is_what_the_command_prints(tmp_path, capsys):
+    pages = runpy.run_path(str(ROOT / "runs" / "documented_tables.py"))
+    (table,) = pages["documented_tables"](README)
+    assert [row.name for row in table.rows] == ["3", "1-a", "2", "1-b"]
+    study = str(ROOT / table.command[-1])
+    main(
+        [*table.command[1:-1], study, "--json", "--out", str(tmp_path / "out")],
+        standalone_mode=False,
+    )
+    classes = json.loads(capsys.readouterr().out)["classes"]
+    now = [pages["Row"](each["name"], each["log_evidence"], each["error"]) for each in classes]
+    assert list(pages["differences"](table, now)) == []
+    wrong = [replace(now[0], log_evidence=now[0].log_evidence + 0.1), *now[1:]]
+    assert len(list(pages["differences"](table, wrong))) == 1
+    assert len(list(pages["differences"](table, now[::-1]))) == 1
 
 
 @pytest.mark.usefixtures("coarse_command", "no_figures")
