@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.codec import to_record
 from bayes_ssi.commands.response_options import response_request
 from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
 
@@ -113,6 +112,7 @@ def predict(
     motions, all with credible bands. Nothing is sampled: draws are those stored, structures those
     of the study file.
     """
+    from bayes_ssi.codec import to_record
     from bayes_ssi.plots.prediction_figures import save_prediction_figures
     from bayes_ssi.predictions.prediction_files import save_predictions
     from bayes_ssi.predictions.predictions import AVERAGE

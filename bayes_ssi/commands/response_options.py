@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
     from bayes_ssi.predictions.predictions import Predictions
     from bayes_ssi.predictions.response_bands import ResponseRequest
@@ -31,6 +29,8 @@ def response_request(
     level: float,
 ) -> tuple[ResponseRequest, list[str]]:
     """The request from the options, and remarks on it."""
+    import numpy as np
+
     from bayes_ssi.predictions.default_request import (
         MOST_FREQUENCIES,
         default_frequencies,
