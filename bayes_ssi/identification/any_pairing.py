@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.identification.likelihood import ModalLikelihood, row_sums
+from bayes_ssi.identification.likelihood import ComparedModes, ModalLikelihood, row_sums
 from bayes_ssi.identification.paired_modes import PairedModes
 from bayes_ssi.identification.pairings import PairingWeights, log_sum, pair_probabilities
-from bayes_ssi.modal import Modes
 
 # The one datum of a test whose pairing is inferred.
 ALL_MODES = "all modes"
@@ -47,31 +46,38 @@ class AnyPairing(ModalLikelihood):
     def datum_names(self) -> tuple[str, ...]:
         return (ALL_MODES,)
 
-    def log_likelihoods(self, values: FloatArray, modes: Modes) -> FloatArray:
+    def log_likelihoods(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
         """One column: a sum over pairings has no terms of single modes."""
         return self.log_density(values, modes)[:, None]
 
-    def log_density(self, values: FloatArray, modes: Modes | None = None) -> FloatArray:
+    def log_density(self, values: FloatArray, modes: ComparedModes | None = None) -> FloatArray:
         nothing_paired = -self.identification.expected_spurious_modes + self._spurious.sum()
         weights, missed = self._weights(values, modes)
         return nothing_paired + row_sums(missed) + log_sum(weights)
 
-    def pairing_weights(self, values: FloatArray) -> PairingWeights:
-        """The weights of all pairs at ``values`` (B, n_parameters)."""
-        return self._weights(values)[0]
+    def pairing_weights(
+        self, values: FloatArray, modes: ComparedModes | None = None
+    ) -> PairingWeights:
+        """The weights of all pairs at ``values`` (B, n_parameters).
+
+        ``modes`` are the modes at ``values``, where already known.
+        """
+        return self._weights(values, modes)[0]
 
     def _weights(
-        self, values: FloatArray, modes: Modes | None = None
+        self, values: FloatArray, modes: ComparedModes | None = None
     ) -> tuple[PairingWeights, FloatArray]:
         """Weights of pairs, and log probabilities (B, I) that a model mode is missed."""
-        modes = self.modes(values) if modes is None else modes
+        modes = self.compared_modes(values) if modes is None else modes
         error_var = self._error_variances(values)
         n_data, n_model = len(self.data.modes), self.structure.n_modes
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             every = list(range(n_model))
             missed = self._missed_terms(modes, error_var[:, :1], every)
             paired = self._frequency_terms(modes, error_var[:, :1])
-            paired[:, self.pairs.with_shape] += self._shape_terms(modes, error_var[:, 1:])
+            paired[:, self.pairs.with_shape] += self._shape_terms(
+                modes.shape_distances, error_var[:, 1:]
+            )
         paired = paired.reshape(len(values), n_data, n_model)
         log_ratios = paired - self._spurious[:, None] - missed[:, None, :]
         frequencies_hz = np.array([mode.frequency_hz for mode in self.data.modes])

@@ -40,6 +40,18 @@ from bayes_ssi.structures.structure import Structure
 MISSED = "no other mode"
 
 
+class ComparedModes(NamedTuple):
+    """The modes of a model at a batch of B parameter values, compared with the identified ones.
+
+    Attributes:
+        frequencies_hz: (B, n_modes), of the model.
+        shape_distances: (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
+    """
+
+    frequencies_hz: FloatArray
+    shape_distances: FloatArray
+
+
 class ModalTerms(NamedTuple):
     """Terms of the log-likelihood at a batch of B parameter values, which sum to the whole.
 
@@ -110,19 +122,19 @@ class ModalLikelihood:
         """
         return self.terms(values).total()
 
-    def terms(self, values: FloatArray, modes: Modes | None = None) -> ModalTerms:
+    def terms(self, values: FloatArray, modes: ComparedModes | None = None) -> ModalTerms:
         """The log-likelihood in parts; NaN where the structure has no modes.
 
         ``modes`` are the modes at ``values``, where already known.
         """
-        modes = self.modes(values) if modes is None else modes
+        modes = self.compared_modes(values) if modes is None else modes
         error_var = self._error_variances(values)
         # Far out in the tail of its prior an error size can be so small that its square is zero.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             missed = self._missed_terms(modes, error_var[:, :1], self._unpaired_model_modes)
             return ModalTerms(
                 frequency=self._frequency_terms(modes, error_var[:, :1]),
-                shape=self._shape_terms(modes, error_var[:, 1:]),
+                shape=self._shape_terms(modes.shape_distances, error_var[:, 1:]),
                 undetected=row_sums(missed),
                 spurious=-self.identification.expected_spurious_modes
                 + sum(
@@ -137,7 +149,7 @@ class ModalLikelihood:
         """The columns of :meth:`log_likelihoods`."""
         return (*self.data.labels, MISSED)
 
-    def log_likelihoods(self, values: FloatArray, modes: Modes) -> FloatArray:
+    def log_likelihoods(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
         """The log-likelihood of each datum, (B, n_data); the sum of a row is the whole.
 
         One column for each identified mode, paired or spurious; the last one for what was not
@@ -171,6 +183,14 @@ class ModalLikelihood:
     def modes(self, values: FloatArray) -> Modes:
         """The structure's modes at ``values``, columns as in :attr:`parameters`."""
         return Modes(*self.structure.modes(values[:, : len(self.structure.parameters)]))
+
+    def compared_modes(self, values: FloatArray, modes: Modes | None = None) -> ComparedModes:
+        """The structure's modes at ``values``, or the given ones, compared with the data's."""
+        modes = self.modes(values) if modes is None else modes
+        distances = np.zeros((len(values), 0))
+        if len(self.pairs.with_shape):
+            distances = self.pairs.shape_distances(self.shapes_at_sensors(modes))
+        return ComparedModes(modes.frequencies_hz, distances)
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised."""
@@ -211,18 +231,17 @@ class ModalLikelihood:
                 near[:, mode] |= np.abs(frequencies[:, mode] - limit) < reach[:, mode]
         return near
 
-    def _frequency_terms(self, modes: Modes, prediction_var: FloatArray) -> FloatArray:
+    def _frequency_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
         variance = prediction_var + self.pairs.frequency_var
         residuals = self.pairs.frequency_residuals(modes.frequencies_hz)
         detected = math.log(self.identification.detection_probability)
         constant = detected - 0.5 * math.log(2.0 * math.pi) - np.log(self.pairs.frequencies_hz)
         return constant - 0.5 * (residuals * residuals / variance + np.log(variance))
 
-    def _shape_terms(self, modes: Modes, prediction_var: FloatArray) -> FloatArray:
+    def _shape_terms(self, distances: FloatArray, prediction_var: FloatArray) -> FloatArray:
         if not len(self.pairs.with_shape):
-            return np.zeros((len(modes.frequencies_hz), 0))
+            return distances
         variance = prediction_var + self.pairs.shape_var
-        distances = self.pairs.shape_distances(self.shapes_at_sensors(modes))
         normalisers = self._fixed_normalisers
         if normalisers is None:
             normalisers = _log_normalisers(variance, self.pairs)
@@ -237,7 +256,7 @@ class ModalLikelihood:
         return _log_normalisers(np.array([[shape_sd.scale**2]]) + self.pairs.shape_var, self.pairs)
 
     def _missed_terms(
-        self, modes: Modes, prediction_var: FloatArray, which: list[int]
+        self, modes: ComparedModes, prediction_var: FloatArray, which: list[int]
     ) -> FloatArray:
         """log(1 - p_D P_in), (B, len(which)): log probability that these model modes are missed."""
         low, high = self.data.band_hz

@@ -10,6 +10,9 @@ from scipy.special import gammaln
 
 from bayes_ssi.arrays import FloatArray
 
+# An integral leaves out where its integrand is e^(-40) of its largest value, half the square of
+# this many standard deviations.
+REACH = 9.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 # Terms of the series for small errors, which is used where the last one is negligible.
 TERMS = 12
@@ -47,6 +50,47 @@ def log_shape_normaliser(shape_sd: FloatArray, d: int) -> FloatArray:
     return normaliser
 
 
+def log_shape_survival(distances: FloatArray, shape_sd: FloatArray, d: int) -> FloatArray:
+    """log P(1 - |φ_e·φ| > distance) of a shape drawn from the density, of any shape.
+
+    ``∫_t^(π/2) exp(-(1 - cos s)/σ²) sin^(d-2)(s) ds`` with ``1 - cos t`` the distance, over the
+    same integral from zero. Accurate also far out, where the probability itself would be zero.
+
+    Args:
+        distances: 1 - |φ_e·φ|, between 0 and 1.
+        shape_sd: σ, positive, of a shape that broadcasts with ``distances``.
+        d: number of sensors, at least 2.
+    """
+    variance = np.asarray(shape_sd, dtype=float)[..., None] ** 2
+    distance = np.clip(np.asarray(distances, dtype=float), 0.0, 1.0)[..., None]
+    start = 2.0 * np.arcsin(np.sqrt(0.5 * distance))
+    a = (d - 2) * variance
+    highest = 2.0 / (a + np.sqrt(a * a + 4.0))  # cos t of the maximum, as in the normaliser
+    top = np.arcsin(np.sqrt(np.minimum(a * highest, 1.0)))
+    reach = REACH * np.sqrt(variance / (highest + (1.0 / highest if d > 2 else 0.0)))
+    begin = np.maximum(start, top - reach)
+    # Beyond its maximum the logarithm of the integrand falls by its slope and its curvature.
+    first = np.maximum(begin, top)
+    sine, cosine = np.sin(first), np.cos(first)
+    slope = sine / variance
+    curvature = cosine / variance
+    if d > 2:
+        slope = slope - (d - 2) * cosine / sine
+        curvature = curvature + (d - 2) / sine**2
+    length = REACH**2 / (slope + np.sqrt(slope**2 + REACH**2 * curvature))
+    half = 0.5 * np.maximum(np.minimum(0.5 * math.pi, first + length) - begin, 0.0)
+    t = begin + half * (_NODES + 1.0)
+    log_integrand = -2.0 * np.sin(0.5 * t) ** 2 / variance
+    if d > 2:
+        log_integrand += (d - 2) * np.log(np.sin(t))
+    peak = log_integrand.max(axis=-1, keepdims=True)
+    integral = half[..., 0] * (np.exp(log_integrand - peak) * _WEIGHTS).sum(-1)
+    with np.errstate(divide="ignore"):
+        log_tail = peak[..., 0] + np.log(integral)
+    whole = log_shape_normaliser(shape_sd, d) - math.log(2.0) - log_sphere_area(d - 1)
+    return np.minimum(log_tail - whole, 0.0)
+
+
 @cache
 def _series(d: int) -> tuple[FloatArray, float]:
     """Coefficients of Z_d / (2 (2πσ²)^((d-1)/2)) - 1 = c_1 σ² + c_2 σ⁴ + ..., and the largest σ².
@@ -76,7 +120,7 @@ def _by_quadrature(shape_sd: FloatArray, d: int) -> FloatArray:
     cosine = 2.0 / (a + np.sqrt(a * a + 4.0))
     top = np.sqrt(np.maximum(a * cosine, 0.0))  # sin t
     curvature = cosine / sd**2 + ((d - 2) / top**2 if d > 2 else 0.0)
-    half = 9.0 / np.sqrt(curvature)  # nine standard deviations: e^(-40) is left out
+    half = REACH / np.sqrt(curvature)
     begin = np.maximum(0.0, np.arcsin(np.minimum(top, 1.0)) - half)
     end = np.minimum(0.5 * math.pi, np.arcsin(np.minimum(top, 1.0)) + half)
     t = begin + 0.5 * (end - begin) * (_NODES + 1.0)

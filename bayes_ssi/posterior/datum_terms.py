@@ -25,11 +25,13 @@ class AtDraws(NamedTuple):
         log_likelihoods: (B, n_data), log-likelihood of each datum.
         frequency_sds_hz: (B, n_identified), standard deviation of each identified frequency about
             the model's.
+        shape_distances: (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
     """
 
     frequencies_hz: FloatArray
     log_likelihoods: FloatArray
     frequency_sds_hz: FloatArray
+    shape_distances: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +58,13 @@ def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
     """The model at ``values`` (B, n_parameters), its modes computed once."""
     parts = []
     for _, likelihood, columns in model_class.parts(values):
-        modes = likelihood.modes(columns)
+        modes = likelihood.compared_modes(columns)
         parts.append(
             AtDraws(
                 modes.frequencies_hz,
                 likelihood.log_likelihoods(columns, modes),
                 likelihood.frequency_sds_hz(columns),
+                modes.shape_distances,
             )
         )
     return AtDraws(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))

@@ -5,13 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
+from scipy.integrate import quad, simpson
 from scipy.special import ive, modstruve
 
 from bayes_ssi.identification.shape_density import (
     _by_quadrature,
     _series,
     log_shape_normaliser,
+    log_shape_survival,
     log_sphere_area,
 )
 
@@ -107,3 +108,40 @@ def test_series_and_quadrature_meet(d):
     np.testing.assert_allclose(
         log_shape_normaliser(sizes, d), _by_quadrature(sizes, d), rtol=1e-12, atol=5e-11
     )
+
+
+@pytest.mark.parametrize("shape_sd", [1e-3, 0.05, 0.3, 1.0, 5.0])
+@pytest.mark.parametrize("d", [2, 3, 5, 20, 300])
+def test_probability_of_a_larger_distance(d, shape_sd):
+    def log_integral(start):
+        """By Simpson's rule, over where the integrand is not negligible."""
+        ends = start, 0.5 * math.pi
+        for _ in range(2):
+            t = np.linspace(*ends, 20001)
+            with np.errstate(divide="ignore"):
+                log_sine = (d - 2) * np.log(np.sin(t)) if d > 2 else 0.0
+            level = -2.0 * (np.sin(0.5 * t) / shape_sd) ** 2 + log_sine
+            kept = np.flatnonzero(level > level.max() - 60.0)
+            ends = t[max(0, kept[0] - 1)], t[min(len(t) - 1, kept[-1] + 1)]
+        return level.max() + math.log(simpson(np.exp(level - level.max()), x=t))
+
+    typical = 0.5 * (d - 1) * shape_sd**2
+    for distance in (0.2 * typical, typical, 3.0 * typical, 10.0 * typical):
+        if distance < 0.999:
+            start = 2.0 * math.asin(math.sqrt(0.5 * distance))
+            log_p = log_shape_survival(np.array(distance), np.array(shape_sd), d)
+            assert float(log_p) == pytest.approx(
+                log_integral(start) - log_integral(0.0), rel=1e-7, abs=1e-9
+            )
+
+
+def test_probability_of_distances_far_out():
+    # Three sensors: the distance is exponential, cut off at 1.
+    for distance, sd in ((0.5, 0.01), (0.9, 0.02), (0.3, 0.6)):
+        cut = math.exp(-1.0 / sd**2)
+        expected = -distance / sd**2 + math.log1p(-math.exp((distance - 1.0) / sd**2))
+        log_p = log_shape_survival(np.array([distance]), np.array([[sd]]), 3)
+        assert log_p.shape == (1, 1)
+        assert log_p[0, 0] == pytest.approx(expected - math.log1p(-cut), rel=1e-9)
+    assert log_shape_survival(np.array([1.0]), np.array([0.05]), 5)[0] == -np.inf
+    assert log_shape_survival(np.zeros(1), np.array([0.05]), 5)[0] == pytest.approx(0.0, abs=1e-12)
