@@ -14,6 +14,8 @@ from bayes_ssi.priors.prior import Prior
 from bayes_ssi.structures.lumped import LumpedStructure
 
 NO_APPENDAGE = "no appendage"
+# Of the prior of an appendage's frequency, at least one draw in a hundred lies in the band.
+LEAST_IN_BAND = 0.01
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def hypothesis(
     options = search_settings or SearchSettings()
     structure = structure_with_floors(baseline)
     scale = mean_mass(structure)
-    prior = options.frequency or _default_frequency(baseline)
+    prior = _frequency_prior(baseline, options)
     for place in places:
         ratio = Parameter(mass_name(place), options.mass_ratio)
         frequency = Parameter(frequency_name(place), prior, unit="Hz")
@@ -106,9 +108,23 @@ def structure_with_floors(baseline: ModelClass) -> LumpedStructure:
     return structure
 
 
-def _default_frequency(baseline: ModelClass) -> Prior:
-    lowest = min(mode.frequency_hz for mode in baseline.data.modes)
-    return LogUniform(0.5 * lowest, baseline.data.band_hz[1])
+def _frequency_prior(baseline: ModelClass, options: SearchSettings) -> Prior:
+    """The prior of an appendage's frequency.
+
+    Raises:
+        ValueError: it lies outside the band, in which modes were searched for.
+    """
+    low, high = baseline.data.band_hz
+    prior = options.frequency
+    if prior is None:
+        lowest = min(mode.frequency_hz for mode in baseline.data.modes)
+        return LogUniform(0.5 * lowest, high)
+    if prior.probability_below(high) - prior.probability_below(low) < LEAST_IN_BAND:
+        raise ValueError(
+            f"model class {baseline.name!r}: an appendage's frequency, {prior!r} Hz, lies outside "
+            f"the band {low:g} to {high:g} Hz in which modes were identified"
+        )
+    return prior
 
 
 def mean_mass(structure: LumpedStructure) -> float:

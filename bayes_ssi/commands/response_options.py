@@ -40,7 +40,12 @@ def response_request(
     from bayes_ssi.response.ground_motion import UNITS
     from bayes_ssi.response.ground_motion_files import read_ground_motion
     from bayes_ssi.response.modal_response import ground_influence
-    from bayes_ssi.response.output import GROUND, damping_ratios
+    from bayes_ssi.response.output import (
+        GROUND,
+        HEAVY_DAMPING,
+        damping_ratios,
+        heavy_damping_warning,
+    )
 
     for name, value in (("--unit", unit), ("--dt", dt)):
         if value is not None and not records:
@@ -49,6 +54,9 @@ def response_request(
     lowest = damping_ratios(ratios, np.size(ratios)).min()
     output = _output(quantity, places) if places else default_output(first, quantity)
     remarks = [remark]
+    heaviest = float(np.max(ratios))
+    if heaviest > HEAVY_DAMPING:
+        remarks.append(f"(!) {heavy_damping_warning(heaviest)}")
     frequencies = None
     if transfer is None:
         structures = [each.structure for each in first.classes]
@@ -77,6 +85,10 @@ def response_request(
         f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
         f"{motion.peak_acceleration / UNITS['g']:.3g} g."
         for motion in motions
+    ]
+    frequencies_of_modes = np.median(first.classes[0].frequencies_hz, axis=0)
+    remarks += [
+        f"(!) {warning}." for motion in motions for warning in motion.warnings(frequencies_of_modes)
     ]
     force_at = None if transfer in (GROUND, NO_TRANSFER) else transfer
     return ResponseRequest(output, ratios, frequencies, force_at, motions, level), remarks

@@ -36,6 +36,7 @@ T = TypeVar("T", float, complex)
 
 REQUIRED_COLUMNS = ("label", "frequency_hz")
 NUMBER_COLUMNS = RESERVED_NAMES[1:]
+HEAD_KEYS = ("source", "band_hz")
 
 
 @dataclass(frozen=True)
@@ -196,6 +197,7 @@ def _column_names(line: _Line) -> list[str]:
 def _read_head(head: list[_Line]) -> tuple[str, tuple[float, float] | None]:
     """The source and the band, from the lines above the column names."""
     source, band = "", None
+    first: dict[str, int] = {}
     for line in head:
         cells = [line.cells[0].lstrip("# ").strip(), *line.cells[1:]]
         # '# band_hz: 0, 6' and '# band_hz, 0, 6' are both what people write.
@@ -203,9 +205,12 @@ def _read_head(head: list[_Line]) -> tuple[str, tuple[float, float] | None]:
         if colon:
             cells = [key.strip(), rest.strip(), *cells[1:]]
         values = [cell for cell in cells[1:] if cell]
-        if cells[0].lower() == "source":
+        key = cells[0].lower()
+        if key in HEAD_KEYS and first.setdefault(key, line.number) != line.number:
+            raise line.error(f"a second line of {key}; the first is line {first[key]}")
+        if key == "source":
             source = ", ".join(values)
-        elif cells[0].lower() == "band_hz":
+        elif key == "band_hz":
             if not line.decimal_comma:
                 values = [part for value in values for part in re.split(r"[,\s]+", value) if part]
             if len(values) != 2:

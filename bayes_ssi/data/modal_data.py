@@ -17,6 +17,7 @@ from bayes_ssi.data.identified_mode import (
     require_name,
 )
 from bayes_ssi.modal import mac
+from bayes_ssi.response.output import HEAVY_DAMPING, heavy_damping_warning
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +167,8 @@ class ModalData:
                     f"{name}: frequency_cov is {mode.frequency_cov:g}, a fraction; "
                     "is it a percentage, or in Hz?"
                 )
+            if mode.damping is not None and mode.damping > HEAVY_DAMPING:
+                warnings.append(f"{name}: {heavy_damping_warning(mode.damping)}")
         pairs = zip(self.modes, self.modes[1:], strict=False)
         return warnings + [text for low, high in pairs if (text := _too_close(low, high))]
 

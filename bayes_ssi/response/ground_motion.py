@@ -14,6 +14,9 @@ from bayes_ssi.arrays import FloatArray
 # Unit of an acceleration → its value in m/s²; g is standard gravity, exact by definition.
 UNITS = {"g": 9.80665, "m/s2": 1.0, "cm/s2": 0.01}
 SPELLINGS = {"gal": "cm/s2", "g0": "g"}
+# In m/s². Earthquakes have been recorded with 40 m/s² (Iwate-Miyagi 2008; Aoi et al. 2008, Science
+# 322), and with hardly more.
+LARGEST_RECORDED = 50.0
 
 
 def checked_unit(unit: str) -> str:
@@ -96,6 +99,33 @@ class GroundMotion:
         times: FloatArray = np.arange(len(self.acceleration), dtype=np.float64)
         times *= self.dt
         return times
+
+    @property
+    def nyquist_hz(self) -> float:
+        """Half the sampling frequency; the samples carry nothing above it."""
+        return 0.5 / self.dt
+
+    def warnings(self, frequencies_hz: FloatArray) -> list[str]:
+        """What an analyst should know before using this record, a sentence each.
+
+        Args:
+            frequencies_hz: (n_modes,), ascending frequencies of the structure that it shakes.
+        """
+        warnings = []
+        if self.peak_acceleration > LARGEST_RECORDED:
+            warnings.append(
+                f"record {self.name}: its peak, {self.peak_acceleration / UNITS['g']:.3g} g, is "
+                "beyond that of any earthquake recorded; is its unit right?"
+            )
+        above = np.flatnonzero(frequencies_hz > self.nyquist_hz)
+        if len(above):
+            warnings.append(
+                f"record {self.name}: {self.dt:g} s between samples carry frequencies up to "
+                f"{self.nyquist_hz:g} Hz; mode {above[0] + 1} of the structure, at "
+                f"{frequencies_hz[above[0]]:.3g} Hz, and any above it are not driven as the ground "
+                "drives them"
+            )
+        return warnings
 
     @property
     def peak_acceleration(self) -> float:

@@ -15,6 +15,8 @@ GROUND = "ground"
 Quantity = Literal["displacement", "acceleration", "drift"]
 # One ratio for all modes, or one for each.
 Damping = float | Sequence[float]
+# Modes of structures that are damped by more than a fifth of critical are not identified.
+HEAVY_DAMPING = 0.2
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,14 @@ def _is_pair(place: object) -> bool:
         and len(place) == 2
         and all(isinstance(label, str) for label in place)
         and place[0] != place[1]
+    )
+
+
+def heavy_damping_warning(ratio: float) -> str:
+    """What to say of a damping ratio above :data:`HEAVY_DAMPING`."""
+    return (
+        f"damping is {ratio:g}, a fraction: {100 * ratio:.3g} % of critical damping; "
+        "is it a percentage?"
     )
 
 

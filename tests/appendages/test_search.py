@@ -114,6 +114,14 @@ def test_priors_of_the_user_are_used(bare):
     assert prior_of(made, "mass ratio, pendulum 1") == bs.Uniform(0.01, 0.2)
 
 
+@pytest.mark.parametrize("frequency", [bs.LogUniform(8.0, 20.0), bs.Normal(9.0, 1.0)])
+def test_a_frequency_outside_the_band_is_refused(bare, fake_sampling, frequency):
+    levels = fake_sampling(by_count(0.0, 0.0))
+    with pytest.raises(ValueError, match=r"'bare'.* frequency, .* outside the band 0 to 6 Hz"):
+        search(bare, SearchSettings(frequency=frequency))
+    assert levels == []
+
+
 def test_every_hypothesis_is_scored_over_all_pairings(bare, fake_sampling):
     fake_sampling(by_count(0.0, 0.0))
     result = search(bare, ONE)

@@ -143,6 +143,15 @@ def test_a_warning_about_narrow_peaks(predict):
 
 
 @pytest.mark.usefixtures("no_figures")
+def test_warnings_about_damping_and_records(predict, tmp_path):
+    (tmp_path / "quake.AT2").write_text(AT2.replace(".2", "200."), "utf-8")
+    out = predict("--damping", 0.5, "--record", tmp_path / "quake.AT2").stdout
+    assert "(!) damping is 0.5, a fraction: 50 % of critical damping" in out
+    assert "(!) record quake: its peak, 200 g" in out
+    assert "carry frequencies up to 1 Hz; mode 2 of the structure, at 1.6" in out
+
+
+@pytest.mark.usefixtures("no_figures")
 def test_nothing_is_overwritten_silently(predict, tmp_path):
     assert predict().exit_code == 0
     before = (tmp_path / "out" / "peaks.csv").read_text("utf-8")

@@ -159,6 +159,8 @@ NO_NUMBER = "is not a number"
         (HEAD + "1, nan, 1, 2\n", "line 3: mode '1': frequency_hz must be .* got nan"),
         (HEAD + ", 1.0, 1, 2\n", "line 3: mode label must be text and not empty, got ''"),
         (HEAD + "1, 1,0, 1, 2\n", "line 3: 5 cells for 4 columns"),
+        ("# band_hz, 0, 9\n" + HEAD + "1,1,1,1", r"line 2: a second line of band_hz; .* line 1"),
+        ("# source: a\n# Source: b\n" + HEAD + "1,1,1,1", "line 2: a second line of source"),
         ("# band_hz, 0\n" + HEAD[16:] + "1,1,1,1", r"line 1: band_hz needs two .* \['0'\]"),
         ("# band_hz, 0, six\nlabel, frequency_hz\n1, 1\n", f"line 1: band_hz: 'six' {NO_NUMBER}"),
         ("\n\nlabel, frequency\n1, 1\n", "line 3: no column 'frequency_hz' among 'label', 'freq"),

@@ -54,6 +54,19 @@ def test_samples_in_a_unit_that_are_no_numbers():
         GroundMotion.of(["a", "b"], "g", 0.01)
 
 
+def test_a_peak_beyond_any_earthquake_is_reported():
+    (text,) = GroundMotion.of([0.0, 200.0], "g", 0.01, "roof").warnings(np.array([1.0]))
+    assert text.startswith("record roof: its peak, 200 g, is beyond")
+    assert GroundMotion.of([0.0, 4.0], "g", 0.01).warnings(np.array([1.0])) == []
+
+
+def test_modes_above_half_the_sampling_frequency_are_reported():
+    motion = GroundMotion([0.0, 1.0], 0.05, "slow")
+    (text,) = motion.warnings(np.array([1.0, 9.9, 10.1, 30.0]))
+    assert "carry frequencies up to 10 Hz; mode 3 of the structure, at 10.1 Hz" in text
+    assert motion.warnings(np.array([1.0, 9.9])) == []
+
+
 def test_components_are_rotated():
     # A motion of 2 towards azimuth 30 degrees, as sensors at 278 and 8 degrees see it.
     towards = [2.0 * math.cos(math.radians(30.0 - azimuth)) for azimuth in (278.0, 8.0)]
