@@ -30,7 +30,8 @@ from bayes_ssi.priors.families import (
     Uniform,
 )
 from bayes_ssi.ranking.comparison import compare
-from bayes_ssi.ranking.study import Study, load_study, rank
+from bayes_ssi.ranking.study import Study, rank
+from bayes_ssi.ranking.study_file import load_study
 from bayes_ssi.report.write import write_report
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.ground_motion_files import read_ground_motion

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import bayes_ssi as bs
 from bayes_ssi.ranking.sensitivity import Variation, sensitivity
-from bayes_ssi.ranking.study import load_study
+from bayes_ssi.ranking.study_file import load_study
 
 STUDY = Path(__file__).parent.parent / "model_classes" / "liverpool_frame.py"
 COARSE = bs.SamplingSettings(log_evidence_error=0.05)

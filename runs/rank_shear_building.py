@@ -12,7 +12,7 @@ from rich.console import Console
 
 import bayes_ssi as bs
 from bayes_ssi.plots.result_figures import save_figures
-from bayes_ssi.ranking.study import load_study
+from bayes_ssi.ranking.study_file import load_study
 from bayes_ssi.results.save import require_new, save_result
 from bayes_ssi.tables import comparison_notes, ranking_table
 

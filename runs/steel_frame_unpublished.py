@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.study import load_study
+from bayes_ssi.ranking.study_file import load_study
 
 HERE = Path(__file__).parent
 TABLES = runpy.run_path(str(HERE / "tables_2_to_5.py"))

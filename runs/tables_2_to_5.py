@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.study import load_study
+from bayes_ssi.ranking.study_file import load_study
 from bayes_ssi.results.load import load_result
 from bayes_ssi.tables import parameter_table, ranking_table
 

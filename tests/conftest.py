@@ -21,7 +21,7 @@ from bayes_ssi.cli import main
 from bayes_ssi.execution.local_workers import LocalWorkers
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes, UpdatedModes
 from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
-from bayes_ssi.ranking.study import load_study
+from bayes_ssi.ranking.study_file import load_study
 from bayes_ssi.sampling.estimates import EvidenceEstimate
 
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2

@@ -19,7 +19,7 @@ def load(path: Path, only: str | None = None) -> Study:
     Raises:
         ValueError: the file is not a study, or lacks a listed class.
     """
-    from bayes_ssi.ranking.study import load_study
+    from bayes_ssi.ranking.study_file import load_study
 
     study = load_study(path)
     if only is None:

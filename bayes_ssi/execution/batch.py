@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.error_places import with_place
 
 # (B, d) coordinates → (B,) log-likelihoods. Row i of the answer depends on row i alone, to the
 # last digit: a batch may be evaluated in parts, here or elsewhere.
@@ -45,7 +46,7 @@ def evaluate(function: Function, z: FloatArray) -> Evaluated:
         except Exception as error:  # noqa: BLE001 - whatever a user's model may raise
             middle = (begin + end) // 2
             if begin == middle:
-                failures[begin] = " ".join(f"{type(error).__name__}: {error}".split())
+                failures[begin] = with_place(error)
             else:
                 parts += [(middle, end), (begin, middle)]
             continue

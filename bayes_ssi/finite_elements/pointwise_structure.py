@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.error_places import with_place
 from bayes_ssi.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
@@ -60,8 +61,10 @@ class PointwiseStructure(Structure):
             try:
                 answer = self.solved_at(row)
             except Exception as error:  # noqa: BLE001 - whatever a user's function may raise
-                name = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
-                answer = f"at {self._named(row)}: {name}{' '.join(str(error).split())}"
+                reason = with_place(error)
+                if isinstance(error, ValueError):  # as the type of the answer says already
+                    reason = reason.removeprefix(f"{type(error).__name__}: ")
+                answer = f"at {self._named(row)}: {reason}"
         cache[key] = answer
         size = 8 * (len(self.degrees_of_freedom) + 1) * self.n_modes + 1000
         while len(cache) * size > CACHE_BYTES:

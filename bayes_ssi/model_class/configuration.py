@@ -11,6 +11,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.error_places import with_place
 from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.likelihood import ModalLikelihood
@@ -91,9 +92,7 @@ class Configuration:
         try:
             frequencies_hz, shapes = self.structure.modes(self.structure.prior_medians())
         except Exception as error:  # whatever a user's structure may raise
-            raise ValueError(
-                f"{kind} fails at the prior medians: {type(error).__name__}: {error}"
-            ) from error
+            raise ValueError(f"{kind} fails at the prior medians: {with_place(error)}") from error
         sizes = np.shape(frequencies_hz), np.shape(shapes)
         if sizes != ((1, n_modes), (1, n_dof, n_modes)):
             raise ValueError(

@@ -10,7 +10,7 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.predictions.posterior_draws import DRAWS
 from bayes_ssi.predictions.predictions import AVERAGE, Predictions, predict_average, predict_class
 from bayes_ssi.predictions.stored_classes import stored_classes
-from bayes_ssi.ranking.study import load_study
+from bayes_ssi.ranking.study_file import load_study
 from bayes_ssi.results.load import StoredResult, load_result
 
 

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
-import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
-from bayes_ssi.execution.remote import STUDY_MODULE
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.comparison import Comparison, checked_weights, compare
 from bayes_ssi.sampling.settings import SamplingSettings
-
-# Packages that studies import, and the extras of this one that install them.
-EXTRAS = {"openseespy": "opensees", "skfem": "fem"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,58 +173,3 @@ def rank(
     posteriors = sample_all(study.model_classes, seed, settings, run)
     comparison = compare(posteriors, study.prior_weights)
     return Ranking(study, tuple(posteriors), comparison, seed, settings)
-
-
-def load_study(path: str | Path) -> Study:
-    """The one :class:`Study` that a Python file defines.
-
-    Raises:
-        ValueError: there is no such file, it is not Python, it raises an error, or it defines no
-            study or several.
-    """
-    path = Path(path)
-    if not path.is_file():
-        what = "a directory, not a study file" if path.is_dir() else "no such file"
-        raise ValueError(f"{path}: {what}")
-    # No cached bytecode: the file may have changed since, and nothing is written next to it.
-    spec = importlib.util.spec_from_file_location(f"{STUDY_MODULE}{path.stem}", path)
-    if path.suffix != ".py" or spec is None or spec.loader is None:
-        raise ValueError(f"{path}: a study is a Python file, its name ending in .py")
-    module = importlib.util.module_from_spec(spec)
-    # Dataclasses and pickles defined in a study look their module up by name.
-    sys.modules[spec.name] = module
-    writes, sys.dont_write_bytecode = sys.dont_write_bytecode, True
-    try:
-        spec.loader.exec_module(module)
-    except (SyntaxError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not Python: {_one_line(error)}") from error
-    except (Exception, SystemExit) as error:  # whatever a user's file may raise
-        lines = [
-            f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)
-        ]
-        where = f"line {lines[-1]}: " if lines else ""
-        raise ValueError(
-            f"{path}: {where}{type(error).__name__}: {_one_line(error)}{_remedy(error)}"
-        ) from error
-    finally:
-        sys.dont_write_bytecode = writes
-    studies = {id(s): name for name, s in vars(module).items() if isinstance(s, Study)}
-    if not studies:
-        raise ValueError(
-            f"{path}: defines no study; end it with a line such as "
-            'study = bayes_ssi.Study("title", [model_class, ...])'
-        )
-    if len(studies) > 1:
-        raise ValueError(f"{path}: defines several studies: {', '.join(studies.values())}")
-    study: Study = vars(module)[next(iter(studies.values()))]
-    return study
-
-
-def _remedy(error: BaseException) -> str:
-    """Advice on installing a finite-element program that a study imports."""
-    package = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
-    return f'; pip install "bayes_ssi[{EXTRAS[package]}]"' if package in EXTRAS else ""
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())

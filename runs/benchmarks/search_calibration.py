@@ -25,7 +25,7 @@ import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis, places_of
 from bayes_ssi.appendages.places import AppendagePlace
-from bayes_ssi.ranking.study import load_study
+from bayes_ssi.ranking.study_file import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "bare_building.py"
 # Stated in full: the default prior of the frequency follows from the data.

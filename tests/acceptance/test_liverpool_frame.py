@@ -8,7 +8,7 @@ import pytest
 from importance import log_evidence
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.study import load_study
+from bayes_ssi.ranking.study_file import load_study
 
 ROOT = Path(__file__).parents[2]
 BARE = [3.89, 3.94, 6.96, 11.38, 11.46, 17.15, 17.54, 19.89, 30.41]  # Hz

@@ -8,7 +8,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.predictions.predictions import predict_class
-from bayes_ssi.ranking.study import load_study
+from bayes_ssi.ranking.study_file import load_study
 from bayes_ssi.response.modal_response import transfer_functions
 from bayes_ssi.response.output import Output
 

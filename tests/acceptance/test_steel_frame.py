@@ -9,7 +9,7 @@ import pytest
 from importance import log_evidence
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.study import load_study
+from bayes_ssi.ranking.study_file import load_study
 
 ROOT = Path(__file__).parents[2]
 NOMINAL_HZ = [3.48, 4.32, 6.13, 10.48, 15.66, 19.82]

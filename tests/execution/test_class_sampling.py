@@ -149,7 +149,7 @@ def test_failures_in_workers_are_reported(two_workers, tiny_study):
     assert 0 < n_failed < n_evaluations == there.n_evaluations
     value, reason = where.split(": ", 1)
     assert float(value) > 1.5
-    assert reason == "ArithmeticError: too stiff"
+    assert reason.startswith("ArithmeticError: too stiff (test_class_sampling.py, line ")
 
 
 # ArviZ: there are more chains than steps.

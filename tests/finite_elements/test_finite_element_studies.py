@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.study import load_study
+from bayes_ssi.ranking.study_file import load_study
 
 STUDIES = Path(__file__).parents[2] / "model_classes" / "finite_elements"
 

@@ -15,7 +15,7 @@ from bayes_ssi.appendages.hypotheses import SearchSettings
 from bayes_ssi.model_class.class_record import class_record
 from bayes_ssi.predictions.posterior_draws import thinned_draws
 from bayes_ssi.predictions.stored_predictions import load_predictions
-from bayes_ssi.ranking.study import load_study
+from bayes_ssi.ranking.study_file import load_study
 from bayes_ssi.response.output import Output
 from bayes_ssi.results.save import save_result
 

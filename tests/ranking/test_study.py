@@ -1,12 +1,10 @@
 """Studies: what they accept, how they are loaded from a file, and ranking them."""
 
 import math
-import sys
 
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.study import load_study
 
 
 def test_classes_keep_their_order(model_classes):
@@ -116,75 +114,3 @@ def test_progress_names_class_and_step(tiny_study):
     bs.rank(tiny_study, run=bs.Run(progress=lambda *call: seen.append(call)))
     assert list(dict.fromkeys(name for name, _, _ in seen)) == ["one k", "each k"]
     assert seen[-1] == ("each k", "evidence", 1.0)
-
-
-def test_loading_a_file(tiny_study_file):
-    study = load_study(tiny_study_file)
-    assert (study.name, study.names) == ("Two storeys", ("one k", "each k"))
-    assert load_study(str(tiny_study_file)).names == study.names
-
-
-def test_loading_writes_no_files(tiny_study_file):
-    before = sys.dont_write_bytecode
-    load_study(tiny_study_file)
-    assert list(tiny_study_file.parent.iterdir()) == [tiny_study_file]
-    assert sys.dont_write_bytecode == before
-
-
-def test_a_study_of_two_names_is_one(tiny_study_file):
-    with tiny_study_file.open("a") as file:
-        file.write("same = study\n")
-    assert load_study(tiny_study_file).name == "Two storeys"
-
-
-def test_a_study_may_define_dataclasses(tiny_study_file):
-    text = tiny_study_file.read_text()
-    head = "from __future__ import annotations\nfrom dataclasses import dataclass\n"
-    body = "\n@dataclass\nclass Storey:\n    height: float\n"
-    tiny_study_file.write_text(head + text + body)
-    assert load_study(tiny_study_file).name == "Two storeys"
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("s.py", None, "no such file"),
-        ("s.txt", b"study = 1", r"a study is a Python file, its name ending in \.py"),
-        ("s.py", b"", "defines no study; end it with a line such as study = "),
-        ("s.py", b"def (", r"not Python: .*line 1"),
-        ("s.py", b"x = '\xff'", "not Python"),
-        ("s.py", b"x = 1\0", "null bytes"),
-        ("s.py", b"x = 1\n\n1 / 0\n", "line 3: ZeroDivisionError: division by zero"),
-        ("s.py", b"raise SystemExit('a\\nb')", "line 1: SystemExit: a b"),
-        ("s.py", b"import no_such_module", "line 1: ModuleNotFoundError: No module named"),
-        (
-            "s.py",
-            b"raise ImportError('none', name='skfem.helpers')",
-            r'ImportError: none; pip install "bayes_ssi\[fem\]"',
-        ),
-    ],
-)
-def test_files_that_are_no_study_are_refused_in_one_line(tmp_path, name, content, message):
-    path = tmp_path / name
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(ValueError, match=message) as caught:
-        load_study(path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert "\n" not in str(caught.value)
-
-
-def test_two_studies_in_one_file_are_refused(tiny_study_file):
-    with tiny_study_file.open("a") as file:
-        file.write("another = study.only(['one k'])\n")
-    with pytest.raises(ValueError, match="defines several studies: study, another"):
-        load_study(tiny_study_file)
-
-
-def test_errors_name_the_line_of_the_file(tiny_study_file):
-    with tiny_study_file.open("a") as file:
-        file.write("bs.LogNormal(median=1.0,\n            cov=-1.0)\n")
-    n_lines = len(tiny_study_file.read_text().splitlines())
-    message = rf"line ({n_lines - 1}|{n_lines}): ValueError: LogNormal: cov must be positive"
-    with pytest.raises(ValueError, match=message):
-        load_study(tiny_study_file)
