@@ -74,7 +74,7 @@ def _r_hat(sampled: SamplingResult) -> Iterator[str]:
     # Between a few hundred independent draws R-hat exceeds 1 by chance.
     limit = max(R_HAT_LIMIT, 1.0 + 10.0 / float(sampled.effective_sample_sizes.min()))
     if not sampled.r_hat <= limit:
-        yield f"the ensembles differ: R-hat is {sampled.r_hat:.3f}, above {limit:.3g}"
+        yield f"the ensembles differ: R-hat between them is {sampled.r_hat:.3f}, above {limit:.3g}"
 
 
 def _evidence_error(sampled: SamplingResult) -> Iterator[str]:

@@ -106,7 +106,8 @@ class Posterior:
         regions: separate regions, the most probable first.
         maxima: (m, n_parameters), parameter values at the maxima of likelihood times prior
             density in standard-normal coordinates, the highest first.
-        r_hat: the largest potential scale reduction of any parameter.
+        r_hat: the largest rank-normalised split R-hat of any parameter, between all chains of
+            ``draws``.
         autocorrelation_time: the longest, in steps.
         acceptance: share of proposals accepted.
         n_evaluations: of the log-likelihood, all steps together.

@@ -17,6 +17,7 @@ from bayes_ssi.posterior.checks import failed_checks, failed_edge_checks
 from bayes_ssi.posterior.configuration_modes import configuration_modes
 from bayes_ssi.posterior.datum_terms import AtDraws, at_draws, datum_terms
 from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
+from bayes_ssi.sampling.diagnostics import r_hat
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.resampling import systematic_indices
 from bayes_ssi.sampling.result import SamplingResult
@@ -73,7 +74,7 @@ def sample_as_it_is(
         evidence=_evidence(sampled),
         regions=_regions(sampled, z, values),
         maxima=model_class.values(sampled.maxima.z),
-        r_hat=sampled.r_hat,
+        r_hat=float(r_hat(list(values)).max()),
         autocorrelation_time=max(float(e.autocorrelation_times.max()) for e in sampled.draws),
         acceptance=float(np.mean([e.acceptance for e in sampled.draws])),
         n_evaluations=sampled.n_evaluations,

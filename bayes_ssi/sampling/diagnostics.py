@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, ndtri
 
 from bayes_ssi.arrays import FloatArray
 
@@ -42,22 +42,35 @@ def autocorrelation_times(chain: FloatArray) -> FloatArray:
 
 
 def r_hat(chains: Sequence[FloatArray]) -> FloatArray:
-    """Potential scale reduction of each coordinate, (d,) (Gelman and Rubin 1992).
+    """Rank-normalised split R-hat of each coordinate, (d,) (Vehtari et al. 2021), as in arviz.
 
-    Compares the first and second halves of each chain, with all its walkers pooled: walkers of one
-    ensemble depend on one another, ensembles do not.
+    Every chain is split in halves, all draws are replaced by normal scores of their ranks, and the
+    spread between the halves is compared with that within; the same for distances from the median.
+    The larger of both is returned.
+
+    A chain of n steps with autocorrelation time τ has a mean that scatters: even where all is well,
+    R-hat exceeds 1 by about τ/n.
 
     Args:
-        chains: one of each independent ensemble, (n_steps, n_walkers, d).
+        chains: one or more, (n_steps, d); of longer ones the middle is left out.
     """
     n = min(len(chain) for chain in chains) // 2
-    parts = [part for chain in chains for part in (chain[:n], chain[-n:])]
-    flat = [part.reshape(-1, part.shape[-1]) for part in parts]
-    within = np.mean([part.var(axis=0, ddof=1) for part in flat], axis=0)
-    between = np.var([part.mean(axis=0) for part in flat], axis=0, ddof=1)
-    size = len(flat[0])
+    halves = np.stack([half for chain in chains for half in (chain[:n], chain[-n:])])
+    distances = np.abs(halves - np.median(halves, axis=(0, 1)))
+    return np.maximum(_r_hat_of_ranks(halves), _r_hat_of_ranks(distances))
+
+
+def _r_hat_of_ranks(parts: FloatArray) -> FloatArray:
+    """R-hat of normal scores (Blom 1958) of the ranks of ``parts`` (n_parts, n, d); (d,)."""
+    from scipy.stats import rankdata  # takes long to import
+
+    size, n = parts[..., 0].size, parts.shape[1]
+    ranks = rankdata(parts.reshape(size, -1), axis=0).reshape(parts.shape)
+    scores = ndtri((ranks - 0.375) / (size + 0.25))
+    within = scores.var(axis=1, ddof=1).mean(axis=0)
+    between = scores.mean(axis=1).var(axis=0, ddof=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.sqrt((size - 1) / size + between / within)
+        ratio = np.sqrt((n - 1) / n + between / within)
     return np.where(within > 0, ratio, np.where(between > 0, np.inf, 1.0))
 
 

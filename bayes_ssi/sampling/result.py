@@ -59,8 +59,12 @@ class SamplingResult:
 
     @property
     def r_hat(self) -> float:
-        """The largest potential scale reduction of any coordinate."""
-        return float(r_hat([part.positions for part in self.draws]).max())
+        """The largest R-hat of any coordinate between the parts, each of them as one chain.
+
+        Walkers of one ensemble depend on one another, ensembles do not. Together they are so many
+        that, unlike R-hat between short chains of single walkers, it is near 1 where all is well.
+        """
+        return float(r_hat([part.draws for part in self.draws]).max())
 
     @property
     def evidence(self) -> Estimate:

@@ -102,7 +102,7 @@ def spoil_size(s):
     ("spoil", "message"),
     [
         (spoil_length, r"^a chain of \d+ steps is shorter than 50 autocorrelation times of \d+"),
-        (spoil_r_hat, r"^the ensembles differ: R-hat is 1\.\d{3}, above 1\.01"),
+        (spoil_r_hat, r"^the ensembles differ: R-hat between them is 1\.\d{3}, above 1\.01"),
         (spoil_bridge, r"and bridge sampling disagree on the log evidence: -?0\.\d+ ± 0\.\d+ and "),
         (spoil_tempered, r"importance sampling and tempered starts disagree on the log evidence"),
         (spoil_weights, r"^one importance draw carries 3 % of the evidence"),

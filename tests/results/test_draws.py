@@ -108,3 +108,37 @@ def test_arviz_judges_by_leaving_data_out(tiny_ranking, tmp_path):
     expected = -np.log(np.exp(inverse).mean(0)).sum()
     elpd = loo.elpd_loo if hasattr(loo, "elpd_loo") else loo.elpd
     assert abs(float(elpd) - expected) < 0.2
+
+
+def two_stiffnesses_or_their_exchange():
+    """One frequency of two equal springs in series: either may be the soft one; two regions."""
+    k1, k2 = (bs.Parameter(name, bs.LogNormal(1.0, 1.0)) for name in ("k1", "k2"))
+    building = bs.ShearBuilding((1.0, 1.0), ((2.0 * np.pi) ** 2 * k1, (2.0 * np.pi) ** 2 * k2))
+    modes = (bs.IdentifiedMode("1", 0.35), bs.IdentifiedMode("2", 1.6))
+    data = bs.ModalData(modes, (0.0, 3.0))
+    error = bs.ErrorModel(0.01)
+    return bs.ModelClass("exchange", building, data, error, pairing={"1": 1, "2": 2})
+
+
+def r_hat_by_arviz(path):
+    tree = open_with_arviz(path)
+    import arviz
+
+    rhat = arviz.rhat(tree["posterior"] if hasattr(tree, "groups") else tree)
+    rhat = rhat.ds if hasattr(rhat, "ds") else rhat
+    return max(float(rhat[name]) for name in rhat.data_vars)
+
+
+def test_r_hat_is_that_of_arviz_from_the_same_file(tiny_ranking, tmp_path):
+    """Also where draws were resampled to the shares of separate regions."""
+    from bayes_ssi.results.save import save_result
+
+    save_result(tiny_ranking, tmp_path / "r")
+    exchange = bs.rank(bs.Study("Two regions", [two_stiffnesses_or_their_exchange()]))
+    save_result(exchange, tmp_path / "e")
+    assert len(exchange.posteriors[0].regions) == 2
+    for posterior, file in (
+        (tiny_ranking.posteriors[1], tmp_path / "r" / "posteriors" / "each_k.nc"),
+        (exchange.posteriors[0], tmp_path / "e" / "posteriors" / "exchange.nc"),
+    ):
+        assert posterior.r_hat == pytest.approx(r_hat_by_arviz(file), rel=1e-9)

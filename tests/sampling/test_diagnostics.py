@@ -48,36 +48,50 @@ def test_a_walker_that_never_moves_leaves_the_times_finite():
     assert np.isfinite(autocorrelation_times(chain)).all()
 
 
-def test_r_hat_of_equal_ensembles_is_one():
-    draws = np.random.default_rng(3).standard_normal((2, 500, 32, 3))
+def test_r_hat_of_equal_chains_is_one():
+    draws = np.random.default_rng(3).standard_normal((2, 16_000, 3))
     np.testing.assert_allclose(r_hat(draws), 1.0, atol=1e-3)
 
 
-@pytest.mark.parametrize("shift", [0.5, 3.0])
-def test_r_hat_of_shifted_ensembles(shift):
-    """Four chains with means 0, 0, δ, δ and unit variance: √(1 + δ²/3)."""
-    draws = np.random.default_rng(3).standard_normal((2, 500, 32, 2))
-    draws[1, ..., 0] += shift
-    result = r_hat(draws)
-    assert result[0] == pytest.approx(math.sqrt(1.0 + shift**2 / 3.0), rel=0.02)
-    assert result[1] == pytest.approx(1.0, abs=1e-3)
+@pytest.mark.parametrize(("shift", "scale"), [(0.0, 1.0), (3.0, 1.0), (0.0, 9.0)])
+@pytest.mark.parametrize("kind", ["standard_normal", "standard_cauchy"])
+def test_r_hat_is_that_of_arviz(kind, shift, scale):
+    """Chains that differ in location or in spread, with and without a mean; of an odd length."""
+    draws = getattr(np.random.default_rng(5), kind)((4, 101, 2))
+    draws[1] = shift + scale * draws[1]
+    expected = [r_hat_by_arviz(draws[..., i]) for i in range(2)]
+    np.testing.assert_allclose(r_hat(draws), expected, rtol=1e-12)
 
 
-def test_r_hat_sees_a_drift_within_every_ensemble():
-    draws = np.random.default_rng(3).standard_normal((2, 500, 32, 1))
-    draws[:, 250:] += 1.0
+def r_hat_by_arviz(chains):
+    """Of chains (n_chains, n_steps)."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import arviz
+    return float(arviz.rhat(chains))
+
+
+def test_r_hat_sees_a_drift_within_every_chain():
+    draws = np.random.default_rng(3).standard_normal((2, 16_000, 1))
+    draws[:, 8000:] += 1.0
     assert r_hat(draws)[0] > 1.1
 
 
-def test_r_hat_of_ensembles_of_unlike_length():
-    draws = np.random.default_rng(3).standard_normal((600, 32, 1))
-    result = r_hat([draws, draws[:301]])
+def test_r_hat_of_short_chains_exceeds_one_by_their_length():
+    """Means of n/2 draws with autocorrelation time τ scatter: R² - 1 = (τ - 1)/(n/2)."""
+    chains = autoregressive(0.8, n_steps=400, n_walkers=400).transpose(1, 0, 2)
+    assert r_hat(chains)[0] ** 2 - 1.0 == pytest.approx((9.0 - 1.0) / 200.0, rel=0.1)
+
+
+def test_r_hat_of_chains_of_unlike_length():
+    draws = np.random.default_rng(3).standard_normal((19_200, 1))
+    result = r_hat([draws, draws[:9631]])
     assert result[0] == pytest.approx(1.0, abs=2e-3)
 
 
 @pytest.mark.parametrize(("other", "expected"), [(0.0, 1.0), (1.0, np.inf)])
-def test_r_hat_of_ensembles_that_do_not_move(other, expected):
-    stuck = [np.full((100, 8, 1), value) for value in (0.0, other)]
+def test_r_hat_of_chains_that_do_not_move(other, expected):
+    stuck = [np.full((800, 1), value) for value in (0.0, other)]
     assert r_hat(stuck)[0] == expected
 
 
