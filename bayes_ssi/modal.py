@@ -18,6 +18,8 @@ ROUNDING = 1e-13
 RESOLVED = 1e-9
 # Larger matrices are solved faster one at a time, for their lowest modes only.
 BATCHED_UP_TO = 40
+# The scale of every mode shape that is shown, in words; :func:`scaled_shapes` gives it.
+SHAPE_SCALE = "scaled to a largest component of 1 on the main structure"
 NOT_SUPPORTED = (
     "the stiffness matrix is singular; is the structure supported, and no part of it loose?"
 )
@@ -235,6 +237,46 @@ def frequencies_hz(eigenvalues: FloatArray) -> FloatArray:
     """f for (2πf)²."""
     frequencies: FloatArray = np.sqrt(eigenvalues) / (2.0 * math.pi)
     return frequencies
+
+
+def scaled_shapes(shapes: FloatArray, main: FloatArray) -> FloatArray:
+    """Mode shapes in the scale of all tables, figures and files: the largest component is 1.
+
+    That is the largest of the main structure, in absolute value: an appendage in resonance moves
+    many times as far, and would reduce the structure's own shape to nothing.
+
+    Args:
+        shapes: (B, n), one shape a row, in any scale.
+        main: (B, m), components of the same shapes on the main structure, all of them or the
+            measured ones; NaN does not count. Where there is none, the scale is kept.
+    """
+    largest = np.fmax.reduce(np.abs(main), axis=1, initial=0.0, keepdims=True)
+    return shapes / np.where(largest == 0.0, 1.0, largest)
+
+
+def shape_signs(
+    main: FloatArray, at_sensors: FloatArray, identified: FloatArray | None
+) -> FloatArray:
+    """The sign (B,) that turns each shape to the identified one.
+
+    Without an identified shape, shapes that are alike turn the same way, the largest component
+    positive. Where the order of two modes differs from row to row, as for bending in x and in y at
+    nearly one frequency, those of either mode are alike, and each is turned with its own kind.
+
+    Args:
+        main: (B, m), components on the main structure.
+        at_sensors: (B, n_sensors), components of the same shapes at the sensors.
+        identified: (n_sensors,), NaN where not measured; None where no shape was identified.
+    """
+    if identified is not None:
+        products = at_sensors @ np.nan_to_num(identified)
+    else:
+        kinds = np.linalg.svd(np.nan_to_num(main), full_matrices=False)[2]
+        largest = np.take_along_axis(kinds, np.abs(kinds).argmax(axis=1, keepdims=True), axis=1)
+        of_kinds = main @ (kinds * np.sign(largest)).T
+        own = np.abs(of_kinds).argmax(axis=1, keepdims=True)
+        products = np.take_along_axis(of_kinds, own, axis=1)[:, 0]
+    return np.where(products < 0.0, -1.0, 1.0)
 
 
 def mac(shapes: FloatArray, others: FloatArray) -> FloatArray:

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from bayes_ssi.modal import BATCHED_UP_TO, NoModesError, lowest_eigenpairs, mac, solve_modes
+from bayes_ssi.modal import (
+    BATCHED_UP_TO,
+    NoModesError,
+    lowest_eigenpairs,
+    mac,
+    scaled_shapes,
+    shape_signs,
+    solve_modes,
+)
 
 CHAIN = np.array([[2.0, -1.0], [-1.0, 1.0]])
 # Two equal masses on two equal springs: (2 pi f)^2 = (3 -+ sqrt 5)/2.
@@ -132,3 +140,25 @@ def test_mac_leaves_missing_sensors_out():
 
 def test_mac_with_nothing_in_common_is_nan():
     assert np.isnan(mac(np.array([[1.0], [np.nan]]), np.array([[np.nan], [1.0]])))[0, 0]
+
+
+def test_shapes_are_scaled_by_the_main_structure():
+    shapes = np.array([[0.1, -0.2, 5.0], [0.0, 0.0, 3.0]])
+    scaled = scaled_shapes(shapes, shapes[:, :2])
+    np.testing.assert_allclose(scaled, [[0.5, -1.0, 25.0], [0.0, 0.0, 3.0]])
+    measured = np.array([[0.1, np.nan, -0.4]])
+    np.testing.assert_allclose(scaled_shapes(measured, measured), [[0.25, np.nan, -1.0]])
+
+
+def test_shapes_are_turned_with_their_own_kind():
+    """Bending in x and in y at nearly one frequency: draws differ in which of them comes first."""
+    x, y = np.array([0.5, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, -0.5, -1.0])
+    rng = np.random.default_rng(3)
+    first, flips = rng.random(40) < 0.7, np.where(rng.random(40) < 0.5, -1.0, 1.0)
+    shapes = np.where(first[:, None], x, y) + 0.02 * rng.standard_normal((40, 4))
+    flipped = shapes * flips[:, None]
+    turned = flipped * shape_signs(flipped, np.empty((40, 0)), None)[:, None]
+    np.testing.assert_allclose(turned, np.where(first[:, None], shapes, -shapes), atol=1e-12)
+    # An identified shape decides, at the sensors that measured it.
+    signs = shape_signs(shapes, shapes, np.array([np.nan, -1.0, np.nan, 1.0]))
+    np.testing.assert_array_equal(signs, -1.0)

@@ -28,9 +28,10 @@ def plot_identified_modes(
 ) -> Figure:
     """The band with every identified frequency in it, and the shapes at the sensors.
 
-    Shapes have unit length; a grey bar is the identification's own 95 % interval.
+    Shapes are scaled to a largest component of ±1; a grey bar is the identification's own 95 %
+    interval.
     """
-    with_shape = [mode for mode in data.modes if mode.unit_shape is not None]
+    with_shape = [mode for mode in data.modes if mode.scaled_shape is not None]
     n_rows = -(-len(with_shape) // PANELS_ACROSS)
     figure = figure_of(figure, (6.8, 1.5 + (0.7 + 0.22 * len(data.sensors)) * n_rows))
     ratios = [1.0, *[1.0 + 0.25 * len(data.sensors)] * n_rows]
@@ -38,7 +39,7 @@ def plot_identified_modes(
     _band(figure.add_subplot(grid[0, :]), data, configuration)
     for i, mode in enumerate(with_shape):
         ax = figure.add_subplot(grid[1 + i // PANELS_ACROSS, i % PANELS_ACROSS])
-        shape = np.asarray(mode.unit_shape)
+        shape = np.asarray(mode.scaled_shape)
         y = np.arange(len(data.sensors))
         ax.axvline(0.0, color=GREY, linewidth=0.8)
         ax.hlines(y, 0.0, shape, color=BLUE, linewidth=1.5)

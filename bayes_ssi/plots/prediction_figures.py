@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.modal import mac
+from bayes_ssi.modal import SHAPE_SCALE, mac
 from bayes_ssi.plots.before_and_after import plot_frequency_change
 from bayes_ssi.plots.figure_style import (
     LINES,
@@ -108,20 +108,18 @@ def _mode_figures(
     if not paired:
         return
     own, structure = Predictions(best.name, (best,)), best.structure
-    main = shown_places(own, data)
-    places = (*main, *structure.appendages)
+    places = (*shown_places(own, data), *structure.appendages)
     shapes = [
-        DrawnShape(f"mode {label}", own.shapes(label, places, unit_over=main).band(level))
-        for label in paired
+        DrawnShape(f"mode {label}", own.shapes(label, places).band(level)) for label in paired
     ]
     figure = plot_shapes(structure, places, shapes, sideways=moves_sideways(structure))
-    title = f"{own.name!r}: mode shapes with {100 * level:g} % bands"
+    title = f"{own.name!r}: mode shapes, {100 * level:g} % bands\n{SHAPE_SCALE}"
     figure.suptitle(title, fontsize=10, x=0.02, ha="left", parse_math=False)
     yield "mode_shapes", figure
     measured = [mode for mode in data.modes if mode.unit_shape is not None]
     if measured:
         identified = np.stack([np.asarray(mode.unit_shape) for mode in measured], axis=1)
-        model = [own.shapes_at_sensors(label).quantile(0.5) for label in paired]
+        model = [own.shapes(label, data.sensors).quantile(0.5) for label in paired]
         matrix = mac(identified, np.stack(model, axis=1))
         names = ("identified mode", f"median mode of {own.name!r}")
         yield "mac", plot_mac(matrix, [mode.label for mode in measured], paired, of=names)

@@ -19,8 +19,8 @@ def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None
     """The paired modes' shapes, with 95 % bands and the identified components.
 
     A structure of floors that move sideways is drawn deformed, with the shape before updating
-    dashed; of any other, components are bars. Shapes have their largest component on the main
-    structure at 1.
+    dashed; of any other, components are bars. Shapes are scaled by
+    :func:`~bayes_ssi.modal.scaled_shapes`, identified ones to the model's median.
 
     Raises:
         ValueError: no mode is paired.

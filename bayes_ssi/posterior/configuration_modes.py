@@ -17,6 +17,7 @@ from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.inferred_pairing import InferredPairing, infer_pairing
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.paired_modes import PairedModes
+from bayes_ssi.modal import scaled_shapes, shape_signs
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.response.modal_response import ground_influence
@@ -48,7 +49,7 @@ class UpdatedMode:
         shape_before: components at the places, at the prior medians.
         shape_after: interval of each component, (low, median, high) of (n_places,) each.
 
-    Shapes have their largest component on the main structure at 1, and the identified shape's sign.
+    Shapes are scaled by :func:`~bayes_ssi.modal.scaled_shapes` and turned to the identified ones.
     """
 
     label: str
@@ -142,13 +143,14 @@ def _updated_modes(
     if len(all_places) > MOST_PLACES:
         places = tuple(sensor for sensor in data.sensors if sensor in all_places)
     rows = [all_places.index(place) for place in places]
-    main = [all_places.index(place) for place in places if place not in structure.appendages]
+    main = [i for i, place in enumerate(all_places) if place not in structure.appendages]
     records = []
     for i, label in enumerate(labels):
         number = pairing[label]
         drawn, of_main = (modes.shapes[:, which, number - 1] for which in (rows, main))
-        signs = _signs(data.mode(label).unit_shape, seen[:, :, number - 1], drawn)
-        shapes = _scaled(drawn * signs[:, None], of_main)
+        identified = data.mode(label).unit_shape
+        signs = shape_signs(of_main, seen[:, :, number - 1], identified)
+        shapes = scaled_shapes(drawn * signs[:, None], of_main)
         frequencies, mac = modes.frequencies_hz[:, number - 1], macs.get(i)
         low, median, high = (tuple(part.tolist()) for part in _interval(shapes[1:]))
         records.append(
@@ -179,25 +181,6 @@ def moves_sideways(structure: Structure) -> bool:
         return False
     influence = ground_influence(structure)
     return influence is not None and bool((influence == 1.0).all())
-
-
-def _signs(identified: FloatArray | None, seen: FloatArray, shapes: FloatArray) -> FloatArray:
-    """The sign (B,) that turns each shape to the identified one, or to the first of them."""
-    if identified is None:
-        products = shapes @ shapes[0]
-        turned = float(shapes[0][np.abs(shapes[0]).argmax()]) if shapes.size else 1.0
-        products = products * np.sign(turned)
-    else:
-        products = seen @ np.nan_to_num(np.asarray(identified))
-    return np.where(products < 0.0, -1.0, 1.0)
-
-
-def _scaled(shapes: FloatArray, of_main: FloatArray) -> FloatArray:
-    """Shapes (B, n) with the largest component of the main structure (B, m) at 1."""
-    if not of_main.shape[1]:
-        return shapes
-    largest = np.abs(of_main).max(axis=1, keepdims=True)
-    return shapes / np.where(largest == 0.0, 1.0, largest)
 
 
 def _interval(draws: FloatArray) -> NDArray[np.float64]:

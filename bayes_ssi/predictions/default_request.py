@@ -8,7 +8,6 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.predictions.predicted_modes import main_places
 from bayes_ssi.predictions.predictions import Predictions
 from bayes_ssi.response.modal_response import ground_influence
 from bayes_ssi.response.output import GROUND, Output, Quantity
@@ -33,7 +32,7 @@ def default_output(predictions: Predictions, quantity: Quantity) -> Output:
     """
     structure = predictions.classes[0].structure
     heights, influence = structure.heights(), ground_influence(structure)
-    places = main_places(predictions)
+    places = predictions.main_places
     if influence is not None and influence.any():
         moving = {place for place, own in zip(structure.degrees_of_freedom, influence, strict=True)
                   if own}  # fmt: skip

@@ -10,6 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.model_class import ModelClass
@@ -32,14 +33,20 @@ class PosteriorDraws:
         structure: its structure, in one configuration.
         pairing: label of an identified mode → number of the model mode, from 1.
         values: (n_draws, n_parameters), parameter values of the structure.
-        sensors: sensors of the identified modes.
+        data: the identified modes.
     """
 
     name: str
     structure: Structure
     pairing: Mapping[str, int]
     values: FloatArray
-    sensors: tuple[str, ...]
+    data: ModalData
+
+    @property
+    def main_places(self) -> tuple[str, ...]:
+        """Degrees of freedom of the main structure."""
+        appendages = self.structure.appendages
+        return tuple(dof for dof in self.structure.degrees_of_freedom if dof not in appendages)
 
     @cached_property
     def frequencies_hz(self) -> FloatArray:
@@ -135,7 +142,7 @@ def thinned_draws(
             f"{changed}: at a stored draw its structure has the frequencies "
             f"{_listed(frequencies_hz[0])} Hz, stored are {_listed(stored_hz[0])} Hz"
         )
-    return PosteriorDraws(posterior.name, structure, modes.pairing, values, test.data.sensors)
+    return PosteriorDraws(posterior.name, structure, modes.pairing, values, test.data)
 
 
 def _listed(frequencies: FloatArray) -> str:

@@ -45,24 +45,15 @@ def predicted_modes(
 def predicted_shapes(
     data: ModalData, predictions: Predictions, level: float
 ) -> Iterator[tuple[str, Band]]:
-    """The same modes with the bands of their shapes at :func:`shown_places`, at unit length."""
+    """The same modes with the bands of their shapes at :func:`shown_places`."""
     places = shown_places(predictions, data)
     for label in _explained(data, predictions):
         yield label, predictions.shapes(label, places).band(level)
 
 
-def main_places(predictions: Predictions) -> tuple[str, ...]:
-    """Degrees of freedom of the main structure that all classes have."""
-    first, *others = (
-        [dof for dof in each.structure.degrees_of_freedom if dof not in each.structure.appendages]
-        for each in predictions.classes
-    )
-    return tuple(place for place in first if all(place in other for other in others))
-
-
 def shown_places(predictions: Predictions, data: ModalData) -> tuple[str, ...]:
-    """The :func:`main_places` to show: all, or, where they are many, those with sensors."""
-    places = main_places(predictions)
+    """The main structure's places to show: all, or, where they are many, those with sensors."""
+    places = predictions.main_places
     if len(places) <= MOST_PLACES:
         return places
     return tuple(place for place in places if place in data.sensors) or places[:MOST_PLACES]

@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.modal import scaled_shapes, shape_signs
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.predictions.bands import Prediction
@@ -128,39 +129,36 @@ class Predictions:
             parts.append(np.full(len(each.values), before[0, number - 1]))
         return self._joined(parts)
 
-    def shapes(
-        self, mode: str | int, places: Sequence[str], unit_over: Sequence[str] | None = None
-    ) -> Prediction:
-        """The shape of a mode at some degrees of freedom, draws (n, n_places).
+    def shapes(self, mode: str | int, places: Sequence[str]) -> Prediction:
+        """The shape of a mode at some degrees of freedom or sensors, draws (n, n_places).
 
-        All draws point the same way, the largest component being positive.
+        Each draw is scaled by :func:`~bayes_ssi.modal.scaled_shapes`, and all are turned to the
+        identified shape, if ``mode`` has one.
 
         Args:
             mode: as for :meth:`frequencies_hz`.
-            places: labels of degrees of freedom.
-            unit_over: the places over which a shape has unit length; all if None.
+            places: labels of degrees of freedom or sensors.
 
         Raises:
-            ValueError: there is no such mode, a class has no such place, or one of ``unit_over``
-                is not among the places.
+            ValueError: there is no such mode, or a class has no such place.
         """
+        wanted = places, self.main_places, self.classes[0].data.sensors
+        labels = [label for some in wanted for label in some]
         parts = []
         for each, number in self._classes_with(mode):
             with _named(each):
-                parts.append(each.shapes(number, places))
-        over = places if unit_over is None else unit_over
-        for place in over:
-            if place not in places:
-                raise ValueError(f"shapes: unit_over names {place!r}, which is not among places")
-        return _aligned(self._joined(parts), [list(places).index(place) for place in over])
+                parts.append(each.shapes(number, labels))
+        joined = self._joined(parts)
+        ends = np.cumsum([len(some) for some in wanted])[:2]
+        shapes, main, at_sensors = np.split(joined.draws, ends, axis=1)
+        signs = shape_signs(main, at_sensors, self._identified_shape(mode))
+        return Prediction(scaled_shapes(shapes, main) * signs[:, None], joined.share)
 
-    def shapes_at_sensors(self, mode: str | int) -> Prediction:
-        """The shape of a mode at the sensors, with unit length, draws (n, n_sensors).
-
-        Arguments and errors are as in :meth:`frequencies_hz`.
-        """
-        parts = [each.shapes(number, each.sensors) for each, number in self._classes_with(mode)]
-        return _aligned(self._joined(parts), list(range(parts[0].shape[1])))
+    @property
+    def main_places(self) -> tuple[str, ...]:
+        """Degrees of freedom of the main structure that all classes have."""
+        first, *others = (each.main_places for each in self.classes)
+        return tuple(place for place in first if all(place in other for other in others))
 
     def transfer_functions(
         self,
@@ -221,6 +219,14 @@ class Predictions:
         draws = np.concatenate(parts)
         return Prediction(draws, len(draws) / self.n_draws)
 
+    def _identified_shape(self, mode: str | int) -> FloatArray | None:
+        """The identified shape (n_sensors,) of a mode; None where there is none."""
+        own = self.classes[0]
+        for identified in own.data.modes:
+            if mode in (identified.label, own.pairing.get(identified.label)):
+                return identified.unit_shape
+        return None
+
     def _classes_with(self, mode: str | int) -> list[tuple[PosteriorDraws, int]]:
         """The classes that have a mode, with its number."""
         if isinstance(mode, str):
@@ -243,16 +249,6 @@ class Predictions:
         if not 1 <= mode <= n_modes:
             raise ValueError(f"{self.name}: no mode {mode!r}; choose from 1 to {n_modes}")
         return [(self.classes[0], mode)]
-
-
-def _aligned(shapes: Prediction, over: Sequence[int]) -> Prediction:
-    """Shapes of unit length over some columns, all pointing the same way."""
-    scaled = shapes.draws[:, over]
-    lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
-    main = np.linalg.svd(scaled / lengths, full_matrices=False)[2][0]
-    main *= np.sign(main[np.abs(main).argmax()])
-    signs = np.where(scaled @ main < 0.0, -1.0, 1.0)[:, None]
-    return Prediction(shapes.draws * signs / lengths, shapes.share)
 
 
 @contextmanager

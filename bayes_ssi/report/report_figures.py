@@ -11,6 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.modal import SHAPE_SCALE
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.before_and_after import (
@@ -126,7 +127,10 @@ def _of_sensitivity(stored: StoredResult) -> Iterator[Plot]:
 def _of_test(name: str, data: ModalData, ranked: tuple[Posterior, ...]) -> Iterator[Plot]:
     where = label_in(name, "")
     best = ranked[: LIMITS.classes_in_frequencies]
-    yield f"{where}Identified modes", partial(plot_identified_modes, data, configuration=name)
+    yield (
+        f"{where}Identified modes; shapes are scaled to a largest component of ±1",
+        partial(plot_identified_modes, data, configuration=name),
+    )
     yield (
         f"{where}Model frequencies relative to the identified ones",
         partial(plot_frequencies, data, best, configuration=name),
@@ -154,7 +158,7 @@ def _of_configuration(modes: ConfigurationModes, data: ModalData, of: str) -> It
     where = label_in(modes.name, "")
     updated, inferred = modes.updated, modes.inferred_pairing
     if updated.modes:
-        yield f"{where}Mode shapes {of}", partial(plot_mode_shapes, updated, data)
+        yield f"{where}Mode shapes {of}, {SHAPE_SCALE}", partial(plot_mode_shapes, updated, data)
         yield (
             f"{where}Frequencies {of} before and after updating",
             partial(plot_frequency_change, updated.modes, data),

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from rich.table import Table
 
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.modal import SHAPE_SCALE
 from bayes_ssi.predictions.predicted_modes import predicted_modes, predicted_shapes, shown_places
 from bayes_ssi.predictions.response_bands import ResponseBands
 from bayes_ssi.tables.layout import (
@@ -63,7 +64,7 @@ def shape_tables(data: ModalData, each: ResponseBands) -> Iterator[Table]:
     for start in range(0, len(shapes), across):
         part = shapes[start : start + across]
         table = new_table(
-            f"Mode shapes of {each.name!r}, unit length, medians",
+            f"Mode shapes of {each.name!r}, medians, {SHAPE_SCALE}",
             ["place"],
             [label for label, _ in part],
         )

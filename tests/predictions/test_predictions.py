@@ -8,9 +8,10 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayes_ssi as bs
+from bayes_ssi.posterior.configuration_modes import configuration_modes
 from bayes_ssi.predictions.bands import Prediction
-from bayes_ssi.predictions.posterior_draws import thinned_draws
-from bayes_ssi.predictions.predictions import predict_average, predict_class
+from bayes_ssi.predictions.posterior_draws import PosteriorDraws, thinned_draws
+from bayes_ssi.predictions.predictions import Predictions, predict_average, predict_class
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.modal_response import peak_responses, time_histories, transfer_functions
 from bayes_ssi.response.output import Output
@@ -96,14 +97,42 @@ def test_frequencies_are_the_stored_ones(predicted, posteriors):
 def test_shapes_of_a_uniform_building_have_a_closed_form(classes, posteriors):
     # One stiffness for both storeys: the shapes do not depend on it.
     one = predict_class(posteriors["one k"], classes["one k"], 50)
-    first = np.tile([1.0, PHI], (50, 1))
-    second = np.tile([PHI, -1.0], (50, 1))
-    length = math.hypot(1.0, PHI)
-    np.testing.assert_allclose(one.shapes("1", FLOORS).draws, first / length, rtol=1e-12)
-    np.testing.assert_allclose(one.shapes(2, FLOORS).draws, second / length, rtol=1e-12)
-    np.testing.assert_allclose(one.shapes("1", FLOORS, ["floor 1"]).draws, first, rtol=1e-12)
-    with pytest.raises(ValueError, match="unit_over names 'floor 2', which is not among places"):
-        one.shapes("1", ["floor 1"], ["floor 2"])
+    first = np.tile([1.0 / PHI, 1.0], (50, 1))
+    second = np.tile([1.0, -1.0 / PHI], (50, 1))
+    np.testing.assert_allclose(one.shapes("1", FLOORS).draws, first, rtol=1e-12)
+    np.testing.assert_allclose(one.shapes(2, FLOORS).draws, second, rtol=1e-12)
+    # The scale does not depend on the places that are shown.
+    np.testing.assert_allclose(one.shapes("1", ["floor 1"]).draws, first[:, :1], rtol=1e-12)
+    # A shape points the way that it was identified, or else with its largest component upwards.
+    (each,) = one.classes
+    turned, without = (
+        replace(one, classes=(replace(each, data=data),))
+        for data in (
+            replace(
+                each.data,
+                modes=tuple(replace(mode, shape=-mode.shape) for mode in each.data.modes),
+            ),
+            each.data.without_shapes(),
+        )
+    )
+    np.testing.assert_allclose(turned.shapes(2, FLOORS).draws, -second, rtol=1e-12)
+    np.testing.assert_allclose(without.shapes(2, FLOORS).draws, second, rtol=1e-12)
+
+
+def test_shapes_are_those_of_the_record(model_classes):
+    """Of the same draws, components are the same in a report and in predictions."""
+    candidate = model_classes["3"]
+    values = np.exp(0.1 * np.random.default_rng(5).standard_normal((50, 4)))
+    (record,) = configuration_modes(candidate, values)
+    test = candidate.configuration()
+    draws = PosteriorDraws("3", test.structure, record.pairing, values, test.data)
+    predicted = Predictions("3", (draws,))
+    for mode in record.updated.modes:
+        band = predicted.shapes(mode.label, record.updated.places).band(0.95)
+        np.testing.assert_allclose(band, mode.shape_after, rtol=1e-9)
+        assert np.abs(band.median[:3]).max() == pytest.approx(1.0, abs=0.01)
+    # The infill, close to resonance, moves further than any floor.
+    assert np.abs(predicted.shapes("2a", ["infill 1-2"]).band().median) > 2.0
 
 
 def test_all_draws_of_a_shape_point_the_same_way(predicted, monkeypatch):
