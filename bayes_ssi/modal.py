@@ -290,7 +290,14 @@ def mac(shapes: FloatArray, others: FloatArray) -> FloatArray:
         (m, k), between 0 and 1. Sensors at which either shape is NaN (not measured) are left out
         of that pair; a pair with nothing to compare is NaN.
     """
-    a, b = shapes.T[:, None, :], others.T[None, :, :]
+    return mac_of_pairs(shapes.T[:, None, :], others.T[None, :, :])
+
+
+def mac_of_pairs(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Modal assurance criterion of shapes (..., n_sensors) with others, one by one.
+
+    Missing components are treated as in :func:`mac`; the leading dimensions are broadcast.
+    """
     common = np.isfinite(a) & np.isfinite(b)
     a, b = np.where(common, a, 0.0), np.where(common, b, 0.0)
     with np.errstate(invalid="ignore"):

@@ -12,6 +12,8 @@ from bayes_ssi.commands.terminal import console, json_option, print_record, say
 if TYPE_CHECKING:
     from bayes_ssi.data.modal_data import ModalData
 
+# Far more modes, sensors or warnings than a test has are a mistake, which the first ones show.
+MOST = 100
 MODE_FIELDS = ("label", "frequency_hz", "frequency_cov", "damping", "n_measured")
 
 
@@ -26,16 +28,25 @@ def check(data: Path) -> None:
     modes = read_modal_data(data)
     low, high = modes.band_hz
     where = console()
-    where.print(modes_table(modes))
+    where.print(modes_table(modes, MOST))
+    if len(modes.modes) > MOST:
+        say(where, _not_shown(len(modes.modes), "modes"))
     print_record(lambda: _record(modes))
-    sensors = ", ".join(modes.sensors) or "none"
+    sensors = ", ".join(modes.sensors[:MOST]) or "none"
+    if len(modes.sensors) > MOST:
+        sensors += "; " + _not_shown(len(modes.sensors), "sensors").removesuffix(".")
     remarks = modes.warnings()
     say(
         where,
         f"Band: {low:g} to {high:g} Hz. Sensors: {sensors}. Digest: {modes.digest}.",
-        *(f"(!) {remark}" for remark in remarks),
+        *(f"(!) {remark}" for remark in remarks[:MOST]),
+        *([_not_shown(len(remarks), "warnings")] if len(remarks) > MOST else []),
         *([] if remarks else ["No warnings."]),
     )
+
+
+def _not_shown(n: int, what: str) -> str:
+    return f"{n - MOST:,} of {n:,} {what} are not shown here; --json gives all."
 
 
 def _record(data: ModalData) -> dict[str, Any]:

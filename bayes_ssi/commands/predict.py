@@ -79,7 +79,7 @@ if TYPE_CHECKING:
     multiple=True,
     help="Ground motion (AT2, text or CSV) for time histories; may be repeated.",
 )
-@click.option("--unit", help="Unit of the records (g, m/s2, cm/s2), if not in the file.")
+@click.option("--unit", help="Unit of the records (g, m/s2, cm/s2, …), in place of the file's.")
 @click.option("--dt", type=float, help="Time step of the records in s, if not in the file.")
 @click.option(
     "--level",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -119,7 +119,7 @@ class IdentifiedMode:
         rotated = _rotated(self.shape[np.isfinite(self.shape)])
         return math.degrees(math.asin(np.linalg.norm(rotated.imag) / np.linalg.norm(rotated)))
 
-    @property
+    @cached_property
     def n_measured(self) -> int:
         """Number of sensors at which the shape is known; 0 without a shape."""
         return 0 if self.shape is None else int(np.isfinite(self.shape).sum())
@@ -145,6 +145,16 @@ def require_name(name: str, what: str) -> None:
         raise ValueError(
             f"{what} may not begin or end with a space, or hold a line break or tab, got {name!r}"
         )
+
+
+def repeated(names: Iterable[str]) -> str | None:
+    """The first name that occurs for a second time; None if none does."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            return name
+        seen.add(name)
+    return None
 
 
 def _require_positive(number: float, where: str) -> None:

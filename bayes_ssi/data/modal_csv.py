@@ -13,8 +13,8 @@ the search, required) and ``source`` (text); anything else there is a comment. T
 names: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd`` and ``damping``
 (fractions) are optional, and **every other column is a sensor**, named as the structure's degree
 of freedom. An empty cell is a value not measured. Complex components are written ``0.3+0.1j``
-(or ``i``). Columns are separated by commas, semicolons or tabs; with semicolons or tabs a decimal
-comma is understood.
+(or ``i``). Columns are separated by commas, semicolons or tabs, as a first line ``sep=;`` may
+say; with semicolons or tabs a decimal comma is understood.
 """
 
 from __future__ import annotations
@@ -29,14 +29,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from bayes_ssi.data.identified_mode import RESERVED_NAMES, IdentifiedMode
+from bayes_ssi.data.identified_mode import RESERVED_NAMES, IdentifiedMode, repeated
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.text_files import read_columns
 
 T = TypeVar("T", float, complex)
 
 REQUIRED_COLUMNS = ("label", "frequency_hz")
 NUMBER_COLUMNS = RESERVED_NAMES[1:]
 HEAD_KEYS = ("source", "band_hz")
+DELIMITERS = ",;\t"
 
 
 @dataclass(frozen=True)
@@ -148,17 +150,13 @@ def _component_text(component: complex) -> str:
 
 def _split(path: Path) -> list[_Line]:
     """The lines that are not blank, at the delimiter that gives the required columns."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError(f"{path}: not a text file in UTF-8; save it as CSV (UTF-8)") from None
-    if not text.strip():
-        raise ValueError(f"{path}: the file is empty")
-    candidates = {delimiter: _lines(path, text, delimiter) for delimiter in (",", ";", "\t")}
-    for lines in candidates.values():
+    text, stated = read_columns(path)
+    delimiters = DELIMITERS if stated is None else stated
+    for delimiter in delimiters:
+        lines = _lines(path, text, delimiter)
         if any(set(REQUIRED_COLUMNS) <= set(line.cells) for line in lines):
             return lines
-    return candidates[","]
+    return _lines(path, text, delimiters[0])
 
 
 def _lines(path: Path, text: str, delimiter: str) -> list[_Line]:
@@ -189,8 +187,8 @@ def _column_names(line: _Line) -> list[str]:
     for name in names:
         if not name:
             raise line.error("a column has no name")
-        if names.count(name) > 1:
-            raise line.error(f"two columns are named {name!r}")
+    if len(set(names)) < len(names):
+        raise line.error(f"two columns are named {repeated(names)!r}")
     return names
 
 
@@ -224,8 +222,8 @@ def _component(text: str, column: str, line: _Line) -> complex:
     if not text:
         return complex("nan")
     # Space around the sign, as in "0.3 + 0.1i", is how people write complex numbers.
-    written = re.sub(r"(?<=[\dji])\s*([+-])\s*(?=[\d.])", r"\1", text).replace("i", "j")
-    value = line.parse(complex, written, f"sensor {column!r}")
+    written = re.sub(r"(?<=[\dji])\s*([+-])\s*(?=[\d.])", r"\1", text) if " " in text else text
+    value = line.parse(complex, written.replace("i", "j"), f"sensor {column!r}")
     if not np.isfinite(value):
         raise line.error(f"sensor {column!r}: {text!r} is not finite; leave a missing value empty")
     return value

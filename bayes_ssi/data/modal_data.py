@@ -14,9 +14,10 @@ from bayes_ssi.data.identified_mode import (
     RESERVED_NAMES,
     IdentifiedMode,
     checked_band,
+    repeated,
     require_name,
 )
-from bayes_ssi.modal import mac
+from bayes_ssi.modal import mac_of_pairs
 from bayes_ssi.response.output import HEAVY_DAMPING, heavy_damping_warning
 
 
@@ -61,10 +62,9 @@ class ModalData:
         if not ordered:
             raise ValueError("modal data: no identified mode")
         if len(set(self.sensors)) != len(self.sensors):
-            raise ValueError(f"modal data: sensor names repeat: {', '.join(self.sensors)}")
+            raise ValueError(f"modal data: two sensors are named {repeated(self.sensors)!r}")
         if len(set(self.labels)) != len(self.labels):
-            repeated = next(label for label in self.labels if self.labels.count(label) > 1)
-            raise ValueError(f"modal data: two modes have the label {repeated!r}")
+            raise ValueError(f"modal data: two modes have the label {repeated(self.labels)!r}")
         for mode in ordered:
             if not low <= mode.frequency_hz <= high:
                 raise ValueError(
@@ -169,21 +169,22 @@ class ModalData:
                 )
             if mode.damping is not None and mode.damping > HEAVY_DAMPING:
                 warnings.append(f"{name}: {heavy_damping_warning(mode.damping)}")
-        pairs = zip(self.modes, self.modes[1:], strict=False)
-        return warnings + [text for low, high in pairs if (text := _too_close(low, high))]
+        shapes = self.unit_shapes.T
+        criteria = mac_of_pairs(shapes[:-1], shapes[1:])
+        pairs = zip(self.modes, self.modes[1:], criteria, strict=False)
+        return warnings + [text for pair in pairs if (text := _too_close(*pair))]
 
 
-def _too_close(low: IdentifiedMode, high: IdentifiedMode) -> str:
+def _too_close(low: IdentifiedMode, high: IdentifiedMode, criterion: float) -> str:
     """A warning if two neighbouring modes look like one that is split; empty if not."""
     names = f"modes {low.label!r} and {high.label!r}"
     gap = high.frequency_hz / low.frequency_hz - 1.0
     if gap == 0:
         return f"{names}: the same frequency"
-    if gap >= 0.2 or low.scored_shape is None or high.scored_shape is None:
+    shape, other = low.scored_shape, high.scored_shape
+    if gap >= 0.2 or shape is None or other is None or not criterion > 0.8:  # it may be NaN
         return ""
-    common = np.isfinite(low.scored_shape) & np.isfinite(high.scored_shape)
-    criterion = mac(low.scored_shape[:, None], high.scored_shape[:, None])[0, 0]
-    if common.sum() >= 2 and criterion > 0.8:  # NaN where both shapes vanish at common sensors
+    if (np.isfinite(shape) & np.isfinite(other)).sum() >= 2:
         return (
             f"{names}: {100 * gap:.0f} % apart with similar shapes (MAC {criterion:.2f}), as when "
             "an appendage in resonance splits a mode"

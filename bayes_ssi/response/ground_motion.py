@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,21 +12,29 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 
-# Unit of an acceleration → its value in m/s²; g is standard gravity, exact by definition.
-UNITS = {"g": 9.80665, "m/s2": 1.0, "cm/s2": 0.01}
-SPELLINGS = {"gal": "cm/s2", "g0": "g"}
+# Unit of an acceleration → its value in m/s²; standard gravity, inch and foot are exact by
+# definition.
+UNITS = {
+    "g": 9.80665, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001, "in/s2": 0.0254, "ft/s2": 0.3048,
+}  # fmt: skip
+SPELLINGS = {"gal": "cm/s2", "gals": "cm/s2", "g0": "g", "gs": "g"}
 # In m/s². Earthquakes have been recorded with 40 m/s² (Iwate-Miyagi 2008; Aoi et al. 2008, Science
 # 322), and with hardly more.
 LARGEST_RECORDED = 50.0
 
 
 def checked_unit(unit: str) -> str:
-    """The unit of acceleration as a key of :data:`UNITS`; ``m/s²``, ``m/s^2``, ``Gal`` also work.
+    """The unit of acceleration as a key of :data:`UNITS`, from any usual spelling of it.
+
+    Files write ``CM/S/S``, ``cm/sec^2``, ``M/S**2``, ``m s-2``, ``Gal`` or ``g's``, among others.
 
     Raises:
         ValueError: the unit is unknown.
     """
-    plain = str(unit).strip().lower().replace("²", "2").replace("^", "").replace("**", "")
+    plain = str(unit).lower().replace("²", "2").replace("⁻", "-")
+    plain = re.sub(r"[\s^*·.'’()\[\]]", "", plain)
+    plain = re.sub(r"sec(?:ond)?", "s", plain)
+    plain = re.sub(r"(?:/s/s|/?s-2)$", "/s2", plain)
     plain = SPELLINGS.get(plain, plain)
     if plain not in UNITS:
         raise ValueError(

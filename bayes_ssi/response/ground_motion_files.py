@@ -13,8 +13,8 @@ commas, semicolons or tabs (with semicolons or tabs a decimal comma is understoo
     0.005, -0.15
 
 Lines that start with ``#`` may hold the keys ``unit`` and ``dt_s``; other comments and one row of
-column names are skipped. The unit must be given there or by the caller; dt by a time column, the
-key or the caller. Statements of the same quantity must agree.
+column names are skipped, and a first line ``sep=;`` states the delimiter. The unit is the caller's
+or else the file's; dt that of a time column, of the key or of the caller, which must agree.
 """
 
 from __future__ import annotations
@@ -28,8 +28,17 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.response.ground_motion import UNITS, GroundMotion, checked_unit
+from bayes_ssi.text_files import read_columns
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
+
+
+# After "UNITS OF", "UNITS:" or "UNITS =" in the header of an AT2 file.
+UNIT = r"\bunits?\s*(?:\bof\b|:|=)\s*([^\s,;.]+)"
+
+
+# A line such as "# dt_s, 0.005" or "# unit: g".
+KEY = re.compile(r"[\s#]*(unit|dt_s)\s*[,;:]\s*(.*?)[\s,;]*$")
 
 
 class _Content(NamedTuple):
@@ -49,26 +58,24 @@ def read_ground_motion(
 
     Args:
         path: the file; one whose name ends in .AT2 is read as PEER's.
-        unit: "g", "m/s2" or "cm/s2"; needed where the file does not state it.
+        unit: "g", "m/s2" or "cm/s2", for instance, in place of the file's; needed where the file
+            states none.
         dt: time between samples in s; needed where the file does not state it.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: the content is not understood, unit or dt are missing or contradicted by the
-            file, or there are fewer than two samples. The message names the file.
+        ValueError: the content is not understood, unit or dt are missing, dt is contradicted by
+            the file, or there are fewer than two samples. The message names the file.
     """
     path = Path(path)
+    text, delimiter = read_columns(path)
+    lines = text.splitlines()
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError(f"{path}: not a text file in UTF-8") from None
-    if not text.strip():
-        raise ValueError(f"{path}: the file is empty")
-    try:
-        content = (_read_at2 if path.suffix.lower() == ".at2" else _read_plain)(text.splitlines())
+        is_at2 = path.suffix.lower() == ".at2"
+        content = _read_at2(lines) if is_at2 else _read_plain(lines, delimiter)
         if len(content.samples) < 2:
             raise ValueError(f"a record needs two samples or more, got {len(content.samples)}")
-        units = [checked_unit(each) for each in (unit, *content.units) if each is not None]
+        units = [checked_unit(each) for each in (content.units if unit is None else [unit])]
         dts = [each for each in (dt, *content.dts) if each is not None]
         if not units:
             choices = ", ".join(map(repr, UNITS))
@@ -93,7 +100,7 @@ def _read_at2(lines: Sequence[str]) -> _Content:
     if at is None:
         raise ValueError("not a PEER AT2 file: no header line states NPTS and DT")
     n_points, dts = _points_and_dt(lines[at])
-    units = re.findall(r"units?\s+of\s+([^\s,;.]+)", " ".join(lines[:at]), re.IGNORECASE)
+    units = re.findall(UNIT, " ".join(lines[:at]), re.IGNORECASE)
     samples: list[float] = []
     for i, line in enumerate(lines[at + 1 :], at + 2):
         # In AT2's fixed columns a minus sign may touch the number before it.
@@ -117,20 +124,20 @@ def _points_and_dt(line: str) -> tuple[int, list[float]]:
     return int(points.group(1)), [float(step) for step in steps]
 
 
-def _read_plain(lines: Sequence[str]) -> _Content:
+def _read_plain(lines: Sequence[str], delimiter: str | None) -> _Content:
     units: list[str] = []
     dts: list[float] = []
     rows: list[list[float]] = []
     column_names: list[str] = []
     for i, line in enumerate(lines, 1):
-        cells = _cells(line)
+        cells = _cells(line, delimiter)
         if line.lstrip().startswith("#"):
-            key, _, value = line.lstrip(" \t#").partition(",")
-            value = value.strip(" ,;\t")
-            if key.strip() == "unit":
-                units.append(value)
-            elif key.strip() == "dt_s":
-                dts.append(_number(value, i, "dt_s"))
+            if (stated := KEY.match(line)) is None:
+                continue
+            if stated[1] == "unit":
+                units.append(stated[2])
+            else:
+                dts.append(_number(stated[2].replace(",", "."), i, "dt_s"))
         elif not rows and not column_names and not any(_is_number(cell) for cell in cells):
             column_names = cells
         elif cells:
@@ -146,11 +153,12 @@ def _read_plain(lines: Sequence[str]) -> _Content:
     return _Content(table[:, -1].tolist(), units, dts)
 
 
-def _cells(line: str) -> list[str]:
-    for delimiter in (";", "\t"):
-        if delimiter in line.strip():
-            return [cell.strip().replace(",", ".") for cell in line.split(delimiter)]
-    return [cell.strip() for cell in line.split(",")] if "," in line else line.split()
+def _cells(line: str, stated: str | None) -> list[str]:
+    """The cells of a line, at the delimiter that the file states or else the first in it."""
+    delimiter = stated or next((each for each in ";\t," if each in line.strip()), None)
+    if delimiter in (";", "\t"):
+        line = line.replace(",", ".")
+    return [cell.strip() for cell in line.split(delimiter)] if line.strip() else []
 
 
 def _is_number(cell: str) -> bool:

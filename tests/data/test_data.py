@@ -157,7 +157,7 @@ def test_without_shapes_keeps_the_frequencies():
     [
         ([], {}, "modal data: no identified mode"),
         ([mode("1"), mode("1", 2.0)], {}, "modal data: two modes have the label '1'"),
-        ([mode()], {"sensors": ("a", "b", "a")}, "modal data: sensor names repeat: a, b, a"),
+        ([mode()], {"sensors": ("a", "b", "a")}, "modal data: two sensors are named 'a'"),
         ([mode("x", 7.0)], {}, "mode 'x': frequency_hz 7.0 lies outside the band 0.0 to 6.0 Hz"),
         ([mode("x", 0.5)], {"band": (1, 6)}, "mode 'x': frequency_hz 0.5 lies outside the band"),
         ([mode("x", 1.0, [1, 2])], {}, "mode 'x': shape has 2 components for 3 sensors"),

@@ -71,6 +71,8 @@ def assert_same(data, other):
         SEMICOLONS.replace("; ", "\t").replace(";", "\t").replace(",", "."),
         "\ufeff" + COMMAS,
         COMMAS.replace("\n", "\r\n"),
+        "sep=,\n" + COMMAS,
+        "\ufeffsep=;\r\n" + SEMICOLONS.replace("\n", "\r\n"),
         COMMAS.replace(", 0, 6.5", ": 0, 6.5").replace("source,", "source:"),
         "# a remark, 5\n\n" + COMMAS,
         COMMAS.replace("2,\n", "2, , ,\n").replace("0.593", "0.593,,"),
@@ -83,6 +85,8 @@ def assert_same(data, other):
         "tabs",
         "byte order mark",
         "windows line ends",
+        "stated commas",
+        "stated semicolons with decimal commas",
         "colons",
         "remark",
         "trailing cells",
@@ -100,6 +104,11 @@ def test_every_form_gives_the_same_data(read, text):
     assert (second.frequency_hz, second.frequency_cov, second.damping) == (2.604, None, None)
     assert first.shape.tolist() == [0.331, 0.593]
     np.testing.assert_array_equal(second.shape, [-0.674, math.nan])
+
+
+def test_a_stated_delimiter_leaves_lines_their_numbers(read):
+    with pytest.raises(ValueError, match=r"modes.csv, line 4: frequency_hz: 'x' is not a number"):
+        read("sep=,\n" + HEAD + "1, x, 1, 1\n")
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,34 @@ def test_at2(load, counts):
     assert (motion.dt, motion.name) == (0.005, "quake")
 
 
+@pytest.mark.parametrize(
+    ("unit", "in_si"),
+    [
+        ("G", G),
+        ("G's. FILTER POINTS: 0.1", G),
+        ("CM/S/S", 0.01),
+        ("cm/s^2", 0.01),
+        ("CM/SEC/SEC", 0.01),
+        ("CM/SEC**2", 0.01),
+        ("GAL", 0.01),
+        ("M/S**2", 1.0),
+        ("m·s⁻²", 1.0),
+        ("MM/SEC/SEC", 0.001),
+        ("IN/SEC2", 0.0254),
+    ],
+)
+def test_units_as_at2_files_spell_them(load, unit, in_si):
+    motion = load("quake.AT2", AT2.format(unit=unit, counts="NPTS= 6, DT= .005 SEC"))
+    np.testing.assert_allclose(motion.acceleration, in_si * np.array(SAMPLES), rtol=1e-12)
+
+
+@pytest.mark.parametrize("stated", ["G", "CM/S", "COUNTS"])
+def test_a_given_unit_takes_the_place_of_the_files(load, stated):
+    text = AT2.format(unit=stated, counts="NPTS= 6, DT= .005 SEC")
+    motion = load("quake.AT2", text, unit="cm/s2")
+    np.testing.assert_allclose(motion.acceleration, 0.01 * np.array(SAMPLES), rtol=1e-12)
+
+
 def test_at2_with_signs_that_touch(load):
     text = AT2.format(unit="G", counts="NPTS= 6, DT= .005 SEC").replace(" -", "-")
     motion = load("quake.at2", text)
@@ -49,8 +77,7 @@ def test_at2_with_signs_that_touch(load):
         ("G", "NPTS= 6, DT= 0.0 SEC", {}, "dt must be positive"),
         ("G", "NPTS= , DT= .005 SEC", {}, "holds no number of points"),
         ("G", "6 points", {}, "no header line states NPTS and DT"),
-        ("CM/S", "NPTS= 6, DT= .005 SEC", {}, "one of 'g', 'm/s2', 'cm/s2', got 'CM/S'"),
-        ("G", "NPTS= 6, DT= .005 SEC", {"unit": "cm/s2"}, "two units .*'cm/s2' and 'g'"),
+        ("CM/S", "NPTS= 6, DT= .005 SEC", {}, "one of 'g', 'm/s2', .*, got 'CM/S'"),
         ("G", "NPTS= 6, DT= .005 SEC", {"dt": 0.01}, "two values of dt are given: 0.01 and 0.005"),
         ("G", "NPTS= 6, DT= .005 SEC\n0.1 spam", {}, "line 5: expected accelerations, .*'spam'"),
     ],
@@ -70,6 +97,9 @@ def test_at2_that_is_wrong(load, unit, counts, options, message):
         ("0.00 1\n0.02 2\n0.04 4\n", {"unit": "cm/s2"}),
         ("# unit, cm/s²\ntime_s,acceleration\n0.00,1\n0.02,2\n0.04,4\n", {}),
         ("t (s);a (cm/s²)\n0,00;1,0\n0,02;2,0\n0,04;4,0\n", {"unit": "cm/s2"}),
+        ("# unit, m/s2\n1\n2\n4\n", {"unit": "cm/s2", "dt": 0.02}),
+        ("sep=;\n# unit; Gal\n# dt_s; 0,02\n1,0\n2,0\n4,0\n", {}),
+        ("sep=,\ntime,a\n0.00,1\n0.02,2\n0.04,4\n", {"unit": "cm/s2"}),
         ("time\ta [cm/s^2]\n5.00\t1\n5.02\t2\n5.04\t4\n", {"unit": "cm/s2", "dt": 0.02}),
     ],
 )
@@ -96,7 +126,7 @@ def test_rounded_times_are_equal_steps(load):
         ("1\n2\n", {"unit": "g"}, "dt, the time between samples, is not given"),
         ("1\n2\n", {"dt": 0.1}, "the unit of the acceleration is not given; give one of 'g'"),
         ("a_g\n1\n2\n", {"dt": 0.1}, "the unit of the acceleration is not given"),
-        ("# unit, m/s2\n1\n2\n", {"unit": "g"}, "two units .*'g' and 'm/s2'"),
+        ("# unit, m/s2\n# unit, g\n1\n2\n", {"dt": 0.1}, "two units .*'m/s2' and 'g'"),
         ("# unit, ft\n1\n2\n", {"dt": 0.1}, "got 'ft'"),
         ("# dt_s, soon\n1\n2\n", {"unit": "g"}, "line 1: dt_s must be a finite number"),
         ("# dt_s, 0.1\n1\n2\n", {"unit": "g", "dt": 0.2}, "two values of dt .*0.2 and 0.1"),
