@@ -7,11 +7,17 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf, erfcinv, erfinv, log_ndtr, ndtr, ndtri, ndtri_exp
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.priors.prior import Prior, require_finite, require_ordered, require_positive
+from bayes_ssi.priors.prior import (
+    Prior,
+    log_standard_normal_density,
+    require_finite,
+    require_ordered,
+    require_positive,
+)
 
 
 @dataclass(frozen=True)
@@ -38,6 +44,9 @@ class Normal(Prior):
 
     def to_normal(self, value: ArrayLike) -> FloatArray:
         return (np.asarray(value, dtype=float) - self.mean) / self.sd
+
+    def log_density(self, value: ArrayLike) -> FloatArray:
+        return log_standard_normal_density(self.to_normal(value)) - math.log(self.sd)
 
 
 @dataclass(frozen=True)
@@ -79,6 +88,12 @@ class LogNormal(Prior):
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.log(np.asarray(value, dtype=float) / self.median) / self.log_sd
 
+    def log_density(self, value: ArrayLike) -> FloatArray:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            log_value = np.log(np.asarray(value, dtype=float))
+            normal = log_standard_normal_density((log_value - math.log(self.median)) / self.log_sd)
+            return _inside(log_value > -np.inf, normal - math.log(self.log_sd) - log_value)
+
 
 @dataclass(frozen=True)
 class Uniform(Prior):
@@ -111,6 +126,11 @@ class Uniform(Prior):
         below, above = (value - self.lower) / width, (self.upper - value) / width
         return np.where(below < above, ndtri(below), -ndtri(above))
 
+    def log_density(self, value: ArrayLike) -> FloatArray:
+        value = np.asarray(value, dtype=float)
+        inside = (self.lower <= value) & (value <= self.upper)
+        return _inside(inside, -math.log(self.upper - self.lower))
+
 
 @dataclass(frozen=True)
 class LogUniform(Prior):
@@ -142,6 +162,12 @@ class LogUniform(Prior):
     def to_normal(self, value: ArrayLike) -> FloatArray:
         with np.errstate(divide="ignore", invalid="ignore"):
             return self._exponent.to_normal(np.log(np.asarray(value, dtype=float)))
+
+    def log_density(self, value: ArrayLike) -> FloatArray:
+        value = np.asarray(value, dtype=float)
+        inside = (self.lower <= value) & (value <= self.upper)
+        log_value = np.log(np.where(inside, value, self.lower))
+        return _inside(inside, -log_value - math.log(math.log(self.upper / self.lower)))
 
 
 @dataclass(frozen=True)
@@ -209,6 +235,12 @@ class TruncatedNormal(Prior):
         log_above = _log_difference(log_ndtr(b), log_ndtr(x)) - self._log_mass
         return sign * np.where(log_below < log_above, ndtri_exp(log_below), -ndtri_exp(log_above))
 
+    def log_density(self, value: ArrayLike) -> FloatArray:
+        value = np.asarray(value, dtype=float)
+        normal = log_standard_normal_density((value - self.mean) / self.sd)
+        inside = (self.lower <= value) & (value <= self.upper)
+        return _inside(inside, normal - math.log(self.sd) - self._log_mass)
+
 
 @dataclass(frozen=True)
 class HalfNormal(Prior):
@@ -238,6 +270,16 @@ class HalfNormal(Prior):
             log_above = log_ndtr(-x) + math.log(2.0)
             log_below = np.log(erf(x / math.sqrt(2.0)))
         return np.where(log_below < log_above, ndtri_exp(log_below), -ndtri_exp(log_above))
+
+    def log_density(self, value: ArrayLike) -> FloatArray:
+        value = np.asarray(value, dtype=float)
+        normal = log_standard_normal_density(value / self.scale)
+        return _inside(value >= 0.0, normal - math.log(0.5 * self.scale))
+
+
+def _inside(inside: NDArray[np.bool_], log_density: ArrayLike) -> FloatArray:
+    """The log density inside the support, -inf elsewhere."""
+    return np.where(inside, log_density, -np.inf)
 
 
 def _log_difference(log_a: ArrayLike, log_b: ArrayLike) -> FloatArray:

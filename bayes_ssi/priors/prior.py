@@ -16,8 +16,8 @@ from bayes_ssi.arrays import FloatArray
 class Prior(ABC):
     """A proper distribution of one parameter.
 
-    Subclasses give the map from a standard-normal coordinate to a value and its inverse; all else
-    follows from these.
+    Subclasses give the map from a standard-normal coordinate to a value, its inverse and the
+    density; all else follows from these.
     """
 
     # Where a stored record names the family.
@@ -30,6 +30,16 @@ class Prior(ABC):
     @abstractmethod
     def to_normal(self, value: ArrayLike) -> FloatArray:
         """Standard-normal coordinates of ``value`` (any shape); the inverse of ``from_normal``."""
+
+    @abstractmethod
+    def log_density(self, value: ArrayLike) -> FloatArray:
+        """Log density at ``value`` (any shape), per unit of the parameter; -inf outside it."""
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """The lower and the upper bound of the values, which may be infinite."""
+        low, high = self.from_normal(np.array([-np.inf, np.inf])).tolist()
+        return low, high
 
     def widened(self, factor: float) -> Prior:
         """This prior, ``factor`` times as wide in standard-normal coordinates.
@@ -82,6 +92,23 @@ class Widened(Prior):
 
     def to_normal(self, value: ArrayLike) -> FloatArray:
         return self.prior.to_normal(value) / self.factor
+
+    def log_density(self, value: ArrayLike) -> FloatArray:
+        z = self.prior.to_normal(value)
+        # With φ the standard normal density, the prior's is φ(z) dz/dx, and this one's
+        # φ(z/factor) / factor · dz/dx. Outside the support both are zero.
+        with np.errstate(invalid="ignore"):
+            ratio = 0.5 * (z * z - (z / self.factor) ** 2) - math.log(self.factor)
+        inside = self.prior.log_density(value)
+        return np.where(
+            np.isneginf(inside), -np.inf, inside + np.where(np.isnan(ratio), 0.0, ratio)
+        )
+
+
+def log_standard_normal_density(z: ArrayLike) -> FloatArray:
+    """log φ(z) of one standard normal coordinate, elementwise."""
+    z = np.asarray(z, dtype=float)
+    return -0.5 * (z * z + math.log(2.0 * math.pi))
 
 
 def require_finite(prior: Prior, **numbers: float) -> None:

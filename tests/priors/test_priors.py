@@ -16,6 +16,7 @@ from bayes_ssi.priors.families import (
     Uniform,
 )
 from bayes_ssi.priors.prior import Prior, Widened
+from bayes_ssi.priors.prior_text import prior_from_text
 
 LOG_SD_03 = math.sqrt(math.log(1.09))
 
@@ -203,3 +204,66 @@ def test_every_family_is_tested_and_its_record_gives_it_again():
     assert {type(prior) for prior in priors} == set(Prior.__subclasses__())
     for prior in priors:
         assert from_record(Prior, to_record(prior)) == prior
+
+
+def test_log_densities_are_those_of_scipy(case):
+    prior, scipy_prior, (low, high) = case
+    values = np.linspace(low - 1.0, high + 1.0, 41)
+    with np.errstate(divide="ignore"):
+        expected = scipy_prior.logpdf(values)
+    np.testing.assert_allclose(prior.log_density(values), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_supports(case):
+    prior, scipy_prior, _ = case
+    np.testing.assert_allclose(prior.support, scipy_prior.support(), atol=1e-12)
+    np.testing.assert_allclose(prior.widened(2.0).support, scipy_prior.support(), atol=1e-12)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.7])
+def test_the_density_of_a_widened_prior_is_the_slope_of_its_distribution_function(case, factor):
+    prior = case[0].widened(factor)
+    middle = np.array([prior.quantile(p) for p in (0.1, 0.4, 0.8)])
+    step = 1e-5 * (prior.quantile(0.6) - prior.quantile(0.4))
+    above, below = stats.norm.cdf(prior.to_normal([middle + step, middle - step]))
+    slope = (above - below) / (2.0 * step)
+    np.testing.assert_allclose(np.exp(prior.log_density(middle)), slope, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "prior"),
+    [
+        ("LogNormal(1, 0.5)", LogNormal(1.0, 0.5)),
+        (" Normal(mean=-2, sd=1e-3) ", Normal(-2.0, 1e-3)),
+        ("TruncatedNormal(1, 0.5, upper=inf, lower=0.2)", TruncatedNormal(1.0, 0.5, 0.2, math.inf)),
+    ],
+)
+def test_priors_from_text(text, prior):
+    assert prior_from_text(text) == prior
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "Gamma(1, 2)",
+        "LogNormal",
+        "LogNormal(1)",
+        "LogNormal(1, cov=0.3, cov2=1)",
+        "LogNormal('1', 0.5)",
+        "LogNormal(1, 0.5); 1",
+        "LogNormal(True, 0.5)",
+        "LogNormal(2**3, 0.5)",
+        "LogNormal(*x)",
+        "LogNormal(**x)",
+        "__import__('os').abort()",
+    ],
+)
+def test_text_that_names_no_prior_is_refused(text):
+    with pytest.raises(ValueError, match=r"such as 'LogNormal\(1, 0.5\)'; choose from Normal, Log"):
+        prior_from_text(text)
+
+
+def test_numbers_of_a_prior_from_text_are_checked():
+    with pytest.raises(ValueError, match=r"LogNormal: cov must be positive, got -0\.5"):
+        prior_from_text("LogNormal(1, -0.5)")
