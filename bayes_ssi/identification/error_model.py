@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from bayes_ssi.parameters import Parameter, Value, as_product, positive_product
 from bayes_ssi.priors.families import LogNormal
@@ -40,6 +40,12 @@ class ErrorModel:
     def __post_init__(self) -> None:
         for name in ("frequency_cov", "shape_sd"):
             positive_product(getattr(self, name), f"ErrorModel: {name}")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The inferred parameters of the errors' sizes."""
+        products = (as_product(getattr(self, each.name)) for each in fields(self))
+        return tuple(parameter for product in products for parameter in product.parameters)
 
     @property
     def shape_weight(self) -> float:

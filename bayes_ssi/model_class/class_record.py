@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from bayes_ssi.identification.error_model import ErrorModel
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.description import described, in_words
 from bayes_ssi.model_class.model_class import ModelClass
@@ -29,6 +30,7 @@ class ConfigurationRecord:
         name: name of the configuration; empty where there is only one.
         structure: name of the structure's class.
         definition: ``repr`` of the structure.
+        parameters: names of the structure's parameters.
         structure_lines: heading and text, line by line.
         degrees_of_freedom: degrees of freedom of the structure.
         pairing: label of an identified mode → number of the model mode; None where it is inferred.
@@ -40,6 +42,7 @@ class ConfigurationRecord:
     name: str
     structure: str
     definition: str
+    parameters: tuple[str, ...]
     structure_lines: tuple[tuple[str, str], ...]
     degrees_of_freedom: tuple[str, ...]
     pairing: Mapping[str, int] | None
@@ -50,12 +53,12 @@ class ConfigurationRecord:
 
 @dataclass(frozen=True)
 class ClassRecord:
-    """A model class; ``error`` is the ``repr`` of its error model, ``error_sizes`` describes it."""
+    """A model class; ``error_sizes`` describes its error model in words."""
 
     name: str
     description: str
     configurations: tuple[ConfigurationRecord, ...]
-    error: str
+    error: ErrorModel
     error_sizes: Mapping[str, str]
     parameters: tuple[ParameterRecord, ...]
     detection_probability: float
@@ -69,7 +72,7 @@ def class_record(model_class: ModelClass) -> ClassRecord:
         name=model_class.name,
         description=model_class.description,
         configurations=tuple(map(_configuration, model_class.configurations)),
-        error=repr(model_class.error),
+        error=model_class.error,
         error_sizes={
             "frequency_cov": in_words(model_class.error.frequency_cov),
             "shape_sd": in_words(model_class.error.shape_sd),
@@ -96,6 +99,7 @@ def _configuration(configuration: Configuration) -> ConfigurationRecord:
         name=configuration.name,
         structure=type(structure).__name__,
         definition=repr(structure),
+        parameters=tuple(parameter.name for parameter in structure.parameters),
         structure_lines=tuple(described(structure)),
         degrees_of_freedom=tuple(structure.degrees_of_freedom),
         pairing=given,

@@ -101,6 +101,16 @@ class Configuration:
             )
 
 
+def modes_with_shape(
+    data: ModalData, pairing: Mapping[str, int] | Literal["any"], n_modes: int
+) -> list[int]:
+    """The model modes, counted from 0, whose shapes the likelihood compares with the data's."""
+    scored = [mode.label for mode in data.modes if mode.scored_shape is not None]
+    if pairing == "any":
+        return list(range(n_modes)) if scored else []
+    return sorted(pairing[label] - 1 for label in scored if label in pairing)
+
+
 def joint_digest(tests: Mapping[str, ModalData]) -> str:
     """Digest of the data of all configurations, by name, whose density an evidence is."""
     if list(tests) == [""]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.model_class.configuration import label_in, modes_with_shape
 from bayes_ssi.model_class.model_class import ModelClass
 
 
@@ -26,12 +26,15 @@ class AtDraws(NamedTuple):
         frequency_sds_hz: (B, n_identified), standard deviation of each identified frequency about
             the model's.
         shape_distances: (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
+        sensor_shapes: (B, n_components), shapes at the sensors of the modes that the likelihood
+            compares: sensor by sensor, and mode by mode.
     """
 
     frequencies_hz: FloatArray
     log_likelihoods: FloatArray
     frequency_sds_hz: FloatArray
     shape_distances: FloatArray
+    sensor_shapes: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +60,18 @@ class DatumTerms:
 def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
     """The model at ``values`` (B, n_parameters), its modes computed once."""
     parts = []
-    for _, likelihood, columns in model_class.parts(values):
-        modes = likelihood.compared_modes(columns)
+    for test, likelihood, columns in model_class.parts(values):
+        modes = likelihood.modes(columns)
+        compared = likelihood.compared_modes(columns, modes)
+        compared_shapes = modes_with_shape(test.data, test.pairing, test.structure.n_modes)
+        shapes = likelihood.shapes_at_sensors(modes)[:, :, compared_shapes]
         parts.append(
             AtDraws(
                 modes.frequencies_hz,
-                likelihood.log_likelihoods(columns, modes),
+                likelihood.log_likelihoods(columns, compared),
                 likelihood.frequency_sds_hz(columns),
-                modes.shape_distances,
+                compared.shape_distances,
+                shapes.reshape(len(values), -1),
             )
         )
     return AtDraws(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))

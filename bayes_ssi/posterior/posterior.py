@@ -119,6 +119,9 @@ class Posterior:
         configurations: the model's modes and their pairing, configuration by configuration.
         relative_spreads: (n_parameters,), posterior over prior standard deviation, both in
             standard-normal coordinates: 1 where the data say nothing.
+        sensor_shapes: (m, n_components), shapes at the sensors at
+            :func:`~bayes_ssi.posterior.known_modes.draws_with_shapes`, as in
+            :class:`~bayes_ssi.posterior.datum_terms.AtDraws`; None where they are not known.
         datum_terms: log-likelihoods and predictions datum by datum, for other packages; not read
             back from a stored result, whose files of draws hold them.
         remarks: further remarks on how it was computed, a sentence each.
@@ -144,6 +147,7 @@ class Posterior:
     data_digest: str
     configurations: tuple[ConfigurationModes, ...]
     relative_spreads: FloatArray
+    sensor_shapes: FloatArray | None = None
     datum_terms: DatumTerms | None = None
     remarks: tuple[str, ...] = ()
 

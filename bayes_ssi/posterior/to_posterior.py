@@ -16,6 +16,7 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.checks import failed_checks, failed_edge_checks
 from bayes_ssi.posterior.configuration_modes import configuration_modes
 from bayes_ssi.posterior.datum_terms import AtDraws, at_draws, datum_terms
+from bayes_ssi.posterior.known_modes import draws_with_shapes
 from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.sampling.diagnostics import r_hat
 from bayes_ssi.sampling.engine import sample_target
@@ -87,6 +88,7 @@ def sample_as_it_is(
         data_digest=model_class.data_digest,
         configurations=configurations,
         relative_spreads=z.reshape(-1, n).std(axis=0),
+        sensor_shapes=at_values.sensor_shapes[draws_with_shapes(len(at_values.sensor_shapes))],
         datum_terms=datum_terms(
             model_class, at_values, [each.pairing for each in configurations], z.shape[:2], rng
         ),

@@ -14,16 +14,19 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.datum_terms import DatumTerms
+from bayes_ssi.posterior.known_modes import draws_with_shapes
 from bayes_ssi.posterior.posterior import Posterior
 
 FREQUENCY, MODE = "frequency_hz", "model_mode"
 LOG_LIKELIHOOD, DATUM = "modes", "datum"
 IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"
+SHAPES, WITH_SHAPES = "sensor_shapes", "draw_of_all_chains"
 PRIOR_DRAWS = 1000
 # Names of dimensions and coordinates; no parameter's variable can have one of them.
 RESERVED = ("chain", "draw", FREQUENCY, MODE, DATUM, IDENTIFIED, IDENTIFIED_MODE)
@@ -36,7 +39,8 @@ def save_draws(path: Path, posterior: Posterior, model_class: ModelClass) -> Non
     log-likelihood (``log_likelihood_total``), ``log_likelihood`` the same datum by datum
     (``modes``), ``posterior_predictive`` the model's frequencies (``frequency_hz``) and the
     identified ones as the class predicts them (``identified_hz``), which ``observed_data`` holds
-    as they were identified.
+    as they were identified. A group of this package's own, ``sensor_shapes``, holds mode shapes at
+    the sensors at some of the draws.
     """
     names = variable_names(posterior.parameter_names)
     z = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, len(model_class.parameters)))
@@ -66,6 +70,17 @@ def save_draws(path: Path, posterior: Posterior, model_class: ModelClass) -> Non
         else:
             data_tree = arviz.from_dict(groups, dims=dims, coords=coords)
         data_tree.to_netcdf(str(path), engine="h5netcdf")
+    if posterior.sensor_shapes is not None:
+        _add_shapes(path, posterior.sensor_shapes, draws_with_shapes(len(posterior.values)))
+
+
+def _add_shapes(path: Path, shapes: FloatArray, draws: NDArray[np.intp]) -> None:
+    """Add shapes (m, n_components), and the draws that they belong to, as a group of their own."""
+    import xarray
+
+    variables = {SHAPES: ((WITH_SHAPES, SHAPES + "_component"), shapes)}
+    group = xarray.Dataset(variables, {WITH_SHAPES: draws})
+    group.to_netcdf(path, mode="a", group=SHAPES, engine="h5netcdf")
 
 
 def _mode_labels(posterior: Posterior) -> list[int] | list[str]:
@@ -111,6 +126,7 @@ def load_draws(path: Path, posterior: Posterior) -> Posterior:
                 draws=np.stack([file["posterior"][name][...] for name in names], axis=-1),
                 log_likelihoods=file["sample_stats"]["log_likelihood_total"][...],
                 frequencies_hz=file["posterior_predictive"][FREQUENCY][...],
+                sensor_shapes=file[SHAPES][SHAPES][...] if SHAPES in file else None,
             )
     except PermissionError:
         raise ValueError(f"{path}: cannot be read: permission denied") from None

@@ -31,7 +31,13 @@ from bayes_ssi.results.result_record import FORMAT, ResultRecord
 # The file that every result directory holds.
 MARKER = "result.json"
 SEARCH, SENSITIVITY = "search.json", "sensitivity.json"
-IN_THE_FILE_OF_DRAWS = ("draws", "log_likelihoods", "frequencies_hz", "datum_terms")
+IN_THE_FILE_OF_DRAWS = (
+    "draws",
+    "log_likelihoods",
+    "frequencies_hz",
+    "sensor_shapes",
+    "datum_terms",
+)
 
 T = TypeVar("T")
 

@@ -8,8 +8,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+import bayes_ssi as bs
 from bayes_ssi.file_names import file_names
+from bayes_ssi.posterior.known_modes import draws_with_shapes
 from bayes_ssi.results.load import load_result
+from bayes_ssi.results.recorded_classes import recorded_class
 from bayes_ssi.results.save import save_result
 
 
@@ -198,7 +201,7 @@ EVIDENCE = ("posteriors", 0, "evidence")
         (RESULT, cut, "result.json: damaged: "),
         (RESULT, lambda path: path.write_bytes(b"\xff\xfe\0"), "result.json: damaged: "),
         (RESULT, lambda path: path.write_text("[1, 2]"), "result.json: damaged: not a record"),
-        (RESULT, edited("format", value=99), "a result of format 99, this version reads format 7"),
+        (RESULT, edited("format", value=99), "a result of format 99, this version reads format 8"),
         (RESULT, edited("posteriors"), "result.json: posteriors: missing"),
         (RESULT, edited("posteriors", value=["one k"]), "posteriors[0]: expected a record, got"),
         (RESULT, edited("posteriors", value=[]), "not of the same model classes"),
@@ -224,3 +227,24 @@ def test_a_damaged_directory_is_refused_in_one_line(saved, file, damage, message
         load_result(saved.directory)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_recorded_classes_have_the_likelihoods_of_the_study(tmp_path, tiny_ranking):
+    """Also with inferred errors, products, and priors that a class replaces."""
+    tiny = tiny_ranking.study.model_classes[0]
+    ratio = bs.Parameter("ratio", bs.LogNormal(1.0, 0.5))
+    own = bs.ModelClass(
+        "own", tiny.structure, tiny.data, bs.ErrorModel(shape_sd=0.05 * ratio), pairing="any",
+        identification=bs.IdentificationModel(0.9, 0.3), priors={"k": bs.Normal(1.0, 0.1)},
+    )  # fmt: skip
+    coarse = bs.SamplingSettings(log_evidence_error=0.2, particles=64, searches=1, max_steps=100)
+    ranking = bs.rank(bs.Study("s", [tiny, own]), settings=coarse)
+    stored = save_result(ranking, tmp_path / "r")
+    for model_class, posterior in zip(ranking.study.model_classes, ranking.posteriors, strict=True):
+        recorded = recorded_class(stored, model_class.name)
+        assert recorded.parameters == model_class.parameters
+        assert recorded.error == model_class.error
+        values = posterior.values[draws_with_shapes(len(posterior.values))]
+        np.testing.assert_array_equal(
+            recorded.log_likelihood(values), model_class.log_likelihood(values)
+        )
