@@ -1,19 +1,22 @@
 """Output of commands: errors in one line, tables, lines, and progress.
 
-With ``--quiet`` only errors are printed; with ``--json`` one JSON record replaces tables and
-lines, and progress still goes to standard error.
+With ``--quiet`` only errors are printed; with ``--json`` standard output is one JSON record, in
+place of tables and lines, or an object with the key ``error``. Progress, errors, and what a study
+prints go to standard error.
 """
 
 from __future__ import annotations
 
-import json
+import functools
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
+
+from bayes_ssi.commands.record_output import json_text, standard_output_on_standard_error
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,6 +26,7 @@ INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 WIDTH = 80
 META = "bayes_ssi"
 COMMAND_LINE, QUIET, JSON = f"{META}.command_line", f"{META}.quiet", f"{META}.json"
+RECORD = f"{META}.record"
 # Share of a class's time at which each step of the sampling begins and ends.
 STEPS = {
     "searches": (0.0, 0.1),
@@ -43,16 +47,27 @@ class OneLineErrors(click.Group):
         with _one_line_errors():
             return super().invoke(ctx)
 
-    def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        *others: Any,
+        standalone_mode: bool = True,
+        **named: Any,
+    ) -> Any:
+        run: Callable[[], Any] = functools.partial(
+            super().main, args, *others, standalone_mode=False, **named
+        )
         if not standalone_mode:
-            return super().main(*args, standalone_mode=False, **extra)  # type: ignore[call-overload]
+            return run()
         try:
-            code = super().main(*args, standalone_mode=False, **extra)  # type: ignore[call-overload]
+            code = run()
         except click.exceptions.NoArgsIsHelpError as error:
             click.echo(error.format_message(), err=True)
             sys.exit(BAD_INPUT)
         except click.ClickException as error:
-            _fail(error.format_message())
+            # Options may not have been parsed.
+            as_json = "--json" in (sys.argv[1:] if args is None else args)
+            _fail(error.format_message(), as_json)
         except click.Abort:
             click.echo("Interrupted.", err=True)
             sys.exit(INTERRUPTED)
@@ -61,7 +76,7 @@ class OneLineErrors(click.Group):
 
 @contextmanager
 def _one_line_errors() -> Iterator[None]:
-    """Report bad input in one line on standard error, and exit with its own code."""
+    """Turn errors of bad input into those that click reports."""
     try:
         yield
     except (ValueError, TypeError, OSError) as error:
@@ -70,11 +85,15 @@ def _one_line_errors() -> Iterator[None]:
         text = str(error)
         if isinstance(error, OSError) and error.filename is not None:
             text = f"{error.filename}: {error.strerror}"
-        _fail(text)
+        raise click.ClickException(text) from error
 
 
-def _fail(text: str) -> NoReturn:
-    click.echo(f"Error: {' '.join(text.split())}", err=True)
+def _fail(text: str, as_json: bool) -> NoReturn:
+    """Report an error in one line on standard error, and as a record if one is wanted; exit."""
+    line = " ".join(text.split())
+    click.echo(f"Error: {line}", err=True)
+    if as_json:
+        click.echo(json_text({"error": line}))
     sys.exit(BAD_INPUT)
 
 
@@ -103,24 +122,38 @@ QUIET_OPTION = click.Option(
     is_flag=True,
     expose_value=False,
     callback=_keep,
-    help="Print nothing but errors; the exit code says the rest.",
+    help="Print nothing but errors, and the record of --json; the exit code says the rest.",
 )
-# For a command that calls print_record.
-json_option = click.option(
-    "--json",
-    is_flag=True,
-    expose_value=False,
-    callback=_keep,
-    help="Print one JSON record instead of tables.",
-)
+
+
+def json_option(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the option ``--json`` to a command that calls :func:`print_record`."""
+
+    @functools.wraps(command)
+    def wrapped(**options: Any) -> None:
+        if not _meta().get(JSON, False):
+            command(**options)
+            return
+        try:
+            with standard_output_on_standard_error():
+                command(**options)
+        finally:
+            if RECORD in _meta():
+                click.echo(_meta()[RECORD])
+
+    return click.option(
+        "--json",
+        is_flag=True,
+        expose_value=False,
+        callback=_keep,
+        help="Print one JSON record instead of tables.",
+    )(wrapped)
 
 
 def print_record(record: Callable[[], Mapping[str, Any]]) -> None:
-    """Print a JSON record, computed only if requested; infinities and NaN are text."""
-    if _meta().get(JSON, False) and not is_quiet():
-        from bayes_ssi.codec import to_record
-
-        click.echo(json.dumps(to_record(record()), indent=2, allow_nan=False))
+    """Print a JSON record at the end of the command, if one is wanted."""
+    if _meta().get(JSON, False):
+        _meta()[RECORD] = json_text(record())
 
 
 def console() -> Console:

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import assert_one_line_error
 
 from bayes_ssi.results.load import load_result
 
@@ -54,6 +55,60 @@ def test_fits_and_data_as_json(run, tiny_study_file, tmp_path):
     printed = json.loads(run("check", path, "--json").stdout)
     assert printed["modes"][0]["frequency_hz"] == 0.618
     assert printed["remarks"] == ["mode '1': no shape; only its frequency is used"]
+
+
+PRINTING = """
+import os
+import numpy as np
+import bayes_ssi as bs
+
+print("a study that prints")
+os.system("echo and starts programs that do")
+
+def modes(k):
+    print("model at", k)
+    os.write(1, b"from below Python")
+    return np.array([k]), np.ones((1, 1))
+
+k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+structure = bs.FunctionStructure(modes, {"k": k}, n_modes=1, sensors=("roof",))
+data = bs.ModalData((bs.IdentifiedMode("1", 1.1, [1.0]),), (0.0, 3.0), ("roof",))
+study = bs.Study("prints", [bs.ModelClass("a", structure, data, pairing={"1": 1})])
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [("calibrate", ["--starts", "2"]), ("rank", ["--workers", "2", "--quiet", "--economical"])],
+)
+def test_standard_output_is_the_records_alone(tmp_path, command, options):
+    study = tmp_path / "prints.py"
+    study.write_text(PRINTING, encoding="utf-8")
+    done = subprocess.run([*COMMAND, command, str(study), "--json", *options], cwd=tmp_path,
+                          capture_output=True, text=True, check=False)  # fmt: skip
+    assert done.returncode in (0, 3), done.stderr
+    assert json.loads(done.stdout).keys() & {"study", "calibrations"}
+    for words in ("a study that prints", "programs that do", "model at", "from below Python"):
+        assert words in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (("rank", "none.py"), "none.py: no such file"),
+        (("search", "none.py"), "none.py: no such file"),
+        (("calibrate", "none.py"), "none.py: no such file"),
+        (("check", "none.csv"), "none.csv"),
+        (("predict", "none"), "none: not a result directory"),
+        (("report", "none"), "none: not a result directory"),
+        (("rank", "none.py", "--seed", "x"), "'x' is not a valid integer"),
+        (("rank", "--seeds", "1"), "No such option"),
+    ],
+)
+def test_an_error_is_a_record_too(run, command, words):
+    result = run(*command, "--json")
+    assert_one_line_error(result, words)
+    assert words in json.loads(result.stdout)["error"]
 
 
 def test_the_command_is_on_record(run, tiny_study_file, tmp_path):
