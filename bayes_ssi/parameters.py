@@ -140,6 +140,33 @@ def positive_product(value: Value, field: str) -> Product:
     return product
 
 
+def fraction_product(value: Value, field: str) -> Product:
+    """Like :func:`as_product`, for a field that must be at least 0 and below 1.
+
+    Raises:
+        ValueError: the number is not in [0, 1), or the priors do not keep the product there.
+    """
+    product = as_product(value, field)
+    if not product.parameters:
+        if not 0.0 <= product.scale < 1.0:
+            raise ValueError(f"{field} must be at least 0 and below 1, got {product.scale!r}")
+        return product
+    # The bounds of a prior, beyond any coordinate that could be sampled.
+    bounds = [
+        [float(end) ** power for end in parameter.prior.from_normal(np.array([-40.0, 40.0]))]
+        for parameter, power in product.powers
+        if parameter.prior.probability_below(0.0) == 0.0
+    ]
+    highest = product.scale * math.prod(max(ends) for ends in bounds)
+    if len(bounds) < len(product.powers) or not 0.0 < highest <= 1.0:
+        priors = ", ".join(f"{p.name!r} with prior {p.prior}" for p in product.parameters)
+        raise ValueError(
+            f"{field} must be at least 0 and below 1, which {priors} can leave; choose "
+            "Uniform(0, 1) or another prior within these bounds"
+        )
+    return product
+
+
 def collect_parameters(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
     """Each parameter once, in the order of first appearance.
 

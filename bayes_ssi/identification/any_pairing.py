@@ -27,7 +27,19 @@ class AnyPairing(ModalLikelihood):
 
     Its ``pairing`` is empty: the weights of all pairings are relative to the one in which every
     identified mode is spurious and every model mode missed.
+
+    Raises:
+        ValueError: also where prediction errors are correlated.
     """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.error.is_correlated:
+            raise ValueError(
+                "pairing 'any' needs independent prediction errors, because the sum over pairings "
+                "is one over products; give the pairing, or leave between_tests and "
+                "between_modes at 0"
+            )
 
     @cached_property
     def pairs(self) -> PairedModes:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 
-from bayes_ssi.parameters import Parameter, Value, as_product, positive_product
+from bayes_ssi.parameters import (
+    Parameter,
+    Product,
+    Value,
+    as_product,
+    fraction_product,
+    positive_product,
+)
 from bayes_ssi.priors.families import LogNormal
 
 
@@ -17,29 +24,53 @@ def _default_shape_sd() -> Parameter:
     return Parameter("shape_sd", LogNormal(median=0.05, cov=1.0))
 
 
+def is_zero(product: Product) -> bool:
+    """Whether a correlation is fixed at zero, so that errors are independent."""
+    return product.scale == 0.0
+
+
 @dataclass(frozen=True)
 class ErrorModel:
-    """Prediction errors of a model, common to all modes.
+    """Prediction errors of a model, of one size for all modes.
 
     They are added in quadrature to each mode's own identification errors, where the data give
-    them. By default both are inferred.
+    them. By default both sizes are inferred, and errors are independent. Errors that one model
+    repeats are correlated, as :mod:`~bayes_ssi.identification.correlated_errors` defines.
 
     Attributes:
         frequency_cov: standard deviation of the frequency error as a fraction of the frequency
             (half the coefficient of variation of f²).
         shape_sd: standard deviation of each component of the shape at unit length.
+        between_tests: correlation of the errors of one mode in different tests, of its frequency
+            and of its shape. A mode has the same label in all tests.
+        between_modes: correlation of the frequency errors of successive modes of the model;
+            its power ``|i - j|`` between modes i and j.
 
     Raises:
-        ValueError: a value can be zero or negative.
+        ValueError: a size can be zero or negative, or a correlation can be outside [0, 1).
         TypeError: a value is neither a number nor a Parameter.
     """
 
     frequency_cov: Value = field(default_factory=_default_frequency_cov)
     shape_sd: Value = field(default_factory=_default_shape_sd)
+    between_tests: Value = 0.0
+    between_modes: Value = 0.0
 
     def __post_init__(self) -> None:
         for name in ("frequency_cov", "shape_sd"):
             positive_product(getattr(self, name), f"ErrorModel: {name}")
+        for name in ("between_tests", "between_modes"):
+            fraction_product(getattr(self, name), f"ErrorModel: {name}")
+
+    @property
+    def correlations(self) -> tuple[Product, Product]:
+        """``between_tests`` and ``between_modes``."""
+        return as_product(self.between_tests), as_product(self.between_modes)
+
+    @property
+    def is_correlated(self) -> bool:
+        """Whether any correlation is not fixed at zero."""
+        return any(not is_zero(product) for product in self.correlations)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

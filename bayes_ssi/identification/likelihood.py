@@ -112,15 +112,18 @@ class ModalLikelihood:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The structure's parameters, then those of the errors that the paired data need."""
-        of_errors = (p for product in self._error_products for p in product.parameters)
+        products = (*self._error_products, *self.error.correlations)
+        of_errors = (p for product in products for p in product.parameters)
         return collect_parameters((*self.structure.parameters, *of_errors))
 
-    def log_density(self, values: FloatArray) -> FloatArray:
+    def log_density(self, values: FloatArray, modes: Modes | None = None) -> FloatArray:
         """The log-likelihood (B,) at ``values`` (B, n_parameters); NaN where there are no modes.
 
-        Columns are as in :attr:`parameters`.
+        Columns are as in :attr:`parameters`. Errors count as independent; where they are not,
+        :class:`~bayes_ssi.identification.correlated_errors.CorrelatedErrors` adds the rest.
+        ``modes`` are the modes at ``values``, where already known.
         """
-        return self.terms(values).total()
+        return self.terms(values, modes).total()
 
     def terms(self, values: FloatArray, modes: ComparedModes | None = None) -> ModalTerms:
         """The log-likelihood in parts; NaN where the structure has no modes.
@@ -200,9 +203,10 @@ class ModalLikelihood:
         """Smallest standard errors (B,) of a paired frequency and of a paired shape.
 
         They combine identification and prediction errors, and are infinite where no mode is
-        paired or no shape is scored.
+        paired or no shape is scored. Where errors are correlated, this is the error of the
+        difference between modes or tests that the data determine best.
         """
-        prediction_var = self._error_variances(values)
+        prediction_var = self._error_variances(values) * self._least_independent_share(values)
         frequency, shape = (
             np.sqrt(prediction_var[:, column] + own.min())
             if len(own)
@@ -210,6 +214,15 @@ class ModalLikelihood:
             for column, own in ((0, self.pairs.frequency_var), (-1, self.pairs.shape_var))
         )
         return frequency, shape
+
+    def _least_independent_share(self, values: FloatArray) -> FloatArray | float:
+        """A bound (B, 1) on the smallest eigenvalue of the correlation matrix of errors."""
+        if not self.error.is_correlated:
+            return 1.0
+        table = ProductTable(self.error.correlations, self.parameters)
+        tests, modes = table.evaluate(values).T
+        # 1 - ρ for one correlation for all, (1 - ρ)/(1 + ρ) for ρ^|i - j|.
+        return ((1.0 - tests) * (1.0 - modes) / (1.0 + modes))[:, None]
 
     def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         """Whether each model mode is unpaired and at the edge of the band, (B, n_modes).

@@ -70,6 +70,16 @@ class PairedModes:
         sign = np.where((shapes * self.unit_shapes).sum(1, keepdims=True) < 0, -1.0, 1.0)
         return shapes * (sign / np.where(length == 0.0, 1.0, length)) - self.unit_shapes
 
+    def shape_errors(self, shapes_at_sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Unit model shapes φ, and errors of the identified shapes, (B, s, S) each.
+
+        An error is at right angles to φ, towards φ_e, and r_φ long; φ has the sign of φ_e.
+        """
+        shapes = self.shape_differences(shapes_at_sensors) + self.unit_shapes
+        cosine = (shapes * self.unit_shapes).sum(1, keepdims=True)
+        # φ_e - φ cos t is sin t long, and r_φ is 2 sin(t/2).
+        return shapes, (self.unit_shapes - cosine * shapes) / np.sqrt(0.5 * (1.0 + cosine))
+
 
 def check_pairing(pairing: Mapping[str, int], data: ModalData, n_modes: int) -> None:
     """Refuse a pairing that is not one to one between modes that exist.

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.identification.correlated_errors import CorrelatedErrors
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
-from bayes_ssi.identification.likelihood import ModalLikelihood
+from bayes_ssi.identification.likelihood import ModalLikelihood, row_sums
 from bayes_ssi.model_class.configuration import Configuration, choose_configuration, joint_digest
 from bayes_ssi.parameters import Parameter, collect_parameters, values_at
 from bayes_ssi.priors.prior import Prior
@@ -27,8 +28,9 @@ Pairing = Mapping[str, int] | Literal["any"]
 class ModelClass:
     """One hypothesis about a structure: its model, its unknowns, and which mode is which.
 
-    The structure was tested once, or in several configurations: then the likelihood is the
-    product of the tests' likelihoods, and parameters with the same name are the same.
+    The structure was tested once, or in several configurations: then parameters with the same name
+    are the same, and the likelihood is the product of the tests' likelihoods, unless errors are
+    correlated between tests.
 
     Attributes:
         name: unique in a study.
@@ -76,8 +78,8 @@ class ModelClass:
 
         Raises:
             ValueError: two parameters or configurations share a name, nothing is inferred, a prior
-                belongs to no parameter, a sensor is not on the structure, or a pairing is not
-                valid. The message begins with the class's name.
+                belongs to no parameter, a sensor is not on the structure, a pairing is not valid,
+                or it does not suit correlated errors. The message begins with the class's name.
             TypeError: an argument is missing or has the wrong type.
         """
         if not isinstance(name, str) or not name.strip():
@@ -97,6 +99,7 @@ class ModelClass:
             if not self.parameters:
                 raise ValueError("nothing is inferred; put a Parameter in the structure's fields")
             self._check_priors()
+            _ = self.correlated_errors  # refuses labels that it cannot use
         except (TypeError, ValueError) as wrong:
             raise type(wrong)(f"model class {name!r}: {wrong}") from None
 
@@ -133,6 +136,11 @@ class ModelClass:
     def likelihoods(self) -> tuple[ModalLikelihood, ...]:
         """The likelihoods of the configurations' modes."""
         return tuple(c.likelihood(self.error, self.identification) for c in self.configurations)
+
+    @cached_property
+    def correlated_errors(self) -> CorrelatedErrors:
+        """Prediction errors of the paired modes of all configurations together."""
+        return CorrelatedErrors(self.error, self.likelihoods, self.parameters)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -210,9 +218,15 @@ class ModelClass:
 
     def _log_density(self, values: FloatArray) -> FloatArray:
         total = np.zeros(len(values))
+        if not self.error.is_correlated:
+            for _, likelihood, own in self.parts(values):
+                total += likelihood.log_density(own)
+            return total
+        of_tests = []
         for _, likelihood, own in self.parts(values):
-            total += likelihood.log_density(own)
-        return total
+            of_tests.append(likelihood.modes(own))
+            total += likelihood.log_density(own, of_tests[-1])
+        return total + row_sums(self.correlated_errors.log_ratios(values, of_tests))
 
     def frequencies_hz(self, values: FloatArray) -> FloatArray:
         """Model frequencies (B, n_modes) at ``values``, of all configurations in turn."""

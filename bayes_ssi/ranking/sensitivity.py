@@ -18,7 +18,6 @@ from functools import partial
 import numpy as np
 
 from bayes_ssi.execution.run import Run
-from bayes_ssi.identification.error_model import ErrorModel
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import as_product
 from bayes_ssi.posterior.posterior import Posterior
@@ -239,13 +238,12 @@ def _spurious(factor: float, candidate: ModelClass) -> ModelClass:
 
 def _errors(of_frequencies: float, of_shapes: float, candidate: ModelClass) -> ModelClass:
     """The class with error sizes times these factors, also where they are inferred."""
-    error = candidate.error
-    return replace(
-        candidate,
-        error=ErrorModel(
-            of_frequencies * as_product(error.frequency_cov), of_shapes * as_product(error.shape_sd)
-        ),
+    changed = replace(
+        candidate.error,
+        frequency_cov=of_frequencies * as_product(candidate.error.frequency_cov),
+        shape_sd=of_shapes * as_product(candidate.error.shape_sd),
     )
+    return replace(candidate, error=changed)
 
 
 def _priors(factor: float, candidate: ModelClass) -> ModelClass:
