@@ -151,14 +151,14 @@ def fraction_product(value: Value, field: str) -> Product:
         if not 0.0 <= product.scale < 1.0:
             raise ValueError(f"{field} must be at least 0 and below 1, got {product.scale!r}")
         return product
-    # The bounds of a prior, beyond any coordinate that could be sampled.
-    bounds = [
-        [float(end) ** power for end in parameter.prior.from_normal(np.array([-40.0, 40.0]))]
-        for parameter, power in product.powers
-        if parameter.prior.probability_below(0.0) == 0.0
-    ]
-    highest = product.scale * math.prod(max(ends) for ends in bounds)
-    if len(bounds) < len(product.powers) or not 0.0 < highest <= 1.0:
+    highest, positive = product.scale, True
+    for parameter, power in product.powers:
+        # Beyond any coordinate that could be sampled.
+        ends = parameter.prior.from_normal(np.array([-40.0, 40.0]))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            highest *= float((ends**power).max())
+        positive &= float(ends.min()) >= 0.0
+    if not (positive and 0.0 < highest <= 1.0):
         priors = ", ".join(f"{p.name!r} with prior {p.prior}" for p in product.parameters)
         raise ValueError(
             f"{field} must be at least 0 and below 1, which {priors} can leave; choose "

@@ -158,17 +158,22 @@ class CorrelatedErrors:
         sd, tests, modes = table.evaluate(values[:1] if fixed else values).T
         return ErrorSizes(sd * sd, tests, modes)
 
-    def draws(self, normals: FloatArray, values: FloatArray) -> FloatArray:
-        """Frequency residuals (B, N), made of independent standard-normal numbers (B, N)."""
-        sizes = self._sizes(self.error.frequency_cov, values)
-        drawn = np.sqrt(sizes.variance[:, None] + self._frequency_var) * normals
-        if self._frequencies is not None:
-            factors = np.linalg.cholesky(self._frequencies.covariance(sizes))
-            of_members = self._frequencies.of_members(normals[:, :, None])[..., 0]
-            joint = np.einsum("...ij,...j->...i", factors, of_members)
-            for g, group in enumerate(self.groups):
-                drawn[:, group] = joint[:, g, : len(group)]
-        return drawn
+    def correlated_normals(self, normals: FloatArray, values: FloatArray) -> FloatArray:
+        """Standard-normal numbers (B, N) with the correlation of all paired frequencies' residuals.
+
+        ``normals`` (B, N) are independent ones.
+        """
+        if self._frequencies is None:
+            return normals
+        covariance = self._frequencies.covariance(self._sizes(self.error.frequency_cov, values))
+        factors = np.linalg.cholesky(covariance)
+        factors /= np.sqrt(np.einsum("...ii->...i", covariance))[..., None]
+        of_members = self._frequencies.of_members(normals[:, :, None])[..., 0]
+        joint = np.einsum("...ij,...j->...i", factors, of_members)
+        correlated = normals.copy()
+        for g, group in enumerate(self.groups):
+            correlated[:, group] = joint[:, g, : len(group)]
+        return correlated
 
     def conditional(
         self, values: FloatArray, modes: Sequence[Modes], further: Sequence[ModeOfTest]

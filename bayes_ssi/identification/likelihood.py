@@ -116,7 +116,7 @@ class ModalLikelihood:
         of_errors = (p for product in products for p in product.parameters)
         return collect_parameters((*self.structure.parameters, *of_errors))
 
-    def log_density(self, values: FloatArray, modes: Modes | None = None) -> FloatArray:
+    def log_density(self, values: FloatArray, modes: ComparedModes | None = None) -> FloatArray:
         """The log-likelihood (B,) at ``values`` (B, n_parameters); NaN where there are no modes.
 
         Columns are as in :attr:`parameters`. Errors count as independent; where they are not,

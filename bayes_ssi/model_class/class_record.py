@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from bayes_ssi.identification.error_model import ErrorModel
 from bayes_ssi.model_class.configuration import Configuration
@@ -74,8 +74,8 @@ def class_record(model_class: ModelClass) -> ClassRecord:
         configurations=tuple(map(_configuration, model_class.configurations)),
         error=model_class.error,
         error_sizes={
-            "frequency_cov": in_words(model_class.error.frequency_cov),
-            "shape_sd": in_words(model_class.error.shape_sd),
+            each.name: in_words(getattr(model_class.error, each.name))
+            for each in fields(model_class.error)
         },
         parameters=tuple(
             ParameterRecord(

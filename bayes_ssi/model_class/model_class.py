@@ -224,8 +224,9 @@ class ModelClass:
             return total
         of_tests = []
         for _, likelihood, own in self.parts(values):
-            of_tests.append(likelihood.modes(own))
-            total += likelihood.log_density(own, of_tests[-1])
+            modes = likelihood.modes(own)
+            of_tests.append(modes)
+            total += likelihood.log_density(own, likelihood.compared_modes(own, modes))
         return total + row_sums(self.correlated_errors.log_ratios(values, of_tests))
 
     def frequencies_hz(self, values: FloatArray) -> FloatArray:

@@ -42,8 +42,8 @@ class DatumTerms:
     """A posterior datum by datum; labels of several configurations begin with their names.
 
     Attributes:
-        data: names of the data: each identified mode, and the absence of others; or all modes
-            of a test together, where their pairing was inferred.
+        data: names of the data: each identified mode, and the absence of others; or together the
+            modes whose errors are correlated, and all modes of a test whose pairing was inferred.
         log_likelihoods: (n_chains, n_steps, n_data); they add up to the log-likelihood.
         identified: labels of the identified modes.
         predicted_hz: (n_chains, n_steps, n_identified), identified frequencies drawn from the
@@ -59,12 +59,13 @@ class DatumTerms:
 
 def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
     """The model at ``values`` (B, n_parameters), its modes computed once."""
-    parts = []
+    parts, of_tests = [], []
     for test, likelihood, columns in model_class.parts(values):
         modes = likelihood.modes(columns)
         compared = likelihood.compared_modes(columns, modes)
         compared_shapes = modes_with_shape(test.data, test.pairing, test.structure.n_modes)
         shapes = likelihood.shapes_at_sensors(modes)[:, :, compared_shapes]
+        of_tests.append(modes)
         parts.append(
             AtDraws(
                 modes.frequencies_hz,
@@ -74,11 +75,36 @@ def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
                 shapes.reshape(len(values), -1),
             )
         )
-    return AtDraws(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))
+    model = AtDraws(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))
+    groups = _joint_columns(model_class)
+    if not groups:
+        return model
+    terms = model.log_likelihoods
+    ratios = model_class.correlated_errors.log_ratios(values, of_tests)
+    for group, ratio in zip(groups, ratios.T, strict=True):
+        terms[:, group[0]] = terms[:, group].sum(axis=1) + ratio
+    return model._replace(log_likelihoods=np.delete(terms, _joined_to_others(groups), axis=1))
+
+
+def _joint_columns(model_class: ModelClass) -> list[list[int]]:
+    """The columns of separate terms, all tests in turn, that correlated errors join."""
+    errors = model_class.correlated_errors
+    first = np.cumsum([0, *(len(own.datum_names) for own in model_class.likelihoods)])
+    columns = [
+        int(first[mode.test]) + model_class.likelihoods[mode.test].data.labels.index(mode.label)
+        for mode in errors.modes
+    ]
+    return [[columns[position] for position in group] for group in errors.groups]
+
+
+def _joined_to_others(groups: list[list[int]]) -> list[int]:
+    """The columns whose terms are part of the first column of their group."""
+    return [column for group in groups for column in group[1:]]
 
 
 def datum_terms(
     model_class: ModelClass,
+    values: FloatArray,
     model: AtDraws,
     pairings: Sequence[Mapping[str, int]],
     shape: tuple[int, int],
@@ -88,31 +114,53 @@ def datum_terms(
 
     Args:
         model_class: the class.
+        values: (n, n_parameters), all draws, chain after chain.
         model: the model at all draws, chain after chain.
         pairings: pairing of each configuration.
         shape: (n_chains, n_steps).
         rng: draws the errors of predicted frequencies.
     """
-    data: list[str] = []
     identified: list[str] = []
-    predicted: list[FloatArray] = []
+    centres, normals = [], []
     first = 0
-    for configuration, likelihood, pairing in zip(
-        model_class.configurations, model_class.likelihoods, pairings, strict=True
-    ):
-        data += [label_in(configuration.name, name) for name in likelihood.datum_names]
+    for configuration, pairing in zip(model_class.configurations, pairings, strict=True):
         for label in configuration.data.labels:
-            sds = model.frequency_sds_hz[:, len(identified)]
             identified.append(label_in(configuration.name, label))
             if label in pairing:
-                frequencies = model.frequencies_hz[:, first + pairing[label] - 1]
-                predicted.append(frequencies + sds * rng.standard_normal(len(sds)))
+                centres.append(model.frequencies_hz[:, first + pairing[label] - 1])
+                normals.append(rng.standard_normal(len(values)))
             else:
-                predicted.append(rng.uniform(*configuration.data.band_hz, len(sds)))
+                centres.append(rng.uniform(*configuration.data.band_hz, len(values)))
+                normals.append(np.zeros(len(values)))
         first += configuration.structure.n_modes
+    numbers = np.stack(normals, axis=-1)
+    errors = model_class.correlated_errors
+    if errors.groups:
+        columns = [
+            identified.index(label_in(model_class.configurations[mode.test].name, mode.label))
+            for mode in errors.modes
+        ]
+        numbers[:, columns] = errors.correlated_normals(numbers[:, columns], values)
+    predicted = np.stack(centres, axis=-1) + model.frequency_sds_hz * numbers
     return DatumTerms(
-        tuple(data),
+        tuple(_datum_names(model_class)),
         model.log_likelihoods.reshape(*shape, -1),
         tuple(identified),
-        np.stack(predicted, axis=-1).reshape(*shape, -1),
+        predicted.reshape(*shape, -1),
     )
+
+
+def _datum_names(model_class: ModelClass) -> list[str]:
+    """Names of the columns of log-likelihoods; a joint one has the names of all its data."""
+    names = [
+        label_in(configuration.name, name)
+        for configuration, likelihood in zip(
+            model_class.configurations, model_class.likelihoods, strict=True
+        )
+        for name in likelihood.datum_names
+    ]
+    groups = _joint_columns(model_class)
+    for group in groups:
+        names[group[0]] = " and ".join(names[column] for column in group)
+    others = _joined_to_others(groups)
+    return [name for column, name in enumerate(names) if column not in others]

@@ -90,7 +90,12 @@ def sample_as_it_is(
         relative_spreads=z.reshape(-1, n).std(axis=0),
         sensor_shapes=at_values.sensor_shapes[draws_with_shapes(len(at_values.sensor_shapes))],
         datum_terms=datum_terms(
-            model_class, at_values, [each.pairing for each in configurations], z.shape[:2], rng
+            model_class,
+            values.reshape(-1, n),
+            at_values,
+            [each.pairing for each in configurations],
+            z.shape[:2],
+            rng,
         ),
     )
 

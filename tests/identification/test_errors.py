@@ -6,7 +6,7 @@ import pytest
 
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.parameters import Parameter
-from bayes_ssi.priors.families import Normal
+from bayes_ssi.priors.families import LogNormal, Normal, Uniform
 
 
 def test_defaults():
@@ -29,6 +29,33 @@ def test_defaults():
 def test_impossible_error_sizes_are_refused(name, value, error, message):
     with pytest.raises(error, match=f"ErrorModel: {name} {message}"):
         ErrorModel(**{name: value})
+
+
+UNIFORM = Parameter("r", Uniform(0.0, 1.0))
+
+
+@pytest.mark.parametrize("name", ["between_tests", "between_modes"])
+@pytest.mark.parametrize(
+    ("value", "error", "message"),
+    [
+        (1.0, ValueError, "must be at least 0 and below 1, got 1.0"),
+        (-0.1, ValueError, "must be at least 0 and below 1, got -0.1"),
+        (math.nan, ValueError, "must be at least 0 and below 1, got nan"),
+        (Parameter("r", Uniform(-0.1, 0.5)), ValueError, "must be .*, which 'r' .* can leave"),
+        (Parameter("r", LogNormal(0.1, 0.3)), ValueError, "must be .*, which 'r' .* can leave"),
+        (2.0 * UNIFORM, ValueError, "must be .*, which 'r' .* can leave"),
+        (0.9 / UNIFORM, ValueError, "must be .*, which 'r' .* can leave"),
+        ("half", TypeError, "must be a number.* got 'half'"),
+    ],
+)
+def test_impossible_correlations_are_refused(name, value, error, message):
+    with pytest.raises(error, match=f"ErrorModel: {name} {message}"):
+        ErrorModel(**{name: value})
+
+
+@pytest.mark.parametrize("value", [0.0, 0.9, UNIFORM, 0.5 * UNIFORM, UNIFORM**2])
+def test_possible_correlations(value):
+    assert ErrorModel(between_tests=value).is_correlated == (value != 0.0)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ Batches are evaluated in parts by workers, and recalled from checkpoints: a last
 on the size of a part would make a run differ from its own repetition.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +111,20 @@ def test_rows_with_errors_of_their_own_and_spurious_modes(error):
     structure = building(4, *ELEMENTS.values())
     model_class = explained(structure, error, (5, 1, 4, 2), (1, 4), own_errors=True, spurious=(2,))
     assert_rows_are_independent(model_class)
+
+
+@pytest.mark.parametrize("between_modes", [0.0, 0.5], ids=["tests", "tests and modes"])
+@pytest.mark.parametrize("error", [FIXED, bs.ErrorModel()], ids=["fixed", "free"])
+def test_rows_with_correlated_errors(error, between_modes):
+    rho = 0.8 if error is FIXED else bs.Parameter("rho", bs.Uniform(0.0, 1.0))
+    error = replace(error, between_tests=rho, between_modes=between_modes)
+    tests = []
+    for name, numbers in (("a", (1, 2, 3)), ("b", (3, 1)), ("c", (2, 4, 1))):
+        structure = building(4)
+        data = as_identified(structure, numbers, numbers, own_errors=True)
+        pairing = {str(number): number for number in numbers}
+        tests.append(bs.Configuration(name, structure, data, pairing=pairing))
+    assert_rows_are_independent(bs.ModelClass("rows", configurations=tests, error=error))
 
 
 def test_rows_of_a_fixed_structure():

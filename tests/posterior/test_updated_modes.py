@@ -96,9 +96,10 @@ def test_an_inferred_pairing_gives_one_datum_per_test(model_classes, values):
 def test_predicted_frequencies_scatter_as_the_errors_say(model_classes):
     candidate = model_classes["1-a"]
     n = 20000
-    result = at_draws(candidate, np.ones((n, 3)))
+    values = np.ones((n, 3))
+    result = at_draws(candidate, values)
     terms = datum_terms(
-        candidate, result, [candidate.pairing], (20, n // 20), np.random.default_rng(1)
+        candidate, values, result, [candidate.pairing], (20, n // 20), np.random.default_rng(1)
     )
     assert terms.data == ("1", "2a", "2b", "3", "no other mode")
     predicted = terms.predicted_hz.reshape(n, 4)

@@ -1,0 +1,373 @@
+"""Correlated prediction errors against multivariate normal densities and quadrature."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal, norm
+
+import bayes_ssi as bs
+from bayes_ssi.identification.shape_errors import ShapeErrors
+from bayes_ssi.posterior.datum_terms import at_draws, datum_terms
+
+SD, SHAPE_SD = 0.02, 0.05
+RHO = bs.Parameter("rho", bs.Uniform(0.0, 1.0))
+NEXT = bs.Parameter("next", bs.Uniform(0.0, 0.9))
+SIZE = bs.Parameter("size", bs.LogNormal(SD, 0.4))
+
+
+def building(top_mass):
+    k = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.3)) for i in range(4)]
+    return bs.ShearBuilding((1.0, 1.0, 1.0, top_mass), [900.0 * each for each in k])
+
+
+def configuration(name, top_mass, numbers, seed, sensors=(), renamed=()):
+    """A test in which modes ``numbers`` were identified, mode i with the label "mode i"."""
+    rng = np.random.default_rng(seed)
+    structure = building(top_mass)
+    frequencies, shapes = structure.modes(structure.prior_medians())
+    rows = [structure.degrees_of_freedom.index(sensor) for sensor in sensors]
+    names = {number: f"mode {number}" for number in numbers} | dict(renamed)
+    modes = [
+        bs.IdentifiedMode(
+            names[number],
+            frequencies[0, number - 1] * (1.0 + 0.03 * rng.standard_normal()),
+            shapes[0, rows, number - 1] + 0.03 * rng.standard_normal(len(rows)) if rows else None,
+            frequency_cov=None if number == 1 else 0.004 * number,
+            shape_sd=0.01 * number if rows else None,
+        )
+        for number in numbers
+    ]
+    data = bs.ModalData(tuple(modes), (0.0, 12.0), sensors)
+    pairing = {label: number for number, label in names.items()}
+    return bs.Configuration(name, structure, data, pairing=pairing)
+
+
+TESTS = (
+    configuration("bare", 1.0, (1, 2, 3), 1),
+    configuration("loaded", 1.5, (1, 3, 4), 2),
+    configuration("heavy", 2.0, (3, 1, 2), 3),
+)
+
+
+def model_class(error, tests=TESTS):
+    return bs.ModelClass("joint", configurations=tests, error=error)
+
+
+def values_of(candidate, n=20):
+    z = 0.5 * np.random.default_rng(0).standard_normal((n, len(candidate.parameters)))
+    return candidate.values(z)
+
+
+def column(candidate, values, value):
+    """Values of a field of the error model at every row."""
+    if not isinstance(value, bs.Parameter):
+        return np.full(len(values), value)
+    return values[:, candidate.parameter_names.index(value.name)]
+
+
+def paired(candidate, values):
+    """Test, label, number, identification error and residuals of every paired mode."""
+    rows = []
+    for t, (test, likelihood, own) in enumerate(candidate.parts(values)):
+        model_hz = likelihood.modes(own).frequencies_hz
+        for label, number in test.pairing.items():
+            mode = test.data.mode(label)
+            residual = model_hz[:, number - 1] / mode.frequency_hz - 1.0
+            rows.append((t, label, number, mode.frequency_cov or 0.0, residual))
+    return rows
+
+
+def covariances(candidate, values, rows):
+    """Covariance matrices of the residuals, entry by entry from the definition."""
+    error = candidate.error
+    sizes, tests, between = (
+        column(candidate, values, value)
+        for value in (error.frequency_cov, error.between_tests, error.between_modes)
+    )
+    covariance = np.empty((len(values), len(rows), len(rows)))
+    for a, (t, label, i, own, _) in enumerate(rows):
+        for b, (s, other, j, _, _) in enumerate(rows):
+            correlation = between ** abs(i - j) * np.where(t == s, 1.0, tests)
+            if error.between_modes == 0.0 and label != other:
+                correlation = 0.0
+            covariance[:, a, b] = sizes**2 * correlation + (own**2 if a == b else 0.0)
+    return covariance
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        bs.ErrorModel(SD, SHAPE_SD, 0.8),
+        bs.ErrorModel(SD, SHAPE_SD, between_modes=0.6),
+        bs.ErrorModel(SD, SHAPE_SD, 0.8, 0.6),
+        bs.ErrorModel(SIZE, SHAPE_SD, RHO),
+        bs.ErrorModel(SIZE, SHAPE_SD, RHO, NEXT),
+    ],
+    ids=["tests", "modes", "both", "tests inferred", "both inferred"],
+)
+def test_frequencies_have_their_joint_normal_density(error):
+    candidate = model_class(error)
+    values = values_of(candidate)
+    alone = model_class(bs.ErrorModel(error.frequency_cov, SHAPE_SD))
+    assert alone.parameter_names == candidate.parameter_names[: len(alone.parameters)]
+    rows = paired(candidate, values)
+    covariance = covariances(candidate, values, rows)
+    residuals = np.stack([row[-1] for row in rows], axis=1)
+    expected = alone.log_likelihood(values[:, : len(alone.parameters)])
+    for k in range(len(values)):
+        expected[k] += multivariate_normal.logpdf(residuals[k], cov=covariance[k])
+        expected[k] -= norm.logpdf(residuals[k], scale=np.sqrt(np.diag(covariance[k]))).sum()
+    np.testing.assert_allclose(candidate.log_likelihood(values), expected, rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    "error", [bs.ErrorModel(SIZE, SIZE, RHO), bs.ErrorModel(SIZE, SIZE, RHO, NEXT)]
+)
+def test_errors_without_correlation_are_independent(error):
+    sensors = ("floor 1", "floor 3", "floor 4")
+    tests = (
+        configuration("a", 1.0, (1, 2), 1, sensors),
+        configuration("b", 2.0, (1, 2), 2, sensors),
+    )
+    candidate = model_class(error, tests)
+    alone = model_class(bs.ErrorModel(SIZE, SIZE), tests)
+    values = values_of(candidate)
+    values[:, len(alone.parameters) :] = 0.0
+    expected = alone.log_likelihood(values[:, : len(alone.parameters)])
+    np.testing.assert_allclose(candidate.log_likelihood(values), expected, rtol=1e-12)
+
+
+def plane_class(angles, rho, masses=(1.0, 1.0)):
+    """Two tests whose shapes at two sensors are at the given angles, in the first mode."""
+    k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+    tests = []
+    for name, angle, mass in zip("ab", angles, masses, strict=True):
+        structure = bs.ShearBuilding((1.0, mass), (900.0 * k, 900.0))
+        mode = bs.IdentifiedMode("1", 3.0, [math.cos(angle), math.sin(angle)])
+        data = bs.ModalData((mode,), (0.0, 8.0), ("floor 1", "floor 2"))
+        tests.append(bs.Configuration(name, structure, data, pairing={"1": 1}))
+    return model_class(bs.ErrorModel(SD, SHAPE_SD, rho), tests)
+
+
+@pytest.mark.parametrize("masses", [(1.0, 1.0), (1.0, 1.3)], ids=["same shapes", "other shapes"])
+def test_shapes_in_a_plane_have_the_bivariate_normal_density_of_their_angles(masses):
+    """Two sensors: a shape is an angle, and 2 sin(t/2) of its error t is normal."""
+    rho = 0.9
+    values = np.ones((1, 1))
+    shapes = [
+        test.structure.modes(values).shapes[0, :, 0]
+        for test in plane_class((0.0, 0.0), rho, masses).configurations
+    ]
+    of_model = np.array([math.atan2(shape[1], shape[0]) for shape in shapes])
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        errors = SHAPE_SD * rng.standard_normal(2)
+        # The sign of an identified shape means nothing.
+        angles = of_model + errors + math.pi * rng.integers(2, size=2)
+        joint, alone = (
+            plane_class(angles, each, masses).log_likelihood(values)[0] for each in (rho, 0.0)
+        )
+        chords = 2.0 * np.sin(0.5 * errors)
+        covariance = SHAPE_SD**2 * np.array([[1.0, rho], [rho, 1.0]])
+        ratio = multivariate_normal.logpdf(chords, cov=covariance)
+        ratio -= norm.logpdf(chords, scale=SHAPE_SD).sum()
+        of_frequencies = _ratio_of_frequencies(plane_class(angles, rho, masses), values)
+        assert joint - alone == pytest.approx(ratio + of_frequencies, abs=1e-10)
+
+
+def _ratio_of_frequencies(candidate, values):
+    rows = paired(candidate, values)
+    (covariance,) = covariances(candidate, values, rows)
+    residuals = np.array([row[-1][0] for row in rows])
+    ratio = multivariate_normal.logpdf(residuals, cov=covariance)
+    return ratio - norm.logpdf(residuals, scale=np.sqrt(np.diag(covariance))).sum()
+
+
+def test_errors_of_shapes_are_turned_into_one_plane():
+    sensors = ("floor 1", "floor 2", "floor 3", "floor 4")
+    tests = tuple(
+        configuration(name, mass, (2, 3), seed, sensors)
+        for name, mass, seed in (("a", 1.0, 1), ("b", 1.4, 2), ("c", 1.8, 3))
+    )
+    candidate = model_class(bs.ErrorModel(SD, SHAPE_SD, 0.7), tests)
+    values = values_of(candidate, 3)
+    shapes = ShapeErrors(candidate.likelihoods)
+    of_tests = [own.modes(rows) for _, own, rows in candidate.parts(values)]
+    errors = shapes.errors(shapes.groups, of_tests)  # (3, 2 groups, 3 tests, 4 sensors)
+    assert shapes.labels == ["mode 2", "mode 3"]
+    distances = [
+        own.compared_modes(rows).shape_distances for _, own, rows in candidate.parts(values)
+    ]
+    np.testing.assert_allclose(
+        (errors**2).sum(axis=3), 2.0 * np.stack(distances, axis=-1), rtol=1e-12
+    )
+    for row, (group, number) in itertools.product(range(3), enumerate((2, 3))):
+        seen = np.array([modes.shapes[row, :, number - 1] for modes in of_tests])
+        seen *= np.where(seen @ seen[0] < 0.0, -1.0, 1.0)[:, None]
+        seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+        np.testing.assert_allclose(errors[row, group] @ seen.sum(axis=0), 0.0, atol=1e-15)
+
+
+def test_shapes_of_several_modes_multiply_the_joint_density():
+    """Three sensors, equal model shapes: the errors of three tests in a plane, from the formula."""
+    rho, sensors = 0.7, ("floor 1", "floor 2", "floor 4")
+    tests = tuple(
+        configuration(name, 1.0, (1, 2), seed, sensors) for seed, name in enumerate("abc")
+    )
+    # Another set of sensors: not shared.
+    tests += (configuration("d", 1.0, (2,), 9, ("floor 1", "floor 2")),)
+    candidate = model_class(bs.ErrorModel(SD, SIZE, rho), tests)
+    alone = model_class(bs.ErrorModel(SD, SIZE), tests)
+    values = values_of(candidate)
+    expected = alone.log_likelihood(values)
+    for k, row in enumerate(values):
+        expected[k] += _ratio_of_frequencies(candidate, row[None])
+        size = row[candidate.parameter_names.index("size")]
+        for label in ("mode 1", "mode 2"):
+            errors, own = [], []
+            for test, likelihood, rows in candidate.parts(row[None]):
+                if test.name == "d":
+                    continue
+                mode = test.data.mode(label)
+                (shapes,) = likelihood.shapes_at_sensors(likelihood.modes(rows))
+                model = shapes[:, int(label[-1]) - 1]
+                model = model / np.linalg.norm(model)
+                identified = mode.unit_shape * np.sign(mode.unit_shape @ model)
+                chord = np.sqrt(2.0 - 2.0 * identified @ model)
+                tangent = identified - (identified @ model) * model
+                errors.append(chord * tangent / np.linalg.norm(tangent))
+                own.append(mode.shape_sd**2)
+            covariance = size**2 * (rho + (1 - rho) * np.eye(3)) + np.diag(own)
+            plane = np.linalg.svd(model[None])[2][1:]  # two directions at right angles to the shape
+            for component in plane @ np.transpose(errors):
+                expected[k] += multivariate_normal.logpdf(component, cov=covariance)
+                expected[k] -= norm.logpdf(component, scale=np.sqrt(np.diag(covariance))).sum()
+    np.testing.assert_allclose(candidate.log_likelihood(values), expected, rtol=1e-11)
+
+
+class Line(bs.Structure):
+    """Modes at 1, 2, ... Hz, of which every second one depends on a parameter linearly."""
+
+    degrees_of_freedom = ("place",)
+    n_modes = 6
+    parameters = (bs.Parameter("slope", bs.Normal(0.0, 1.0)),)
+    effects = 0.03 * np.array([1.0, 0.0, 1.0, 0.0, 1.0, 0.0])
+
+    def modes(self, values):
+        frequencies = np.arange(1.0, 7.0) * (1.0 + self.effects * values[:, :1])
+        return bs.Modes(frequencies, np.ones((len(values), 1, 6)))
+
+
+def linear_tests(rho, seed, n_tests=6):
+    """Identified frequencies of ``Line`` at zero, with errors of size ``SD``."""
+    rng = np.random.default_rng(seed)
+    shared, tests = rng.standard_normal(6), []
+    for t in range(n_tests):
+        errors = math.sqrt(rho) * shared + math.sqrt(1.0 - rho) * rng.standard_normal(6)
+        frequencies = np.arange(1.0, 7.0) * (1.0 + SD * errors)
+        modes = tuple(bs.IdentifiedMode(str(i + 1), f) for i, f in enumerate(frequencies))
+        data = bs.ModalData(modes, (0.0, 20.0))
+        pairing = {str(i): i for i in range(1, 7)}
+        tests.append(bs.Configuration(f"test {t}", Line(), data, pairing=pairing))
+    return tuple(tests)
+
+
+def test_evidence_and_inferred_correlation_of_a_linear_model():
+    """With a linear model all but ρ is integrated in closed form, and ρ by quadrature."""
+    tests = linear_tests(0.8, seed=3)
+    candidate = model_class(bs.ErrorModel(SD, SHAPE_SD, RHO), tests)
+    posterior = bs.sample(candidate, seed=1)
+    identified = np.array([test.data.frequencies_hz for test in tests]).ravel()
+    nominal = np.tile(np.arange(1.0, 7.0), len(tests))
+    residuals = nominal / identified - 1.0
+    effect = nominal * np.tile(Line.effects, len(tests)) / identified
+    same = np.eye(len(residuals), dtype=bool)
+    same_mode = np.equal.outer(nominal, nominal)
+    nodes, weights = np.polynomial.legendre.leggauss(80)
+    rhos = 0.5 * (nodes + 1.0)
+    log_densities = [
+        multivariate_normal.logpdf(
+            residuals, cov=SD**2 * np.where(same, 1.0, rho * same_mode) + np.outer(effect, effect)
+        )
+        for rho in rhos
+    ]
+    top = max(log_densities)
+    shares = 0.5 * weights * np.exp(np.array(log_densities) - top)
+    constant = len(residuals) * math.log(0.95) - 0.1 * len(tests) - np.log(identified).sum()
+    evidence = posterior.evidence
+    exact = top + math.log(shares.sum()) + constant
+    assert evidence.log_evidence == pytest.approx(exact, abs=max(0.02, 4.0 * evidence.error))
+    mean = float(shares @ rhos / shares.sum())
+    inferred = next(row for row in posterior.summary if row.name == "rho")
+    assert inferred.mean == pytest.approx(mean, abs=4.0 * inferred.mean_error)
+    assert mean == pytest.approx(0.8, abs=0.15)
+    assert posterior.failed_checks == ()
+
+
+@pytest.mark.parametrize(
+    "error", [bs.ErrorModel(SIZE, SHAPE_SD, RHO), bs.ErrorModel(SD, SHAPE_SD, 0.8, NEXT)]
+)
+def test_terms_of_data_join_what_is_correlated(error):
+    sensors = ("floor 1", "floor 4")
+    tests = (
+        configuration("a", 1.0, (1, 2, 3), 1, sensors),
+        configuration("b", 1.5, (1, 2, 4), 2, sensors),
+    )
+    candidate = model_class(error, tests)
+    values = values_of(candidate)
+    result = at_draws(candidate, values)
+    np.testing.assert_allclose(result.log_likelihoods.sum(axis=1), candidate.log_likelihood(values))
+    pairings = [test.pairing for test in tests]
+    terms = datum_terms(candidate, values, result, pairings, (2, 10), np.random.default_rng(1))
+    no_other = ("a: no other mode", "b: no other mode")
+    if error.between_modes == 0.0:
+        joint = ("a: mode 1 and b: mode 1", "a: mode 2 and b: mode 2", "a: mode 3")
+        assert terms.data == (*joint, no_other[0], "b: mode 4", no_other[1])
+    else:
+        own = [f"{test.name}: {label}" for test in tests for label in test.data.labels]
+        assert terms.data == (" and ".join(own), *no_other)
+
+
+def test_predicted_data_have_correlated_errors():
+    tests = TESTS[:2]
+    candidate = model_class(bs.ErrorModel(SD, SHAPE_SD, 0.8, 0.5), tests)
+    n = 20_000
+    values = np.ones((n, len(candidate.parameters)))
+    result = at_draws(candidate, values)
+    pairings = [test.pairing for test in tests]
+    terms = datum_terms(candidate, values, result, pairings, (2, n // 2), np.random.default_rng(1))
+    rows = paired(candidate, values[:1])
+    (covariance,) = covariances(candidate, values[:1], rows)
+    sds = np.sqrt(np.diag(covariance))
+    drawn = np.corrcoef(terms.predicted_hz.reshape(n, -1).T)
+    np.testing.assert_allclose(drawn, covariance / np.outer(sds, sds), atol=5.0 / math.sqrt(n))
+
+
+@pytest.mark.parametrize(
+    ("error", "tests", "message"),
+    [
+        (bs.ErrorModel(0.02, 0.05, 0.5), "any", "pairing 'any' needs independent prediction err"),
+        (bs.ErrorModel(0.02, 0.05, 0.5), {1: "x", 2: "y"}, "no paired mode has the same label in"),
+        (bs.ErrorModel(0.02, 0.05, 0.5, 0.5), {1: "mode 2", 2: "mode 1"}, "one label and one num"),
+        (bs.ErrorModel(0.02, 0.05, 0.5, 0.5), {1: "x"}, "'mode 1' is model mode 1 and 'x' model"),
+    ],
+)
+def test_tests_that_correlated_errors_cannot_join_are_refused(error, tests, message):
+    second = configuration("b", 1.5, (1, 2), 2, renamed={} if tests == "any" else tests)
+    if tests == "any":
+        second = replace(second, pairing="any")
+    with pytest.raises(ValueError, match=f"model class 'joint': .*{message}"):
+        model_class(error, (configuration("a", 1.0, (1, 2), 1), second))
+
+
+def test_labels_may_have_other_numbers_where_modes_are_not_correlated():
+    """An appendage adds a mode: '2' stays the same mode, whatever its number."""
+    second = configuration("b", 1.5, (1, 2, 3), 2, renamed={2: "appendage", 3: "mode 2"})
+    tests = (configuration("a", 1.0, (1, 2), 1), second)
+    candidate = model_class(bs.ErrorModel(SD, SHAPE_SD, 0.8), tests)
+    groups = candidate.correlated_errors.groups
+    named = [[candidate.correlated_errors.modes[i][:2] for i in group] for group in groups]
+    assert named == [[(0, "mode 1"), (1, "mode 1")], [(0, "mode 2"), (1, "mode 2")]]
