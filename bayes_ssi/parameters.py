@@ -153,8 +153,7 @@ def fraction_product(value: Value, field: str) -> Product:
         return product
     highest, positive = product.scale, True
     for parameter, power in product.powers:
-        # Beyond any coordinate that could be sampled.
-        ends = parameter.prior.from_normal(np.array([-40.0, 40.0]))
+        ends = np.array(parameter.prior.support)
         with np.errstate(divide="ignore", invalid="ignore"):
             highest *= float((ends**power).max())
         positive &= float(ends.min()) >= 0.0
