@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.file_names import require_printable
 from bayes_ssi.priors.prior import Prior
 
 # Largest prior probability of a value at or below zero in a field that must be positive: about one
@@ -51,7 +52,7 @@ class Parameter(_Multiplies):
 
     Raises:
         TypeError: the name is not text, or the prior is no prior distribution.
-        ValueError: the name is empty.
+        ValueError: the name is empty, or cannot be printed.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Parameter(_Multiplies):
             raise TypeError(f"Parameter: name must be text, got {self.name!r}")
         if not self.name.strip():
             raise ValueError("Parameter: name must not be empty")
+        require_printable(self.name, "Parameter")
         if not isinstance(self.prior, Prior):
             known = ", ".join(kind.__name__ for kind in Prior.__subclasses__())
             raise TypeError(

@@ -145,7 +145,9 @@ def predict(
     where = console()
     title = predicted.stored.record.study
     test = f", configuration {predicted.configuration!r}" if predicted.configuration else ""
-    say(where, f"{title}{test}: {draws} stored draws; nothing was sampled.")
+    say(where, f"{title}{test}: {predicted.n_draws} stored draws; nothing was sampled.")
+    if predicted.n_draws < draws:
+        say(where, f"(!) --draws {draws}: no more than {predicted.n_draws} draws are stored.")
     say(where, *(_composition(each.predictions) for each in responses), *remarks)
     where.print(frequency_table(predicted.data, responses))
     for table in shape_tables(predicted.data, responses[0]):

@@ -85,14 +85,16 @@ class RunOptions:
 
         Raises:
             FileExistsError: there is another result, which is not to be overwritten.
+            OSError: it cannot be written there.
+            ValueError: the path of its directory does not end in a name.
         """
         from bayes_ssi.execution.checkpoint import Checkpoint, name_of_run
         from bayes_ssi.results.load import MARKER
-        from bayes_ssi.results.new_directory import require_new
+        from bayes_ssi.results.new_directory import require_new, sibling
 
-        directory = self.out or RESULTS / name
+        directory = RESULTS / name if self.out is None else self.out
         checkpoint = Checkpoint(
-            directory.with_name(f".{directory.name}.checkpoint"),
+            sibling(directory, "checkpoint"),
             run=name_of_run(study.model_classes, self.seed, self.settings, *options),
             discard_others=self.overwrite,
             say=lambda text: click.echo(text, err=True),
@@ -111,7 +113,8 @@ class RunOptions:
             raise ValueError("--workers and --dask: give one of them")
         if not self.economical and not is_quiet():
             _print_performance_hints(study)
-        workers = self.workers if self.dask is None else DaskWorkers(self.dask)
+        n_workers = None if self.workers is None else _at_most_usable(self.workers)
+        workers = n_workers if self.dask is None else DaskWorkers(self.dask)
         try:
             with progress_bars() as progress:
                 run = Run(workers, place.checkpoint, progress)
@@ -139,12 +142,12 @@ class RunOptions:
         # Another result may have appeared since the run began.
         require_new(place.directory, marker=MARKER, overwrite=place.overwrite)
         place.checkpoint.begin_saving()
-        with progress_bars() as progress:
+        with progress_bars() as progress, _reminder_of_checkpoint():
             progress("saving", "result", 0.0)
             result = save_result(
                 ranking,
                 place.directory,
-                study_file=str(place.study_file),
+                study_file=str(_recorded(place)),
                 overwrite=place.overwrite,
                 accept_failed_checks=self.accept_failed_checks,
                 command=command_line(),
@@ -174,6 +177,32 @@ class RunOptions:
             if is_quiet():
                 click.echo(f"(!) {len(failed)} failed checks: {'; '.join(failed)}", err=True)
             sys.exit(FAILED_CHECK)
+
+
+@contextmanager
+def _reminder_of_checkpoint() -> Iterator[None]:
+    """Add to an error of writing that the checkpoint is still there."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None:
+            raise
+        advice = f"{error.strerror}; no evaluation is lost, the same command resumes the run"
+        raise OSError(error.errno, advice, error.filename) from error
+
+
+def _at_most_usable(n_workers: int) -> int:
+    """The number of workers, at most one for each core that this process may use."""
+    from loky import cpu_count
+
+    n_cores: int = cpu_count()
+    if n_workers > n_cores and not is_quiet():
+        click.echo(
+            f"--workers {n_workers}: reduced to {n_cores}, the number of cores that can be used; "
+            "more processes would only wait for one another.",
+            err=True,
+        )
+    return min(n_workers, n_cores)
 
 
 def _print_performance_hints(study: Study) -> None:
@@ -206,7 +235,7 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
         click.option("--dask", metavar="ADDRESS",
                      help="Sample on a Dask cluster, by its scheduler's address."),
         click.option("--workers", type=click.IntRange(min=1), metavar="N",
-                     help="Sample in N processes on this machine."),
+                     help="Sample in N processes on this machine, at most one for each core."),
         click.option("--sensitivity", is_flag=True,
                      help="Rank again with every setting halved and doubled: missed and spurious "
                      "modes, error sizes, widths of priors."),
@@ -225,6 +254,13 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
     ):  # fmt: skip
         wrapped = option(wrapped)
     return json_option(wrapped)
+
+
+def _recorded(place: ResultPlace) -> Path:
+    """The study's path for the record: relative only where the result, too, is below its start."""
+    here = Path.cwd()
+    below = place.directory.absolute().is_relative_to(here)
+    return place.study_file if below else place.study_file.absolute()
 
 
 def _record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, Any]:

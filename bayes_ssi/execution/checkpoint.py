@@ -120,7 +120,7 @@ class Checkpoint:
             self.directory.rmdir()
 
     def _path(self, name: str) -> Path:
-        stem = file_stem(name)[:60]
+        stem = file_stem(name)
         digest = hashlib.sha256(name.encode()).hexdigest()[:8]
         return self.directory / f"{stem}-{digest}{SUFFIX}"
 

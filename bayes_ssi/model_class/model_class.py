@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.file_names import require_printable
 from bayes_ssi.identification.correlated_errors import CorrelatedErrors
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.likelihood import ModalLikelihood, row_sums
@@ -77,13 +78,15 @@ class ModelClass:
             priors: name of a parameter → prior in place of its own.
 
         Raises:
-            ValueError: two parameters or configurations share a name, nothing is inferred, a prior
-                belongs to no parameter, a sensor is not on the structure, a pairing is not valid,
-                or it does not suit correlated errors. The message begins with the class's name.
+            ValueError: the name cannot be printed, two parameters or configurations share a name,
+                nothing is inferred, a prior belongs to no parameter, a sensor is not on the
+                structure, a pairing is not valid, or it does not suit correlated errors. The
+                message begins with the class's name.
             TypeError: an argument is missing or has the wrong type.
         """
         if not isinstance(name, str) or not name.strip():
             raise TypeError(f"ModelClass: name must be text and not empty, got {name!r}")
+        require_printable(name, "ModelClass")
         own = {"structure": structure, "data": data, "pairing": pairing}
         try:
             made = _configurations(configurations, {k: v for k, v in own.items() if v is not None})

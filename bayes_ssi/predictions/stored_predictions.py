@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.predictions.posterior_draws import DRAWS
 from bayes_ssi.predictions.predictions import AVERAGE, Predictions, predict_average, predict_class
 from bayes_ssi.predictions.stored_classes import stored_classes
+from bayes_ssi.ranking.study import Study
 from bayes_ssi.ranking.study_file import load_study
 from bayes_ssi.results.load import StoredResult, load_result
 
@@ -70,7 +72,7 @@ def load_predictions(
     Args:
         directory: the result.
         study_file: the study; the file that the result names if None.
-        n_draws: number of posterior draws of every prediction.
+        n_draws: number of posterior draws of every prediction; at most those that are stored.
         configuration: the state of the structure that is predicted; not needed where there is
             only one.
 
@@ -81,13 +83,11 @@ def load_predictions(
     if n_draws < 1:
         raise ValueError(f"predictions: the number of draws must be at least 1, got {n_draws!r}")
     stored = load_result(directory)
-    recorded = stored.record.study_file
-    if study_file is None and (not recorded or not Path(recorded).is_file()):
-        raise ValueError(
-            f"{directory}: its study file {recorded!r} is not there; say where it is (--study FILE)"
-        )
-    path = Path(study_file or recorded)
-    classes = stored_classes(stored, load_study(path), path)
+    if study_file is None:
+        path, study = _recorded_study(stored)
+    else:
+        path, study = Path(study_file), load_study(study_file)
+    classes = stored_classes(stored, study, path)
     for each in classes.values():
         name = each.configuration(configuration).name
         if name not in stored.tests:
@@ -95,4 +95,22 @@ def load_predictions(
                 f"{path}: model class {each.name!r} has a configuration {name!r}, but "
                 f"{directory} is of {', '.join(map(repr, stored.tests))}"
             )
-    return StoredPredictions(stored, classes, n_draws, name)
+    n_stored = max(len(posterior.values) for posterior in stored.posteriors)
+    return StoredPredictions(stored, classes, min(n_draws, n_stored), name)
+
+
+def _recorded_study(stored: StoredResult) -> tuple[Path, Study]:
+    """The study file that a result names, and its study, whatever the working directory is now.
+
+    A relative path started in a directory above the result, which was the working directory then;
+    the study may read other files from there.
+    """
+    recorded = stored.record.study_file
+    for start in (*stored.directory.absolute().parents, Path.cwd()):
+        if recorded and (start / recorded).is_file():
+            with contextlib.chdir(start):
+                return start / recorded, load_study(recorded)
+    raise ValueError(
+        f"{stored.directory}: its study file {recorded!r} is not there; say where it is "
+        "(--study FILE)"
+    )

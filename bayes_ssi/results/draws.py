@@ -6,8 +6,11 @@ the same and each version opens the other's.
 
 from __future__ import annotations
 
+import errno
+import os
+import shutil
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -28,6 +31,9 @@ LOG_LIKELIHOOD, DATUM = "modes", "datum"
 IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"
 SHAPES, WITH_SHAPES = "sensor_shapes", "draw_of_all_chains"
 PRIOR_DRAWS = 1000
+# Bytes of a file besides the numbers: dimensions, attributes and free space take a few kB for each
+# variable.
+SPACE_PER_VARIABLE = 20_000
 # Names of dimensions and coordinates; no parameter's variable can have one of them.
 RESERVED = ("chain", "draw", FREQUENCY, MODE, DATUM, IDENTIFIED, IDENTIFIED_MODE)
 
@@ -62,6 +68,7 @@ def save_draws(path: Path, posterior: Posterior, model_class: ModelClass) -> Non
         dims |= {LOG_LIKELIHOOD: [DATUM], IDENTIFIED: [IDENTIFIED_MODE]}
         coords |= {DATUM: data, IDENTIFIED_MODE: list(terms.identified)}
     arviz = _import_arviz()
+    _require_space(path, groups)
     with warnings.catch_warnings():
         # Every walker is a chain: there may be more chains than steps.
         warnings.filterwarnings("ignore", "More chains|Found chain dimension", UserWarning)
@@ -81,6 +88,18 @@ def _add_shapes(path: Path, shapes: FloatArray, draws: NDArray[np.intp]) -> None
     variables = {SHAPES: ((WITH_SHAPES, SHAPES + "_component"), shapes)}
     group = xarray.Dataset(variables, {WITH_SHAPES: draws})
     group.to_netcdf(path, mode="a", group=SHAPES, engine="h5netcdf")
+
+
+def _require_space(path: Path, groups: Mapping[str, Mapping[str, FloatArray]]) -> None:
+    """Refuse to write on a disk that is full: the HDF5 library may crash there.
+
+    Raises:
+        OSError: there is no space for the file.
+    """
+    variables = [np.asarray(each) for group in groups.values() for each in group.values()]
+    needed = sum(each.nbytes + SPACE_PER_VARIABLE for each in variables)
+    if shutil.disk_usage(path.parent).free < needed:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
 def _mode_labels(posterior: Posterior) -> list[int] | list[str]:

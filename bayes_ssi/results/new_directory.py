@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,12 +20,14 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
         overwrite: whether a directory of this kind may be replaced.
 
     Raises:
+        ValueError: the path does not end in a name.
         FileExistsError: it exists, and ``overwrite`` is false or it holds something else.
-        OSError: its parent cannot be created.
+        OSError: its parent cannot be created, or not be written in.
     """
     path = Path(directory)
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
+    _require_name(path)
+    if not os.path.lexists(path):
+        _require_parent(path)
     elif overwrite:
         if not (path / marker).is_file():
             raise FileExistsError(
@@ -37,16 +40,48 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
         )
 
 
+def sibling(directory: Path, ending: str) -> Path:
+    """The hidden path next to a directory, for what belongs to it while it is written.
+
+    Raises:
+        ValueError: the directory's path does not end in a name.
+    """
+    _require_name(directory)
+    return directory.with_name(f".{directory.name}.{ending}")
+
+
+def _require_name(path: Path) -> None:
+    if path.name in ("", ".."):
+        raise ValueError(
+            f"{str(path)!r} is not the path of a new directory, which ends in a name of its own, "
+            "as in runs/results/tower"
+        )
+
+
+def _require_parent(path: Path) -> None:
+    """Create the parent of a new directory, unless it exists.
+
+    Raises:
+        OSError: it cannot be created, or not be written in.
+    """
+    existing = next(parent for parent in path.absolute().parents if os.path.lexists(parent))
+    if not existing.is_dir():
+        raise NotADirectoryError(f"{path}: cannot be created: {existing} is not a directory")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise PermissionError(f"{path}: cannot be created: no permission to write in {existing}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+
+
 @contextmanager
 def new_directory(directory: str | Path, *, marker: str, overwrite: bool = False) -> Iterator[Path]:
     """A temporary directory that becomes ``directory`` at the end, and is removed on failure.
 
-    Arguments and errors are as in :func:`require_new`.
+    Arguments and errors are as in :func:`require_new`; an error of writing names the file where
+    it would be in the end, or the directory.
     """
     directory = Path(directory)
     require_new(directory, marker=marker, overwrite=overwrite)
-    partial = directory.with_name(f".{directory.name}.partial")
-    replaced = directory.with_name(f".{directory.name}.replaced")
+    partial, replaced = sibling(directory, "partial"), sibling(directory, "replaced")
     for left_over in (partial, replaced):
         shutil.rmtree(left_over, ignore_errors=True)
     partial.mkdir()
@@ -56,6 +91,11 @@ def new_directory(directory: str | Path, *, marker: str, overwrite: bool = False
         if directory.exists():
             directory.rename(replaced)
         partial.rename(directory)
+    except OSError as error:
+        if error.errno is None:
+            raise
+        file = str(error.filename or directory).replace(str(partial), str(directory))
+        raise OSError(error.errno, os.strerror(error.errno), file) from error
     finally:
         if replaced.exists() and not directory.exists():
             replaced.rename(directory)

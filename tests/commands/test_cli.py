@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections import namedtuple
 
 import pytest
 from conftest import assert_one_line_error
@@ -87,6 +88,77 @@ def test_a_failed_check_is_reported_with_exit_code_3(run, tiny_study_file, tmp_p
     assert "Failed checks" in result.stdout
     assert "one k: the standard error of the log evidence" in result.stdout
     assert load_result(tmp_path / "r").comparison.failed_checks
+
+
+@pytest.mark.usefixtures("no_figures", "coarse_command")
+def test_a_full_disk_is_named_and_nothing_is_lost(run, tiny_study_file, tmp_path, monkeypatch):
+    arguments = ("rank", tiny_study_file, "--only", "one k", "--accept-failed-checks", "--out")
+    full = namedtuple("usage", "total used free")(10**9, 10**9, 0)
+    with monkeypatch.context() as patched:
+        patched.setattr("shutil.disk_usage", lambda _: full)
+        result = run(*arguments, tmp_path / "r")
+    file = tmp_path / "r" / "posteriors" / "one_k.nc"
+    assert result.stderr.endswith(
+        f"Error: {file}: No space left on device; no evaluation is lost, the same command resumes "
+        "the run\n"
+    )
+    assert sorted(path.name for path in tmp_path.glob("*r*")) == [".r.checkpoint", "work"]
+    resumed = run(*arguments, tmp_path / "r")
+    assert "resumes after" in resumed.stderr
+    assert run(*arguments, tmp_path / "whole").exit_code == 0
+    first, second = (tmp_path / name / "comparison.json" for name in ("r", "whole"))
+    assert first.read_bytes() == second.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("out", "words"),
+    [
+        (".", "'.' is not the path of a new directory"),
+        ("/", "'/' is not the path of a new directory"),
+        ("", "'.' is not the path of a new directory"),
+        ("..", "'..' is not the path of a new directory"),
+        ("file/r", "file/r: cannot be created: "),
+        ("file/r/s", "file is not a directory"),
+    ],
+)
+@pytest.mark.parametrize("command", ["rank", "search"])
+def test_directories_that_cannot_be(run, tiny_study_file, tmp_path, command, out, words):
+    (tmp_path / "work" / "file").touch()
+    assert_one_line_error(run(command, tiny_study_file, "--out", out), words)
+
+
+def test_no_more_workers_than_cores(run, tiny_study_file, tmp_path, monkeypatch):
+    monkeypatch.setattr("loky.cpu_count", lambda: 3)
+    chosen = []
+    monkeypatch.setattr(
+        "bayes_ssi.execution.local_workers.LocalWorkers.__init__",
+        lambda _, n: chosen.append(n),
+    )
+
+    def refuse(_):
+        raise ValueError("not sampled here")
+
+    monkeypatch.setattr("bayes_ssi.execution.run.Run.working", refuse)
+    arguments = ("rank", tiny_study_file, "--out", tmp_path / "r", "--workers")
+    assert "reduced" not in run(*arguments, 2).stderr
+    assert run(*arguments, 1000).stderr.startswith("--workers 1000: reduced to 3, the number of")
+    assert chosen == [2, 3]
+
+
+@pytest.mark.usefixtures("no_figures", "coarse_command")
+def test_long_names_become_short_file_names(run, study_file, tmp_path):
+    first, second = ("k" * 300 + end for end in "ab")
+    study = study_file(('"one k"', repr(first)), ('"each k"', repr(second)))
+    result = run("rank", study, "--accept-failed-checks", "--out", tmp_path / "r")
+    assert result.exit_code == 0, result.output
+    assert {row.name for row in load_result(tmp_path / "r").comparison.classes} == {first, second}
+
+
+def test_names_that_cannot_be_printed_are_refused_before_sampling(run, study_file):
+    for name in ("a\nb", "\ud800"):
+        path = study_file(('"one k"', ascii(name)))
+        assert_one_line_error(run("rank", path), "ModelClass: name may not hold", repr(name))
+        study_file((ascii(name), '"one k"'))
 
 
 def test_calibrate(run, tiny_study_file):

@@ -12,6 +12,7 @@ from conftest import TINY_STUDY, assert_one_line_error
 from bayes_ssi.predictions.stored_predictions import load_predictions
 from bayes_ssi.response.ground_motion_files import read_ground_motion
 from bayes_ssi.response.output import Output
+from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
 
 mpl.use("Agg")
@@ -47,6 +48,43 @@ def predict(run, saved, tmp_path):
 def rows(path):
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_from_another_directory_the_study_and_its_data_are_found(
+    run, tiny_ranking, tmp_path, monkeypatch
+):
+    """Paths started where the result was made, a directory above it."""
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "studies" / "tiny.py").write_text(
+        'open("data.txt").close()\n' + TINY_STUDY, "utf-8"
+    )
+    (tmp_path / "data.txt").touch()
+    (tmp_path / "results").mkdir()
+    out = tmp_path / "results" / "tiny"
+    save_result(tiny_ranking, out, study_file="studies/tiny.py")
+    assert run("predict", out, "--draws", 5, "--transfer", "none").exit_code == 0
+    monkeypatch.chdir(out)
+    assert run("predict", ".", "--draws", 5, "--out", tmp_path / "p").exit_code == 0
+
+
+@pytest.mark.usefixtures("coarse_command", "no_figures")
+def test_a_result_elsewhere_finds_its_study(run, tiny_study_file, tmp_path, monkeypatch):
+    work, elsewhere = tmp_path / "work", tmp_path / "elsewhere"
+    tiny_study_file.rename(work / "tiny.py")
+    arguments = ("--only", "one k", "--accept-failed-checks", "--out", elsewhere / "r")
+    assert run("rank", "tiny.py", *arguments).exit_code == 0
+    monkeypatch.chdir(elsewhere)
+    done = run("predict", "r", "--draws", 5, "--transfer", "none")
+    assert done.exit_code == 0, done.output
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_no_more_draws_than_are_stored(predict, saved):
+    n_stored = len(load_result(saved).posteriors[0].values)
+    result = predict("--draws", 10**8, "--class", "one k", "--transfer", "none")
+    assert f"{n_stored} stored draws; nothing was sampled" in result.stdout
+    assert f"(!) --draws 100000000: no more than {n_stored} draws are stored." in result.stdout
 
 
 def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
@@ -181,7 +219,7 @@ def test_a_failure_leaves_nothing_behind(predict, tmp_path, monkeypatch):
     ("text", "options", "words"),
     [
         (AT2.replace("NPTS= 4", "NPTS= 5"), (), ("quake.AT2", "NPTS = 5, but 4 values follow")),
-        (AT2, ("--unit", "cm/s2"), ("quake.AT2", "two units", "'cm/s2' and 'g'")),
+        (AT2, ("--unit", "cm/s"), ("quake.AT2", "unit of acceleration", "'cm/s'")),
     ],
 )
 def test_bad_records(predict, tmp_path, text, options, words):
