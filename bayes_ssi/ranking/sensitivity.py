@@ -3,9 +3,8 @@
 These are the detection probability, the expected number of spurious modes, the error sizes and
 the width of the priors. Each is changed in turn, and all classes are ranked again.
 
-Where only the likelihood changes, the posterior draws are reweighted: the log evidence changes by
-the log of the mean ratio of the new likelihood to the old. Where the draws do not cover the new
-posterior (the ratios' tail is too heavy), and where priors change, the class is sampled again.
+The posterior draws are reweighted; where they do not cover a changed class, or not precisely
+enough, it is sampled again.
 """
 
 from __future__ import annotations
@@ -15,38 +14,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import as_product
+from bayes_ssi.posterior.known_modes import known_at_draws
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.comparison import class_probabilities
+from bayes_ssi.ranking.reweighting import reweighted
 from bayes_ssi.ranking.study import Ranking
-from bayes_ssi.sampling.diagnostics import pareto_shape
 from bayes_ssi.sampling.estimates import Estimate
 from bayes_ssi.sampling.settings import SamplingSettings
 
 SETTINGS = SamplingSettings(log_evidence_error=0.03)
-
-
-@dataclass(frozen=True)
-class ReweightingLimits:
-    """When posterior draws are reweighted for a changed likelihood instead of sampled again.
-
-    Attributes:
-        draws: number of evenly spread draws at which the changed likelihood is evaluated.
-        pareto_k: largest shape of the ratios' tail; below 1/2, their variance is finite.
-        largest: multiple of the mean ratio; where no ratio is larger, there is no tail to judge.
-    """
-
-    draws: int = 4000
-    pareto_k: float = 0.5
-    largest: float = 3.0
-
-
-LIMITS = ReweightingLimits()
 
 
 @dataclass(frozen=True)
@@ -56,12 +36,10 @@ class Variation:
     Attributes:
         name: name for tables.
         change: function from a model class to the class with the setting changed.
-        of_priors: whether priors change, rather than only the likelihood.
     """
 
     name: str
     change: Callable[[ModelClass], ModelClass]
-    of_priors: bool = False
 
 
 @dataclass(frozen=True)
@@ -129,7 +107,7 @@ def default_variations() -> tuple[Variation, ...]:
             Variation(f"spurious modes {times}", partial(_spurious, factor)),
             Variation(f"σ_f {times}", partial(_errors, factor, 1.0)),
             Variation(f"σ_φ {times}", partial(_errors, 1.0, factor)),
-            Variation(f"width of priors {times}", partial(_priors, factor), of_priors=True),
+            Variation(f"width of priors {times}", partial(_priors, factor)),
         ]
     return tuple(variations)
 
@@ -159,30 +137,46 @@ def sensitivity(
     if repeated:
         raise ValueError(f"sensitivity: two variations are named {repeated[0]!r}")
     rows = [_row("unchanged", ranking, {p.name: _quoted(p) for p in ranking.posteriors})]
-    run = run or Run()
+    run, settings = run or Run(), settings or SETTINGS
+    classes = {c.name: c for c in ranking.study.model_classes}
+    known = {each.name: known_at_draws(classes[each.name], each) for each in ranking.posteriors}
     with run.working():
         for done, variation in enumerate(variations):
-            rows.append(_varied(ranking, variation, settings or SETTINGS, Run(run.workers)))
+            rows.append(_varied(ranking, known, variation, settings, Run(run.workers)))
             run.report("sensitivity", variation.name, (done + 1) / len(variations))
     return Sensitivity(tuple(rows))
 
 
 def _varied(
-    ranking: Ranking, variation: Variation, settings: SamplingSettings, run: Run
+    ranking: Ranking,
+    known: Mapping[str, ModelClass],
+    variation: Variation,
+    settings: SamplingSettings,
+    run: Run,
 ) -> SensitivityRow:
-    classes = {c.name: variation.change(c) for c in ranking.study.model_classes}
     estimates: dict[str, Estimate | None] = {
-        posterior.name: None
-        if variation.of_priors
-        else _reweighted(posterior, classes[posterior.name], settings.log_evidence_error)
-        for posterior in ranking.posteriors
+        each.name: _estimate(each, known[each.name], variation, settings.log_evidence_error)
+        for each in ranking.posteriors
     }
     again = tuple(name for name, estimate in estimates.items() if estimate is None)
-    sampled = sample_all([classes[name] for name in again], ranking.seed, settings, run)
+    classes = {c.name: c for c in ranking.study.model_classes}
+    changed = [variation.change(classes[name]) for name in again]
+    sampled = sample_all(changed, ranking.seed, settings, run)
     estimates.update((posterior.name, _quoted(posterior)) for posterior in sampled)
-    known = {name: estimate for name, estimate in estimates.items() if estimate is not None}
+    all_known = {name: estimate for name, estimate in estimates.items() if estimate is not None}
     failed = tuple(f"{p.name}: {check}" for p in sampled for check in p.failed_checks)
-    return replace(_row(variation.name, ranking, known), sampled=again, failed_checks=failed)
+    row = _row(variation.name, ranking, all_known)
+    return replace(row, sampled=again, failed_checks=failed)
+
+
+def _estimate(
+    posterior: Posterior, known: ModelClass, variation: Variation, max_error: float
+) -> Estimate | None:
+    """The changed class's log evidence by reweighted draws; None if they do not allow it."""
+    answer = reweighted(posterior, known, variation.change(known))
+    if answer.problem or answer.log_ratio.error > max_error:
+        return None
+    return answer.log_evidence
 
 
 def _quoted(posterior: Posterior) -> Estimate:
@@ -193,28 +187,6 @@ def _row(name: str, ranking: Ranking, estimates: Mapping[str, Estimate]) -> Sens
     log_evidences = {key: estimate.log_evidence for key, estimate in estimates.items()}
     probabilities = class_probabilities(log_evidences, ranking.study.prior_weights)
     return SensitivityRow(name, dict(estimates), probabilities)
-
-
-def _reweighted(posterior: Posterior, changed: ModelClass, max_error: float) -> Estimate | None:
-    """The changed class's log evidence by reweighted draws; None if they do not cover it."""
-    values, log_likelihoods = posterior.values, posterior.log_likelihoods.ravel()
-    chosen = np.linspace(0, len(values) - 1, min(LIMITS.draws, len(values))).astype(np.intp)
-    log_ratios = changed.log_likelihood(values[chosen]) - log_likelihoods[chosen]
-    top = float(log_ratios.max())
-    if not math.isfinite(top):
-        return None
-    ratios = np.exp(log_ratios - top)
-    # With too few draws the shape is NaN, and trusted no more than that of a heavy tail.
-    no_tail = ratios.max() <= LIMITS.largest * ratios.mean()
-    if not (no_tail or pareto_shape(ratios / ratios.sum()) <= LIMITS.pareto_k):
-        return None
-    n_independent = min(float(posterior.effective_sample_sizes.min()), len(chosen))
-    error = float(ratios.std() / ratios.mean()) / math.sqrt(n_independent)
-    if error > max_error:
-        return None
-    quoted = posterior.evidence
-    log_change = top + math.log(float(ratios.mean()))
-    return Estimate(quoted.log_evidence + log_change, math.hypot(quoted.error, error))
 
 
 def _missed(factor: float, candidate: ModelClass) -> ModelClass:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp, ndtri
@@ -74,28 +75,65 @@ def _r_hat_of_ranks(parts: FloatArray) -> FloatArray:
     return np.where(within > 0, ratio, np.where(between > 0, np.inf, 1.0))
 
 
+class ParetoTail(NamedTuple):
+    """A generalised Pareto distribution fitted to the largest weights.
+
+    Attributes:
+        k: its shape; -inf where the tail is flat, NaN where there are too few weights.
+        scale: its scale.
+        threshold: where it begins.
+        share: share of the weights that are in it.
+    """
+
+    k: float
+    scale: float
+    threshold: float
+    share: float
+
+    def beyond_the_largest(self, n: float) -> float:
+        """What weights larger than the largest of ``n`` add to their mean on average.
+
+        The mean excess of the distribution over its (1 - 1/n) quantile; infinite for k >= 1.
+        """
+        if not -math.inf < self.k < 1.0:
+            return 0.0 if self.k < 1.0 else math.inf
+        excess = self.scale * math.expm1(self.k * math.log(self.share * n)) / self.k
+        beyond = self.threshold + excess + (self.scale + self.k * excess) / (1.0 - self.k)
+        return beyond / n
+
+
 def pareto_shape(weights: FloatArray) -> float:
-    """The shape k of the tail of positive weights (n,), by the fit of Zhang and Stephens (2009).
+    """The shape k of the tail of positive weights (n,); see :func:`pareto_tail`."""
+    return pareto_tail(weights).k
+
+
+def pareto_tail(weights: FloatArray) -> ParetoTail:
+    """The tail of positive weights (n,), by the fit of Zhang and Stephens (2009).
 
     The tail is the largest min(n/5, 3√n) weights, as for Pareto-smoothed importance sampling,
-    whose weak prior, 10 draws at k = 1/2, steadies short tails. -inf where the tail is flat.
+    whose weak prior, 10 draws at k = 1/2, steadies short tails.
     """
     n = len(weights)
     n_tail = int(min(0.2 * n, 3.0 * math.sqrt(n)))
     if n_tail < 5:
-        return math.nan
+        return ParetoTail(math.nan, math.nan, math.nan, math.nan)
     largest = np.sort(weights)[-n_tail - 1 :]
-    excess = largest[1:] - largest[0]
+    threshold, share = float(largest[0]), n_tail / n
+    excess = largest[1:] - threshold
     if not excess[-1] > 1e-10 * largest[-1]:
-        return -math.inf  # weights that are equal but for rounding
+        return ParetoTail(
+            -math.inf, 0.0, threshold, share
+        )  # weights that are equal but for rounding
     n_trials = 30 + int(math.sqrt(n_tail))
     quartile = excess[int(n_tail / 4 + 0.5) - 1]
     if not quartile > 1e-290 * excess[-1]:
-        return math.inf  # too few weights matter for their tail to have a shape
+        # Too few weights matter for their tail to have a shape.
+        return ParetoTail(math.inf, math.inf, threshold, share)
     trials = 1.0 - np.sqrt(n_trials / (np.arange(1, n_trials + 1) - 0.5))
     trials = 1.0 / excess[-1] + trials / (3.0 * quartile)
     shapes = np.log1p(-trials[:, None] * excess).mean(axis=1)
     log_profile = n_tail * (np.log(-trials / shapes) - shapes - 1.0)
     chances = np.exp(log_profile - logsumexp(log_profile))
-    k = float(np.log1p(-(chances @ trials) * excess).mean())
-    return (n_tail * k + 5.0) / (n_tail + 10.0)
+    mean = float(chances @ trials)
+    k = float(np.log1p(-mean * excess).mean())
+    return ParetoTail((n_tail * k + 5.0) / (n_tail + 10.0), -k / mean, threshold, share)

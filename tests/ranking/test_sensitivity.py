@@ -95,7 +95,7 @@ def test_widths_of_priors_by_quadrature(moved, tiny_ranking, factor):
     """One parameter, so its evidence is an integral over the wider or narrower lognormal."""
     row = row_of(moved, f"width of priors × {'2' if factor == 2.0 else '½'}")
     candidate = next(c for c in tiny_ranking.study.model_classes if c.name == "one k")
-    assert set(row.sampled) == set(tiny_ranking.study.names)
+    assert row.sampled == ()
     z = np.linspace(-8.0, 8.0, 4001)
     values = np.exp(factor * math.sqrt(math.log(1.09)) * z)[:, None]
     integrand = np.exp(candidate.log_likelihood(values) - 0.5 * z**2) / math.sqrt(2.0 * math.pi)

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from bayes_ssi.sampling.diagnostics import autocorrelation_times, pareto_shape, r_hat
+from bayes_ssi.sampling.diagnostics import autocorrelation_times, pareto_shape, pareto_tail, r_hat
 
 
 def autoregressive(rho, n_steps=20_000, n_walkers=16, seed=1):
@@ -151,3 +151,19 @@ def test_one_huge_weight_is_a_heavy_tail(others, spread):
     weights = others * (rng.random(3000) if spread else np.ones(3000))
     weights[7] = 1.0
     assert pareto_shape(weights) > 5.0
+
+
+@pytest.mark.parametrize("k", [0.3, 0.6])
+def test_a_tail_adds_beyond_the_largest_weight_what_a_pareto_distribution_does(k):
+    """P(w > x) = x^(-1/k) for weights above 1, whose mean beyond q is q^(1 - 1/k) / (1 - k)."""
+    quantiles = ((np.arange(100_000) + 0.5) / 100_000) ** -k
+    tail = pareto_tail(quantiles)
+    n = 4000.0
+    expected = (n**k) ** (1.0 - 1.0 / k) / (1.0 - k)
+    assert tail.beyond_the_largest(n) == pytest.approx(expected, rel=0.1)
+
+
+def test_a_flat_tail_adds_nothing_and_one_without_a_mean_everything():
+    assert pareto_tail(np.ones(1000)).beyond_the_largest(1000.0) == 0.0
+    heavy = pareto_tail(np.random.default_rng(8).pareto(0.5, 2000) + 1.0)
+    assert heavy.beyond_the_largest(2000.0) == math.inf
