@@ -20,6 +20,7 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.sample import sample
+from bayes_ssi.predictions.predicted_frequencies import predict_frequencies
 from bayes_ssi.predictions.stored_predictions import load_predictions
 from bayes_ssi.priors.families import (
     HalfNormal,
@@ -89,6 +90,7 @@ __all__ = [
     "load_result",
     "load_study",
     "modal_data_from_pyoma2",
+    "predict_frequencies",
     "rank",
     "read_ground_motion",
     "read_matrix",

@@ -103,9 +103,10 @@ class CorrelatedErrors:
         ratios = np.zeros((len(values), len(self.groups)))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             if self._frequencies is not None:
-                residuals = self._frequencies.of_members(self.residuals(modes)[:, :, None])
+                residuals = self._residuals([of_test.frequencies_hz for of_test in modes])
+                members = self._frequencies.of_members(residuals[:, :, None])
                 sizes = self._sizes(self.error.frequency_cov, values)
-                ratios += self._frequencies.log_ratios(residuals, sizes)
+                ratios += self._frequencies.log_ratios(members, sizes)
             shapes = self._shapes.groups if self._between_tests else None
             if shapes is not None:
                 errors = self._shapes.errors(shapes, modes)
@@ -143,11 +144,11 @@ class CorrelatedErrors:
             if any(self.modes[position].label == label for position in group)
         )
 
-    def residuals(self, modes: Sequence[Modes]) -> FloatArray:
+    def _residuals(self, frequencies_hz: Sequence[FloatArray]) -> FloatArray:
         """r_f = f/f_e - 1 of all paired modes, (B, N)."""
-        each = zip(self.likelihoods, modes, strict=True)
+        each = zip(self.likelihoods, frequencies_hz, strict=True)
         return np.concatenate(
-            [own.pairs.frequency_residuals(of_test.frequencies_hz) for own, of_test in each], axis=1
+            [likelihood.pairs.frequency_residuals(own) for likelihood, own in each], axis=1
         )
 
     def _sizes(self, size: Value, values: FloatArray) -> ErrorSizes:
@@ -176,17 +177,20 @@ class CorrelatedErrors:
         return correlated
 
     def conditional(
-        self, values: FloatArray, modes: Sequence[Modes], further: Sequence[ModeOfTest]
+        self,
+        values: FloatArray,
+        frequencies_hz: Sequence[FloatArray],
+        further: Sequence[ModeOfTest],
     ) -> tuple[FloatArray, FloatArray]:
         """Frequency errors of further modes, given the residuals of the paired ones.
 
         Args:
             values: (B, n_parameters).
-            modes: the modes of each test at these values.
+            frequencies_hz: model frequencies (B, n_modes) of each test at these values.
             further: M modes, of these tests or of a test with an index of its own.
 
         Returns:
-            Means (B, M) and covariance (B, M, M) of their prediction errors.
+            Means (B, M) and covariance (B or 1, M, M) of their prediction errors, as residuals.
         """
         sizes = self._sizes(self.error.frequency_cov, values)
         by_label = not self._between_modes
@@ -199,7 +203,7 @@ class CorrelatedErrors:
             )
         )
         gain = np.linalg.solve(paired + np.diag(self._frequency_var), between)
-        means = (gain * self.residuals(modes)[:, :, None]).sum(axis=1)
+        means = (gain * self._residuals(frequencies_hz)[:, :, None]).sum(axis=1)
         return means, own - np.einsum("bnm,bnk->bmk", gain, between)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.arrays import FloatArray
@@ -122,7 +123,7 @@ def thinned_draws(
                 listed = ", ".join(map(repr, stored))
                 raise ValueError(f"{changed}: {kind} {name!r}, the stored ones are {listed}")
     columns = [posterior.parameter_names.index(name) for name in names]
-    rows = np.arange(n_draws) * len(posterior.values) // n_draws
+    rows = thinned_rows(len(posterior.values), n_draws)
     values = posterior.values[rows][:, columns]
     test.check_structure()
     # Another machine reproduces frequencies up to rounding errors. Sampling made an approximate
@@ -143,6 +144,11 @@ def thinned_draws(
             f"{_listed(frequencies_hz[0])} Hz, stored are {_listed(stored_hz[0])} Hz"
         )
     return PosteriorDraws(posterior.name, structure, modes.pairing, values, test.data)
+
+
+def thinned_rows(n_values: int, n_draws: int) -> NDArray[np.intp]:
+    """Positions of ``n_draws`` draws, evenly spaced among ``n_values``."""
+    return np.arange(n_draws) * n_values // n_draws
 
 
 def _listed(frequencies: FloatArray) -> str:
