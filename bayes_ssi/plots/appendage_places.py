@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from bayes_ssi.appendages.places import AppendagePlace
-from bayes_ssi.plots.figure_style import GREY, VERMILION, axes_of, hover
+from bayes_ssi.plots.figure_style import GREY, SMALL, VERMILION, WIDTH, axes_of, hover
 from bayes_ssi.ranking.comparison import probability_text
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ def plot_places(probabilities: Mapping[AppendagePlace, float], ax: Axes | None =
     darkness grow with the probability, which is written next to it.
     """
     n_floors = math.ceil(max(place.height for place in probabilities))
-    ax = axes_of(ax, (4.6, 1.4 + 0.7 * n_floors))
+    ax = axes_of(ax, (WIDTH, 1.4 + 0.7 * n_floors))
     ax.plot([-1.6, 1.6], [0, 0], color="black", linewidth=2.0)
     for side in (-1.0, 1.0):
         ax.plot([side, side], [0, n_floors], color=GREY, linewidth=1.5)
@@ -38,7 +38,7 @@ def plot_places(probabilities: Mapping[AppendagePlace, float], ax: Axes | None =
             facecolor=VERMILION, edgecolor="black", alpha=0.12 + 0.88 * probability, linewidth=0.8,
         )  # fmt: skip
         hover(point, f"{place.name}: probability {probability_text(probability)}")
-        ax.text(x + 0.2, y, probability_text(probability), va="center", fontsize=8)
+        ax.text(x + 0.2, y, probability_text(probability), va="center", fontsize=SMALL)
     ax.set_xlim(-2.2, max(columns.values()) + 1.2)
     ax.set_ylim(-0.3, n_floors + 0.5)
     ax.axis("off")

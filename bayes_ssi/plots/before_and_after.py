@@ -13,11 +13,10 @@ from bayes_ssi.plots.figure_style import (
     BLUE,
     GREY,
     VERMILION,
-    WIDTH,
-    axes_of,
     hover,
     legend_below,
     name_rows,
+    rows_of,
 )
 from bayes_ssi.posterior.configuration_modes import LEVEL, UpdatedMode
 from bayes_ssi.posterior.posterior import Posterior
@@ -67,7 +66,7 @@ def plot_frequency_change(
                 f"({low:+.2f} to {high:+.2f} %)",
             )
         )
-    ax = axes_of(ax, (WIDTH, 1.4 + 0.4 * len(rows)))
+    ax = rows_of(ax, [row.name for row in rows], 1.1)
     ax.axvline(0.0, color="black", linewidth=0.8)
     _draw(ax, rows, level)
     ax.set_xlabel("model / identified - 1 (%)")
@@ -97,9 +96,9 @@ def plot_mac_change(modes: Sequence[UpdatedMode], ax: Axes | None = None) -> Axe
             )
     if not rows:
         raise ValueError("plot_mac_change: no paired mode has an identified shape")
-    ax = axes_of(ax, (WIDTH, 1.4 + 0.35 * len(rows)))
+    ax = rows_of(ax, [row.name for row in rows], 1.1)
     _draw(ax, rows, LEVEL)
-    ax.set_xlabel("MAC with the identified shape (1: the same shape)")
+    ax.set_xlabel("MAC with the identified shape\n(1: the same shape)")
     return ax
 
 
@@ -142,7 +141,7 @@ def plot_parameters(
         ax: axes; new ones if None.
     """
     rows = posterior.summary
-    ax = axes_of(ax, (WIDTH, 1.3 + 0.3 * len(rows)))
+    ax = rows_of(ax, [row.name for row in rows], 1.3)
     ax.axvline(0.0, color=GREY, linewidth=0.8, linestyle=":")
     for y, row in enumerate(rows):
         low, median, high = prior_quantiles[row.name]
@@ -157,7 +156,7 @@ def plot_parameters(
         text = f"{row.name} after: {after[1]:.4g} ({after[0]:.4g} to {after[2]:.4g})"
         _square(ax, y, scaled, "posterior, 90 %", text)
     name_rows(ax, [row.name for row in rows])
-    ax.set_xlabel("0: prior median; -1 and 1: ends of the prior's 90 % interval")
+    ax.set_xlabel("0: prior median\n-1 and 1: ends of the prior's 90 % interval")
     ax.grid(axis="x", alpha=0.3)
     legend_below(ax, columns=2)
     return ax

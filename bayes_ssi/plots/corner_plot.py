@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_ssi.plots.figure_style import BLUE, figure_of, letters_across
+from bayes_ssi.plots.figure_style import BLUE, SMALL, figure_of, wrapped
 from bayes_ssi.posterior.posterior import Posterior
 
 if TYPE_CHECKING:
@@ -45,29 +45,33 @@ def plot_corner(
     values = posterior.values[:, [posterior.parameter_names.index(name) for name in names]]
     n = len(names)
     figure = figure_of(figure, (0.8 + 1.5 * n, 1.4 + 1.5 * n))
-    # In a panel of 1.5 in, a name may take 1.3 in.
-    points = min(9.0, 9.0 * letters_across(1.3) / max(map(len, names)))
     with warnings.catch_warnings():
         # At its import arviz 0.23 announces version 1; constrained layout replaces corner's own.
         warnings.simplefilter("ignore", FutureWarning)
         warnings.filterwarnings("ignore", "This figure was using a layout engine", UserWarning)
         import corner
+        from matplotlib.ticker import MaxNLocator
 
         corner.corner(
             values, bins=30, fig=figure, color=BLUE, quantiles=QUANTILES, smooth=1.0,
             levels=CONTOURS, plot_datapoints=False, plot_density=False, fill_contours=True,
-            max_n_ticks=4,
         )  # fmt: skip
     panels = np.array(figure.axes, dtype=object).reshape(n, n)
     for i, (name, draws) in enumerate(zip(names, values.T, strict=True)):
         low, median, high = np.quantile(draws, QUANTILES)
-        title = f"{name}\n{median:.4g}\n({low:.4g} to {high:.4g})"
-        panels[i, i].set_title(title, fontsize=min(7.5, points), loc="center", parse_math=False)
-        panels[-1, i].set_xlabel(name, fontsize=points, parse_math=False)
+        # In a panel of 1.5 in, a name may take 1.3 in.
+        label = wrapped(name, 1.3, SMALL)
+        title = f"{label}\n{median:.4g}\n({low:.4g} to {high:.4g})"
+        panels[i, i].set_title(title, fontsize=SMALL, loc="center", parse_math=False)
+        panels[-1, i].set_xlabel(label, fontsize=SMALL, parse_math=False)
         if i:
-            panels[i, 0].set_ylabel(name, fontsize=points, parse_math=False)
+            panels[i, 0].set_ylabel(label, fontsize=SMALL, parse_math=False)
     for ax in panels.flat:
-        ax.tick_params(labelsize=7)
+        # Three numbers at most, none of them at a corner, where those of two panels would meet.
+        for axis in (ax.xaxis, ax.yaxis):
+            if isinstance(axis.get_major_locator(), MaxNLocator):
+                axis.set_major_locator(MaxNLocator(3, prune="both", min_n_ticks=1))
+        ax.tick_params(labelsize=SMALL, labelrotation=0)
     note = "median, 90 % interval" + ("; 1 and 2 sigma" if n > 1 else "")
     figure.suptitle(f"{posterior.name}\n{note}", fontsize=10, parse_math=False)
     return figure

@@ -9,11 +9,11 @@ import numpy as np
 from bayes_ssi.plots.figure_style import (
     BLUE,
     VERMILION,
-    WIDTH,
-    axes_of,
     hover,
     legend_below,
     name_rows,
+    rows_of,
+    title_of,
 )
 from bayes_ssi.ranking.comparison import Comparison
 
@@ -36,7 +36,8 @@ def plot_evidence(
         most: largest number of classes drawn, the best first; all if None.
     """
     rows = comparison.classes[:most]
-    ax = axes_of(ax, (WIDTH, 1.3 + 0.42 * len(rows)))
+    names = [f"{row.name}\n({row.probability_text})" for row in rows]
+    ax = rows_of(ax, names, 1.3)
     y = np.arange(len(rows))
     evidence = np.array([row.log_evidence for row in rows])
     fit = np.array([row.mean_log_likelihood for row in rows])
@@ -49,11 +50,11 @@ def plot_evidence(
                             label=None if i else "log evidence ± 1 standard error")  # fmt: skip
         hover(point, f"{row.name}: log evidence {row.log_evidence:.3f} ± {row.error:.3f}, fit "
               f"{row.mean_log_likelihood:.2f}, probability {row.probability_text}")  # fmt: skip
-    name_rows(ax, [f"{row.name}\n({row.probability_text})" for row in rows])
+    name_rows(ax, names)
     ax.use_sticky_edges = False
     ax.margins(x=0.04)
     ax.set_xlabel("nats")
-    ax.set_title("Model classes by evidence (probability)")
+    title_of(ax, "Model classes (probability)")
     ax.grid(axis="x", alpha=0.3)
-    legend_below(ax, columns=3)
+    legend_below(ax, columns=2)
     return ax

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -20,18 +22,35 @@ COLOURS = BLUE, ORANGE, GREEN, VERMILION, GREY = (
 MARKERS = "osD^v"
 LINES = ("-", "--", "-.", ":")
 
-# Inches: the width of a figure whose axes are as wide as the page.
-WIDTH = 6.4
-# Panels of mode shapes that are legible next to one another on a page.
-PANELS_ACROSS = 4
+# Inches: the width of most figures. Two fit next to one another on the page of a report, and on a
+# telephone, 360 pixels of 1/96 in wide without the margins, the smallest text still has 7 points.
+WIDTH = 4.3
+# Points: text of axes and legends, and of ticks and notes, the smallest.
+TEXT, SMALL = 9.0, 8.0
+# Inches: most that the names of rows may take, and the height of a line of them.
+NAMES, LINE = 1.65, 0.14
+# Panels of mode shapes next to one another: as many as WIDTH holds, or, of many modes, twice that.
+PANELS_ACROSS = 3
+PANEL = 1.13  # inches
 # Prefix of the SVG id of a point with a hover text.
 HOVER = "hover: "
+
+# Fonts for names in letters that the default font lacks, those of common systems: only fonts of
+# outlines, since matplotlib cannot draw the bitmaps of coloured emoji.
+OTHER_FONTS = (
+    "Noto Sans CJK SC", "Noto Sans CJK JP", "Noto Sans CJK KR", "Source Han Sans SC",
+    "WenQuanYi Micro Hei", "Droid Sans Fallback", "IPAGothic", "Microsoft YaHei", "Yu Gothic",
+    "Malgun Gothic", "Hiragino Sans", "Heiti TC", "Arial Unicode MS", "Noto Sans", "Noto Emoji",
+    "Segoe UI Emoji", "Symbola",
+)  # fmt: skip
 
 RC: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
     "figure.dpi": 150,
     "savefig.dpi": 150,
-    "font.size": 9,
+    "font.size": TEXT,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.titlesize": 10,
@@ -44,10 +63,18 @@ _for_files = ContextVar("_for_files", default=False)
 
 @contextmanager
 def style() -> Iterator[None]:
-    """The package's figure style, for the figures drawn within."""
-    import matplotlib as mpl
+    """The package's figure style, for the figures drawn and saved within.
 
-    with mpl.rc_context(RC):
+    A name may hold letters that no installed font has: they are drawn as boxes, without a warning.
+    """
+    import matplotlib as mpl
+    from matplotlib import font_manager
+
+    installed = set(font_manager.get_font_names())
+    own = mpl.rcParams["font.family"]
+    others = [name for name in OTHER_FONTS if name in installed and name not in own]
+    with mpl.rc_context({**RC, "font.family": [*own, *others]}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from", UserWarning)
         yield
 
 
@@ -110,40 +137,87 @@ def without_math(*texts: Any) -> None:
 
 def name_rows(ax: Axes, names: Sequence[str]) -> None:
     """Name the rows of axes, the first one at the top."""
-    ax.set_yticks(range(len(names)), names)
+    ax.set_yticks(range(len(names)), [wrapped(name, NAMES, SMALL) for name in names])
     without_math(*ax.get_yticklabels())
     ax.set_ylim(len(names) - 0.5, -0.5)
 
 
-def letters_across(inches: float, points: float = 9.0) -> float:
+def rows_of(ax: Axes | None, names: Sequence[str], extra: float) -> Axes:
+    """The axes given, or those of a new figure with room for named rows.
+
+    Args:
+        ax: axes; new ones if None.
+        names: of the rows.
+        extra: inches for what is above and below the rows.
+    """
+    lines = max((wrapped(name, NAMES, SMALL).count("\n") + 1 for name in names), default=1)
+    return axes_of(ax, (WIDTH, extra + LINE * (1 + lines) * len(names)))
+
+
+def letters_across(inches: float, points: float = TEXT) -> float:
     """Number of letters that fit a width: on average, a letter is 0.6 of its font size wide."""
     return inches * 72.0 / (0.6 * points)
+
+
+def wrapped(text: str, inches: float, points: float = TEXT) -> str:
+    """A text in lines that fit a width; its own line breaks are kept."""
+    letters = max(1, int(letters_across(inches, points)))
+    return "\n".join(textwrap.fill(line, letters) for line in text.split("\n"))
+
+
+def title_of(ax: Axes, text: str) -> None:
+    """A title above axes, in lines no wider than they are."""
+    width = whole_figure(ax).get_figwidth() * ax.get_position().width
+    ax.set_title(wrapped(text, width, SMALL), fontsize=TEXT, parse_math=False)
+
+
+def width_of_modes(n_modes: int) -> float:
+    """Inches: the width of a figure with the modes next to one another.
+
+    The frequency of a mode, written below the axis, takes 0.66 in.
+    """
+    return max(WIDTH, 0.7 + 0.66 * n_modes)
+
+
+def panels_across(n_panels: int) -> int:
+    """Number of panels of mode shapes next to one another, with rows of about the same length."""
+    most = PANELS_ACROSS if n_panels <= 2 * PANELS_ACROSS else 2 * PANELS_ACROSS
+    return -(-n_panels // -(-n_panels // most))
+
+
+def width_of_panels(across: int) -> float:
+    """Inches: the width of a figure with so many panels next to one another."""
+    return WIDTH + PANEL * max(0, across - PANELS_ACROSS)
 
 
 def legend_below(ax: Axes, columns: int) -> None:
     """A legend below the figure, or, where it has other axes, within these."""
     if len(ax.figure.axes) == 1:
-        legend_of_figure(ax.figure, ax, columns)
+        legend_of_figure(ax.figure, [ax], columns)
         return
-    drawn = _labelled(ax)
+    drawn = _labelled([ax])
     legend = ax.legend([*drawn.values()], [*drawn], loc="best", fontsize="small")
     without_math(*legend.get_texts())
 
 
-def legend_of_figure(figure: Any, ax: Axes, columns: int = 3) -> None:
-    """The legend of one axes below its figure, in fewer columns where names are long."""
-    drawn = _labelled(ax)
-    longest = max(map(len, drawn), default=1) + 6  # the line of an entry takes 6 letters
-    columns = min(columns, int(letters_across(figure.get_figwidth()) / longest))
+def legend_of_figure(figure: Any, axes: Iterable[Axes], columns: int = 3) -> None:
+    """The legend of all axes below their figure, in fewer columns where names are long."""
+    drawn = _labelled(axes)
+    room = int(letters_across(figure.get_figwidth(), SMALL))
+    line = 6  # letters that the line of an entry and the space after it take
+    columns = max(1, min(columns, room // (max(map(len, drawn), default=1) + line)))
+    names = [textwrap.fill(name, room // columns - line) for name in drawn]
     legend = figure.legend(
-        [*drawn.values()], [*drawn], loc="outside lower center", ncols=max(1, columns)
+        [*drawn.values()], names, loc="outside lower center", ncols=columns, fontsize=SMALL
     )
     without_math(*legend.get_texts())
 
 
-def _labelled(ax: Axes) -> dict[str, Any]:
+def _labelled(axes: Iterable[Axes]) -> dict[str, Any]:
     """What is drawn by its name; matplotlib itself leaves out names that begin with a "_"."""
-    drawn: Iterable[Any] = (*ax.lines, *ax.collections, *ax.containers)
+    drawn: Iterable[Any] = [
+        artist for ax in axes for artist in (*ax.containers, *ax.lines, *ax.collections)
+    ]
     labelled = {str(artist.get_label() or "_nolegend_"): artist for artist in drawn}
     own = ("_child", "_container", "_nolegend_")
     return {label: artist for label, artist in labelled.items() if not label.startswith(own)}

@@ -12,9 +12,15 @@ from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.plots.figure_style import (
     BLUE,
     GREY,
-    PANELS_ACROSS,
+    SMALL,
     figure_of,
     hover,
+    letters_across,
+    panels_across,
+    title_of,
+    whole_figure,
+    width_of_modes,
+    width_of_panels,
     without_math,
 )
 
@@ -32,13 +38,17 @@ def plot_identified_modes(
     interval.
     """
     with_shape = [mode for mode in data.modes if mode.scaled_shape is not None]
-    n_rows = -(-len(with_shape) // PANELS_ACROSS)
-    figure = figure_of(figure, (6.8, 1.5 + (0.7 + 0.22 * len(data.sensors)) * n_rows))
+    across = panels_across(len(with_shape)) if with_shape else 1
+    n_rows = -(-len(with_shape) // across)
+    height = 1.5 + (0.7 + 0.22 * len(data.sensors)) * n_rows
+    figure = figure_of(
+        figure, (max(width_of_modes(len(data.modes)), width_of_panels(across)), height)
+    )
     ratios = [1.0, *[1.0 + 0.25 * len(data.sensors)] * n_rows]
-    grid = figure.add_gridspec(1 + n_rows, PANELS_ACROSS, height_ratios=ratios)
+    grid = figure.add_gridspec(1 + n_rows, across, height_ratios=ratios)
     _band(figure.add_subplot(grid[0, :]), data, configuration)
     for i, mode in enumerate(with_shape):
-        ax = figure.add_subplot(grid[1 + i // PANELS_ACROSS, i % PANELS_ACROSS])
+        ax = figure.add_subplot(grid[1 + i // across, i % across])
         shape = np.asarray(mode.scaled_shape)
         y = np.arange(len(data.sensors))
         ax.axvline(0.0, color=GREY, linewidth=0.8)
@@ -48,10 +58,9 @@ def plot_identified_modes(
             hover(point, f"mode {mode.label}, {data.sensors[k]}: {component:.3f}")
         ax.set_xlim(-1.1, 1.1)
         ax.set_ylim(-0.6, len(y) - 0.4)
-        ax.set_yticks(y, data.sensors if i % PANELS_ACROSS == 0 else [""] * len(y))
+        ax.set_yticks(y, data.sensors if i % across == 0 else [""] * len(y))
         ax.set_xticks([-1, 0, 1])
-        ax.tick_params(labelsize=7)
-        title = ax.set_title(f"mode {mode.label}", fontsize=8)
+        title = ax.set_title(f"mode {mode.label}", fontsize=SMALL)
         without_math(title, *ax.get_yticklabels())
     return figure
 
@@ -59,7 +68,10 @@ def plot_identified_modes(
 def _band(ax: Axes, data: ModalData, configuration: str) -> None:
     low, high = data.band_hz
     ax.axvspan(low, high, color=GREY, alpha=0.12, linewidth=0)
-    for height, mode in zip(_levels(data.frequencies_hz, high - low), data.modes, strict=True):
+    # The label of a mode and the space next to it, on the scale of the axis.
+    longest = max(len(mode.label) for mode in data.modes) + 1
+    room = (high - low) * longest / letters_across(whole_figure(ax).get_figwidth(), SMALL)
+    for height, mode in zip(_levels(data.frequencies_hz, room), data.modes, strict=True):
         if mode.frequency_cov is not None:
             half = 1.96 * mode.frequency_cov * mode.frequency_hz
             ax.axvspan(mode.frequency_hz - half, mode.frequency_hz + half, color=GREY, alpha=0.5,
@@ -67,7 +79,7 @@ def _band(ax: Axes, data: ModalData, configuration: str) -> None:
         (line,) = ax.plot([mode.frequency_hz] * 2, [0.0, height], color=BLUE, linewidth=1.5)
         hover(line, f"mode {mode.label}: {mode.frequency_hz:.5g} Hz")
         label = ax.text(mode.frequency_hz, height + 0.04, mode.label, ha="center", va="bottom",
-                        fontsize=8, bbox={"facecolor": "white", "edgecolor": "none",
+                        fontsize=SMALL, bbox={"facecolor": "white", "edgecolor": "none",
                                           "alpha": 0.8, "pad": 0.5})  # fmt: skip
         without_math(label)
     ax.set_xlim(low - 0.02 * (high - low), high + 0.02 * (high - low))
@@ -75,13 +87,13 @@ def _band(ax: Axes, data: ModalData, configuration: str) -> None:
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
     ax.set_xlabel("identified frequency (Hz); grey: the band")
-    without_math(ax.set_title(label_in(configuration, "identified modes")))
+    title_of(ax, label_in(configuration, "identified modes"))
 
 
-def _levels(frequencies_hz: FloatArray, width: float) -> list[float]:
+def _levels(frequencies_hz: FloatArray, room: float) -> list[float]:
     """Heights of the lines, chosen so that the labels of close modes do not overlap."""
     levels: list[float] = []
     for i, frequency in enumerate(frequencies_hz):
-        close = i and frequency - frequencies_hz[i - 1] < 0.05 * width
+        close = i and frequency - frequencies_hz[i - 1] < room
         levels.append({0.9: 0.6, 0.6: 0.3, 0.3: 0.9}[levels[-1]] if close else 0.9)
     return levels

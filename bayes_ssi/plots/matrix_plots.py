@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.inferred_pairing import InferredPairing
-from bayes_ssi.plots.figure_style import axes_of, without_math
+from bayes_ssi.plots.figure_style import SMALL, axes_of, without_math
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +42,7 @@ def plot_pairing(inferred: InferredPairing, n_modes: int, ax: Axes | None = None
     """The probability that each identified mode is each model mode, or spurious."""
     labels = list(inferred.of_modes)
     columns = ["spurious", *(str(number) for number in range(1, n_modes + 1))]
-    ax = axes_of(ax, (1.6 + 0.62 * len(columns), 1.1 + 0.34 * len(labels)))
+    ax = axes_of(ax, (1.3 + 0.5 * len(columns), 1.1 + 0.34 * len(labels)))
     probabilities = np.array(
         [[inferred.of_modes[label].get(i, 0.0) for i in range(n_modes + 1)] for label in labels]
     )
@@ -63,7 +63,7 @@ def _draw(
     image = ax.imshow(matrix, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
     for (i, k), value in np.ndenumerate(matrix):
         if np.isfinite(value):
-            ax.text(k, i, f"{value:.{decimals}f}", ha="center", va="center", fontsize=7,
+            ax.text(k, i, f"{value:.{decimals}f}", ha="center", va="center", fontsize=SMALL,
                     color="white" if value > 0.6 else "black")  # fmt: skip
     ax.set_xticks(range(len(columns)), columns)
     ax.set_yticks(range(len(rows)), rows)

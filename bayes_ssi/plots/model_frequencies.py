@@ -13,10 +13,11 @@ from bayes_ssi.plots.figure_style import (
     COLOURS,
     GREY,
     MARKERS,
-    WIDTH,
     axes_of,
     hover,
     legend_below,
+    title_of,
+    width_of_modes,
     without_math,
 )
 from bayes_ssi.posterior.posterior import Posterior
@@ -43,8 +44,7 @@ def plot_frequencies(
         ax: axes; new ones if None.
         configuration: the one in which ``data`` were identified, where there are several.
     """
-    # A mode's frequency, written below the axis, takes 0.72 in.
-    ax = axes_of(ax, (max(WIDTH, 0.7 + 0.72 * len(data.modes)), 3.4))
+    ax = axes_of(ax, (width_of_modes(len(data.modes)), 3.4))
     for i, mode in enumerate(data.modes):
         if mode.frequency_cov is not None:
             half = 196.0 * mode.frequency_cov  # 1.96 standard deviations, in per cent
@@ -52,16 +52,19 @@ def plot_frequencies(
     offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
     for k, (posterior, offset) in enumerate(zip(posteriors, offsets, strict=True)):
         colour = COLOURS[k % len(COLOURS)]
-        marker = MARKERS[k // len(COLOURS) % len(MARKERS)]
+        # Another shift after each round of the colours: pairs of both repeat late.
+        marker = MARKERS[(k + k // len(COLOURS)) % len(MARKERS)]
         _draw_class(ax, data, posterior, configuration, offset, colour, marker)
+    if any(line.get_marker() == "x" for line in ax.lines):
+        ax.plot([], [], "x", color="black", markersize=6, label="called spurious")
     ax.axhline(0.0, color="black", linewidth=0.8)
     ticks = [f"{mode.label}\n{mode.frequency_hz:.4g} Hz" for mode in data.modes]
     ax.set_xticks(range(len(ticks)), ticks)
     ax.set_xlim(-0.5, len(ticks) - 0.5)
     ax.set_xlabel("identified mode")
     ax.set_ylabel("model / identified - 1 (%)")
-    title = "Model frequencies, 95 % of the posterior  (x: called spurious)"
-    without_math(*ax.get_xticklabels(), ax.set_title(label_in(configuration, title)))
+    without_math(*ax.get_xticklabels())
+    title_of(ax, label_in(configuration, "Model frequencies, 95 % of the posterior"))
     ax.grid(axis="y", alpha=0.3)
     legend_below(ax, columns=4)
     return ax

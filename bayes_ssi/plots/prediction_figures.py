@@ -14,11 +14,14 @@ from bayes_ssi.modal import SHAPE_SCALE, mac
 from bayes_ssi.plots.before_and_after import plot_frequency_change
 from bayes_ssi.plots.figure_style import (
     LINES,
+    TEXT,
     WIDTH,
     figure_of,
     figures_for_files,
     legend_of_figure,
     save_figure,
+    title_of,
+    wrapped,
 )
 from bayes_ssi.plots.matrix_plots import plot_mac
 from bayes_ssi.plots.response_plots import plot_time_history, plot_transfer_functions
@@ -93,9 +96,9 @@ def _by_place(
     for i, (place, ax) in enumerate(zip(places, axes, strict=True)):
         plot({name: Band(*(part[i] for part in band)) for name, band in bands.items()}, ax,
              legend=False)  # fmt: skip
-        ax.set_title(f"{place}: {title}", fontsize=9, parse_math=False)
+        title_of(ax, f"{place}: {title}")
         ax.label_outer()
-    legend_of_figure(figure, axes[0])
+    legend_of_figure(figure, axes)
     return figure
 
 
@@ -113,8 +116,9 @@ def _mode_figures(
         DrawnShape(f"mode {label}", own.shapes(label, places).band(level)) for label in paired
     ]
     figure = plot_shapes(structure, places, shapes, sideways=moves_sideways(structure))
-    title = f"{own.name!r}: mode shapes, {100 * level:g} % bands\n{SHAPE_SCALE}"
-    figure.suptitle(title, fontsize=10, x=0.02, ha="left", parse_math=False)
+    title = f"{own.name!r}: mode shapes, {100 * level:g} % bands, {SHAPE_SCALE}"
+    figure.suptitle(wrapped(title, figure.get_figwidth(), TEXT), fontsize=TEXT, x=0.02, ha="left",
+                    parse_math=False)  # fmt: skip
     yield "mode_shapes", figure
     measured = [mode for mode in data.modes if mode.unit_shape is not None]
     if measured:

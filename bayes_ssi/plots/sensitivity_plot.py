@@ -10,11 +10,10 @@ from bayes_ssi.plots.figure_style import (
     COLOURS,
     MARKERS,
     VERMILION,
-    WIDTH,
-    axes_of,
     hover,
     legend_below,
     name_rows,
+    rows_of,
 )
 from bayes_ssi.ranking.comparison import probability_text
 from bayes_ssi.ranking.sensitivity import Sensitivity
@@ -31,7 +30,7 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
     """
     rows = sensitivity.rows
     first, *others = rows[0].ranked
-    ax = axes_of(ax, (WIDTH, 1.4 + 0.3 * len(rows)))
+    ax = rows_of(ax, [row.name for row in rows], 1.4)
     ax.axvline(0.0, color="black", linewidth=0.8, label=f"{first}: first in the ranking")
     looks = list(zip(others, COLOURS[:4], MARKERS, strict=False))
     for y, row in enumerate(rows):
@@ -51,7 +50,7 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
         ax.xaxis.set_major_formatter("{x:g}")
         ax.margins(x=0.06)
     name_rows(ax, [row.name for row in rows])
-    ax.set_xlabel("log of the probability over that of the first class (nats)")
+    ax.set_xlabel("log of the probability over that of\nthe first class (nats)")
     ax.grid(axis="x", alpha=0.3)
-    legend_below(ax, columns=3)
+    legend_below(ax, columns=2)
     return ax

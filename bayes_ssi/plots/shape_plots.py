@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,13 +12,19 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.plots.figure_style import (
     BLUE,
+    GREEN,
     GREY,
-    PANELS_ACROSS,
+    ORANGE,
+    PANEL,
+    SMALL,
     VERMILION,
     axes_of,
     figure_of,
     legend_of_figure,
+    panels_across,
+    width_of_panels,
     without_math,
+    wrapped,
 )
 from bayes_ssi.posterior.configuration_modes import UpdatedModes
 from bayes_ssi.predictions.bands import Band
@@ -28,10 +35,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Half the width of a building, in the unit of the shapes drawn on it, and the largest distance from
-# its axis that is drawn: appendages may move many times as far as floors.
-HALF_WIDTH, REACH = 0.7, 2.1
+# its axis that is drawn, where appendages are marked that move further: they may move many times as
+# far as floors. The rest is room for half of their mark.
+HALF_WIDTH, REACH, MARGIN = 0.7, 1.8, 0.3
+APPENDAGES = "appendage"
+BEYOND = "appendage beyond the scale, its component below"
 # Rows whose labels fit a panel; with more, panels grow no taller and labels become smaller.
 MOST_ROWS = 40
+# A point has three displacements and three rotations.
+MOST_DIRECTIONS = 6
 
 # Both give the heights of their places and name their appendages.
 Building = Structure | UpdatedModes
@@ -67,10 +79,10 @@ def plot_shapes(
         sideways: whether the places are floors that move sideways, to be drawn as a building; if
             not, shapes are drawn component by component.
     """
-    across = min(len(shapes), PANELS_ACROSS)
+    across = panels_across(len(shapes))
     down = -(-len(shapes) // across)
-    height = 2.8 if sideways else 1.0 + 0.2 * min(MOST_ROWS, len(places))
-    figure = figure_of(figure, (1.4 + 1.45 * across, 0.5 + down * height))
+    height = 2.6 if sideways else 1.0 + 0.18 * min(MOST_ROWS, len(places))
+    figure = figure_of(figure, (width_of_panels(across), 0.6 + down * height))
     axes = figure.subplots(down, across, squeeze=False).ravel()
     for i, (each, ax) in enumerate(zip(shapes, axes, strict=False)):
         if sideways:
@@ -79,13 +91,12 @@ def plot_shapes(
         else:
             plot_shape_components(structure, places, each.shape, ax, reference=each.reference,
                                   title=each.title)  # fmt: skip
-        ax.title.set_fontsize(8)
-        ax.tick_params(labelsize=7)
-        ax.tick_params("y", labelsize=7.0 * min(1.0, MOST_ROWS / len(places)),
+        ax.title.set_fontsize(SMALL)
+        ax.tick_params("y", labelsize=SMALL * min(1.0, MOST_ROWS / len(places)),
                        labelleft=i % across == 0)  # fmt: skip
     for ax in axes[len(shapes) :]:
         ax.remove()
-    legend_of_figure(figure, axes[0], columns=4)
+    legend_of_figure(figure, axes[: len(shapes)], columns=4)
     return figure
 
 
@@ -121,7 +132,7 @@ def plot_building_shape(
     y = np.array([0.0, *(heights[places[i]] for i in floors)])
     low, median, high = (np.r_[0.0, part[floors]] for part in shape)
     ax.axvline(0.0, color=GREY, linewidth=0.6, linestyle=":")
-    ax.plot([-0.9 * REACH, 0.9 * REACH], [0, 0], color="black", linewidth=2.0)
+    ax.plot([-REACH, REACH], [0, 0], color="black", linewidth=2.0)
     for side, labelled in ((-HALF_WIDTH, True), (HALF_WIDTH, False)):
         if before is not None:
             earlier = np.array([0.0, *(before[i] for i in floors)])
@@ -135,12 +146,12 @@ def plot_building_shape(
     for i, place in enumerate(places):
         if place in structure.appendages:
             _draw_appendage(ax, heights[place], *(float(part[i]) for part in shape))
-    _write_below(ax, structure, places, shape, REACH - 0.1)
+    _write_below(ax, structure, places, shape, REACH)
     if reference is not None:
         name, at, components = reference
         ax.plot(components, [heights[place] for place in at], "x", color="black", markersize=7,
                 markeredgewidth=1.5, label=name)  # fmt: skip
-    ax.set_xlim(-REACH, REACH)
+    ax.set_xlim(-REACH - MARGIN, REACH + MARGIN)
     ax.set_ylim(-0.15, max(heights.values()) + 0.4)
     ax.set_yticks(y, ["ground", *(places[i] for i in floors)])
     ax.set_xticks([])
@@ -151,13 +162,19 @@ def plot_building_shape(
 
 
 def _draw_appendage(ax: Axes, height: float, low: float, median: float, high: float) -> None:
-    inside = abs(median) < REACH - 0.1
-    at = median if inside else np.copysign(REACH - 0.1, median)
-    if inside:
-        ax.errorbar(at, height, xerr=[[median - low], [high - median]], color=VERMILION, capsize=3)
-    marker = "s" if inside else "<" if median < 0 else ">"
-    ax.plot(at, height, marker, color=VERMILION, markeredgecolor="black", markersize=7,
+    if abs(median) >= REACH:
+        _mark_beyond(ax, median, height, REACH)
+        return
+    ax.errorbar(median, height, xerr=[[median - low], [high - median]], color=VERMILION, capsize=3)
+    ax.plot(median, height, "s", color=VERMILION, markeredgecolor="black", markersize=7,
             linestyle="none", label="appendage", zorder=3)  # fmt: skip
+
+
+def _mark_beyond(ax: Axes, median: float, y: float, reach: float) -> None:
+    """An arrow head within the axes, towards a component that lies beyond them."""
+    ax.plot(np.copysign(reach, median), y, "<" if median < 0 else ">", color=VERMILION,
+            markeredgecolor="black", markersize=7, linestyle="none", label=BEYOND,
+            zorder=3)  # fmt: skip
 
 
 def _write_below(
@@ -167,11 +184,11 @@ def _write_below(
     # Adding zero turns a negative zero into a plain one.
     rounded = np.round(np.array(shape).T, 1) + 0.0
     far = [
-        f"{place}: {median:.1f}\n({low:.1f} to {high:.1f})"
+        f"{wrapped(place, PANEL, SMALL)}:\n{median:.1f}\n({low:.1f} to {high:.1f})"
         for i, (place, (low, median, high)) in enumerate(zip(places, rounded, strict=True))
         if place in structure.appendages and abs(shape.median[i]) >= reach
     ]
-    ax.set_xlabel("\n".join(far), fontsize=6, parse_math=False)
+    ax.set_xlabel("\n".join(far), fontsize=SMALL, parse_math=False)
 
 
 def plot_shape_components(
@@ -186,27 +203,59 @@ def plot_shape_components(
     """A mode shape component by component, for structures that move in several directions.
 
     The axes reach as far as the main structure moves; components of appendages that move further
-    are written below. Arguments are as in :func:`plot_building_shape`; the first place is the
-    lowest bar.
+    are written below. The components of each direction stand together in a colour of their own,
+    those of appendages above them. Arguments are as in :func:`plot_building_shape`; the first place
+    is the lowest bar.
     """
     ax = axes_of(ax, (2.6, 0.8 + 0.22 * len(places)))
-    y = np.arange(len(places))
-    low, median, high = shape
-    main = [i for i, place in enumerate(places) if place not in structure.appendages]
-    largest = np.abs(np.array(shape)[:, main]).max(initial=0.0)
+    groups = _by_direction(places, structure.appendages)
+    order = [place for group in groups.values() for place in group]
+    # Half a row between directions.
+    gaps = np.repeat(0.5 * np.arange(len(groups)), [len(group) for group in groups.values()])
+    y = dict(zip(order, np.arange(len(order)) + gaps, strict=True))
+    bands = dict(zip(places, np.array(shape).T, strict=True))
+    main = [bands[place] for place in places if place not in structure.appendages]
+    largest = np.abs(main).max(initial=0.0)
     reach = 1.15 * largest if largest > 0.0 else 1.0
-    colours = [BLUE if i in main else VERMILION for i in y]
     ax.axvline(0.0, color=GREY, linewidth=0.6)
-    ax.barh(y, median, height=0.6, color=colours, alpha=0.45, label="model")
-    ax.errorbar(median, y, xerr=[median - low, high - median], fmt="none", ecolor="black",
-                elinewidth=0.8, capsize=2)  # fmt: skip
+    colours = cycle((BLUE, GREEN, ORANGE))
+    for name, group in groups.items():
+        colour = VERMILION if name == APPENDAGES else next(colours)
+        rows = np.array([y[place] for place in group])
+        low, median, high = np.array([bands[place] for place in group]).T
+        ax.barh(rows, median, height=0.7, color=colour, alpha=0.6, label=name)
+        ax.errorbar(median, rows, xerr=[median - low, high - median], fmt="none", ecolor="black",
+                    elinewidth=0.8, capsize=2)  # fmt: skip
+        for row, component in zip(rows, median, strict=True):
+            if abs(component) >= reach:
+                _mark_beyond(ax, component, row, 0.9 * reach)
     if reference is not None:
         name, at, components = reference
-        ax.plot(components, [places.index(place) for place in at], "x", color="black",
-                markersize=6, label=name)  # fmt: skip
+        ax.plot(components, [y[place] for place in at], "x", color="black", markersize=6,
+                label=name)  # fmt: skip
     ax.set_xlim(-reach, reach)
-    ax.set_ylim(-0.5, len(places) - 0.5)
-    ax.set_yticks(y, places)
+    ax.set_ylim(-0.5, max(y.values()) + 0.5)
+    ax.set_yticks([*y.values()], order)
+    ax.locator_params(axis="x", nbins=2)
     without_math(*ax.get_yticklabels(), ax.set_title(title))
     _write_below(ax, structure, places, shape, reach)
     return ax
+
+
+def _by_direction(places: Sequence[str], appendages: Sequence[str]) -> dict[str, list[str]]:
+    """Label of a group → its places: those of the main structure by direction, then appendages.
+
+    Labels of places that move in several directions end with the direction: "floor 2 x". Where
+    endings are numbers, or do not repeat, the places of the main structure are one group.
+    """
+    main = [place for place in places if place not in appendages]
+    directions: dict[str, list[str]] = {}
+    for place in main:
+        directions.setdefault(place.split()[-1], []).append(place)
+    few = 1 < len(directions) <= min(MOST_DIRECTIONS, len(main) - 1)
+    if few and not any(ending.isdecimal() for ending in directions):
+        groups = {f"model, {ending}": group for ending, group in directions.items()}
+    else:
+        groups = {"model": main}
+    others = [place for place in places if place in appendages]
+    return groups | ({APPENDAGES: others} if others else {})

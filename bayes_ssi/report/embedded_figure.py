@@ -15,6 +15,10 @@ from bayes_ssi.plots.figure_style import HOVER, RC
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# A CSS inch.
+PIXELS = 96
+# Pixels: the width of one of two columns of figures on a page.
+COLUMN = 448
 PNG_HEADER = b"\x89PNG\r\n\x1a\n"
 
 
@@ -25,10 +29,17 @@ class EmbeddedFigure:
     Attributes:
         caption: what it shows, also for readers who cannot see it.
         html: the element that shows it, with names and texts escaped.
+        width: its width in pixels where its text has the size that it was drawn with.
     """
 
     caption: str
     html: str
+    width: int
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether it needs the width of the page."""
+        return self.width > COLUMN
 
 
 def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigure:
@@ -54,7 +65,8 @@ def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigur
     svg = re.sub(r'href="#([^"]*)"', rf'href="#{prefix}.\1"', svg)
     svg = re.sub(r"url\(#([^)]*)\)", rf"url(#{prefix}.\1)", svg)
     label = escape(caption, quote=True)
-    return EmbeddedFigure(caption, svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1))
+    html = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
+    return EmbeddedFigure(caption, html, round(PIXELS * figure.get_figwidth()))
 
 
 def embedded_file(path: Path, caption: str) -> EmbeddedFigure:
@@ -67,8 +79,8 @@ def embedded_file(path: Path, caption: str) -> EmbeddedFigure:
     if not content.startswith(PNG_HEADER) or len(content) < 24:
         raise ValueError(f"{path}: damaged: not a PNG file")
     pixels = int.from_bytes(content[16:20], "big")  # the width, first of the first chunk
-    width = round(96 * pixels / RC["savefig.dpi"])  # a CSS inch has 96 pixels
+    width = round(PIXELS * pixels / RC["savefig.dpi"])
     data = base64.b64encode(content).decode("ascii")
     alt = escape(caption, quote=True)
     html = f'<img alt="{alt}" width="{width}" src="data:image/png;base64,{data}">'
-    return EmbeddedFigure(caption, html)
+    return EmbeddedFigure(caption, html, width)

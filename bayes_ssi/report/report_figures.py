@@ -127,8 +127,9 @@ def _of_sensitivity(stored: StoredResult) -> Iterator[Plot]:
 def _of_test(name: str, data: ModalData, ranked: tuple[Posterior, ...]) -> Iterator[Plot]:
     where = label_in(name, "")
     best = ranked[: LIMITS.classes_in_frequencies]
+    scale = "; shapes are scaled to a largest component of ±1" if data.sensors else ""
     yield (
-        f"{where}Identified modes; shapes are scaled to a largest component of ±1",
+        f"{where}Identified modes{scale}",
         partial(plot_identified_modes, data, configuration=name),
     )
     yield (
@@ -139,6 +140,14 @@ def _of_test(name: str, data: ModalData, ranked: tuple[Posterior, ...]) -> Itera
 
 def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> Iterator[Plot]:
     of = f"of model class {posterior.name!r}"
+    # Figures of one kind together: those of shapes are often as wide as the page.
+    for modes in posterior.configurations:
+        if modes.updated.modes:
+            where, data = label_in(modes.name, ""), stored.tests[modes.name]
+            yield (
+                f"{where}Mode shapes {of}, {SHAPE_SCALE}",
+                partial(plot_mode_shapes, modes.updated, data),
+            )
     for modes in posterior.configurations:
         yield from _of_configuration(modes, stored.tests[modes.name], of)
     parameters = stored.record.model_class(posterior.name).parameters
@@ -158,7 +167,6 @@ def _of_configuration(modes: ConfigurationModes, data: ModalData, of: str) -> It
     where = label_in(modes.name, "")
     updated, inferred = modes.updated, modes.inferred_pairing
     if updated.modes:
-        yield f"{where}Mode shapes {of}, {SHAPE_SCALE}", partial(plot_mode_shapes, updated, data)
         yield (
             f"{where}Frequencies {of} before and after updating",
             partial(plot_frequency_change, updated.modes, data),

@@ -96,7 +96,8 @@ def test_shapes_without_floors_are_bars(updated, case_c):
     first = figure.axes[0]
     assert [bar.get_width() for bar in first.patches] == list(updated.modes[0].shape_after[1])
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["identified", "model"]
+    beyond = "appendage beyond the scale, its component below"
+    assert labels == ["model", "appendage", "identified", beyond]
     with pytest.raises(ValueError, match="no mode is paired"):
         plot_mode_shapes(replace(updated, modes=()), case_c)
 

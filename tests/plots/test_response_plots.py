@@ -7,7 +7,7 @@ import bayes_ssi as bs
 from bayes_ssi.plots.before_and_after import plot_frequency_change
 from bayes_ssi.plots.matrix_plots import plot_mac
 from bayes_ssi.plots.response_plots import plot_time_history, plot_transfer_functions
-from bayes_ssi.plots.shape_plots import plot_building_shape, plot_shape_components
+from bayes_ssi.plots.shape_plots import BEYOND, plot_building_shape, plot_shape_components
 from bayes_ssi.predictions.bands import Band
 from bayes_ssi.predictions.predicted_modes import PredictedMode
 
@@ -87,10 +87,10 @@ def test_an_appendage_that_moves_far_is_an_arrow_with_its_numbers(augmented):
     ax = plot_building_shape(
         augmented, augmented.degrees_of_freedom, band([0.7, 0.2, -0.7, -3.4], 0.5)
     )
-    appendage = line(ax, "appendage")
+    appendage = line(ax, BEYOND)
     assert appendage.get_marker() == "<"
     assert ax.get_xlim()[0] < appendage.get_xdata()[0] < -1.5
-    assert ax.get_xlabel() == "infill 1-2: -3.4\n(-3.9 to -2.9)"
+    assert ax.get_xlabel() == "infill 1-2:\n-3.4\n(-3.9 to -2.9)"
 
 
 def test_components_reach_as_far_as_the_main_structure(augmented):
@@ -99,7 +99,7 @@ def test_components_reach_as_far_as_the_main_structure(augmented):
     ax = plot_shape_components(augmented, places, shape, title="mode $1$")
     assert [bar.get_width() for bar in ax.patches] == [0.7, 0.2, -0.7, -3.4]
     assert ax.get_xlim() == pytest.approx((-1.15 * 0.8, 1.15 * 0.8))
-    assert ax.get_xlabel() == "infill 1-2: -3.4\n(-3.5 to -3.3)"
+    assert ax.get_xlabel() == "infill 1-2:\n-3.4\n(-3.5 to -3.3)"
     assert tuple(t.get_text() for t in ax.get_yticklabels()) == places
     ax.figure.canvas.draw()
 

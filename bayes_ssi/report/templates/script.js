@@ -57,6 +57,16 @@
   window.addEventListener("hashchange", reveal);
   reveal();
 
+  // What is cut at the edge of the page says that it can be scrolled.
+  function mark() {
+    document.querySelectorAll(".scroll").forEach(function (each) {
+      each.classList.toggle("cut", each.scrollWidth > each.clientWidth + 1);
+    });
+  }
+  document.querySelectorAll("details").forEach(function (each) { each.addEventListener("toggle", mark); });
+  window.addEventListener("resize", mark);
+  mark();
+
   // Points of the figures say what they are.
   var tip = document.getElementById("tip");
   function show(point) {
