@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
@@ -24,6 +25,6 @@ def new(name: Path, kind: str) -> None:
     say(
         console(),
         f"Wrote {study} and {data}. Next:",
-        f"  bayes-ssi check {data}",
-        f"  bayes-ssi rank {study}",
+        f"  {shlex.join(['bayes-ssi', 'check', str(data)])}",
+        f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
     )

@@ -6,6 +6,7 @@ The modes are those of a shear building of three storeys with unit masses, its f
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 KINDS = ("shear-building", "matrices", "function")
@@ -36,10 +37,16 @@ def write_study(name: str | Path, kind: str) -> tuple[Path, Path]:
         if file.exists():
             raise FileExistsError(f"{file}: exists already and is not overwritten")
     template = (TEMPLATES / f"{kind}.py.txt").read_text("utf-8")
+    for own in (study, data):
+        template = template.replace(f"NAME{own.suffix}", _in_a_docstring(shlex.quote(own.name)))
     for file, text in (
         (data, (TEMPLATES / "modes.csv").read_text("utf-8")),
-        (study, template.replace("NAME", path.name)),
+        (study, template),
     ):
         with file.open("x", encoding="utf-8") as new:
             new.write(text)
     return study, data
+
+
+def _in_a_docstring(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"', '\\"')

@@ -1,5 +1,8 @@
 """Example studies run unchanged, and nothing is overwritten."""
 
+import ast
+import shlex
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -32,6 +35,22 @@ def test_a_new_study_runs(tmp_path, monkeypatch, kind):
     values = np.array([[1.0, 0.8, 1.0], [1.0, 1.0, 1.0]])
     actual = each.log_likelihood(values)
     assert actual[0] > actual[1] + 10.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "name", ["2 storeys ü", "it's", 'a"""b', "back\\slash", "$HOME;ls", "v1.2"]
+)
+def test_suggested_commands_are_quoted_for_a_shell(tmp_path, monkeypatch, name, kind):
+    monkeypatch.chdir(tmp_path)
+    done = run("new", name, "--kind", kind)
+    assert done.exit_code == 0, done.output
+    suggested = [shlex.split(line) for line in done.stdout.splitlines()[1:]]
+    assert suggested == [["bayes-ssi", "check", f"{name}.csv"], ["bayes-ssi", "rank", f"{name}.py"]]
+    assert run(*suggested[0][1:]).exit_code == 0
+    load_study(f"{name}.py")
+    written = ast.get_docstring(ast.parse((tmp_path / f"{name}.py").read_text("utf-8")))
+    assert shlex.split(written.splitlines()[-1].removeprefix("Run it with: ")) == suggested[1]
 
 
 def test_nothing_is_overwritten(tmp_path, monkeypatch):
