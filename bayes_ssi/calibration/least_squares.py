@@ -3,93 +3,44 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.calibration.fit import Fit, mode_fits, rms_distance
 from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.likelihood import ModalLikelihood
-from bayes_ssi.modal import Modes, mac
+from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.parameters import values_at
+from bayes_ssi.parameters import as_product, values_at
 
 # The search stays within this many prior standard deviations in standard-normal coordinates.
 FARTHEST = 8.0
 # At the cube root of the rounding error, central differences are the most accurate.
 DIFFERENCE_STEP = float(np.cbrt(np.finfo(float).eps))
+# A millionth of the largest sensitivity is far below any real one and far above rounding.
+EXACTLY_ZERO = 1e-6
 
 
 class NothingToCalibrateError(ValueError):
     """A model class without structural parameters, or without paired modes."""
 
 
-@dataclass(frozen=True)
-class ModeFit:
-    """One identified mode and the model mode paired with it.
-
-    Attributes:
-        configuration: the test in which it was identified; empty where there is only one.
-        label: label of the identified mode.
-        model_mode: number of the model mode, from 1.
-        identified_hz: identified frequency.
-        model_hz: model frequency.
-        mac: MAC between the two shapes; NaN where none was identified.
-    """
-
-    configuration: str
-    label: str
-    model_mode: int
-    identified_hz: float
-    model_hz: float
-    mac: float
-
-
-@dataclass(frozen=True)
-class Fit:
-    """The model at one point in the space of parameters.
-
-    Attributes:
-        values: parameter values, in the order of the calibration's ``parameter_names``.
-        objective: f_ob, a fraction.
-        distance: RMS distance d from the reference values, every parameter divided by its prior
-            median.
-        modes: the paired modes.
-    """
-
-    values: tuple[float, ...]
-    objective: float
-    distance: float
-    modes: tuple[ModeFit, ...]
-
-
-def rms_distance(values: Mapping[str, float], reference: Mapping[str, float]) -> float:
-    """RMS difference of normalised parameters, the d of the paper's Table 1 and section 4.5.
-
-    Args:
-        values: parameter name → value divided by its nominal value.
-        reference: normalised values from which the distance is measured; the mean is over its
-            parameters, including those that were not updated and are 1 in both.
-
-    Raises:
-        ValueError: there is no parameter in ``reference``, or one is missing in ``values``.
-    """
-    missing = [name for name in reference if name not in values]
-    if missing:
-        raise ValueError(f"rms_distance: no value of parameter {missing[0]!r}")
-    if not reference:
-        raise ValueError("rms_distance: the reference has no parameter")
-    squares = [(values[name] - number) ** 2 for name, number in reference.items()]
-    return math.sqrt(sum(squares) / len(squares))
-
-
 class CalibrationProblem:
-    """Residuals of a model class as a function of its structures' standard-normal coordinates."""
+    """Residuals of a model class as a function of its structures' standard-normal coordinates.
 
-    def __init__(self, model_class: ModelClass, shape_weight: float) -> None:
+    With the prior's pull, residuals over their standard errors are joined by the coordinates
+    themselves: the sum of squares is then -2 log of the posterior density, but for a constant.
+    """
+
+    def __init__(
+        self, model_class: ModelClass, shape_weight: float, with_prior: bool = False
+    ) -> None:
         self.model_class = model_class
+        self.with_prior = with_prior
         if any(isinstance(each, AnyPairing) for each in model_class.likelihoods):
             raise NothingToCalibrateError(
                 f"model class {model_class.name!r}: its pairing is 'any', but a fit needs "
@@ -165,26 +116,55 @@ class CalibrationProblem:
             own = values[:, [column[p.name] for p in structure.parameters]]
             yield configuration, likelihood, Modes(*structure.modes(own))
 
-    def jacobian(self, z: FloatArray) -> FloatArray:
-        """Jacobian (m, d) at one point, by central differences in one batch."""
-        steps = DIFFERENCE_STEP * np.eye(len(z))
-        both = self.residuals(np.concatenate([z + steps, z - steps]))
-        return (both[: len(z)] - both[len(z) :]).T / (2.0 * DIFFERENCE_STEP)
+    @cached_property
+    def standard_errors(self) -> FloatArray:
+        """Standard error (m,) of each residual.
 
-    def descend(self, start: FloatArray) -> FloatArray | None:
-        """The minimum reached from ``start``; None where the search leaves the model's domain."""
+        Identification errors count, and prediction errors σ_f of frequencies and σ_f/λ of shapes,
+        which is σ_φ where λ is the error model's.
+        """
+        prediction_var = as_product(self.model_class.error.frequency_cov).median ** 2
+        variances = []
+        for likelihood in self.model_class.likelihoods:
+            pairs = likelihood.pairs
+            variances.append(prediction_var + pairs.frequency_var)
+            if self.shape_weight > 0 and len(pairs.with_shape):
+                of_shapes = prediction_var + self.shape_weight**2 * pairs.shape_var
+                variances.append(np.tile(of_shapes, len(pairs.unit_shapes)))
+        return np.sqrt(np.concatenate(variances))
+
+    def minimised(self, z: FloatArray) -> FloatArray:
+        """The numbers (B, ...) whose sum of squares is minimised."""
+        if not self.with_prior:
+            return self.residuals(z)
+        return np.concatenate([self.residuals(z) / self.standard_errors, z], axis=1)
+
+    def sensitivities(self, z: FloatArray) -> FloatArray:
+        """Jacobian (m, d) of the residuals over their standard errors, at one point."""
+        return _jacobian(self.residuals, z) / self.standard_errors[:, None]
+
+    def descend(self, start: FloatArray, basis: FloatArray | None = None) -> FloatArray | None:
+        """The minimum reached from ``start``; None where the search leaves the model's domain.
+
+        With a ``basis`` (d, r) of orthonormal columns, the search keeps to their combinations.
+        """
         from scipy.optimize import least_squares
 
-        def residuals(z: FloatArray) -> FloatArray:
-            return self.residuals(z[None])[0]
+        basis = np.eye(len(start)) if basis is None else basis
 
-        if not np.isfinite(residuals(start)).all():
+        def minimised(y: FloatArray) -> FloatArray:
+            return self.minimised((basis @ y)[None])[0]
+
+        def jacobian(y: FloatArray) -> FloatArray:
+            return _jacobian(self.minimised, basis @ y) @ basis
+
+        if not np.isfinite(minimised(start @ basis)).all():
             return None
         try:
             result = least_squares(
-                residuals,
-                start,
-                jac=self.jacobian,
+                minimised,
+                start @ basis,
+                jac=jacobian,
                 bounds=(-FARTHEST, FARTHEST),
                 xtol=1e-12,
                 ftol=1e-14,
@@ -196,7 +176,13 @@ class CalibrationProblem:
         at_bound = np.any(np.abs(result.x) > 0.999 * FARTHEST)
         slope = np.abs(result.grad).max() / max(1e-8, np.linalg.norm(np.asarray(result.jac)))
         # A search that ran out of evaluations ends on a slope.
-        return None if at_bound or slope > 1e-4 else result.x
+        return None if at_bound or slope > 1e-4 else basis @ result.x
+
+    def misfit(self, z: FloatArray) -> FloatArray:
+        """Root of what is minimised, (B,): f_ob, or that of the sum of squares with the prior."""
+        if not self.with_prior:
+            return self.objective(z)
+        return np.sqrt((self.minimised(z) ** 2).sum(1))
 
     def objective(self, z: FloatArray) -> FloatArray:
         """f_ob, (B,)."""
@@ -206,7 +192,7 @@ class CalibrationProblem:
         """The model at ``values`` (1, d), compared with the identified modes."""
         fits = []
         for configuration, likelihood, modes in self.modes(values):
-            fits += _mode_fits(configuration, likelihood, modes)
+            fits += mode_fits(configuration, likelihood, modes)
         z = np.array([p.prior.to_normal(values.ravel()[i]) for i, p in enumerate(self.parameters)])
         numbers = [float(value) for value in values.ravel()]
         return Fit(
@@ -217,49 +203,8 @@ class CalibrationProblem:
         )
 
 
-def _mode_fits(
-    configuration: Configuration, likelihood: ModalLikelihood, modes: Modes
-) -> list[ModeFit]:
-    """The paired modes of one configuration, identified and of the model at one point."""
-    data = configuration.data
-    criteria = mac(data.unit_shapes, likelihood.shapes_at_sensors(modes)[0])
-    return [
-        ModeFit(
-            configuration=configuration.name,
-            label=label,
-            model_mode=number,
-            identified_hz=data.mode(label).frequency_hz,
-            model_hz=float(modes.frequencies_hz[0, number - 1]),
-            mac=float(criteria[data.labels.index(label), number - 1])
-            if data.mode(label).scored_shape is not None
-            else math.nan,
-        )
-        for label, number in likelihood.pairing.items()
-    ]
-
-
-def distinct_minima(
-    problem: CalibrationProblem, ends: list[FloatArray]
-) -> tuple[list[FloatArray], int]:
-    """Distinct minima, the best first, and the directions undetermined at the best one."""
-    if not ends:
-        return [], 0
-    objectives = problem.objective(np.array(ends)).tolist()
-    # Exact fits differ only by rounding: they are equally good, and the nearest one comes first.
-    order = sorted(
-        range(len(ends)), key=lambda i: (round(objectives[i], 7), float(np.linalg.norm(ends[i])))
-    )
-    kept: list[int] = []
-    for i in order:
-        # Minima within a hundredth of a prior standard deviation are the same one.
-        if all(np.abs(ends[i] - ends[j]).max() > 1e-2 for j in kept):
-            kept.append(i)
-    best = ends[kept[0]]
-    sensitivities = np.linalg.svd(problem.jacobian(best), compute_uv=False)
-    # A millionth of the largest sensitivity is far below any real one and far above rounding.
-    determined = int((sensitivities > 1e-6 * sensitivities.max()).sum())
-    undetermined = len(best) - determined
-    if undetermined:
-        # The equally good points form a surface; the nearest of them represents it.
-        kept = [kept[0], *(i for i in kept if objectives[i] >= objectives[kept[0]] + 1e-7)]
-    return [ends[i] for i in kept], undetermined
+def _jacobian(function: Callable[[FloatArray], FloatArray], z: FloatArray) -> FloatArray:
+    """Jacobian (m, d) at one point, by central differences in one batch."""
+    steps = DIFFERENCE_STEP * np.eye(len(z))
+    both = function(np.concatenate([z + steps, z - steps]))
+    return (both[: len(z)] - both[len(z) :]).T / (2.0 * DIFFERENCE_STEP)

@@ -5,11 +5,17 @@ from __future__ import annotations
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from bayes_ssi.commands.study_argument import load, study_argument
 from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bayes_ssi.calibration.calibration import Calibration
 
 
 @click.command()
@@ -21,42 +27,83 @@ from bayes_ssi.commands.terminal import console, json_option, print_record, prog
 @click.option("--starts", type=int, default=64, show_default=True, help="Number of local searches.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
               help="Seed of their starting points.")  # fmt: skip
+@click.option("--with-prior", is_flag=True,
+              help="Fit the prior, too (regularised least squares): it determines what the data "
+              "leave open.")  # fmt: skip
 @json_option
 def calibrate(
-    study: Path, only: str | None, shape_weight: float | None, starts: int, seed: int
+    study: Path,
+    only: str | None,
+    shape_weight: float | None,
+    starts: int,
+    seed: int,
+    with_prior: bool,
 ) -> None:
     """List every distinct minimum of the deterministic objective of the model classes of STUDY."""
     from bayes_ssi.calibration.calibration import calibrate as calibrate_class
     from bayes_ssi.calibration.least_squares import NothingToCalibrateError
-    from bayes_ssi.tables import calibration_modes_table, calibration_table
 
-    where, records = console(), []
+    where, calibrations = console(), []
     candidates = load(study, only).model_classes
     for candidate in candidates:
         try:
             with progress_bars() as progress:
                 report = partial(progress, candidate.name)
-                calibration = calibrate_class(candidate, shape_weight, None, starts, seed, report)
+                calibrations.append(
+                    calibrate_class(candidate, shape_weight, None, starts, seed, report, with_prior)
+                )
         except NothingToCalibrateError as error:
             if len(candidates) == 1:
                 raise
             say(where, f"(!) {error}")
-            continue
-        records.append(asdict(calibration))
-        where.print(calibration_table(calibration))
-        where.print(calibration_modes_table(calibration))
-        if calibration.undetermined_directions:
-            where.print(
-                f"(!) The data leave {calibration.undetermined_directions} direction(s) of the "
-                "parameters undetermined: minimum 1 is, among equally good points, the one "
-                "closest to the prior median."
-            )
-        elif _is_not_unique([fit.objective for fit in calibration.minima]):
-            where.print("(!) The fit is not unique: several minima are equally good.")
-        where.print()
-    print_record(lambda: {"calibrations": records})
+    for group in _same_to_the_reader(calibrations):
+        _show(where, group)
+    print_record(lambda: {"calibrations": [asdict(each) for each in calibrations]})
 
 
-def _is_not_unique(objectives: list[float]) -> bool:
+def _same_to_the_reader(calibrations: list[Calibration]) -> list[list[Calibration]]:
+    """Calibrations in groups of which all that is shown is the same, as where errors differ."""
+    groups: dict[str, list[Calibration]] = {}
+    for each in calibrations:
+        shown = each.determination if each.with_prior or each.determination.undetermined else None
+        groups.setdefault(repr((each.before, each.minima, shown)), []).append(each)
+    return list(groups.values())
+
+
+def _show(where: Console, group: list[Calibration]) -> None:
+    from bayes_ssi.tables import calibration_modes_table, calibration_table, determination_tables
+
+    calibration, *others = group
+    where.print(calibration_table(calibration, [each.name for each in others]))
+    where.print(calibration_modes_table(calibration))
+    for table in determination_tables(calibration):
+        where.print(table)
+    open_ = calibration.undetermined_directions
+    if not calibration.n_converged:
+        where.print(
+            "(!) No search ended at a minimum: errors of the data drive what they do not "
+            f"determine, {open_} of {len(calibration.parameter_names)} directions of the "
+            "parameters, as far as a search may go. Minimum 1 fits what they do determine and "
+            "has the rest at the prior median; --with-prior fits the data and the prior."
+        )
+    elif calibration.least_change is not None:
+        where.print(
+            "(!) The data do not determine every parameter, and their errors enter the minima "
+            "where they do not. The least change fits what they do determine and has the rest at "
+            "the prior median; --with-prior fits the data and the prior."
+        )
+    elif open_:
+        where.print(
+            f"(!) The data leave {open_} direction(s) of the "
+            "parameters undetermined: minimum 1 is, among equally good points, the one "
+            "closest to the prior median."
+        )
+    elif not calibration.with_prior and _is_not_unique(calibration):
+        where.print("(!) The fit is not unique: several minima are equally good.")
+    where.print()
+
+
+def _is_not_unique(calibration: Calibration) -> bool:
     """Whether the second minimum fits as well as the first, for any practical purpose."""
+    objectives = [fit.objective for fit in calibration.minima]
     return len(objectives) > 1 and objectives[1] <= 1.01 * objectives[0] + 1e-6

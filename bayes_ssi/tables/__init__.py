@@ -1,6 +1,10 @@
 """Results as tables for a terminal."""
 
-from bayes_ssi.tables.calibration_tables import calibration_modes_table, calibration_table
+from bayes_ssi.tables.calibration_tables import (
+    calibration_modes_table,
+    calibration_table,
+    determination_tables,
+)
 from bayes_ssi.tables.mode_tables import modes_table
 from bayes_ssi.tables.prediction_tables import frequency_table, peak_table, shape_tables
 from bayes_ssi.tables.ranking_tables import (
@@ -21,6 +25,7 @@ __all__ = [
     "calibration_modes_table",
     "calibration_table",
     "comparison_notes",
+    "determination_tables",
     "evidence_table",
     "frequency_table",
     "modes_table",

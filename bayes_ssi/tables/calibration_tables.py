@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
+
 from rich.table import Table
 
 from bayes_ssi.calibration.calibration import Calibration
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.tables.layout import NUMBER, TERMINAL, add_columns, add_row, new_table, number
 
+# Two lines of a terminal: further components of a combination are left to the record.
+MOST_COMPONENTS = 6
 
-def calibration_table(calibration: Calibration) -> Table:
+
+def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Table:
     """Every distinct minimum: parameter values, objective and distance.
+
+    The title names the model class, and those of the ``same`` calibration.
 
     Parameters are columns where the terminal is wide enough for them; otherwise they are rows, and
     as many of the best minima as fit are columns.
     """
     names = (*calibration.parameter_names, "f_ob (%)", "d (%)")
     fits = {"before": calibration.before}
+    if calibration.least_change is not None:
+        fits["least change"] = calibration.least_change
     fits |= {str(i): fit for i, fit in enumerate(calibration.minima, 1)}
     cells = {
         label: (
@@ -26,7 +36,9 @@ def calibration_table(calibration: Calibration) -> Table:
         )
         for label, fit in fits.items()
     }
-    title = f"Minima of {calibration.name!r}, λ = {calibration.shape_weight:g}"
+    what = "Minima with the prior's pull" if calibration.with_prior else "Minima"
+    classes = ", ".join(map(repr, (calibration.name, *same)))
+    title = f"{what} of {classes}, λ = {calibration.shape_weight:g}"
     across = TERMINAL // NUMBER
     if len(names) <= across:
         table = new_table(title, numbers=("", *names))
@@ -36,10 +48,11 @@ def calibration_table(calibration: Calibration) -> Table:
     # The names of parameters may take as much room as three columns.
     shown = list(cells)[: across - 3]
     if len(shown) < len(cells):
-        title += f": the best {len(shown) - 1} of {len(calibration.minima)}"
+        n_others = len(cells) - len(calibration.minima)
+        title += f": the best {len(shown) - n_others} of {len(calibration.minima)}"
     table = new_table(title)
     table.add_column("", overflow="fold", min_width=min(2 * NUMBER, max(map(len, names))))
-    add_columns(table, numbers=shown)
+    add_columns(table, numbers=[label.replace(" ", "\n") for label in shown])
     for i, name in enumerate(names):
         add_row(table, name, *(cells[label][i] for label in shown))
     return table
@@ -65,3 +78,72 @@ def calibration_modes_table(calibration: Calibration) -> Table:
             number(after.mac, ".4f"),
         )
     return table
+
+
+def determination_tables(calibration: Calibration) -> list[Table]:
+    """What the data determine: each parameter, combinations, and changes that they do not notice.
+
+    Empty where each parameter is determined, and the prior has no part in it.
+    """
+    found = calibration.determination
+    if not found.undetermined and not calibration.with_prior:
+        return []
+    source = "data and prior" if calibration.with_prior else "the data alone"
+    each = new_table(f"Parameters one by one, from {source}", ("",), ("value", "standard error"))
+    names = calibration.parameter_names
+    fit = calibration.least_change or calibration.best
+    for name, value, error in zip(names, fit.values, found.standard_errors, strict=True):
+        shown = "not determined" if math.isinf(error) else f"{error:.2g}"
+        add_row(each, name, f"{value:.4g}", shown)
+    tables = [each]
+    symbols = {
+        name: f"ln {name}" if positive else name
+        for name, positive in zip(names, found.positive, strict=True)
+    }
+    if found.determined:
+        sums = new_table("Determined in combination", ("sum",), ("standard error",))
+        for combination in found.determined:
+            text = _signed(combination.components, symbols)
+            add_row(sums, text, f"{combination.standard_error:.2g}")
+        tables.append(sums)
+    if found.undetermined:
+        changes = new_table(
+            "Not determined: changes that the data notice less than the prior, or not at all",
+            ("change",),
+            ("standard error\nover prior sd",),
+        )
+        for change in found.undetermined:
+            error = change.standard_error
+            text = _change(change.components, symbols)
+            add_row(changes, text, "infinite" if math.isinf(error) else f"{error:.2g}")
+        tables.append(changes)
+    return tables
+
+
+def _signed(components: Mapping[str, float], symbols: Mapping[str, str]) -> str:
+    """A sum in the notation of algebra, its largest terms first: ``ln k3 - 0.98 ln k4``."""
+    text = ""
+    largest, rest = _largest(components)
+    for name, component in largest:
+        size = f"{abs(component):.2g}"
+        sign = "-" if component < 0 else "+"
+        text += f" {sign} " + (symbols[name] if size == "1" else f"{size} {symbols[name]}")
+    return text.removeprefix(" + ") + (" + …" if rest else "")
+
+
+def _change(components: Mapping[str, float], symbols: Mapping[str, str]) -> str:
+    """A change in parameters, in per cent of those that are positive: ``k3 +1 %, k4 -0.98 %``."""
+    largest, rest = _largest(components)
+    text = ", ".join(
+        f"{name} {component:+.2g} %" if symbols[name] != name else f"{name} {component / 100:+.2g}"
+        for name, component in largest
+    )
+    return text + (", …" if rest else "")
+
+
+def _largest(components: Mapping[str, float]) -> tuple[list[tuple[str, float]], bool]:
+    """The components that are shown, the largest first, and whether there are others."""
+    # Below half a hundredth, they are zero to the digits shown.
+    seen = [(name, component) for name, component in components.items() if abs(component) >= 5e-3]
+    seen.sort(key=lambda each: -abs(each[1]))
+    return seen[:MOST_COMPONENTS], len(seen) > MOST_COMPONENTS

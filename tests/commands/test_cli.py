@@ -1,5 +1,6 @@
 """The command line: what it prints, where it writes, and how it ends."""
 
+import json
 import subprocess
 import sys
 from collections import namedtuple
@@ -181,6 +182,25 @@ def test_calibrate_says_what_is_not_determined(run, study_file):
     result = run("calibrate", path, "--only", "each k", "--shape-weight", "0")
     assert result.exit_code == 0
     assert "1 direction(s) of the parameters undetermined" in result.stdout
+    # Their shares in the strain energy of the first mode: drifts of 1 and φ - 1, squared.
+    assert "ln k1 + 0.38 ln k2" in result.stdout
+    assert "k2 +1 %, k1 -0.38 %" in result.stdout
+    with_prior = run("calibrate", path, "--only", "each k", "--with-prior", "--starts", 4)
+    assert with_prior.stdout.startswith("Minima with the prior's pull of ")
+    assert "not determined" not in with_prior.stdout
+
+
+def test_calibrate_prints_once_what_differs_in_the_error_model_alone(run, study_file):
+    """With the same λ; the record has both."""
+    path = study_file(
+        ('"one k"', '"larger errors"'), ("(K * k, K * k)), modes, error", "(K * k1, K * k2)), "
+         "modes, bs.ErrorModel(0.04, 0.1)"),
+    )  # fmt: skip
+    printed = run("calibrate", path, "--starts", 4).stdout
+    assert printed.split()[:6] == ["Minima", "of", "'larger", "errors',", "'each", "k',"]
+    assert printed.count("Minima of") == 1
+    record = json.loads(run("calibrate", path, "--starts", 4, "--json").stdout)
+    assert [each["name"] for each in record["calibrations"]] == ["larger errors", "each k"]
 
 
 def test_check(run, csv_file):
