@@ -99,7 +99,7 @@ class IdentifiedMode:
 
     @cached_property
     def scaled_shape(self) -> FloatArray | None:
-        """``unit_shape`` as it is shown: with its largest component at 1 or -1."""
+        """``unit_shape`` as it is shown, with its largest component at 1 or -1."""
         unit = self.unit_shape
         if unit is None:
             return None
