@@ -11,10 +11,11 @@ where ``ρ_modes`` is zero, modes of different labels are independent.
 
 A shape's error is a vector in the plane that touches the sphere of unit shapes at the model's
 shape. Its components have the correlation ``ρ_tests``, and their joint normal density over the
-product of the single ones multiplies the densities on the sphere. That is exact for small errors,
-and for ``ρ_tests = 0`` it is the independent densities themselves. Only tests that measured a mode
-at the same sensors share its error. Shapes of different modes are at right angles and their signs
-are arbitrary, so ``ρ_modes`` does not apply to them.
+product of the single ones multiplies the densities on the sphere. For ``ρ_tests = 0`` these are
+the independent densities themselves; otherwise the integral differs from one by about
+``2 (d - 1) ((d - 3)/8)² ρ² σ⁴`` for two tests with d sensors, 2·10⁻⁴ for 12 sensors and σ = 0.05.
+Only tests that measured a mode at the same sensors share its error. Shapes of different modes are
+at right angles and their signs are arbitrary, so ``ρ_modes`` does not apply to them.
 
 Model modes that are paired with nothing are missed with the probability that each has by itself.
 """

@@ -74,7 +74,7 @@ class ErrorModel:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The inferred parameters of the errors' sizes."""
+        """The inferred parameters of the errors' sizes and correlations."""
         products = (as_product(getattr(self, each.name)) for each in fields(self))
         return tuple(parameter for product in products for parameter in product.parameters)
 

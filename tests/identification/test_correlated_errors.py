@@ -178,6 +178,30 @@ def test_shapes_in_a_plane_have_the_bivariate_normal_density_of_their_angles(mas
         assert joint - alone == pytest.approx(ratio + of_frequencies, abs=1e-10)
 
 
+def test_the_joint_density_of_shapes_integrates_to_one():
+    """Over the angles of two shapes; the circle's curvature changes it by ρ²σ⁴/32, 2·10⁻⁷."""
+    rho, values = 0.9, np.ones((1, 1))
+    tests = plane_class((0.0, 0.0), rho).configurations
+    of_model = [math.atan2(*test.structure.modes(values).shapes[0, ::-1, 0]) for test in tests]
+    no_shapes = tuple(
+        replace(
+            test,
+            data=bs.ModalData((replace(test.data.modes[0], shape=None),), test.data.band_hz),
+        )
+        for test in tests
+    )
+    of_frequencies = model_class(bs.ErrorModel(SD, SHAPE_SD, rho), no_shapes).log_likelihood(values)
+    factor = SHAPE_SD * np.linalg.cholesky([[1.0, rho], [rho, 1.0]])
+    nodes, weights = np.polynomial.hermite_e.hermegauss(12)
+    integral = 0.0
+    for (x, wx), (y, wy) in itertools.product(zip(nodes, weights, strict=True), repeat=2):
+        angles = of_model + factor @ [x, y]
+        log_density = plane_class(angles, rho).log_likelihood(values) - of_frequencies
+        integral += wx * wy * math.exp(log_density[0] + 0.5 * (x * x + y * y))
+    # Either sign of either shape has the same density.
+    assert 4.0 * integral * np.linalg.det(factor) == pytest.approx(1.0, abs=1e-6)
+
+
 def _ratio_of_frequencies(candidate, values):
     rows = paired(candidate, values)
     (covariance,) = covariances(candidate, values, rows)

@@ -34,10 +34,15 @@ def changed(model_class):
     return replace(model_class, identification=identification, error=error)
 
 
-@pytest.fixture(params=["one test", "any pairing", "inferred errors", "two tests"])
+@pytest.fixture(
+    params=["one test", "any pairing", "inferred errors", "two tests", "correlated errors"]
+)
 def model_class(request, case_c, frame, augmented, fixed_error):
     if request.param == "two tests":
         return two_tests(case_c, frame, augmented, fixed_error)
+    if request.param == "correlated errors":
+        repeated = replace(fixed_error, between_tests=0.5)
+        return replace(two_tests(case_c, frame, augmented, fixed_error), error=repeated)
     pairing = "any" if request.param == "any pairing" else {"1": 1, "3": 4}
     error = bs.ErrorModel() if request.param == "inferred errors" else fixed_error
     return bs.ModelClass("a", augmented, case_c, error, pairing=pairing)
