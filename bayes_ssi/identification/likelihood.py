@@ -224,6 +224,22 @@ class ModalLikelihood:
         # 1 - ρ for one correlation for all, (1 - ρ)/(1 + ρ) for ρ^|i - j|.
         return ((1.0 - tests) * (1.0 - modes) / (1.0 + modes))[:, None]
 
+    def pair_errors(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Standard errors of the paired frequencies (B, P), as fractions, and shapes (B, S).
+
+        They combine identification and prediction errors.
+        """
+        prediction_var = self._error_variances(values)
+        frequency_sds = np.sqrt(prediction_var[:, :1] + self.pairs.frequency_var)
+        if not len(self.pairs.with_shape):
+            return frequency_sds, np.zeros((len(values), 0))
+        return frequency_sds, np.sqrt(prediction_var[:, 1:] + self.pairs.shape_var)
+
+    def log_missed(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
+        """Log probability (B, n_modes) that a model mode is not identified in the band."""
+        every = list(range(self.structure.n_modes))
+        return self._missed_terms(modes, self._error_variances(values)[:, :1], every)
+
     def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         """Whether each model mode is unpaired and at the edge of the band, (B, n_modes).
 

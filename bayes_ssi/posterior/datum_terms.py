@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.identification.likelihood import ComparedModes
 from bayes_ssi.model_class.configuration import label_in, modes_with_shape
 from bayes_ssi.model_class.model_class import ModelClass
 
@@ -100,6 +101,22 @@ def _joint_columns(model_class: ModelClass) -> list[list[int]]:
 def _joined_to_others(groups: list[list[int]]) -> list[int]:
     """The columns whose terms are part of the first column of their group."""
     return [column for group in groups for column in group[1:]]
+
+
+def compared_modes(model_class: ModelClass, model: AtDraws) -> list[ComparedModes]:
+    """The model's modes at the draws, configuration by configuration."""
+    modes, first_mode, first_shape = [], 0, 0
+    for likelihood in model_class.likelihoods:
+        end_of_modes = first_mode + likelihood.structure.n_modes
+        end_of_shapes = first_shape + len(likelihood.pairs.with_shape)
+        modes.append(
+            ComparedModes(
+                model.frequencies_hz[:, first_mode:end_of_modes],
+                model.shape_distances[:, first_shape:end_of_shapes],
+            )
+        )
+        first_mode, first_shape = end_of_modes, end_of_shapes
+    return modes
 
 
 def datum_terms(

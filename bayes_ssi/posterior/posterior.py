@@ -11,6 +11,7 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.inferred_pairing import InferredPairing
 from bayes_ssi.model_class.configuration import choose_configuration
+from bayes_ssi.posterior.adequacy import Adequacy
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.datum_terms import DatumTerms
 from bayes_ssi.sampling.estimates import EvidenceEstimate
@@ -124,6 +125,7 @@ class Posterior:
             :class:`~bayes_ssi.posterior.datum_terms.AtDraws`; None where they are not known.
         datum_terms: log-likelihoods and predictions datum by datum, for other packages; not read
             back from a stored result, whose files of draws hold them.
+        adequacy: how far the data are from what the class says they should be.
         remarks: further remarks on how it was computed, a sentence each.
     """
 
@@ -149,6 +151,7 @@ class Posterior:
     relative_spreads: FloatArray
     sensor_shapes: FloatArray | None = None
     datum_terms: DatumTerms | None = None
+    adequacy: Adequacy | None = None
     remarks: tuple[str, ...] = ()
 
     @property

@@ -13,14 +13,15 @@ from bayes_ssi.execution.journal import Journal
 from bayes_ssi.execution.run import Run
 from bayes_ssi.execution.workers import Workers
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.adequacy import N_DRAWS, Adequacy, adequacy
 from bayes_ssi.posterior.checks import failed_checks, failed_edge_checks
 from bayes_ssi.posterior.configuration_modes import configuration_modes
-from bayes_ssi.posterior.datum_terms import AtDraws, at_draws, datum_terms
+from bayes_ssi.posterior.datum_terms import AtDraws, at_draws, compared_modes, datum_terms
 from bayes_ssi.posterior.known_modes import draws_with_shapes
 from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.sampling.diagnostics import r_hat
 from bayes_ssi.sampling.engine import sample_target
-from bayes_ssi.sampling.resampling import systematic_indices
+from bayes_ssi.sampling.resampling import evenly_spaced_indices, systematic_indices
 from bayes_ssi.sampling.result import SamplingResult
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.sampling.target import Target, log_standard_normal
@@ -97,6 +98,7 @@ def sample_as_it_is(
             z.shape[:2],
             rng,
         ),
+        adequacy=_adequacy(model_class, values.reshape(-1, n), at_values, seed),
     )
 
 
@@ -111,6 +113,14 @@ def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None)
         done = pool.call_each(partial(at_draws, model_class), parts)
         model = AtDraws(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
     return AtDraws(*(array[which.ravel()] for array in model))
+
+
+def _adequacy(model_class: ModelClass, values: FloatArray, model: AtDraws, seed: int) -> Adequacy:
+    """The adequacy of the class, from some of its draws ``values`` (n, n_parameters)."""
+    chosen = evenly_spaced_indices(len(values), N_DRAWS)
+    at_chosen = AtDraws(*(array[chosen] for array in model))
+    modes = compared_modes(model_class, at_chosen)
+    return adequacy(model_class, values[chosen], modes, np.random.default_rng([seed, 2]))
 
 
 def _failures(model_class: ModelClass, target: Target) -> list[str]:

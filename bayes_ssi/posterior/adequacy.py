@@ -1,0 +1,261 @@
+"""Whether a model class explains the data at all, from draws of its posterior.
+
+A ranking says which class is best, not whether it is any good. If a class is right, one draw from
+its posterior, together with the data, is distributed as a draw from its prior together with data
+simulated from it. Quantities whose distribution does not depend on the parameters then have
+exactly that distribution at a posterior draw, whatever the prior and however few the data (Johnson
+2004, A Bayesian χ² test for goodness-of-fit, Annals of Statistics 32; Johnson 2007, Bayesian model
+assessment using pivotal quantities, Bayesian Analysis 2). At every draw these are
+
+- the frequency errors over their standard deviations: normal;
+- the distances of shapes: their probability under the density on the sphere is uniform;
+- the numbers of spurious modes and of identified model modes: Poisson, and a sum of yes or no;
+- the parameters in standard-normal coordinates: normal. An inferred error size absorbs any misfit,
+  which shows by its going where its prior did not expect it.
+
+Each gives p-values. Those of one draw are independent and are combined into one of the modes, one
+of the numbers of modes, one of the structures' parameters and one of the error sizes, and these
+into one; those of the draws, which depend on one another, by their harmonic mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.identification.likelihood import ComparedModes, ModalLikelihood
+from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.misfit import Misfit, misfit
+from bayes_ssi.posterior.p_values import (
+    log_combined,
+    log_harmonic_mean,
+    log_joint,
+    log_two_sided,
+    standard_deviations,
+)
+
+# A right class is called inadequate one time in a hundred.
+LIMIT = 0.01
+# A quantile of one in a hundred needs no more draws; the cost of each is the shapes' quadrature.
+N_DRAWS = 400
+
+
+@dataclass(frozen=True)
+class PValue:
+    """The probability of a larger misfit if the class is right.
+
+    Attributes:
+        p_value: the probability, zero where it is too small for a float.
+        sds: the same as a distance from the mean of a normal variable, in standard deviations.
+    """
+
+    p_value: float
+    sds: float
+
+    @classmethod
+    def of(cls, log_p: float) -> PValue:
+        return cls(float(np.exp(log_p)), standard_deviations(log_p))
+
+    @property
+    def is_small(self) -> bool:
+        """Whether a right class would be this far from the data one time in a hundred."""
+        return self.p_value < LIMIT
+
+
+@dataclass(frozen=True)
+class ModeMisfit:
+    """One identified mode and what the class says of it; numbers are medians over the draws.
+
+    Attributes:
+        label: of the identified mode, after the configuration's name where there are several.
+        paired: share of the draws at which it is paired with a model mode.
+        frequency_error: model frequency over identified frequency, less one; None where it is
+            spurious at every draw.
+        frequency_sd: standard deviation that the error should have, of identification and
+            prediction errors in quadrature; None as well.
+        mac: MAC of model and identified shape; None where no shape is scored.
+        expected_mac: exceeded by 95 % of the shapes of a right model.
+        misfit: frequency and shape together.
+    """
+
+    label: str
+    paired: float
+    frequency_error: float | None
+    frequency_sd: float | None
+    mac: float | None
+    expected_mac: float | None
+    misfit: PValue
+
+
+@dataclass(frozen=True)
+class ParameterMisfit:
+    """A parameter that is not where its prior expects it.
+
+    Attributes:
+        name: of the parameter.
+        value: posterior median.
+        prior_median: the value that the prior expects.
+        prior_sds: distance between them in standard deviations of the prior, in standard-normal
+            coordinates.
+        is_error_size: whether it is the size of an error, of which only large ones are misfit.
+        misfit: how improbable so large a distance is.
+    """
+
+    name: str
+    value: float
+    prior_median: float
+    prior_sds: float
+    is_error_size: bool
+    misfit: PValue
+
+
+@dataclass(frozen=True)
+class CountMisfit:
+    """Spurious modes and unidentified model modes of one configuration.
+
+    Attributes:
+        configuration: its name; empty where there is only one.
+        spurious: identified modes that are paired with nothing, on average.
+        expected_spurious: how many were expected.
+        unidentified: model modes of the band that are paired with nothing, on average.
+        misfit: of both numbers together.
+    """
+
+    configuration: str
+    spurious: float
+    expected_spurious: float
+    unidentified: float
+    misfit: PValue
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """How well a class explains the data, part by part.
+
+    Attributes:
+        overall: all parts together.
+        modes: every identified mode, configuration after configuration.
+        parameters: every parameter.
+        counts: every configuration.
+    """
+
+    overall: PValue
+    modes: tuple[ModeMisfit, ...]
+    parameters: tuple[ParameterMisfit, ...]
+    counts: tuple[CountMisfit, ...]
+
+    @property
+    def is_adequate(self) -> bool:
+        return not self.overall.is_small
+
+
+def adequacy(
+    model_class: ModelClass,
+    values: FloatArray,
+    modes: Sequence[ComparedModes],
+    rng: np.random.Generator,
+) -> Adequacy:
+    """The adequacy of a class.
+
+    Args:
+        model_class: the class.
+        values: draws from its posterior, (B, n_parameters).
+        modes: the model's modes at these draws, for each configuration.
+        rng: draws pairings where they are inferred.
+    """
+    parts = [
+        misfit(likelihood, own, seen, rng)
+        for (_, likelihood, own), seen in zip(model_class.parts(values), modes, strict=True)
+    ]
+    of_frequencies = np.concatenate([part.frequency_log_p for part in parts], axis=1)
+    of_shapes = np.concatenate([part.shape_log_p for part in parts], axis=1)
+    of_modes = _of_each_mode(of_frequencies, of_shapes)
+    of_counts = np.stack([[part.spurious_log_p, part.detected_log_p] for part in parts])
+    z = np.column_stack(
+        [p.prior.to_normal(values[:, i]) for i, p in enumerate(model_class.parameters)]
+    )
+    n_structural = len(model_class.structural_parameters)
+    # An error size that is smaller than expected is no misfit.
+    of_parameters = np.column_stack(
+        [log_two_sided(z[:, :n_structural]), log_ndtr(-z[:, n_structural:])]
+    )
+    independent = (
+        of_modes,
+        of_counts.reshape(-1, len(values)).T,
+        *np.split(of_parameters, [n_structural], axis=1),
+    )
+    at_draws = log_combined(
+        np.column_stack([log_combined(some) for some in independent if some.shape[1]])
+    )
+    return Adequacy(
+        overall=PValue.of(float(log_harmonic_mean(at_draws, axis=0))),
+        modes=tuple(_mode_rows(model_class, parts, of_modes)),
+        parameters=tuple(_parameter_rows(model_class, values, z, of_parameters)),
+        counts=tuple(
+            _count_row(configuration.name, likelihood, part, log_p)
+            for (configuration, likelihood, _), part, log_p in zip(
+                model_class.parts(values), parts, of_counts, strict=True
+            )
+        ),
+    )
+
+
+def _of_each_mode(frequency: FloatArray, shape: FloatArray) -> FloatArray:
+    """Log p-values (B, J) of each mode's frequency and shape together; zero where spurious."""
+    both = np.stack([frequency, shape], axis=2)
+    rows = both.reshape(-1, 2)
+    return log_joint(rows, ~np.isnan(rows)).reshape(frequency.shape)
+
+
+def _mode_rows(
+    model_class: ModelClass, parts: Sequence[Misfit], log_p: FloatArray
+) -> Iterator[ModeMisfit]:
+    columns = iter(log_p.T)
+    for configuration, part in zip(model_class.configurations, parts, strict=True):
+        for j, label in enumerate(configuration.data.labels):
+            yield ModeMisfit(
+                label=label_in(configuration.name, label),
+                paired=float(np.isfinite(part.frequency_errors[:, j]).mean()),
+                frequency_error=_median(part.frequency_errors[:, j]),
+                frequency_sd=_median(part.frequency_sds[:, j]),
+                mac=_median(part.macs[:, j]),
+                expected_mac=_median(part.expected_macs[:, j]),
+                misfit=PValue.of(float(log_harmonic_mean(next(columns), axis=0))),
+            )
+
+
+def _median(numbers: FloatArray) -> float | None:
+    known = numbers[~np.isnan(numbers)]
+    return float(np.median(known)) if len(known) else None
+
+
+def _parameter_rows(
+    model_class: ModelClass, values: FloatArray, z: FloatArray, log_p: FloatArray
+) -> Iterator[ParameterMisfit]:
+    n_structural = len(model_class.structural_parameters)
+    for i, parameter in enumerate(model_class.parameters):
+        yield ParameterMisfit(
+            name=parameter.name,
+            value=float(np.median(values[:, i])),
+            prior_median=parameter.prior.quantile(0.5),
+            prior_sds=float(np.median(z[:, i])),
+            is_error_size=i >= n_structural,
+            misfit=PValue.of(float(log_harmonic_mean(log_p[:, i], axis=0))),
+        )
+
+
+def _count_row(
+    configuration: str, likelihood: ModalLikelihood, part: Misfit, log_p: FloatArray
+) -> CountMisfit:
+    return CountMisfit(
+        configuration=configuration,
+        spurious=float(np.isnan(part.frequency_errors).sum(axis=1).mean()),
+        expected_spurious=likelihood.identification.expected_spurious_modes,
+        unidentified=float(part.unidentified.mean()),
+        misfit=PValue.of(float(log_harmonic_mean(log_p.ravel(), axis=0))),
+    )

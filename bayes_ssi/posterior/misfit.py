@@ -1,0 +1,157 @@
+"""How far the identified modes of one test are from a model's, draw by draw.
+
+If the model class is right and the draws are from its posterior, each probability here is uniform
+(see :mod:`bayes_ssi.posterior.adequacy`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import pdtrc
+from scipy.stats import chi2
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.identification.any_pairing import AnyPairing
+from bayes_ssi.identification.likelihood import ComparedModes, ModalLikelihood
+from bayes_ssi.identification.pairings import sample_pairings
+from bayes_ssi.identification.shape_density import log_shape_survival
+from bayes_ssi.posterior.p_values import log_two_sided
+
+# The share of the shapes of a right model whose MAC is at least the one that is called expected.
+EXPECTED_SHARE = 0.95
+
+
+class Misfit(NamedTuple):
+    """The misfit of J identified modes at B draws; NaN where a mode is spurious at a draw.
+
+    Attributes:
+        frequency_errors: (B, J), model frequency over identified frequency, less one.
+        frequency_sds: (B, J), the standard deviation that it should have.
+        frequency_log_p: (B, J), log probability of a larger error.
+        macs: (B, J); NaN also where no shape is scored, as are the next two.
+        expected_macs: (B, J), exceeded by 95 % of the shapes of a right model.
+        shape_log_p: (B, J), log probability of a smaller MAC.
+        unidentified: (B,), number of model modes that are not identified and would be expected to
+            be, by their probabilities to lie in the band.
+        spurious_log_p: (B,), log probability of as many spurious modes or more.
+        detected_log_p: (B,), log probability of as few identified model modes or fewer.
+    """
+
+    frequency_errors: FloatArray
+    frequency_sds: FloatArray
+    frequency_log_p: FloatArray
+    macs: FloatArray
+    expected_macs: FloatArray
+    shape_log_p: FloatArray
+    unidentified: FloatArray
+    spurious_log_p: FloatArray
+    detected_log_p: FloatArray
+
+
+def misfit(
+    likelihood: ModalLikelihood,
+    values: FloatArray,
+    modes: ComparedModes,
+    rng: np.random.Generator,
+) -> Misfit:
+    """The misfit of one configuration's identified modes.
+
+    Args:
+        likelihood: of the configuration.
+        values: draws from the posterior, (B, n_parameters).
+        modes: the model's modes at these draws.
+        rng: draws the pairing at each draw, where it is inferred.
+    """
+    pairs, n_data = likelihood.pairs, len(likelihood.data.modes)
+    which = _which_pairs(likelihood, values, modes, rng)
+    shape_of_pair = np.full(len(pairs.modes) + 1, -1, dtype=np.intp)  # the last one is of no pair
+    shape_of_pair[pairs.with_shape] = np.arange(len(pairs.with_shape))
+    which_shape = shape_of_pair[which]
+    frequency_sds, shape_sds = likelihood.pair_errors(values)
+    errors = _taken(pairs.frequency_residuals(modes.frequencies_hz), which)
+    sds = _taken(frequency_sds, which)
+    distances, shape_sds = (
+        _taken(modes.shape_distances, which_shape),
+        _taken(shape_sds, which_shape),
+    )
+    shape_log_p, expected_distances = _shape_misfit(likelihood, distances, shape_sds)
+    identification = likelihood.identification
+    detected = -np.expm1(likelihood.log_missed(values, modes))
+    model_modes = np.append(pairs.model_modes, -1)[which]
+    is_paired = (model_modes[:, :, None] == np.arange(detected.shape[1])).any(axis=1)
+    n_paired = is_paired.sum(axis=1)
+    with np.errstate(divide="ignore"):
+        return Misfit(
+            frequency_errors=errors,
+            frequency_sds=sds,
+            frequency_log_p=log_two_sided(errors / sds),
+            macs=(1.0 - distances) ** 2,
+            expected_macs=(1.0 - expected_distances) ** 2,
+            shape_log_p=shape_log_p,
+            unidentified=np.where(is_paired, 0.0, detected).sum(axis=1)
+            / identification.detection_probability,
+            spurious_log_p=np.log(
+                _at_least(n_data - n_paired, identification.expected_spurious_modes)
+            ),
+            detected_log_p=np.log(_at_most(n_paired, detected)),
+        )
+
+
+def _which_pairs(
+    likelihood: ModalLikelihood,
+    values: FloatArray,
+    modes: ComparedModes,
+    rng: np.random.Generator,
+) -> NDArray[np.intp]:
+    """The index (B, J) of each identified mode's pair among the likelihood's; -1 if spurious."""
+    labels = likelihood.data.labels
+    if isinstance(likelihood, AnyPairing):
+        chosen = sample_pairings(likelihood.pairing_weights(values, modes), rng)
+        first = likelihood.structure.n_modes * np.arange(len(labels))
+        return np.where(chosen < 0, -1, first + chosen)
+    which = np.full(len(labels), -1, dtype=np.intp)
+    for pair, mode in enumerate(likelihood.pairs.modes):
+        which[labels.index(mode.label)] = pair
+    return np.tile(which, (len(values), 1))
+
+
+def _taken(columns: FloatArray, which: NDArray[np.intp]) -> FloatArray:
+    """The chosen columns (B, J) of each row; NaN where the choice is -1."""
+    with_none = np.column_stack([columns, np.full(len(columns), np.nan)])
+    return np.take_along_axis(with_none, which, axis=1)
+
+
+def _shape_misfit(
+    likelihood: ModalLikelihood, distances: FloatArray, sds: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Log probabilities of larger distances, and the distances to expect, (B, J)."""
+    log_p, expected = np.full(distances.shape, np.nan), np.full(distances.shape, np.nan)
+    for j, mode in enumerate(likelihood.data.modes):
+        rows = np.flatnonzero(np.isfinite(distances[:, j]))
+        if len(rows):
+            distance, sd, d = distances[rows, j], sds[rows, j], mode.n_measured
+            log_p[rows, j] = log_shape_survival(distance, sd, d)
+            # On a plane in place of the sphere the distance is half a sum of d - 1 squares.
+            flat = 0.5 * sd**2 * chi2.ppf(EXPECTED_SHARE, d - 1)
+            expected[rows, j] = np.minimum(flat, 1.0)
+    return log_p, expected
+
+
+def _at_least(n: NDArray[np.intp], expected: float) -> FloatArray:
+    """Probability (B,) of ``n`` events or more where that many are expected (Poisson)."""
+    return np.where(n > 0, pdtrc(np.maximum(n - 1, 0), expected), 1.0)
+
+
+def _at_most(n: NDArray[np.intp], probabilities: FloatArray) -> FloatArray:
+    """Probability (B,) of ``n`` events or fewer of those with these probabilities (B, I)."""
+    n_events = probabilities.shape[1]
+    shares = np.zeros((len(n), n_events + 1))
+    shares[:, 0] = 1.0
+    for i in range(n_events):
+        moved = shares[:, :-1] * probabilities[:, i : i + 1]
+        shares *= 1.0 - probabilities[:, i : i + 1]
+        shares[:, 1:] += moved
+    return np.where(np.arange(n_events + 1) <= n[:, None], shares, 0.0).sum(axis=1)
