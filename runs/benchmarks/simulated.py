@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
 from scipy.stats import vonmises_fisher
 
 import bayes_ssi as bs
+from bayes_ssi.modal import Modes
+from bayes_ssi.parameters import Value, as_product
 
 
 def simulate(
@@ -15,35 +18,70 @@ def simulate(
 ) -> tuple[np.ndarray, bs.ModalData, dict[str, int]]:
     """Parameter values, identified modes and their pairing, drawn from prior and likelihood.
 
+    For a class with one configuration; otherwise as :func:`simulate_tests`.
+    """
+    values, ((data, pairing),) = simulate_tests(candidate, rng)
+    return values, data, pairing
+
+
+def simulate_tests(
+    candidate: bs.ModelClass, rng: np.random.Generator
+) -> tuple[np.ndarray, list[tuple[bs.ModalData, dict[str, int]]]]:
+    """Parameter values, and identified modes and their pairing in every configuration.
+
     Each model mode in the band is identified with the detection probability, with errors of its
-    frequency and shape, and spurious modes are added. A data set without any identified mode is
+    frequency and shape, and spurious modes are added. Where a test has no identified mode all is
     drawn again, since there is nothing to invert.
     """
-    values = candidate.values(rng.standard_normal((1, len(candidate.parameters))))
-    likelihood = candidate.likelihoods[0]
-    modes = likelihood.modes(values)
-    shapes = likelihood.shapes_at_sensors(modes)[0]
-    low, high = candidate.data.band_hz
+    while True:
+        values = candidate.values(rng.standard_normal((1, len(candidate.parameters))))
+        named = dict(zip(candidate.parameter_names, values[0].tolist(), strict=True))
+        tests = [
+            _modes_of_test(candidate, configuration, likelihood.modes(own), named, rng)
+            for configuration, likelihood, own in candidate.parts(values)
+        ]
+        if all(observed for observed, _ in tests):
+            return values[0], [
+                (bs.ModalData(tuple(observed), c.data.band_hz, c.data.sensors), pairing)
+                for (observed, pairing), c in zip(tests, candidate.configurations, strict=True)
+            ]
+
+
+def _modes_of_test(
+    candidate: bs.ModelClass,
+    configuration: bs.Configuration,
+    modes: Modes,
+    named: dict[str, float],
+    rng: np.random.Generator,
+) -> tuple[list[bs.IdentifiedMode], dict[str, int]]:
+    """The identified modes of one test, and their pairing."""
+    error, identification = candidate.error, candidate.identification
+    frequency_cov, shape_sd = (_evaluated(e, named) for e in (error.frequency_cov, error.shape_sd))
+    sensors = configuration.data.sensors
+    shapes = configuration.structure.sensor_matrix(sensors).apply(modes.shapes)[0]
+    low, high = configuration.data.band_hz
     observed, pairing = [], {}
     for i, frequency in enumerate(modes.frequencies_hz[0]):
-        identified = frequency * (1.0 + candidate.error.frequency_cov * rng.standard_normal())
-        detected = rng.random() < candidate.identification.detection_probability
+        identified = frequency * (1.0 + frequency_cov * rng.standard_normal())
+        detected = rng.random() < identification.detection_probability
         if detected and low < identified < high:
             direction = shapes[:, i] / np.linalg.norm(shapes[:, i])
             # exp(-(1 - cos t)/σ²) is the von Mises-Fisher density with κ = 1/σ²; for small σ its
             # mirror image at -φ adds nothing but the sign.
-            kappa = candidate.error.shape_sd**-2
-            shape = vonmises_fisher(direction, kappa, seed=rng).rvs(1)[0]
+            shape = vonmises_fisher(direction, shape_sd**-2, seed=rng).rvs(1)[0]
             label = str(len(observed) + 1)
             observed.append(bs.IdentifiedMode(label, identified, shape))
             pairing[label] = i + 1
-    for _ in range(rng.poisson(candidate.identification.expected_spurious_modes)):
-        shape = rng.standard_normal(len(candidate.data.sensors))
+    for _ in range(rng.poisson(identification.expected_spurious_modes)):
+        shape = rng.standard_normal(len(sensors))
         observed.append(bs.IdentifiedMode(f"s{len(observed)}", rng.uniform(low, high), shape))
-    if not observed:
-        return simulate(candidate, rng)
-    data = bs.ModalData(tuple(observed), candidate.data.band_hz, candidate.data.sensors)
-    return values[0], data, pairing
+    return observed, pairing
+
+
+def _evaluated(size: Value, named: dict[str, float]) -> float:
+    """An error size at the named parameter values."""
+    product = as_product(size)
+    return product.scale * math.prod(named[p.name] ** power for p, power in product.powers)
 
 
 def print_bands(stated: np.ndarray, right: np.ndarray, edges: tuple[float, ...]) -> None:
