@@ -134,6 +134,21 @@ class CountMisfit:
 
 
 @dataclass(frozen=True)
+class Hint:
+    """A mistake without which the class would explain the data.
+
+    Attributes:
+        mistake: what seems to be wrong, in words.
+        gain: rise of the maximum of likelihood times prior without it, in nats.
+        misfit: of the class without it, at that maximum.
+    """
+
+    mistake: str
+    gain: float
+    misfit: PValue
+
+
+@dataclass(frozen=True)
 class Adequacy:
     """How well a class explains the data, part by part.
 
@@ -142,12 +157,14 @@ class Adequacy:
         modes: every identified mode, configuration after configuration.
         parameters: every parameter.
         counts: every configuration.
+        hints: mistakes without which the class would explain the data, where they were sought.
     """
 
     overall: PValue
     modes: tuple[ModeMisfit, ...]
     parameters: tuple[ParameterMisfit, ...]
     counts: tuple[CountMisfit, ...]
+    hints: tuple[Hint, ...] = ()
 
     @property
     def is_adequate(self) -> bool:

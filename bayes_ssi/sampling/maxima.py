@@ -111,9 +111,9 @@ def find_maxima(target: Target, starts: FloatArray) -> Maxima:
         ValueError: the likelihood is zero at every start.
     """
     unit = np.tile(np.eye(target.n_dimensions), (len(starts), 1, 1))
-    rough = _distinct(target, *_ascend(target, starts, unit))
+    rough = _distinct(target, *ascend(target, starts, unit))
     # Ascents along a curved ridge can stop short of its top: continue with the curvature known.
-    maxima = _distinct(target, *_ascend(target, rough.z, rough.covariances))
+    maxima = _distinct(target, *ascend(target, rough.z, rough.covariances))
     log_masses = maxima.log_masses
     kept = np.flatnonzero(log_masses > log_masses.max() + NEGLIGIBLE_LOG_MASS)
     return Maxima(maxima.z[kept], maxima.log_posteriors[kept], maxima.precisions[kept])
@@ -138,7 +138,7 @@ def _distinct(target: Target, ends: FloatArray, log_posteriors: FloatArray) -> M
     return Maxima(ends[highest], log_posteriors[highest], np.array(precisions))
 
 
-def _ascend(
+def ascend(
     target: Target, starts: FloatArray, inverse: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """All ascents at once, by BFGS with finite differences: end points and their log posteriors.

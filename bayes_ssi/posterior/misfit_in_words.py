@@ -1,0 +1,87 @@
+"""In an engineer's words: what of the data a model class does not explain, and a likely cause."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bayes_ssi.posterior.adequacy import (
+    Adequacy,
+    CountMisfit,
+    Hint,
+    ModeMisfit,
+    ParameterMisfit,
+    PValue,
+)
+
+# The largest misfits say what is wrong; a list of all modes would hide it.
+MOST_NAMED = 3
+POSSIBLE_CAUSES = (
+    "wrong channel order, wrong units, wrong pairing, or a structure nobody wrote down"
+)
+
+
+def misfits_in_words(adequacy: Adequacy) -> list[str]:
+    """The largest misfits, the worst first; the largest one alone if each is small by itself."""
+    named = sorted(_each(adequacy), key=lambda item: -item[0].sds)
+    large = [words for misfit, words in named if misfit.is_small]
+    if len(large) > MOST_NAMED:
+        return [*large[:MOST_NAMED], f"{len(large) - MOST_NAMED} more"]
+    return large or [f"many small misfits, the largest: {named[0][1]}"]
+
+
+def hint_in_words(hint: Hint) -> str:
+    return f"{hint.mistake} (gain {hint.gain:.0f} nats)"
+
+
+def _each(adequacy: Adequacy) -> Iterator[tuple[PValue, str]]:
+    for mode in adequacy.modes:
+        yield mode.misfit, _mode(mode)
+    for parameter in adequacy.parameters:
+        yield parameter.misfit, _parameter(parameter, adequacy)
+    for count in adequacy.counts:
+        yield count.misfit, _count(count)
+
+
+def _mode(mode: ModeMisfit) -> str:
+    parts = []
+    if mode.frequency_error is not None and mode.frequency_sd is not None:
+        off, expected = _percent(mode.frequency_error), _percent(mode.frequency_sd)
+        parts.append(f"{off} off where {expected} was expected")
+    if mode.mac is not None:
+        parts.append(f"MAC {_mac(mode.mac)} where {_mac(mode.expected_mac)} was expected")
+    return f"mode {mode.label!r}: {', '.join(parts) or 'spurious'}"
+
+
+def _parameter(parameter: ParameterMisfit, adequacy: Adequacy) -> str:
+    side = "above" if parameter.prior_sds > 0 else "below"
+    text = (
+        f"{parameter.name} is {parameter.value:.2g} where {parameter.prior_median:.2g} was "
+        f"expected, {abs(parameter.prior_sds):.1f} standard deviations of its prior {side}"
+    )
+    # A large error size hides the misfit that made it large.
+    paired = [mode for mode in adequacy.modes if mode.frequency_error is not None]
+    if parameter.is_error_size and paired:
+        farthest = max(paired, key=lambda mode: abs(mode.frequency_error or 0.0))
+        text += f" (mode {farthest.label!r} is {_percent(farthest.frequency_error or 0.0)} off"
+        scored = [mode for mode in paired if mode.mac is not None]
+        if scored:
+            least = min(scored, key=lambda mode: mode.mac or 0.0)
+            text += f", mode {least.label!r} has MAC {_mac(least.mac)}"
+        text += ")"
+    return text
+
+
+def _count(count: CountMisfit) -> str:
+    where = f"configuration {count.configuration!r}: " if count.configuration else ""
+    return (
+        f"{where}{count.spurious:.2g} spurious modes where {count.expected_spurious:.2g} were "
+        f"expected, {count.unidentified:.2g} model modes of the band not identified"
+    )
+
+
+def _percent(fraction: float) -> str:
+    return f"{100 * abs(fraction):.2g} %"
+
+
+def _mac(mac: float | None) -> str:
+    return "-" if mac is None else f"{mac:.2f}"

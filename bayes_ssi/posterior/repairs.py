@@ -1,0 +1,153 @@
+"""Mistakes in the data, or in the pairing, that a model class can be tried without."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.model_class.configuration import Configuration
+from bayes_ssi.model_class.model_class import ModelClass, Pairing
+
+# A scanning instrument has no channels to exchange, and pairs grow with the square of the number.
+MOST_CHANNELS = 100
+# What brings frequencies in other units, or converted once too often, to Hz.
+UNITS = {
+    1.0 / (2.0 * math.pi): "frequencies seem to be in rad/s, not in Hz",
+    2.0 * math.pi: "frequencies seem to be divided by 2π once too often",
+    1.0 / 60.0: "frequencies seem to be per minute, not per second",
+    60.0: "frequencies seem to be divided by 60 once too often",
+    **{
+        10.0**k: f"frequencies seem to be {10.0**-k:g} times what they are in Hz"
+        for k in (-3, -2, -1, 1, 2, 3)
+    },
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Repair:
+    """A model class with one mistake undone.
+
+    Attributes:
+        mistake: what seems to be wrong, in words; empty for a pairing, which the fit shows.
+        model_class: the class without it.
+        log_scale: log density of the original data over that of the changed ones; not zero where
+            frequencies are scaled.
+        given_pairings: the pairing of each configuration before it was inferred.
+    """
+
+    mistake: str
+    model_class: ModelClass
+    log_scale: float = 0.0
+    given_pairings: tuple[Pairing, ...] = ()
+
+
+def repairs_of_shapes(model_class: ModelClass) -> list[Repair]:
+    """Each two sensors exchanged and each sensor's sign turned, in one test and in all of them.
+
+    Changes that come to the same are one: with two sensors, turning one sign or the other.
+    """
+    by_digest: dict[str, Repair] = {}
+    for where, tests in _tests(model_class):
+        sensors = [s for s in tests[0].data.sensors if all(s in t.data.sensors for t in tests)]
+        pairs = combinations(sensors, 2) if len(sensors) <= MOST_CHANNELS else ()
+        changes: list[tuple[str, Callable[[ModalData], ModalData]]] = [
+            (f"channels {a!r} and {b!r} seem to be exchanged", _exchanged(a, b)) for a, b in pairs
+        ]
+        changes += [(f"the sign of {s!r} seems to be wrong", _turned(s)) for s in sensors]
+        for words, change in changes:
+            changed = _with_data(model_class, tests, change)
+            first = by_digest.get(changed.data_digest)
+            mistake = f"{first.mistake}, or {words}{where}" if first else f"{words}{where}"
+            by_digest[changed.data_digest] = Repair(mistake, changed)
+    by_digest.pop(model_class.data_digest, None)
+    return list(by_digest.values())
+
+
+def repairs_of_frequencies(model_class: ModelClass) -> list[Repair]:
+    """All frequencies in another unit, in one test and in all of them."""
+    return [
+        _scaled(model_class, tests, factor, mistake + where)
+        for where, tests in _tests(model_class)
+        for factor, mistake in UNITS.items()
+    ]
+
+
+def common_factor(model_class: ModelClass) -> Iterator[Repair]:
+    """All frequencies times the factor that fits the model at its prior medians best."""
+    for where, tests in _tests(model_class):
+        logs = []
+        medians = model_class.values(np.zeros((1, len(model_class.parameters))))
+        for test, likelihood, own in model_class.parts(medians):
+            if test in tests and likelihood.pairing:
+                model_hz = likelihood.modes(own).frequencies_hz
+                logs += np.log1p(likelihood.pairs.frequency_residuals(model_hz)[0]).tolist()
+        if logs:
+            factor = math.exp(sum(logs) / len(logs))
+            words = f"all frequencies seem to be {1.0 / factor:.3g} times what they should be"
+            yield _scaled(model_class, tests, factor, words + where)
+
+
+def repair_of_pairing(model_class: ModelClass) -> Iterator[Repair]:
+    """The pairing inferred where it was given."""
+    if any(test.pairing != "any" for test in model_class.configurations):
+        given = tuple(test.pairing for test in model_class.configurations)
+        changed = model_class.with_any_pairing(model_class.name)
+        yield Repair("", changed, given_pairings=given)
+
+
+def _tests(model_class: ModelClass) -> Iterator[tuple[str, list[Configuration]]]:
+    """Where a mistake may be: in all tests together, in words, or in one of several."""
+    tests = list(model_class.configurations)
+    yield ("" if len(tests) == 1 else " in all configurations"), tests
+    if len(tests) > 1:
+        yield from ((f" in configuration {test.name!r}", [test]) for test in tests)
+
+
+def _with_data(
+    model_class: ModelClass,
+    tests: list[Configuration],
+    change: Callable[[ModalData], ModalData],
+) -> ModelClass:
+    return replace(
+        model_class,
+        configurations=tuple(
+            replace(test, data=change(test.data)) if test in tests else test
+            for test in model_class.configurations
+        ),
+    )
+
+
+def _exchanged(a: str, b: str) -> Callable[[ModalData], ModalData]:
+    other = {a: b, b: a}
+    return lambda data: replace(data, sensors=tuple(other.get(s, s) for s in data.sensors))
+
+
+def _turned(sensor: str) -> Callable[[ModalData], ModalData]:
+    def change(data: ModalData) -> ModalData:
+        signs = np.where(np.array(data.sensors) == sensor, -1.0, 1.0)
+        modes = (
+            mode if mode.shape is None else replace(mode, shape=signs * mode.shape)
+            for mode in data.modes
+        )
+        return replace(data, modes=tuple(modes))
+
+    return change
+
+
+def _scaled(
+    model_class: ModelClass, tests: list[Configuration], factor: float, mistake: str
+) -> Repair:
+    """Frequencies and band times a factor, by which densities of frequencies are divided."""
+
+    def change(data: ModalData) -> ModalData:
+        low, high = data.band_hz
+        modes = (replace(mode, frequency_hz=factor * mode.frequency_hz) for mode in data.modes)
+        return replace(data, modes=tuple(modes), band_hz=(factor * low, factor * high))
+
+    n_scaled = sum(len(test.data.modes) for test in tests)
+    return Repair(mistake, _with_data(model_class, tests, change), n_scaled * math.log(factor))
