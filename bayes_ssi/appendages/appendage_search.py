@@ -23,8 +23,7 @@ from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.class_sampling import sample_all
-from bayes_ssi.ranking.comparison import compare
-from bayes_ssi.ranking.study import Ranking, Study
+from bayes_ssi.ranking.study import Study, compare_and_diagnose
 from bayes_ssi.sampling.settings import SamplingSettings
 
 
@@ -63,15 +62,15 @@ def search(
             sampled = sample_all([classes[places] for places in level], seed, settings, run)
             posteriors.update(zip(level, sampled, strict=True))
             level = _next_level(posteriors, candidates, options)
-    weights = {
-        classes[places].name: _prior_weight(len(places), len(candidates), options)
-        for places in posteriors
-    }
-    study = Study(
-        f"Appendages hidden in {baseline.name!r}", list(classes.values()), prior_weights=weights
-    )
-    sampled_all = tuple(posteriors.values())
-    ranking = Ranking(study, sampled_all, compare(sampled_all, weights), seed, settings)
+        weights = {
+            classes[places].name: _prior_weight(len(places), len(candidates), options)
+            for places in posteriors
+        }
+        study = Study(
+            f"Appendages hidden in {baseline.name!r}", list(classes.values()), prior_weights=weights
+        )
+        sampled_all = tuple(posteriors.values())
+        ranking = compare_and_diagnose(study, sampled_all, seed, settings, run)
     places_by_name = {classes[places].name: places for places in posteriors}
     record = search_record(baseline, options, ranking, places_by_name, candidates)
     return AppendageSearch(ranking, record)

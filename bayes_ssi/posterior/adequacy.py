@@ -13,9 +13,10 @@ assessment using pivotal quantities, Bayesian Analysis 2). At every draw these a
 - the parameters in standard-normal coordinates: normal. An inferred error size absorbs any misfit,
   which shows by its going where its prior did not expect it.
 
-Each gives p-values. Those of one draw are independent and are combined into one of the modes, one
+Each gives p-values. Those of one draw are independent: they are combined into one of the modes, one
 of the numbers of modes, one of the structures' parameters and one of the error sizes, and these
-into one; those of the draws, which depend on one another, by their harmonic mean.
+into one. Where errors are correlated, those of the modes are combined by their harmonic mean alone,
+and so are those of the draws, which depend on one another.
 """
 
 from __future__ import annotations
@@ -24,12 +25,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.parameters import as_product
 from bayes_ssi.posterior.misfit import Misfit, misfit
 from bayes_ssi.posterior.p_values import (
     log_combined,
@@ -196,23 +199,26 @@ def adequacy(
     z = np.column_stack(
         [p.prior.to_normal(values[:, i]) for i, p in enumerate(model_class.parameters)]
     )
-    n_structural = len(model_class.structural_parameters)
+    sizes = _error_sizes(model_class)
+    is_size = np.array([name in sizes for name in model_class.parameter_names])
     # An error size that is smaller than expected is no misfit.
-    of_parameters = np.column_stack(
-        [log_two_sided(z[:, :n_structural]), log_ndtr(-z[:, n_structural:])]
-    )
-    independent = (
-        of_modes,
-        of_counts.reshape(-1, len(values)).T,
-        *np.split(of_parameters, [n_structural], axis=1),
-    )
-    at_draws = log_combined(
-        np.column_stack([log_combined(some) for some in independent if some.shape[1]])
-    )
+    of_parameters = np.where(is_size, log_ndtr(-z), log_two_sided(z))
+    # Where errors repeat, those of the modes are not independent.
+    together = log_harmonic_mean if model_class.error.is_correlated else log_combined
+    independent = [
+        together(of_modes, axis=1),
+        log_combined(of_counts.reshape(-1, len(values)).T, axis=1),
+        *(
+            log_combined(of_parameters[:, which], axis=1)
+            for which in (~is_size, is_size)
+            if which.any()
+        ),
+    ]
+    at_draws = log_combined(np.column_stack(independent), axis=1)
     return Adequacy(
         overall=PValue.of(float(log_harmonic_mean(at_draws, axis=0))),
         modes=tuple(_mode_rows(model_class, parts, of_modes)),
-        parameters=tuple(_parameter_rows(model_class, values, z, of_parameters)),
+        parameters=tuple(_parameter_rows(model_class, values, z, of_parameters, is_size)),
         counts=tuple(
             _count_row(configuration.name, likelihood, part, log_p)
             for (configuration, likelihood, _), part, log_p in zip(
@@ -251,17 +257,27 @@ def _median(numbers: FloatArray) -> float | None:
     return float(np.median(known)) if len(known) else None
 
 
+def _error_sizes(model_class: ModelClass) -> set[str]:
+    """Names of the parameters that are sizes of errors, rather than their correlations."""
+    sizes = (as_product(model_class.error.frequency_cov), as_product(model_class.error.shape_sd))
+    structural = {parameter.name for parameter in model_class.structural_parameters}
+    return {p.name for size in sizes for p in size.parameters} - structural
+
+
 def _parameter_rows(
-    model_class: ModelClass, values: FloatArray, z: FloatArray, log_p: FloatArray
+    model_class: ModelClass,
+    values: FloatArray,
+    z: FloatArray,
+    log_p: FloatArray,
+    is_size: NDArray[np.bool_],
 ) -> Iterator[ParameterMisfit]:
-    n_structural = len(model_class.structural_parameters)
     for i, parameter in enumerate(model_class.parameters):
         yield ParameterMisfit(
             name=parameter.name,
             value=float(np.median(values[:, i])),
             prior_median=parameter.prior.quantile(0.5),
             prior_sds=float(np.median(z[:, i])),
-            is_error_size=i >= n_structural,
+            is_error_size=bool(is_size[i]),
             misfit=PValue.of(float(log_harmonic_mean(log_p[:, i], axis=0))),
         )
 

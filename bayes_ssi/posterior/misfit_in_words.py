@@ -23,9 +23,7 @@ POSSIBLE_CAUSES = (
 def misfits_in_words(adequacy: Adequacy) -> list[str]:
     """The largest misfits, the worst first; the largest one alone if each is small by itself."""
     named = sorted(_each(adequacy), key=lambda item: -item[0].sds)
-    large = [words for misfit, words in named if misfit.is_small]
-    if len(large) > MOST_NAMED:
-        return [*large[:MOST_NAMED], f"{len(large) - MOST_NAMED} more"]
+    large = [words for misfit, words in named[:MOST_NAMED] if misfit.is_small]
     return large or [f"many small misfits, the largest: {named[0][1]}"]
 
 

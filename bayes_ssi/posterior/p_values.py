@@ -49,14 +49,15 @@ def log_harmonic_mean(log_p: FloatArray, axis: int) -> FloatArray:
     return np.asarray(np.minimum(math.log(n) - logsumexp(-lowest, axis=axis), 0.0), dtype=float)
 
 
-def log_combined(log_p: FloatArray) -> FloatArray:
-    """One p-value (B,) of n independent ones (B, n).
+def log_combined(log_p: FloatArray, axis: int) -> FloatArray:
+    """One p-value of several independent ones, along an axis of (B, n).
 
     Small if many are somewhat small, by Fisher's combination, or if one is very small, by the
     harmonic mean; the two are combined by their harmonic mean.
     """
-    many = log_joint(log_p, np.ones(log_p.shape, dtype=bool))
-    return log_harmonic_mean(np.stack([many, log_harmonic_mean(log_p, axis=1)]), axis=0)
+    rows = np.moveaxis(log_p, axis, 1)
+    many = log_joint(rows, np.ones(rows.shape, dtype=bool))
+    return log_harmonic_mean(np.stack([many, log_harmonic_mean(rows, axis=1)]), axis=0)
 
 
 def standard_deviations(log_p: float) -> float:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from scipy.special import logsumexp
 
+from bayes_ssi.posterior.misfit_in_words import (
+    POSSIBLE_CAUSES,
+    hint_in_words,
+    misfits_in_words,
+)
 from bayes_ssi.posterior.posterior import Posterior
 
 # Kass and Raftery (1995), Bayes Factors, section 3.2, in 2 ln B.
@@ -56,7 +61,11 @@ class RankedClass:
         mean_log_likelihood: how well the class fits, in nats.
         information_gained: the penalty on the fit, in nats.
         n_parameters: number of inferred parameters.
-        failed_checks: failed checks of the sampling.
+        misfit_p_value: probability that data from this class are farther from it than these are;
+            None where that is not known.
+        misfit_sds: the same as a distance from the mean of a normal variable, in standard
+            deviations.
+        failed_checks: failed checks of the sampling, after the misfit of the best class.
     """
 
     name: str
@@ -70,6 +79,8 @@ class RankedClass:
     mean_log_likelihood: float
     information_gained: float
     n_parameters: int
+    misfit_p_value: float | None
+    misfit_sds: float | None
     failed_checks: tuple[str, ...]
 
     @property
@@ -138,7 +149,7 @@ def compare(
     probabilities = class_probabilities(log_evidences, weights)
     # By the logarithm, which also ranks classes whose probabilities are rounded to zero.
     ranked = sorted(posteriors, key=lambda p: -log_evidences[p.name] - math.log(weights[p.name]))
-    rows = [_row(each, ranked[0], probabilities[each.name]) for each in ranked]
+    rows = [_row(each, ranked, probabilities[each.name]) for each in ranked]
     return Comparison(tuple(rows), ranked[0].data_digest)
 
 
@@ -154,9 +165,13 @@ def class_probabilities(
     return {name: math.exp(log_mass - log_total) for name, log_mass in log_masses.items()}
 
 
-def _row(posterior: Posterior, best: Posterior, probability: float) -> RankedClass:
+def _row(posterior: Posterior, ranked: Sequence[Posterior], probability: float) -> RankedClass:
+    best = ranked[0]
+    misfit = posterior.adequacy.overall if posterior.adequacy else None
     evidence, top = posterior.evidence, best.evidence
     failed = posterior.failed_checks
+    if posterior is best:
+        failed = (*_failed_misfit(ranked), *failed)
     if probability >= PROBABLE:
         failed = (*failed, *posterior.failed_edge_checks)
     difference = evidence.log_evidence - top.log_evidence
@@ -186,8 +201,24 @@ def _row(posterior: Posterior, best: Posterior, probability: float) -> RankedCla
         mean_log_likelihood=evidence.mean_log_likelihood,
         information_gained=evidence.information_gained,
         n_parameters=len(posterior.parameter_names),
+        misfit_p_value=misfit.p_value if misfit else None,
+        misfit_sds=misfit.sds if misfit else None,
         failed_checks=failed,
     )
+
+
+def _failed_misfit(ranked: Sequence[Posterior]) -> Iterator[str]:
+    """What of the data the best class does not explain, and what may be wrong, in one check."""
+    best = ranked[0].adequacy
+    if best is None or best.is_adequate:
+        return
+    causes = "; ".join(map(hint_in_words, best.hints)) or POSSIBLE_CAUSES
+    others = [p.name for p in ranked if p.adequacy is not None and p.adequacy.is_adequate]
+    if others:
+        answer = f"Only less probable classes explain the data ({', '.join(map(repr, others))})"
+    else:
+        answer = "No class explains the data"
+    yield f"{'; '.join(misfits_in_words(best))}. {answer}: {causes}"
 
 
 def _require_same_data(posteriors: Sequence[Posterior]) -> None:

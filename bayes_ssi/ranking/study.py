@@ -9,11 +9,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bayes_ssi.execution.run import Run
+from bayes_ssi.execution.workers import Workers
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.adequacy import Hint
+from bayes_ssi.posterior.diagnosis import diagnose
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.comparison import Comparison, checked_weights, compare
 from bayes_ssi.sampling.settings import SamplingSettings
+
+# Classes whose misfit is diagnosed, the most probable first.
+MOST_DIAGNOSED = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +176,58 @@ def rank(
     """
     study.require_same_data()
     settings = settings or SamplingSettings()
-    posteriors = sample_all(study.model_classes, seed, settings, run)
+    run = run or Run()
+    with run.working():
+        posteriors = sample_all(study.model_classes, seed, settings, run)
+        return compare_and_diagnose(study, posteriors, seed, settings, run)
+
+
+def compare_and_diagnose(
+    study: Study,
+    posteriors: Sequence[Posterior],
+    seed: int,
+    settings: SamplingSettings,
+    run: Run,
+) -> Ranking:
+    """The ranking of sampled classes; if the best one does not explain the data, with hints why.
+
+    Args:
+        study: the classes.
+        posteriors: their posteriors, in the same order.
+        seed: of their sampling, and ``settings``, for the record.
+        settings: how precisely they were sampled.
+        run: workers that share the evaluations of a diagnosis.
+    """
     comparison = compare(posteriors, study.prior_weights)
+    hints = _hints(study, posteriors, comparison, run.workers)
+    if hints:
+        posteriors = [
+            replace(each, adequacy=replace(each.adequacy, hints=hints))
+            if each.name == comparison.best.name and each.adequacy
+            else each
+            for each in posteriors
+        ]
+        comparison = compare(posteriors, study.prior_weights)
     return Ranking(study, tuple(posteriors), comparison, seed, settings)
+
+
+def _hints(
+    study: Study,
+    posteriors: Sequence[Posterior],
+    comparison: Comparison,
+    workers: Workers | None,
+) -> tuple[Hint, ...]:
+    """Hints why the best class does not explain the data, from the first class that gives any.
+
+    A mistake in the data may make a wrong class the best one, which no repair makes adequate.
+    """
+    classes = dict(zip(study.names, zip(study.model_classes, posteriors, strict=True), strict=True))
+    for rank_of_class, row in enumerate(comparison.classes[:MOST_DIAGNOSED]):
+        candidate, posterior = classes[row.name]
+        if posterior.adequacy is None or posterior.adequacy.is_adequate:
+            break
+        hints = diagnose(candidate, posterior, workers)
+        if hints:
+            then = f"; then {row.name!r} explains the data" if rank_of_class else ""
+            return tuple(replace(hint, mistake=hint.mistake + then) for hint in hints)
+    return ()
