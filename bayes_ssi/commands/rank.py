@@ -42,6 +42,8 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
     result = options.save(ranking, records, place)
 
     where = console()
+    if result.comparison.best.misfit:
+        say(where, f"(!) {result.comparison.best.name!r}: {result.comparison.best.misfit}.")
     where.print(ranking_table(result.comparison, loaded.name))
     where.print(evidence_table(result.ranked_posteriors))
     where.print(parameter_table(result.ranked_posteriors[0]))

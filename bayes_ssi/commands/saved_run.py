@@ -275,6 +275,10 @@ def _record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, Any]:
             posterior.name: [asdict(row) for row in posterior.summary]
             for posterior in result.ranked_posteriors
         },
+        "adequacy": {
+            posterior.name: posterior.adequacy and asdict(posterior.adequacy)
+            for posterior in result.ranked_posteriors
+        },
         "pairings": {
             posterior.name: {modes.name: dict(modes.pairing) for modes in posterior.configurations}
             for posterior in result.ranked_posteriors

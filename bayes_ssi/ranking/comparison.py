@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from scipy.special import logsumexp
@@ -65,7 +65,9 @@ class RankedClass:
             None where that is not known.
         misfit_sds: the same as a distance from the mean of a normal variable, in standard
             deviations.
-        failed_checks: failed checks of the sampling, after the misfit of the best class.
+        misfit: what of the data the best class does not explain, and likely causes, in words;
+            empty where it explains them, and for the other classes.
+        failed_checks: failed checks of the sampling, after this misfit.
     """
 
     name: str
@@ -81,6 +83,7 @@ class RankedClass:
     n_parameters: int
     misfit_p_value: float | None
     misfit_sds: float | None
+    misfit: str
     failed_checks: tuple[str, ...]
 
     @property
@@ -166,12 +169,10 @@ def class_probabilities(
 
 
 def _row(posterior: Posterior, ranked: Sequence[Posterior], probability: float) -> RankedClass:
-    best = ranked[0]
-    misfit = posterior.adequacy.overall if posterior.adequacy else None
+    best, fit = ranked[0], posterior.adequacy
     evidence, top = posterior.evidence, best.evidence
-    failed = posterior.failed_checks
-    if posterior is best:
-        failed = (*_failed_misfit(ranked), *failed)
+    misfit = _misfit_of_best(ranked) if posterior is best else ""
+    failed = (*([misfit] if misfit else []), *posterior.failed_checks)
     if probability >= PROBABLE:
         failed = (*failed, *posterior.failed_edge_checks)
     difference = evidence.log_evidence - top.log_evidence
@@ -201,24 +202,25 @@ def _row(posterior: Posterior, ranked: Sequence[Posterior], probability: float) 
         mean_log_likelihood=evidence.mean_log_likelihood,
         information_gained=evidence.information_gained,
         n_parameters=len(posterior.parameter_names),
-        misfit_p_value=misfit.p_value if misfit else None,
-        misfit_sds=misfit.sds if misfit else None,
+        misfit_p_value=fit.overall.p_value if fit else None,
+        misfit_sds=fit.overall.sds if fit else None,
+        misfit=misfit,
         failed_checks=failed,
     )
 
 
-def _failed_misfit(ranked: Sequence[Posterior]) -> Iterator[str]:
-    """What of the data the best class does not explain, and what may be wrong, in one check."""
+def _misfit_of_best(ranked: Sequence[Posterior]) -> str:
+    """What of the data the best class does not explain, and likely causes; empty if nothing."""
     best = ranked[0].adequacy
     if best is None or best.is_adequate:
-        return
+        return ""
     causes = "; ".join(map(hint_in_words, best.hints)) or POSSIBLE_CAUSES
     others = [p.name for p in ranked if p.adequacy is not None and p.adequacy.is_adequate]
     if others:
         answer = f"Only less probable classes explain the data ({', '.join(map(repr, others))})"
     else:
         answer = "No class explains the data"
-    yield f"{'; '.join(misfits_in_words(best))}. {answer}: {causes}"
+    return f"{'; '.join(misfits_in_words(best))}. {answer}: {causes}"
 
 
 def _require_same_data(posteriors: Sequence[Posterior]) -> None:

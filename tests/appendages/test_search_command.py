@@ -118,7 +118,7 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     arguments = ("search", tiny_study_file, "--error", 0.5, "--accept-failed-checks", "--out", out)
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayes_ssi.appendages.appendage_search.compare", stop)
+        patch.setattr("bayes_ssi.appendages.appendage_search.compare_and_diagnose", stop)
         stopped = run(*arguments)
     assert stopped.exit_code == 130
     assert "Interrupted; resume with: bayes-ssi search " in stopped.stderr
@@ -151,7 +151,7 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
 
     with monkeypatch.context() as patch:
         patch.setattr("bayes_ssi.appendages.appendage_search._next_level", one_with_both)
-        patch.setattr("bayes_ssi.appendages.appendage_search.compare", stop)
+        patch.setattr("bayes_ssi.appendages.appendage_search.compare_and_diagnose", stop)
         assert run(*arguments).exit_code == 130
     names = {"no appendage", "pendulum 1", "infill 0-1"}
     assert len(list(checkpoint.glob("*.journal"))) == 4

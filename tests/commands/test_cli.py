@@ -162,6 +162,24 @@ def test_names_that_cannot_be_printed_are_refused_before_sampling(run, study_fil
         study_file((ascii(name), '"one k"'))
 
 
+def test_data_that_no_class_explains(run, study_file, tmp_path):
+    """Two channels exchanged: the first line says so, and the exit code."""
+    path = study_file(('("floor 1", "floor 2")', '("floor 2", "floor 1")'))
+    result = run("rank", path, "--economical", "--error", 0.1, "--out", tmp_path / "result")
+    assert result.exit_code == 3
+    first = " ".join(result.stdout.split("model class")[0].split())
+    assert first.startswith("(!) 'each k': mode '1': 6 % off where 2 % was expected, MAC 0.85")
+    words = "No class explains the data: channels 'floor 2' and 'floor 1' seem to be exchanged"
+    assert words in first
+    options = ("--economical", "--error", 0.1, "--overwrite", "--out", tmp_path / "result")
+    record = run("rank", path, *options, "--json")
+    best = json.loads(record.stdout)["adequacy"]["each k"]
+    assert record.exit_code == 3
+    assert best["overall"]["p_value"] < 0.01
+    assert [mode["label"] for mode in best["modes"]] == ["1", "2"]
+    assert best["hints"][0]["gain"] > 10.0
+
+
 def test_calibrate(run, tiny_study_file):
     result = run("calibrate", tiny_study_file)
     assert result.exit_code == 0

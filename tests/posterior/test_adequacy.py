@@ -1,0 +1,198 @@
+"""Does a class explain the data? Right classes do, mistakes in the data are recognised."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import STOREY_STIFFNESS, multiplier
+from scipy.stats import binom, norm, vonmises_fisher
+
+import bayes_ssi as bs
+from bayes_ssi.posterior.adequacy import LIMIT, adequacy
+
+LABORATORY_FRAME = Path(__file__).parents[2] / "model_classes" / "four_storey_frame.py"
+COARSE = bs.SamplingSettings(log_evidence_error=0.1, economical=True)
+
+
+def at(model_class, values, rng=None):
+    """The adequacy of a class at some values (B, n_parameters)."""
+    modes = [each.compared_modes(own) for _, each, own in model_class.parts(values)]
+    return adequacy(model_class, values, modes, rng or np.random.default_rng(0))
+
+
+def simulated(candidate, rng):
+    """Values of the prior and modes of the likelihood, all identified."""
+    values = candidate.values(rng.standard_normal((1, len(candidate.parameters))))
+    likelihood = candidate.likelihoods[0]
+    modes = likelihood.modes(values)
+    cov, sd = values[0, -2:]
+    shapes = likelihood.shapes_at_sensors(modes)[0]
+    identified = []
+    for i, frequency in enumerate(modes.frequencies_hz[0]):
+        unit = shapes[:, i] / np.linalg.norm(shapes[:, i])
+        shape = vonmises_fisher(unit, sd**-2, seed=rng).rvs(1)[0]
+        noisy = frequency * (1.0 + cov * rng.standard_normal())
+        identified.append(bs.IdentifiedMode(str(i + 1), noisy, shape))
+    return values, bs.ModalData(tuple(identified), (0.0, 50.0), candidate.data.sensors)
+
+
+@pytest.mark.parametrize("pairing", [{"1": 1, "2": 2, "3": 3}, "any"])
+def test_p_values_of_right_classes_are_uniform(frame, case_c, pairing):
+    """A value of the prior is a draw from the posterior given the data simulated with it."""
+    error = bs.ErrorModel(
+        bs.Parameter("cov", bs.LogNormal(0.005, 0.3)), bs.Parameter("sd", bs.LogNormal(0.03, 0.3))
+    )
+    pairs = {"1": 1, "2a": 2, "2b": 3}
+    candidate = bs.ModelClass("right", frame, case_c, error, pairing=pairs)
+    rng = np.random.default_rng(4)
+    n_sets, found = 200, []
+    for _ in range(n_sets):
+        values, data = simulated(candidate, rng)
+        own = replace(
+            candidate,
+            configurations=[replace(candidate.configurations[0], data=data, pairing=pairing)],
+        )
+        found.append(at(own, values, rng))
+    of_parts = [
+        *([row.modes[i].misfit.p_value for row in found] for i in range(3)),
+        *([row.parameters[i].misfit.p_value for row in found] for i in range(5)),
+    ]
+    for p in of_parts:
+        for limit in (0.05, 0.2, 0.5, 0.8):
+            n = int((np.array(p) < limit).sum())
+            assert 1e-5 < binom.cdf(n, n_sets, limit) < 1.0 - 1e-5
+    overall = np.array([row.overall.p_value for row in found])
+    # The harmonic mean of few p-values exceeds its level by a tenth.
+    assert binom.sf(int((overall < LIMIT).sum()) - 1, n_sets, 1.1 * LIMIT) > 1e-3
+
+
+def test_the_parts_by_hand(frame, case_c, fixed_error):
+    """One class at its prior medians, part by part."""
+    identified = bs.IdentificationModel(detection_probability=0.9, expected_spurious_modes=0.5)
+    candidate = bs.ModelClass(
+        "by hand", frame, case_c, fixed_error, pairing={"1": 1, "2b": 2},
+        identification=identified, priors={"k3": bs.LogNormal(0.5, 0.2)},
+    )  # fmt: skip
+    values = np.array([[1.0, 1.0, 1.0]])
+    found = at(candidate, values)
+    one, two_a, two_b, three = found.modes
+    assert one.frequency_error == pytest.approx(1.0 / 0.98275928 - 1.0, rel=1e-6)
+    assert one.frequency_sd == 0.01
+    # Flat normal errors of two components: the distance over σ² is exponential.
+    assert one.expected_mac == pytest.approx((1.0 + 0.05**2 * math.log(0.05)) ** 2, rel=1e-9)
+    distance = 1.0 - math.sqrt(one.mac)
+    p_shape, p_frequency = math.exp(-distance / 0.05**2), 2.0 * norm.sf(one.frequency_error / 0.01)
+    both = p_shape * p_frequency
+    assert one.misfit.p_value == pytest.approx(both * (1.0 - math.log(both)), rel=1e-6)
+    assert (two_a.paired, two_a.mac, two_a.misfit.p_value) == (0.0, None, 1.0)
+    assert three.frequency_error is None
+    assert two_b.misfit.sds > 3.0
+    k3 = found.parameters[2]
+    z = math.log(2.0) / math.sqrt(math.log(1.04))
+    assert k3.prior_sds == pytest.approx(z)
+    assert k3.misfit.p_value == pytest.approx(2.0 * norm.sf(z))
+    (count,) = found.counts
+    assert (count.spurious, count.expected_spurious) == (2.0, 0.5)
+    assert count.unidentified == pytest.approx(1.0)
+    # Two or more where half a mode is expected; two or fewer of three identified.
+    spurious, identified = 1.0 - 1.5 * math.exp(-0.5), 1.0 - 0.9**3
+    assert count.misfit.p_value == pytest.approx(2.0 / (1.0 / spurious + 1.0 / identified))
+
+
+def with_data(candidate, change):
+    tests = [replace(test, data=change(test.data)) for test in candidate.configurations]
+    return replace(candidate, configurations=tests)
+
+
+def exchanged(data):
+    return replace(data, sensors=("floor 2", "floor 1", *data.sensors[2:]))
+
+
+def turned(data):
+    sign = np.where(np.array(data.sensors) == "floor 2", -1.0, 1.0)
+    return replace(data, modes=tuple(replace(m, shape=sign * m.shape) for m in data.modes))
+
+
+def in_rad_s(data):
+    factor = 2.0 * math.pi
+    modes = tuple(replace(m, frequency_hz=factor * m.frequency_hz) for m in data.modes)
+    return replace(data, modes=modes, band_hz=tuple(factor * bound for bound in data.band_hz))
+
+
+def laboratory_frame():
+    """The four-storey laboratory frame, one stiffness for each storey, errors given."""
+    return bs.load_study(LABORATORY_FRAME).only(["each storey"])
+
+
+MISTAKES = {
+    "exchanged": (exchanged, "channels 'floor 2' and 'floor 1' seem to be exchanged"),
+    "turned": (turned, "the sign of 'floor 2' seems to be wrong"),
+    "rad/s": (in_rad_s, "frequencies seem to be in rad/s, not in Hz"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+@pytest.mark.parametrize("of", ["shear building", "laboratory frame"])
+def test_a_mistake_in_the_data_is_named(model_classes, of, mistake):
+    right = model_classes["3"] if of == "shear building" else laboratory_frame().model_classes[0]
+    change, words = MISTAKES[mistake]
+    ranking = bs.rank(bs.Study("wrong data", [with_data(right, change)]), settings=COARSE)
+    (check,) = ranking.comparison.best.failed_checks[:1]
+    assert check == ranking.comparison.best.misfit
+    assert f". No class explains the data: {words} (gain " in check
+    hint = ranking.posteriors[0].adequacy.hints[0]
+    assert hint.mistake == words
+    assert hint.gain > 50.0
+
+
+@pytest.mark.parametrize("of", ["shear building", "laboratory frame"])
+def test_a_wrong_pairing_is_named(model_classes, of):
+    if of == "shear building":
+        right, wrong = model_classes["3"], {"1": 1, "2a": 2, "2b": 4, "3": 3}
+        words = "mode '2b' seems to be model mode 3, not model mode 4; "
+        words += "mode '3' seems to be model mode 4, not model mode 3"
+    else:
+        right, wrong = laboratory_frame().model_classes[0], {"1": 1, "2": 3, "3": 2, "4": 4}
+        words = "mode '2' seems to be model mode 2, not model mode 3; "
+        words += "mode '3' seems to be model mode 3, not model mode 2"
+    (test,) = right.configurations
+    candidate = replace(right, configurations=[replace(test, pairing=wrong)])
+    ranking = bs.rank(bs.Study("wrong pairing", [candidate]), settings=COARSE)
+    assert f". No class explains the data: {words} (gain " in ranking.comparison.best.misfit
+
+
+def test_a_profile_that_no_class_allows_for(infill, case_c, fixed_error):
+    """The laboratory frame has a soft storey, the numerical study none; no mistake explains it."""
+    k = STOREY_STIFFNESS * multiplier("k")
+    soft = bs.ShearBuilding((1.0, 1.0, 1.0), (k, k, 0.5 * k)).with_element(infill)
+    pairing = {"1": 1, "2a": 2, "2b": 3, "3": 4}
+    studies = [
+        bs.load_study(LABORATORY_FRAME).only(["one factor"]),
+        bs.Study("soft", [bs.ModelClass("soft", soft, case_c, fixed_error, pairing=pairing)]),
+    ]
+    for study in studies:
+        assert bs.rank(study, settings=COARSE).comparison.best.misfit.endswith(
+            "No class explains the data: wrong channel order, wrong units, wrong pairing, or a "
+            "structure nobody wrote down"
+        )
+
+
+def test_the_paper_s_approaches(model_classes):
+    """Only the best class fails for its misfit; that of the others is in their rows."""
+    comparison = bs.rank(bs.Study("four", list(model_classes.values())), settings=COARSE).comparison
+    rows = {row.name: row for row in comparison.classes}
+    assert rows["3"].misfit_p_value > 0.5
+    assert rows["1-b"].misfit_p_value < LIMIT < rows["2"].misfit_p_value
+    assert rows["1-b"].misfit_sds > 2.5758
+    assert not any(row.misfit for row in comparison.classes)
+
+
+def test_a_probable_class_that_does_not_explain_the_data(model_classes):
+    """With a prior weight that outweighs the evidence the other class is still named."""
+    study = bs.Study("weighted", [model_classes["1-b"], model_classes["3"]],
+                     prior_weights={"1-b": 1e20, "3": 1.0})  # fmt: skip
+    best = bs.rank(study, settings=COARSE).comparison.best
+    assert best.name == "1-b"
+    assert "Only less probable classes explain the data ('3'): " in best.misfit
