@@ -22,6 +22,7 @@ from bayes_ssi.plots.figure_style import (
     figure_of,
     legend_of_figure,
     panels_across,
+    title_of,
     width_of_panels,
     without_math,
     wrapped,
@@ -91,7 +92,6 @@ def plot_shapes(
         else:
             plot_shape_components(structure, places, each.shape, ax, reference=each.reference,
                                   title=each.title)  # fmt: skip
-        ax.title.set_fontsize(SMALL)
         ax.tick_params("y", labelsize=SMALL * min(1.0, MOST_ROWS / len(places)),
                        labelleft=i % across == 0)  # fmt: skip
     for ax in axes[len(shapes) :]:
@@ -157,7 +157,8 @@ def plot_building_shape(
     ax.set_xticks([])
     ax.spines[["left", "bottom"]].set_visible(False)
     ax.tick_params(axis="y", length=0)
-    without_math(*ax.get_yticklabels(), ax.set_title(title))
+    without_math(*ax.get_yticklabels())
+    title_of(ax, title)
     return ax
 
 
@@ -237,7 +238,8 @@ def plot_shape_components(
     ax.set_ylim(-0.5, max(y.values()) + 0.5)
     ax.set_yticks([*y.values()], order)
     ax.locator_params(axis="x", nbins=2)
-    without_math(*ax.get_yticklabels(), ax.set_title(title))
+    without_math(*ax.get_yticklabels())
+    title_of(ax, title)
     _write_below(ax, structure, places, shape, reach)
     return ax
 
