@@ -30,6 +30,7 @@ from bayes_ssi.priors.families import (
     TruncatedNormal,
     Uniform,
 )
+from bayes_ssi.ranking.changed_settings import ChangedSettings
 from bayes_ssi.ranking.comparison import compare
 from bayes_ssi.ranking.study import Study, rank
 from bayes_ssi.ranking.study_file import load_study
@@ -39,6 +40,7 @@ from bayes_ssi.response.ground_motion_files import read_ground_motion
 from bayes_ssi.response.output import Output
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
+from bayes_ssi.results.stored_what_if import what_if
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.structures.elements import AddedMass, InPlaneInfill, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.rigid_floors import FloorBlock, FloorMass, floor_sensor
@@ -50,6 +52,7 @@ from bayes_ssi.structures.structure import Structure
 
 __all__ = [
     "AddedMass",
+    "ChangedSettings",
     "Configuration",
     "ErrorModel",
     "FloorBlock",
@@ -99,6 +102,7 @@ __all__ = [
     "sample",
     "save_result",
     "search",
+    "what_if",
     "write_modal_data",
     "write_report",
 ]

@@ -17,8 +17,9 @@ from bayes_ssi.commands.rank import rank
 from bayes_ssi.commands.report import report
 from bayes_ssi.commands.search import search
 from bayes_ssi.commands.terminal import QUIET_OPTION, OneLineErrors
+from bayes_ssi.commands.what_if import what_if
 
-COMMANDS = (calibrate, check, new, rank, search, predict, report, guide)
+COMMANDS = (calibrate, check, new, rank, search, what_if, predict, report, guide)
 
 for command in COMMANDS:
     command.params.append(QUIET_OPTION)

@@ -76,6 +76,12 @@ class Reweighted:
         )
 
     @cached_property
+    def before(self) -> tuple[ParameterSpread, ...]:
+        """The parameters under the class as sampled, by the same draws."""
+        equal = np.full(len(self.values), 1.0 / len(self.values))
+        return spreads(self.posterior, self.values, equal)
+
+    @cached_property
     def parameters(self) -> tuple[ParameterSpread, ...]:
         """The parameters under the changed class."""
         return spreads(self.posterior, self.values, self.weights)

@@ -18,12 +18,14 @@ from bayes_ssi.tables.ranking_tables import (
 )
 from bayes_ssi.tables.search_tables import averaged_table, search_notes, search_table
 from bayes_ssi.tables.sensitivity_tables import sensitivity_notes, sensitivity_table
+from bayes_ssi.tables.what_if_tables import changed_parameters_table, what_if_notes, what_if_table
 
 __all__ = [
     "averaged_table",
     "averages_table",
     "calibration_modes_table",
     "calibration_table",
+    "changed_parameters_table",
     "comparison_notes",
     "determination_tables",
     "evidence_table",
@@ -39,4 +41,6 @@ __all__ = [
     "sensitivity_notes",
     "sensitivity_table",
     "shape_tables",
+    "what_if_notes",
+    "what_if_table",
 ]

@@ -1,0 +1,147 @@
+"""``bayes-ssi what-if``: a stored result under changed settings, from its draws."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import click
+
+from bayes_ssi.commands.saved_run import FAILED_CHECK
+from bayes_ssi.commands.terminal import console, json_option, print_record, say
+
+if TYPE_CHECKING:
+    from bayes_ssi.results.load import StoredResult
+
+T = TypeVar("T")
+
+
+@click.command(name="what-if")
+@click.argument("result", type=click.Path(path_type=Path))
+@click.option(
+    "--prior",
+    "priors",
+    metavar="NAME=PRIOR",
+    multiple=True,
+    help='New prior of a parameter, such as "k1=LogNormal(1, 0.5)"; may be repeated.',
+)
+@click.option(
+    "--frequency-cov",
+    type=float,
+    metavar="COV",
+    help="Prediction error of frequencies, a fraction.",
+)
+@click.option("--shape-sd", type=float, metavar="SD", help="Prediction error of shapes.")
+@click.option(
+    "--detection",
+    type=float,
+    metavar="PROBABILITY",
+    help="Probability that a mode in the band is identified.",
+)
+@click.option(
+    "--spurious",
+    type=float,
+    metavar="NUMBER",
+    help="Expected number of spurious modes in the band.",
+)
+@click.option(
+    "--band",
+    "bands",
+    metavar="[NAME=]LOW,HIGH",
+    multiple=True,
+    help="Band of the search for modes in Hz, of configuration NAME where there are "
+    "several; may be repeated.",
+)
+@click.option(
+    "--weight",
+    "weights",
+    metavar="NAME=WEIGHT",
+    multiple=True,
+    help="Prior weight of a model class; may be repeated.",
+)
+@json_option
+def what_if(
+    result: Path, priors: tuple[str, ...], bands: tuple[str, ...], weights: tuple[str, ...],
+    frequency_cov: float | None, shape_sd: float | None, detection: float | None,
+    spurious: float | None,
+) -> None:  # fmt: skip
+    """Show how RESULT, a directory that rank or search saved, changes with its settings.
+
+    The stored draws are reweighted in seconds: nothing is sampled, and the study file is not
+    needed. Where they do not cover the change, the exit code is 3 and the output says how to sample
+    again.
+    """
+    from bayes_ssi.priors.prior_text import prior_from_text
+    from bayes_ssi.ranking.changed_settings import ChangedSettings
+    from bayes_ssi.results.load import load_result
+    from bayes_ssi.results.stored_what_if import what_if as ask
+    from bayes_ssi.tables import changed_parameters_table, what_if_notes, what_if_table
+
+    settings = ChangedSettings(
+        # The name may itself hold "=", but is not followed by the name of a distribution there.
+        priors=_named("--prior", priors, r"(.+?)=\s*(\w+\s*\(.*)", prior_from_text),
+        frequency_cov=frequency_cov,
+        shape_sd=shape_sd,
+        detection_probability=detection,
+        expected_spurious_modes=spurious,
+        bands_hz=_named("--band", bands, r"(?:(.+)=)?([^=]*)", _band),
+        prior_weights=_named("--weight", weights, r"(.+)=([^=]*)", _number),
+    )
+    stored = load_result(result)
+    answer = ask(stored, settings)
+    where = console()
+    say(where, f"{stored.record.study}: draws of {result} reweighted; nothing was sampled.")
+    where.print(what_if_table(answer))
+    shown = dict.fromkeys(each for each in (answer.best_before, answer.best_after) if each)
+    for row in shown:
+        where.print(changed_parameters_table(row))
+    say(where, *what_if_notes(answer, _how_to_sample_again(stored)))
+    print_record(lambda: {"directory": str(result), "answer": answer})
+    if answer.problems:
+        sys.exit(FAILED_CHECK)
+
+
+def _named(
+    option: str, texts: tuple[str, ...], form: str, read: Callable[[str], T]
+) -> dict[str, T]:
+    """Name → value, from texts NAME=VALUE of an option."""
+    items: dict[str, T] = {}
+    for text in texts:
+        match = re.fullmatch(form, text.strip())
+        if match is None:
+            raise ValueError(f"{option}: must be NAME=VALUE, got {text!r}")
+        name, value = (match[1] or "").strip(), match[2].strip()
+        if name in items:
+            raise ValueError(f"{option}: {name!r} is given twice")
+        try:
+            items[name] = read(value)
+        except ValueError as error:
+            raise ValueError(f"{option}: {error}") from None
+    return items
+
+
+def _band(text: str) -> tuple[float, float]:
+    bounds = [part for part in re.split(r"[,\s]+", text) if part]
+    if len(bounds) != 2:
+        raise ValueError(f"must be two frequencies in Hz, LOW,HIGH, got {text!r}")
+    return _number(bounds[0]), _number(bounds[1])
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{text!r} is not a number") from None
+
+
+def _how_to_sample_again(stored: StoredResult) -> str:
+    record = stored.record
+    if not (record.study_file and record.command):
+        return "Sample again: make the change in the study, and rank its classes."
+    return (
+        f"Sample again: make the change in {record.study_file}, and run, with another --out: "
+        f"{record.command}"
+    )

@@ -1,0 +1,59 @@
+"""``bayes-ssi what-if``: what it prints, and what it refuses."""
+
+import json
+
+import pytest
+from conftest import assert_one_line_error
+
+from bayes_ssi.results.save import save_result
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory, tiny_ranking):
+    directory = tmp_path_factory.mktemp("saved") / "result"
+    command = "bayes-ssi rank tiny.py"
+    return save_result(tiny_ranking, directory, study_file="tiny.py", command=command).directory
+
+
+def test_the_change_is_shown(run, saved):
+    done = run(
+        "what-if", saved, "--prior", "k=Normal(1, 0.2)", "--band", "0, 2.5", "--weight", "one k=3"
+    )
+    assert done.exit_code == 0, done.output
+    assert "Changed: prior of 'k': LogNormal(median=1.0, cov=0.3) → Normal(" in done.stdout
+    assert "Changed: band_hz: 0 to 3 → 0 to 2.5." in done.stdout
+    assert "Changed: prior weight of 'one k': 1 → 3." in done.stdout
+    assert "'one k' is the most probable class before and after." in done.stdout
+    assert all(len(line) <= 80 for line in done.stdout.splitlines() if "─" in line)
+
+
+def test_where_the_draws_do_not_say_the_exit_code_is_3(run, saved):
+    done = run("what-if", saved, "--prior", "k=LogNormal(5, 0.05)")
+    assert done.exit_code == 3, done.output
+    assert "(!) 'one k': the draws do not cover the changed class: Pareto k is" in done.stdout
+    assert "make the change in tiny.py, and run, with another --out: bayes-ssi" in done.stdout
+
+
+def test_a_record(run, saved):
+    done = run("what-if", saved, "--detection", "0.9", "--json")
+    rows = json.loads(done.stdout)["answer"]["classes"]
+    assert {row["name"] for row in rows} == {"one k", "each k"}
+    assert all(row["problem"] == "" for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), ("nothing is changed",)),
+        (("--prior", "k"), ("--prior: must be NAME=VALUE", "'k'")),
+        (("--prior", "k=Gamma(1, 2)"), ("--prior", "choose from Normal, LogNormal")),
+        (("--prior", "k=Normal(1, -2)"), ("--prior: Normal: sd must be positive",)),
+        (("--prior", "k=Normal(1, 2)", "--prior", "k=Normal(1, 3)"), ("'k' is given twice",)),
+        (("--band", "0"), ("--band: must be two frequencies", "'0'")),
+        (("--weight", "one k=x"), ("--weight: 'x' is not a number",)),
+        (("--weight", "one k=0"), ("prior weight of 'one k'", "positive")),
+        (("--spurious", "0"), ("expected_spurious_modes must be positive",)),
+    ],
+)
+def test_bad_options(run, saved, options, words):
+    assert_one_line_error(run("what-if", saved, *options), *words)

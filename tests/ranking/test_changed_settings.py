@@ -1,0 +1,122 @@
+"""Rankings under changed settings, by closed forms and by sampling again with them."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.results.save import save_result
+
+K = bs.LogNormal(1.0, 0.3)
+
+
+@pytest.fixture(scope="module")
+def stored(tiny_ranking, tmp_path_factory):
+    """A result without its study file."""
+    return save_result(tiny_ranking, tmp_path_factory.mktemp("what_if") / "r")
+
+
+def of(answer, name):
+    return next(row for row in answer.classes if row.name == name)
+
+
+def changes(row):
+    return row.log_evidence_after.log_evidence - row.log_evidence_before.log_evidence
+
+
+def test_nothing_is_sampled_and_a_ranking_says_the_same_as_its_directory(
+    stored, tiny_ranking, monkeypatch
+):
+    def refuse(*_):
+        raise AssertionError
+
+    monkeypatch.setattr("bayes_ssi.posterior.to_posterior.sample_target", refuse)
+    monkeypatch.setattr("bayes_ssi.structures.shear_building.ShearBuilding.modes", refuse)
+    settings = bs.ChangedSettings(priors={"k": bs.Normal(1.0, 0.2)}, frequency_cov=0.03)
+    answer = bs.what_if(stored.directory, settings)
+    assert answer == bs.what_if(stored, settings) == bs.what_if(tiny_ranking, settings)
+
+
+def test_closed_forms(stored):
+    """Two modes detected, none spurious; twice the weight adds log 2 to a class's odds."""
+    settings = bs.ChangedSettings(
+        detection_probability=0.8, expected_spurious_modes=0.5, prior_weights={"each k": 2.0}
+    )
+    answer = bs.what_if(stored, settings)
+    for row in answer.classes:
+        assert changes(row) == pytest.approx(2.0 * math.log(0.8 / 0.95) - 0.4, abs=1e-9)
+        assert row.pareto_k == -math.inf
+    before, after = (
+        [getattr(of(answer, name), when) for name in ("one k", "each k")]
+        for when in ("probability_before", "probability_after")
+    )
+    assert after[1] / after[0] == pytest.approx(2.0 * before[1] / before[0], rel=1e-9)
+    assert answer.changes == (
+        "detection_probability: 0.95 → 0.8",
+        "expected_spurious_modes: 0.1 → 0.5",
+        "prior weight of 'each k': 1 → 2",
+    )
+
+
+def test_against_sampling_with_the_changed_settings(stored, tiny_study):
+    """Prior, error size and band at once; the prior concerns one class alone."""
+    prior = bs.LogNormal(1.1, 0.2)
+    settings = bs.ChangedSettings(
+        priors={"k2": prior}, frequency_cov=0.025, bands_hz={"": (0.0, 2.0)}
+    )
+    answer = bs.what_if(stored, settings)
+    for candidate in tiny_study.model_classes:
+        again = bs.ModelClass(
+            candidate.name, candidate.structure, replace(candidate.data, band_hz=(0.0, 2.0)),
+            bs.ErrorModel(frequency_cov=0.025, shape_sd=0.05), pairing=candidate.pairing,
+            priors={"k2": prior} if candidate.name == "each k" else {},
+        )  # fmt: skip
+        sampled = bs.sample(again, seed=1)
+        row = of(answer, candidate.name)
+        after = row.log_evidence_after
+        tolerance = 4.0 * math.hypot(after.error, sampled.evidence.error)
+        assert after.log_evidence == pytest.approx(sampled.evidence.log_evidence, abs=tolerance)
+        for change, expected in zip(row.parameters, sampled.summary, strict=True):
+            allowed = 4.0 * math.hypot(change.after.mean_error, expected.mean_error)
+            assert change.after.mean == pytest.approx(expected.mean, abs=allowed)
+    assert f"prior of 'k2': {K} → {prior} in 'each k'" in answer.changes
+
+
+def test_no_probability_is_given_where_a_class_must_be_sampled_again(stored):
+    answer = bs.what_if(stored, bs.ChangedSettings(priors={"k": bs.LogNormal(5.0, 0.05)}))
+    row = of(answer, "one k")
+    assert "Pareto k is" in row.problem
+    assert row.log_evidence_after is None
+    assert row.parameters[0].after is None
+    assert of(answer, "each k").log_evidence_after is not None
+    assert answer.best_after is None
+    assert [each.probability_after for each in answer.classes] == [None, None]
+    assert answer.problems == (f"'one k': {row.problem}",)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"priors": {"k9": K}}, "prior: no parameter 'k9'; choose from 'k', 'k1', 'k2'"),
+        ({"prior_weights": {"two k": 1.0}}, "unknown model class 'two k'"),
+        ({"bands_hz": {"bare": (0.0, 2.0)}}, "without a name; got 'bare'"),
+        ({"bands_hz": {"": (0.0, 1.0)}}, "lies outside the band 0.0 to 1.0 Hz"),
+        ({"detection_probability": 1.0}, "strictly between 0 and 1"),
+        ({"frequency_cov": -0.1}, "must be positive and finite"),
+    ],
+)
+def test_settings_of_no_class_are_refused(stored, settings, words):
+    with pytest.raises(ValueError, match=words):
+        bs.what_if(stored, bs.ChangedSettings(**settings))
+
+
+def test_an_error_size_that_every_class_infers_is_refused(tiny_study):
+    inferred = [replace(c, error=bs.ErrorModel()) for c in tiny_study.model_classes]
+    with pytest.raises(ValueError, match=r"frequency_cov: it is inferred .* 'frequency_cov'"):
+        bs.ChangedSettings(frequency_cov=0.02).check(inferred)
+
+
+def test_a_change_of_nothing_is_refused():
+    with pytest.raises(ValueError, match="nothing is changed; give"):
+        bs.ChangedSettings()
