@@ -29,6 +29,7 @@ from bayes_ssi.posterior.repairs import (
     repair_of_pairing,
     repairs_of_frequencies,
     repairs_of_shapes,
+    repairs_of_single_shapes,
 )
 from bayes_ssi.sampling.maxima import ascend
 from bayes_ssi.sampling.resampling import evenly_spaced_indices
@@ -58,6 +59,7 @@ def diagnose(
     modes = [likelihood.modes(own) for _, likelihood, own in model_class.parts(points.values)]
     kinds = [
         repairs_of_shapes(model_class),
+        repairs_of_single_shapes(model_class),
         repairs_of_frequencies(model_class),
         list(repair_of_pairing(model_class)),
         list(common_factor(model_class)),

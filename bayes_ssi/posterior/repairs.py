@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.model_class.configuration import Configuration
+from bayes_ssi.model_class.configuration import Configuration, label_in
 from bayes_ssi.model_class.model_class import ModelClass, Pairing
 
+Change = Callable[[ModalData], ModalData]
+
 # A scanning instrument has no channels to exchange, and pairs grow with the square of the number.
-MOST_CHANNELS = 100
+MOST_CHANNELS = 50
 # What brings frequencies in other units, or converted once too often, to Hz.
 UNITS = {
     1.0 / (2.0 * math.pi): "frequencies seem to be in rad/s, not in Hz",
@@ -47,23 +52,47 @@ class Repair:
 
 
 def repairs_of_shapes(model_class: ModelClass) -> list[Repair]:
-    """Each two sensors exchanged and each sensor's sign turned, in one test and in all of them.
+    """Each two sensors exchanged and each sensor's sign turned, in one test and in all of them."""
+    changes = [
+        (mistake + where, tests, change)
+        for where, tests in _tests(model_class)
+        for mistake, change in _changes([test.data for test in tests])
+    ]
+    return _different(model_class, changes)
 
-    Changes that come to the same are one: with two sensors, turning one sign or the other.
-    """
+
+def repairs_of_single_shapes(model_class: ModelClass) -> list[Repair]:
+    """Each two sensors exchanged and each sensor's sign turned, in one mode only."""
+    changes = [
+        (f"{mistake} in mode {label_in(test.name, mode.label)!r}", [test], _in_mode(mode, change))
+        for test in model_class.configurations
+        for mode in test.data.modes
+        if mode.scored_shape is not None
+        for mistake, change in _changes([test.data])
+    ]
+    return _different(model_class, changes)
+
+
+def _changes(tests: Sequence[ModalData]) -> Iterator[tuple[str, Change]]:
+    """Mistakes in the sensors that all tests have, and the changes that undo them."""
+    sensors = [s for s in tests[0].sensors if all(s in data.sensors for data in tests)]
+    if len(sensors) <= MOST_CHANNELS:
+        for a, b in combinations(sensors, 2):
+            yield f"channels {a!r} and {b!r} seem to be exchanged", _exchanged(a, b)
+    for sensor in sensors:
+        yield f"the sign of {sensor!r} seems to be wrong", _turned(sensor)
+
+
+def _different(
+    model_class: ModelClass, changes: Sequence[tuple[str, list[Configuration], Change]]
+) -> list[Repair]:
+    """The changed classes; changes that come to the same are one, as two signs of two sensors."""
     by_digest: dict[str, Repair] = {}
-    for where, tests in _tests(model_class):
-        sensors = [s for s in tests[0].data.sensors if all(s in t.data.sensors for t in tests)]
-        pairs = combinations(sensors, 2) if len(sensors) <= MOST_CHANNELS else ()
-        changes: list[tuple[str, Callable[[ModalData], ModalData]]] = [
-            (f"channels {a!r} and {b!r} seem to be exchanged", _exchanged(a, b)) for a, b in pairs
-        ]
-        changes += [(f"the sign of {s!r} seems to be wrong", _turned(s)) for s in sensors]
-        for words, change in changes:
-            changed = _with_data(model_class, tests, change)
-            first = by_digest.get(changed.data_digest)
-            mistake = f"{first.mistake}, or {words}{where}" if first else f"{words}{where}"
-            by_digest[changed.data_digest] = Repair(mistake, changed)
+    for mistake, tests, change in changes:
+        changed = _with_data(model_class, tests, change)
+        same = by_digest.get(changed.data_digest)
+        mistakes = f"{same.mistake}, or {mistake}" if same else mistake
+        by_digest[changed.data_digest] = Repair(mistakes, changed)
     by_digest.pop(model_class.data_digest, None)
     return list(by_digest.values())
 
@@ -108,11 +137,7 @@ def _tests(model_class: ModelClass) -> Iterator[tuple[str, list[Configuration]]]
         yield from ((f" in configuration {test.name!r}", [test]) for test in tests)
 
 
-def _with_data(
-    model_class: ModelClass,
-    tests: list[Configuration],
-    change: Callable[[ModalData], ModalData],
-) -> ModelClass:
+def _with_data(model_class: ModelClass, tests: list[Configuration], change: Change) -> ModelClass:
     return replace(
         model_class,
         configurations=tuple(
@@ -122,21 +147,39 @@ def _with_data(
     )
 
 
-def _exchanged(a: str, b: str) -> Callable[[ModalData], ModalData]:
+def _exchanged(a: str, b: str) -> Change:
     other = {a: b, b: a}
-    return lambda data: replace(data, sensors=tuple(other.get(s, s) for s in data.sensors))
 
-
-def _turned(sensor: str) -> Callable[[ModalData], ModalData]:
     def change(data: ModalData) -> ModalData:
-        signs = np.where(np.array(data.sensors) == sensor, -1.0, 1.0)
-        modes = (
-            mode if mode.shape is None else replace(mode, shape=signs * mode.shape)
-            for mode in data.modes
-        )
-        return replace(data, modes=tuple(modes))
+        order = [data.sensors.index(other.get(sensor, sensor)) for sensor in data.sensors]
+        return _with_shapes(data, lambda shape: shape[order])
 
     return change
+
+
+def _turned(sensor: str) -> Change:
+    def change(data: ModalData) -> ModalData:
+        signs = np.where(np.array(data.sensors) == sensor, -1.0, 1.0)
+        return _with_shapes(data, lambda shape: signs * shape)
+
+    return change
+
+
+def _with_shapes(data: ModalData, change: Callable[[NDArray[Any]], NDArray[Any]]) -> ModalData:
+    modes = (
+        mode if mode.shape is None else replace(mode, shape=change(mode.shape))
+        for mode in data.modes
+    )
+    return replace(data, modes=tuple(modes))
+
+
+def _in_mode(mode: IdentifiedMode, change: Change) -> Change:
+    def change_one(data: ModalData) -> ModalData:
+        changed = change(data).mode(mode.label)
+        modes = tuple(changed if each.label == mode.label else each for each in data.modes)
+        return replace(data, modes=modes)
+
+    return change_one
 
 
 def _scaled(

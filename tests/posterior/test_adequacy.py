@@ -126,7 +126,17 @@ def laboratory_frame():
     return bs.load_study(LABORATORY_FRAME).only(["each storey"])
 
 
+def exchanged_in_mode_3(data):
+    shape = data.mode("3").shape[[1, 0, *range(2, len(data.sensors))]]
+    modes = (replace(m, shape=shape) if m.label == "3" else m for m in data.modes)
+    return replace(data, modes=tuple(modes))
+
+
 MISTAKES = {
+    "exchanged in one mode": (
+        exchanged_in_mode_3,
+        "channels 'floor 1' and 'floor 2' seem to be exchanged in mode '3'",
+    ),
     "exchanged": (exchanged, "channels 'floor 2' and 'floor 1' seem to be exchanged"),
     "turned": (turned, "the sign of 'floor 2' seems to be wrong"),
     "rad/s": (in_rad_s, "frequencies seem to be in rad/s, not in Hz"),
