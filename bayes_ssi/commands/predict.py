@@ -140,7 +140,7 @@ def predict(
         save_predictions(partial, predicted.data, responses)
         save_prediction_figures(partial / "figures", predicted.data, responses)
 
-    from bayes_ssi.tables import frequency_table, peak_table, shape_tables
+    from bayes_ssi.tables import frequency_table, peak_table, shape_table
 
     where = console()
     title = predicted.stored.record.study
@@ -150,8 +150,9 @@ def predict(
         say(where, f"(!) --draws {draws}: no more than {predicted.n_draws} draws are stored.")
     say(where, *(_composition(each.predictions) for each in responses), *remarks)
     where.print(frequency_table(predicted.data, responses))
-    for table in shape_tables(predicted.data, responses[0]):
-        where.print(table)
+    shapes = shape_table(predicted.data, responses[0])
+    if shapes is not None:
+        where.print(shapes)
     if request.frequencies_hz is not None or request.motions:
         where.print(peak_table(responses))
     n_tables, n_figures = (len(list(directory.glob(f"**/*.{kind}"))) for kind in ("csv", "png"))

@@ -59,7 +59,7 @@ def search(
     from bayes_ssi.appendages.hypotheses import SearchSettings
     from bayes_ssi.priors.families import LogNormal, LogUniform
     from bayes_ssi.results.load import SEARCH
-    from bayes_ssi.tables import averaged_table, search_notes, search_table
+    from bayes_ssi.tables import appendage_table, averaged_table, search_notes, search_table
 
     loaded = load(study)
     if baseline is not None:
@@ -81,6 +81,7 @@ def search(
 
     where = console()
     where.print(search_table(appendages))
+    where.print(appendage_table(appendages))
     where.print(averaged_table(appendages))
     say(where, *search_notes(appendages), *notes_of(result, best_only=True))
     options.end(result, records)

@@ -50,6 +50,7 @@ class RankedClass:
     Attributes:
         name: name of the model class.
         log_evidence: in nats, and ``error``, its standard error.
+        prior_probability: of the class among those compared.
         probability: posterior probability of the class among those compared.
         log_bayes_factor: log evidence less that of the most probable class; positive only where
             prior weights outweigh it.
@@ -73,6 +74,7 @@ class RankedClass:
     name: str
     log_evidence: float
     error: float
+    prior_probability: float
     probability: float
     log_bayes_factor: float
     log_bayes_factor_error: float
@@ -113,6 +115,11 @@ class Comparison:
     scale: str = SCALE_NAME
 
     @property
+    def has_equal_priors(self) -> bool:
+        """Whether all classes are equally probable a priori."""
+        return len({row.prior_probability for row in self.classes}) == 1
+
+    @property
     def best(self) -> RankedClass:
         return self.classes[0]
 
@@ -150,9 +157,11 @@ def compare(
     weights = checked_weights(names, prior_weights)
     log_evidences = {each.name: each.evidence.log_evidence for each in posteriors}
     probabilities = class_probabilities(log_evidences, weights)
+    total = sum(weights.values())
+    priors = {name: weight / total for name, weight in weights.items()}
     # By the logarithm, which also ranks classes whose probabilities are rounded to zero.
     ranked = sorted(posteriors, key=lambda p: -log_evidences[p.name] - math.log(weights[p.name]))
-    rows = [_row(each, ranked, probabilities[each.name]) for each in ranked]
+    rows = [_row(each, ranked, priors[each.name], probabilities[each.name]) for each in ranked]
     return Comparison(tuple(rows), ranked[0].data_digest)
 
 
@@ -168,7 +177,9 @@ def class_probabilities(
     return {name: math.exp(log_mass - log_total) for name, log_mass in log_masses.items()}
 
 
-def _row(posterior: Posterior, ranked: Sequence[Posterior], probability: float) -> RankedClass:
+def _row(
+    posterior: Posterior, ranked: Sequence[Posterior], prior: float, probability: float
+) -> RankedClass:
     best, fit = ranked[0], posterior.adequacy
     evidence, top = posterior.evidence, best.evidence
     misfit = _misfit_of_best(ranked) if posterior is best else ""
@@ -185,7 +196,7 @@ def _row(posterior: Posterior, ranked: Sequence[Posterior], probability: float) 
     if posterior is best:
         against = "best"
     elif distinguishable and difference > 0:
-        against = "prior weights only"
+        against = "prior probability only"
     elif distinguishable:
         against = bayes_factor_scale(difference)
     else:
@@ -194,6 +205,7 @@ def _row(posterior: Posterior, ranked: Sequence[Posterior], probability: float) 
         name=posterior.name,
         log_evidence=evidence.log_evidence,
         error=evidence.error,
+        prior_probability=prior,
         probability=probability,
         log_bayes_factor=difference,
         log_bayes_factor_error=error,

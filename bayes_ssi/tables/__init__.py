@@ -6,7 +6,7 @@ from bayes_ssi.tables.calibration_tables import (
     determination_tables,
 )
 from bayes_ssi.tables.mode_tables import modes_table
-from bayes_ssi.tables.prediction_tables import frequency_table, peak_table, shape_tables
+from bayes_ssi.tables.prediction_tables import frequency_table, peak_table, shape_table
 from bayes_ssi.tables.ranking_tables import (
     averages_table,
     comparison_notes,
@@ -16,11 +16,17 @@ from bayes_ssi.tables.ranking_tables import (
     ranking_table,
     region_notes,
 )
-from bayes_ssi.tables.search_tables import averaged_table, search_notes, search_table
+from bayes_ssi.tables.search_tables import (
+    appendage_table,
+    averaged_table,
+    search_notes,
+    search_table,
+)
 from bayes_ssi.tables.sensitivity_tables import sensitivity_notes, sensitivity_table
 from bayes_ssi.tables.what_if_tables import changed_parameters_table, what_if_notes, what_if_table
 
 __all__ = [
+    "appendage_table",
     "averaged_table",
     "averages_table",
     "calibration_modes_table",
@@ -40,7 +46,7 @@ __all__ = [
     "search_table",
     "sensitivity_notes",
     "sensitivity_table",
-    "shape_tables",
+    "shape_table",
     "what_if_notes",
     "what_if_table",
 ]

@@ -9,8 +9,10 @@ from rich.table import Table
 
 from bayes_ssi.calibration.calibration import Calibration
 from bayes_ssi.model_class.configuration import label_in
-from bayes_ssi.tables.layout import NUMBER, TERMINAL, add_columns, add_row, new_table, number
+from bayes_ssi.tables.layout import add_row, new_table, number
 
+# Columns of numbers that a terminal of 80 characters has room for.
+MOST_COLUMNS = 8
 # Two lines of a terminal: further components of a combination are left to the record.
 MOST_COMPONENTS = 6
 
@@ -20,8 +22,7 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
 
     The title names the model class, and those of the ``same`` calibration.
 
-    Parameters are columns where the terminal is wide enough for them; otherwise they are rows, and
-    as many of the best minima as fit are columns.
+    A few parameters are columns; many are rows, and the best minima are columns.
     """
     names = (*calibration.parameter_names, "f_ob (%)", "d (%)")
     fits = {"before": calibration.before}
@@ -39,20 +40,16 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
     what = "Minima with the prior's pull" if calibration.with_prior else "Minima"
     classes = ", ".join(map(repr, (calibration.name, *same)))
     title = f"{what} of {classes}, λ = {calibration.shape_weight:g}"
-    across = TERMINAL // NUMBER
-    if len(names) <= across:
-        table = new_table(title, numbers=("", *names))
+    if len(names) <= MOST_COLUMNS:
+        table = new_table(title, [""], names)
         for label, row in cells.items():
             add_row(table, label, *row)
         return table
-    # The names of parameters may take as much room as three columns.
-    shown = list(cells)[: across - 3]
+    shown = list(cells)[:MOST_COLUMNS]
     if len(shown) < len(cells):
         n_others = len(cells) - len(calibration.minima)
         title += f": the best {len(shown) - n_others} of {len(calibration.minima)}"
-    table = new_table(title)
-    table.add_column("", overflow="fold", min_width=min(2 * NUMBER, max(map(len, names))))
-    add_columns(table, numbers=[label.replace(" ", "\n") for label in shown])
+    table = new_table(title, [""], shown)
     for i, name in enumerate(names):
         add_row(table, name, *(cells[label][i] for label in shown))
     return table
@@ -60,11 +57,11 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
 
 def calibration_modes_table(calibration: Calibration) -> Table:
     """Frequencies and MAC before calibration and at the best minimum."""
-    table = new_table(f"Modes of {calibration.name!r}")
-    table.add_column("mode", justify="right", overflow="fold")
-    add_columns(table, numbers=(
-        "model\nmode", "identified\nHz", "before\nHz", "after\nHz", "MAC\nbefore", "MAC\nafter",
-    ))  # fmt: skip
+    table = new_table(
+        f"Modes of {calibration.name!r}",
+        ["mode"],
+        ["model mode", "identified Hz", "before Hz", "after Hz", "MAC before", "MAC after"],
+    )
     pairs = zip(calibration.before.modes, calibration.best.modes, strict=True)
     for before, after in pairs:
         add_row(

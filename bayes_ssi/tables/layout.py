@@ -1,26 +1,107 @@
-"""What all tables share: at most 80 columns wide, names as they are."""
+"""What all tables share: nothing is cropped, names are shown as they are."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import takewhile
 
 from rich import box
-from rich.table import Table
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.table import Column, Table
 from rich.text import Text
 
-# Width of a terminal, and of a number with the space next to it, in characters.
-TERMINAL, NUMBER = 80, 9
+# Spaces between columns, where there is room and where there is not.
+WIDE_GAP, NARROW_GAP = 3, 2
+# Narrowest column for names; below it, a line holds less than a syllable.
+NARROWEST = 5
 
 
-def new_table(title: str, texts: Sequence[str] = (), numbers: Sequence[str] = ()) -> Table:
+class WholeTable(Table):
+    """A table that crops nothing, whatever the width of the terminal.
+
+    Names, in the text columns ahead of the first number, wrap at words. Numbers stay on one line:
+    where the columns do not fit next to one another, the table continues below, with its names
+    repeated. Only where not even one column fits next to the names are numbers folded.
+    """
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for i, (columns, gap) in enumerate(self._parts(options.max_width)):
+            part = Table(
+                title=self.title if i == 0 else None,
+                title_justify="left",
+                box=box.SIMPLE_HEAD,
+                pad_edge=False,
+                padding=(0, 1, 0, gap - 2),  # and one space that the box draws
+            )
+            part.columns = columns
+            part.rows = self.rows
+            yield from part.__rich_console__(console, options)
+
+    def _parts(self, width: int) -> Iterator[tuple[list[Column], int]]:
+        """The columns of each part of the table with their widths, and the gap between them."""
+        names = list(takewhile(lambda column: column.justify == "left", self.columns))
+        others = self.columns[len(names) :]
+        for gap in (WIDE_GAP, NARROW_GAP):
+            if _needed(self.columns, width, gap) <= width:
+                yield _fitted(self.columns, len(names), width, gap), gap
+                return
+        while others:
+            n = 1
+            while n < len(others) and _needed([*names, *others[: n + 1]], width, gap) <= width:
+                n += 1
+            yield _fitted([*names, *others[:n]], len(names), width, gap), gap
+            others = others[n:]
+
+
+def _fitted(columns: Sequence[Column], n_names: int, width: int, gap: int) -> list[Column]:
+    """Columns with their widths: what they need, then more for names first, if there is room."""
+    widths = [_least_width(column, width) for column in columns]
+    room = width - _with_gaps(widths, gap)
+    enough = [_width_on_one_line(column) for column in columns]
+    for growing in (range(n_names), range(n_names, len(columns))):
+        while room > 0 and (wrapped := [i for i in growing if widths[i] < enough[i]]):
+            widths[min(wrapped, key=lambda i: widths[i])] += 1
+            room -= 1
+    for shrinking, least in ((range(n_names), NARROWEST), (range(len(columns)), 1)):
+        while room < 0 and max((widths[i] for i in shrinking), default=0) > least:
+            widths[max(shrinking, key=lambda i: widths[i])] -= 1
+            room += 1
+    numbered = enumerate(zip(columns, widths, strict=True))
+    return [replace(column, width=each, _index=i) for i, (column, each) in numbered]
+
+
+def _needed(columns: Sequence[Column], width: int, gap: int) -> int:
+    return _with_gaps([_least_width(column, width) for column in columns], gap)
+
+
+def _with_gaps(widths: Sequence[int], gap: int) -> int:
+    return sum(widths) + gap * (len(widths) - 1) + 2  # and the edges
+
+
+def _least_width(column: Column, width: int) -> int:
+    """Width at which words are not folded, unless they take a quarter of the table's ``width``."""
+    heading, cells = _longest(str(column.header).split()), list(map(str, column.cells))
+    if column.justify == "right":
+        return max(heading, _longest(line for cell in cells for line in cell.splitlines()))
+    longest = max(heading, _longest(word for cell in cells for word in cell.split()))
+    return min(longest, max(width // 4, NARROWEST))
+
+
+def _width_on_one_line(column: Column) -> int:
+    texts = [str(column.header), *(str(cell) for cell in column.cells)]
+    return _longest(line for text in texts for line in text.splitlines())
+
+
+def _longest(texts: Iterable[str]) -> int:
+    return max(map(cell_len, texts), default=1)
+
+
+def new_table(title: str, texts: Sequence[str] = (), numbers: Sequence[str] = ()) -> WholeTable:
     """An empty table with :func:`add_columns`."""
-    table = Table(
-        title=Text(title) if title else None,
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-    )
+    table = WholeTable(title=Text(title) if title else None)
     add_columns(table, texts, numbers)
     return table
 
@@ -30,7 +111,7 @@ def add_columns(table: Table, texts: Sequence[str] = (), numbers: Sequence[str] 
     for heading in texts:
         table.add_column(Text(heading), overflow="fold")
     for heading in numbers:
-        table.add_column(Text(heading), justify="right", no_wrap=True)
+        table.add_column(Text(heading), justify="right", overflow="fold")
 
 
 def add_row(table: Table, *cells: str) -> None:

@@ -10,9 +10,11 @@ from bayes_ssi.tables.layout import add_row, new_table, number
 
 def modes_table(data: ModalData, most: int | None = None) -> Table:
     """The identified modes as they were read, at most the first ``most`` of them."""
-    table = new_table(data.source)
-    for heading in ("mode", "frequency Hz", "c.o.v. %", "damping %", "shape at", "phases °"):
-        table.add_column(heading, justify="right")
+    table = new_table(
+        data.source,
+        ["mode"],
+        ["frequency Hz", "c.o.v. %", "damping %", "shape at", "phases °"],
+    )
     for mode in data.modes[:most]:
         cov, damping = (
             number(None if fraction is None else 100.0 * fraction, ".3g")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from rich.table import Table
 
@@ -10,15 +10,7 @@ from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.modal import SHAPE_SCALE
 from bayes_ssi.predictions.predicted_modes import predicted_modes, predicted_shapes, shown_places
 from bayes_ssi.predictions.response_bands import ResponseBands
-from bayes_ssi.tables.layout import (
-    NUMBER,
-    TERMINAL,
-    add_columns,
-    add_row,
-    interval,
-    new_table,
-    number,
-)
+from bayes_ssi.tables.layout import add_columns, add_row, interval, new_table, number
 
 
 def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Table:
@@ -55,22 +47,17 @@ def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Tabl
     return table
 
 
-def shape_tables(data: ModalData, each: ResponseBands) -> Iterator[Table]:
-    """Medians of the shapes of identified modes, in tables as wide as a terminal."""
+def shape_table(data: ModalData, each: ResponseBands) -> Table | None:
+    """Medians of the shapes of identified modes; None where there are none."""
     places = shown_places(each.predictions, data)
     shapes = list(predicted_shapes(data, each.predictions, each.request.level))
-    wide = max(NUMBER, 3 + max((len(label) for label, _ in shapes), default=0))
-    across = max(1, (TERMINAL - min(30, max(map(len, places))) - 2) // wide)
-    for start in range(0, len(shapes), across):
-        part = shapes[start : start + across]
-        table = new_table(
-            f"Mode shapes of {each.name!r}, medians, {SHAPE_SCALE}",
-            ["place"],
-            [label for label, _ in part],
-        )
-        for i, place in enumerate(places):
-            add_row(table, place, *(number(shape.median[i], ".3f") for _, shape in part))
-        yield table
+    if not shapes:
+        return None
+    title = f"Mode shapes of {each.name!r}, medians, {SHAPE_SCALE}"
+    table = new_table(title, ["place"], [label for label, _ in shapes])
+    for i, place in enumerate(places):
+        add_row(table, place, *(number(shape.median[i], ".3f") for _, shape in shapes))
+    return table
 
 
 def peak_table(responses: Sequence[ResponseBands]) -> Table:

@@ -10,22 +10,24 @@ from bayes_ssi.identification.inferred_pairing import InferredPairing
 from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.ranking.averages import AveragedParameter
 from bayes_ssi.ranking.comparison import Comparison, probability_text
-from bayes_ssi.tables.layout import add_row, new_table, number
+from bayes_ssi.tables.layout import add_columns, add_row, new_table, number
 
 # A heading and the items of the list below it.
 Note = tuple[str, list[str]]
 
 
 def ranking_table(comparison: Comparison, title: str = "") -> Table:
-    """Model classes ranked by log evidence, the best first."""
-    table = new_table(title, ["model class"], ["log evidence", "ln B", "probability"])
-    table.add_column("evidence against", no_wrap=True)
+    """Model classes by probability; prior probabilities have a column unless they are equal."""
+    priors = [] if comparison.has_equal_priors else ["prior"]
+    table = new_table(title, ["model class"], ["log evidence", "ln B", *priors, "probability"])
+    add_columns(table, ["evidence against"])
     for row in comparison.classes:
         add_row(
             table,
             f"{row.name} (!)" if row.failed_checks else row.name,
             f"{row.log_evidence:.3f} ± {row.error:.3f}",
             f"{row.log_bayes_factor:.2f}",
+            *([probability_text(row.prior_probability)] if priors else []),
             row.probability_text,
             row.against,
         )
@@ -38,7 +40,7 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
     table = new_table(
         "Log evidence = fit - information gained, and its checks (nats)",
         ["model class"],
-        ["fit", "information", *(method.replace(" ", "\n") for method in methods)],
+        ["fit", "information", *methods],
     )
     for posterior in posteriors:
         evidence = posterior.evidence
@@ -53,15 +55,10 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
 
 
 def comparison_notes(comparison: Comparison) -> list[str]:
-    """Notes on a ranking: its scale, classes not distinguished, failed checks."""
+    """Notes on the table of a ranking: its scale, and the mark of failed checks."""
     notes = [f"Evidence against: scale of {comparison.scale}."]
-    alike = comparison.not_distinguishable
-    if alike:
-        names = " or ".join(map(repr, alike))
-        notes.append(f"The data do not distinguish {names} from {comparison.best.name!r}.")
     if comparison.failed_checks:
-        notes.append("Failed checks; do not trust the ranking until they are understood:")
-        notes.extend(f"  (!) {check}" for check in comparison.failed_checks)
+        notes.append("(!): a check failed, as said below.")
     return notes
 
 
@@ -74,7 +71,7 @@ def parameter_table(posterior: Posterior) -> Table:
     table = new_table(
         f"Parameters of {posterior.name!r}",
         ["parameter"],
-        ["mean", "sd", "5 %", "median", "95 %", "post./\nprior sd"],
+        ["mean", "sd", "5 %", "median", "95 %", "post./ prior sd"],
     )
     for row in posterior.summary:
         numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)

@@ -5,44 +5,64 @@ from __future__ import annotations
 from rich.table import Table
 
 from bayes_ssi.appendages.search_result import AppendageSearch
-from bayes_ssi.ranking.comparison import probability_text
-from bayes_ssi.tables.layout import add_columns, add_row, interval, new_table
+from bayes_ssi.ranking.comparison import RankedClass, probability_text
+from bayes_ssi.tables.layout import add_row, interval, new_table
 
 # Hypotheses and places listed in a terminal; the saved result has all.
 HYPOTHESES_SHOWN = 8
 
 
 def search_table(search: AppendageSearch) -> Table:
-    """Hypotheses of a search by probability, with medians and 90 % intervals of appendages.
-
-    The mass ratio is the vibrating mass over the mean floor mass.
-    """
-    table = new_table(search.ranking.study.name)
-    table.add_column("hypothesis", overflow="fold", min_width=18)
-    add_columns(table, numbers=["ln evidence", "probability", "mass ratio", "Hz"])
-    rows = search.ranking.comparison.classes
-    for rank, row in enumerate(rows):
-        appendages = search.appendages(row.name)
-        if rank >= HYPOTHESES_SHOWN and appendages:
-            continue
-        lines = " +\n".join(each.place.name for each in appendages) or row.name
+    """Hypotheses of a search by probability."""
+    table = new_table(
+        search.ranking.study.name,
+        ["hypothesis"],
+        ["prior probability", "probability", "log evidence", "ln B"],
+    )
+    for row in _shown(search):
         add_row(
             table,
-            f"{lines} (!)" if row.failed_checks else lines,
-            f"{row.log_evidence:.2f}",
+            f"{row.name} (!)" if row.failed_checks else row.name,
+            probability_text(row.prior_probability),
             row.probability_text,
-            "\n".join(_interval(each.mass_ratio) for each in appendages) or "-",
-            "\n".join(_interval(each.frequency_hz) for each in appendages) or "-",
+            f"{row.log_evidence:.2f}",
+            f"{row.log_bayes_factor:.2f}",
         )
     return table
 
 
+def appendage_table(search: AppendageSearch) -> Table:
+    """Medians and 90 % intervals of the appendages of the same hypotheses.
+
+    The mass ratio is the vibrating mass over the mean floor mass.
+    """
+    table = new_table(
+        "Appendages: vibrating mass over mean floor mass, frequency; 90 % intervals",
+        ["hypothesis", "appendage"],
+        ["mass ratio", "frequency (Hz)"],
+    )
+    for row in _shown(search):
+        for i, each in enumerate(search.appendages(row.name)):
+            name = row.name if i == 0 else ""
+            mass = _interval(each.mass_ratio, ".2g")
+            frequency = _interval(each.frequency_hz, ".3g")
+            add_row(table, name, each.place.name, mass, frequency)
+    return table
+
+
+def _shown(search: AppendageSearch) -> list[RankedClass]:
+    """The hypotheses that tables show: the most probable ones, and no appendage."""
+    rows = enumerate(search.ranking.comparison.classes)
+    return [row for i, row in rows if i < HYPOTHESES_SHOWN or not search.appendages(row.name)]
+
+
 def averaged_table(search: AppendageSearch) -> Table:
     """The baseline's parameters averaged over all hypotheses, and without any appendage."""
-    table = new_table("Parameters averaged over the hypotheses; naive: without any appendage")
-    table.add_column("parameter", overflow="fold")
-    for heading in ("mean", "sd", "5 %", "95 %", "naive mean", "naive sd"):
-        table.add_column(heading, justify="right")
+    table = new_table(
+        "Parameters averaged over the hypotheses; naive: without any appendage",
+        ["parameter"],
+        ["mean", "sd", "5 %", "95 %", "naive mean", "naive sd"],
+    )
     for row in search.record.averaged_parameters:
         numbers = (
             row.mean, row.sd, row.quantile_05, row.quantile_95, row.naive_mean, row.naive_sd
@@ -68,6 +88,6 @@ def search_notes(search: AppendageSearch) -> list[str]:
     return notes
 
 
-def _interval(numbers: tuple[float, float, float]) -> str:
+def _interval(numbers: tuple[float, float, float], form: str) -> str:
     low, middle, high = numbers
-    return f"{middle:.2g} ({interval(low, high, '.2g')})"
+    return f"{middle:{form}} ({interval(low, high, form)})"

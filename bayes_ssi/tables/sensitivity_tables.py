@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from rich.table import Table
-from rich.text import Text
 
 from bayes_ssi.ranking.comparison import probability_text
 from bayes_ssi.ranking.sensitivity import Sensitivity
@@ -15,12 +14,11 @@ from bayes_ssi.tables.layout import add_row, new_table
 def sensitivity_table(sensitivity: Sensitivity) -> Table:
     """Setting by setting, which class ranks first, and its lead in nats."""
     first = sensitivity.rows[0].best
-    table = new_table("Sensitivity to settings")
-    table.add_column("setting", no_wrap=True)
-    table.add_column("most probable", overflow="fold")
-    table.add_column("probability", justify="right", no_wrap=True)
-    table.add_column("lead (nats)", justify="right", no_wrap=True)
-    table.add_column(Text(f"probability of {first}"), justify="right")
+    table = new_table(
+        "Sensitivity to settings",
+        ["setting", "most probable"],
+        ["probability", "lead (nats)", f"probability of {first}"],
+    )
     for row in sensitivity.rows:
         add_row(
             table,

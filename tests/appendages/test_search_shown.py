@@ -14,7 +14,7 @@ import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.result_figures import save_figures
-from bayes_ssi.tables import averaged_table, search_notes, search_table
+from bayes_ssi.tables import appendage_table, averaged_table, search_notes, search_table
 
 
 def lines(table, width=80):
@@ -40,12 +40,33 @@ def of_a_tall_building(fake_sampling):
 
 
 def test_tables_are_at_most_80_columns_wide_and_cut_nothing(of_a_tall_building):
-    shown = [*lines(search_table(of_a_tall_building)), *lines(averaged_table(of_a_tall_building))]
+    tables = (search_table, appendage_table, averaged_table)
+    shown = [line for table in tables for line in lines(table(of_a_tall_building))]
     assert max(map(len, [*shown, *search_notes(of_a_tall_building)])) <= 80
     text = "\n".join(shown)
     assert "pendulum 20" in text
     assert "infill 19-20" in text
     assert "…" not in text
+
+
+def test_hypotheses_are_in_the_order_of_their_probability(found_in_case_c):
+    table = search_table(found_in_case_c)
+    rows = found_in_case_c.ranking.comparison.classes
+    shown = [str(cell).removesuffix(" (!)") for cell in table.columns[0].cells]
+    probabilities = {row.name: row.probability for row in rows}
+    assert len(shown) == 7
+    assert [probabilities[name] for name in shown] == sorted(probabilities.values(), reverse=True)
+    priors = dict(zip(shown, map(str, table.columns[1].cells), strict=True))
+    assert priors["no appendage"] == "0.5000"
+    assert priors["infill 1-2"] == "0.0833"  # a sixth of a half
+
+
+def test_every_appendage_has_its_mass_and_frequency(found_in_case_c):
+    text = "\n".join(lines(appendage_table(found_in_case_c), 60))
+    assert "frequency (Hz)" in " ".join(text.split())
+    for each in found_in_case_c.appendages("infill 1-2"):
+        low, middle, high = each.frequency_hz
+        assert f"{middle:.3g} ({low:.3g} to {high:.3g})" in text
 
 
 def test_the_table_always_shows_no_appendage(of_a_tall_building):

@@ -20,7 +20,7 @@ from bayes_ssi.predictions.stored_predictions import load_predictions
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.output import Output
 from bayes_ssi.results.save import save_result
-from bayes_ssi.tables import frequency_table, peak_table, shape_tables
+from bayes_ssi.tables import frequency_table, peak_table, shape_table
 
 mpl.use("Agg")
 
@@ -149,7 +149,7 @@ def test_what_is_not_asked_for_is_not_computed(predicted, out):
 def test_tables_fit_a_terminal(predicted, responses):
     frequencies = printed(frequency_table(predicted.data, responses))
     peaks = printed(peak_table(responses))
-    (table,) = shape_tables(predicted.data, responses[0])
+    table = shape_table(predicted.data, responses[0])
     assert max(map(len, (frequencies + peaks + printed(table)).splitlines())) <= 80
     median = predicted.of().frequencies_hz("1").quantile(0.5)
     assert f"{median:.4g}" in frequencies
@@ -157,13 +157,6 @@ def test_tables_fit_a_terminal(predicted, responses):
     assert peaks.count("floor 2") == 2 * 3
     assert "scaled to a" in printed(table)  # in a narrow table, the title wraps
     assert "1.000" in printed(table)
-
-
-def test_shapes_of_many_modes_are_several_tables(predicted, responses, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.tables.prediction_tables.TERMINAL", 20)
-    tables = [printed(each) for each in shape_tables(predicted.data, responses[0])]
-    assert len(tables) == 2
-    assert all("floor 2" in each for each in tables)
 
 
 def test_figures(predicted, responses, tmp_path):

@@ -113,7 +113,7 @@ def test_a_class_that_only_prior_weights_hold_down(make_posterior):
     posteriors = [make_posterior("a", 0.0), make_posterior("b", 5.0)]
     comparison = bs.compare(posteriors, {"a": 1.0, "b": 1e-6})
     assert [row.name for row in comparison.classes] == ["a", "b"]
-    assert comparison.classes[1].against == "prior weights only"
+    assert comparison.classes[1].against == "prior probability only"
 
 
 def test_one_class_alone(make_posterior):

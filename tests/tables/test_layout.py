@@ -1,0 +1,90 @@
+"""No table crops anything, whatever the width of the terminal."""
+
+import io
+import re
+
+import pytest
+from rich.console import Console
+
+import bayes_ssi as bs
+from bayes_ssi.ranking.averages import averaged_parameters
+from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow
+from bayes_ssi.tables import (
+    appendage_table,
+    averaged_table,
+    averages_table,
+    calibration_modes_table,
+    calibration_table,
+    evidence_table,
+    modes_table,
+    parameter_table,
+    ranking_table,
+    search_table,
+    sensitivity_table,
+)
+from bayes_ssi.tables.layout import add_row, new_table
+
+NAMES = ("each storey, free errors", "one factor", "Geschossdeckenverbundtragwerk 3", "壁のモデル")
+
+
+def printed(table, width):
+    file = io.StringIO()
+    Console(file=file, width=width).print(table)
+    return file.getvalue().splitlines()
+
+
+@pytest.fixture
+def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
+    parameters = ("k storey 1 / 2", "frequency_cov", "a stiffness factor of all storeys")
+    posteriors = [
+        make_posterior(name, -1234.5678 * i, names=parameters) for i, name in enumerate(NAMES)
+    ]
+    comparison = bs.compare(posteriors, dict(zip(NAMES, (1.0, 2.0, 3.0, 4.0), strict=True)))
+    calibration = bs.calibrate(model_classes["3"])
+    setting = SensitivityRow("probability of detection × 2", {}, dict.fromkeys(NAMES, 0.25))
+    return (
+        ranking_table(comparison, "A study of four model classes with a long title: which is it?"),
+        evidence_table(posteriors),
+        parameter_table(posteriors[0]),
+        averages_table(averaged_parameters(posteriors, comparison)),
+        calibration_table(calibration),
+        calibration_modes_table(calibration),
+        modes_table(case_c),
+        search_table(found_in_case_c),
+        appendage_table(found_in_case_c),
+        averaged_table(found_in_case_c),
+        sensitivity_table(Sensitivity((setting,))),
+    )
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_every_cell_is_whole(all_tables, width):
+    for table in all_tables:
+        shown = printed(table, width)
+        assert max(map(len, shown)) <= width
+        text = "\n".join(shown)
+        assert "…" not in text
+        squeezed = re.sub(r"\s", "", text)
+        for column in table.columns:
+            for cell in map(str, column.cells):
+                if column.justify == "right":  # a number, on one line
+                    assert cell in text
+                else:
+                    assert all(word[:15] in squeezed for word in cell.split())
+            assert all(word in squeezed for word in str(column.header).split())
+
+
+def test_what_does_not_fit_continues_below_with_the_names_repeated():
+    table = new_table("", ["class"], ["first", "second", "third"])
+    add_row(table, "one of two", "1.000 ± 0.001", "2.000 ± 0.001", "3.000 ± 0.001")
+    assert len([line for line in printed(table, 60) if "one of two" in line]) == 1
+    narrow = printed(table, 45)
+    assert len([line for line in narrow if "one of two" in line]) == 2
+    assert [line.split() for line in narrow if "third" in line] == [["class", "third"]]
+
+
+def test_numbers_fold_where_not_even_one_column_fits():
+    table = new_table("", ["class"], ["log evidence"])
+    add_row(table, "name", "123456.789")
+    text = "".join("".join(line.split()) for line in printed(table, 14))
+    assert text.replace("name", "").endswith("123456.789")
