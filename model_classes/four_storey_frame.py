@@ -30,13 +30,28 @@ fixed = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
 inferred = bs.ErrorModel()
 pairing = {"1": 1, "2": 2, "3": 3, "4": 4}
 
+
+def model_class(name, structure, error, description):
+    return bs.ModelClass(name, structure, modes, error, pairing=pairing, description=description)
+
+
 study = bs.Study(
     "Four-storey laboratory frame",
     [
-        bs.ModelClass("one factor", one_factor, modes, fixed, pairing=pairing),
-        bs.ModelClass("one factor, free errors", one_factor, modes, inferred, pairing=pairing),
-        bs.ModelClass("each storey", factor_each, modes, fixed, pairing=pairing),
-        bs.ModelClass("each storey, free errors", factor_each, modes, inferred, pairing=pairing),
+        model_class("one factor", one_factor, fixed, "one stiffness factor for all storeys"),
+        model_class(
+            "one factor, free errors",
+            one_factor,
+            inferred,
+            "one stiffness factor for all storeys, errors inferred",
+        ),
+        model_class("each storey", factor_each, fixed, "a stiffness factor for each storey"),
+        model_class(
+            "each storey, free errors",
+            factor_each,
+            inferred,
+            "a stiffness factor for each storey, errors inferred",
+        ),
     ],
     description="One stiffness factor for all storeys, or one each; errors given or inferred?",
 )

@@ -95,13 +95,13 @@ study = bs.Study(
     "Three-storey frame with a blade on its roof",
     [
         model_class("mass only", loaded, ("Ax", "Ay"), "the blade is mass on the roof"),
-        model_class("x", loaded.with_element(blade_x), ("Ay",), "it vibrates in x"),
-        model_class("y", loaded.with_element(blade_y), ("Ax",), "it vibrates in y"),
+        model_class("x", loaded.with_element(blade_x), ("Ay",), "the blade vibrates in x"),
+        model_class("y", loaded.with_element(blade_y), ("Ax",), "the blade vibrates in y"),
         model_class(
             "x and y",
             loaded.with_element(blade_x).with_element(blade_y),
             (),
-            "it vibrates in x and in y",
+            "the blade vibrates in x and in y",
         ),
     ],
     description="In which directions does the blade vibrate by itself?",

@@ -36,6 +36,11 @@ class AppendagePlace(ABC):
         """Name, unique among all places of a building."""
 
     @property
+    def description(self) -> str:
+        """The appendage and its place in words; its name, unless a kind says more."""
+        return self.name
+
+    @property
     @abstractmethod
     def height(self) -> float:
         """Height in storeys above the ground."""
@@ -64,6 +69,10 @@ class PendulumPlace(AppendagePlace):
         return f"pendulum {self.on}"
 
     @property
+    def description(self) -> str:
+        return f"a pendulum on floor {self.on}"
+
+    @property
     def height(self) -> float:
         return float(self.on)
 
@@ -88,6 +97,13 @@ class InfillPlace(AppendagePlace):
     @property
     def name(self) -> str:
         return f"infill {self.between[0]}-{self.between[1]}"
+
+    @property
+    def description(self) -> str:
+        below, above = self.between
+        if below == 0:
+            return f"an infill between the ground and floor {above}"
+        return f"an infill between floors {below} and {above}"
 
     @property
     def height(self) -> float:

@@ -95,6 +95,15 @@ class SearchRecord:
         """Every place → the probability that an appendage hangs there."""
         return {each.place: each.probability for each in self.places}
 
+    def hypothesis(self, name: str) -> HypothesisRecord:
+        """The hypothesis of that name; KeyError if there is none."""
+        return {each.name: each for each in self.hypotheses}[name]
+
+    @property
+    def most_probable_with_appendages(self) -> HypothesisRecord:
+        """The most probable hypothesis that has an appendage."""
+        return next(each for each in self.hypotheses if each.appendages)
+
 
 @dataclass(frozen=True, eq=False)
 class AppendageSearch:
@@ -110,7 +119,7 @@ class AppendageSearch:
 
     def appendages(self, name: str) -> tuple[AppendageSummary, ...]:
         """The appendages of one hypothesis."""
-        return next(each.appendages for each in self.record.hypotheses if each.name == name)
+        return self.record.hypothesis(name).appendages
 
 
 def search_record(

@@ -21,6 +21,7 @@ from bayes_ssi.commands.terminal import (
     print_record,
     progress_bars,
     say,
+    say_in_paragraphs,
 )
 
 if TYPE_CHECKING:
@@ -160,10 +161,11 @@ class RunOptions:
         return result
 
     def end(self, result: StoredResult, records: Mapping[str, Any]) -> None:
-        """Print the sensitivity, if there is any, and where the result is; then exit.
+        """Print the sensitivity, if there is any, where the result is, and the answer; then exit.
 
         The exit code says whether a check failed that was not accepted.
         """
+        from bayes_ssi.results.answer import answer
         from bayes_ssi.tables import sensitivity_notes, sensitivity_table
 
         if result.sensitivity is not None:
@@ -171,6 +173,12 @@ class RunOptions:
             say(console(), *sensitivity_notes(result.sensitivity))
         n_figures = len(list(_figures(result).iterdir()))
         say(console(), f"Saved in {result.directory}, with {n_figures} figures.")
+        answered = answer(result)
+        warnings = [
+            "\n".join([f"(!) {text}", *(f"  {item}" for item in items)])
+            for text, items in answered.warnings
+        ]
+        say_in_paragraphs(console(), *warnings, *answered.paragraphs)
         print_record(lambda: _record(result, records))
         failed = result.comparison.failed_checks
         if failed and not self.accept_failed_checks:
@@ -265,9 +273,12 @@ def _recorded(place: ResultPlace) -> Path:
 
 def _record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, Any]:
     """The record that ``--json`` prints: ranking, numbers of posteriors, path of the result."""
+    from bayes_ssi.results.answer import answer
+
     return {
         "directory": str(result.directory),
         "study": result.record.study,
+        "answer": answer(result).paragraphs,
         **asdict(result.comparison),
         "failed_checks": list(result.comparison.failed_checks),
         "not_distinguishable": list(result.comparison.not_distinguishable),

@@ -8,6 +8,7 @@ prints go to standard error.
 from __future__ import annotations
 
 import functools
+import os
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -163,8 +164,15 @@ def console() -> Console:
     if is_quiet() or _meta().get(JSON, False):
         return Console(quiet=True)
     made = Console()
-    # Piped output has no width of its own; tables are made for 80 columns.
-    return made if made.is_terminal else Console(width=WIDTH)
+    # Piped output has no width of its own, unless COLUMNS gives one.
+    return made if made.is_terminal or "COLUMNS" in os.environ else Console(width=WIDTH)
+
+
+def say_in_paragraphs(where: Console, *paragraphs: str) -> None:
+    """Print paragraphs, wrapped at words, with a blank line before each."""
+    for paragraph in paragraphs:
+        where.print()
+        where.print(paragraph, markup=False, highlight=False)
 
 
 def say(where: Console, *lines: str) -> None:

@@ -14,12 +14,18 @@ from bayes_ssi.priors.prior import Prior
 
 @dataclass(frozen=True)
 class ParameterRecord:
-    """An inferred parameter; ``prior_quantiles`` are the 5, 50 and 95 % quantiles of its prior."""
+    """An inferred parameter.
+
+    Attributes:
+        prior_quantiles: 5, 50 and 95 % quantiles of its prior.
+        is_error: whether it is a size of prediction errors, and of no structure.
+    """
 
     name: str
     unit: str
     prior: Prior
     prior_quantiles: tuple[float, float, float]
+    is_error: bool
 
 
 @dataclass(frozen=True)
@@ -83,6 +89,7 @@ def class_record(model_class: ModelClass) -> ClassRecord:
                 p.unit,
                 p.prior,
                 (p.prior.quantile(0.05), p.prior.quantile(0.5), p.prior.quantile(0.95)),
+                is_error=p not in model_class.structural_parameters,
             )
             for p in model_class.parameters
         ),

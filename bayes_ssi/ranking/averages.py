@@ -22,8 +22,8 @@ class AveragedParameter:
         name: name of the parameter.
         n_classes: number of classes that infer it.
         probability: total probability of these classes, among all that were compared.
-        mean, sd, quantile_05, quantile_95: averages over these classes, weighted by their
-            probabilities.
+        mean, sd, quantile_05, median, quantile_95: over the draws of these classes, weighted by
+            their probabilities.
     """
 
     name: str
@@ -32,6 +32,7 @@ class AveragedParameter:
     mean: float
     sd: float
     quantile_05: float
+    median: float
     quantile_95: float
 
 
@@ -70,7 +71,7 @@ def _averaged(
         weights.append(np.full(len(own), probability / total / len(own)))
     x, w = np.concatenate(draws), np.concatenate(weights)
     mean = float((w * x).sum())
-    low, high = np.quantile(x, (0.05, 0.95), weights=w, method="inverted_cdf")
+    low, median, high = np.quantile(x, (0.05, 0.5, 0.95), weights=w, method="inverted_cdf")
     return AveragedParameter(
         name=name,
         n_classes=len(posteriors),
@@ -78,5 +79,6 @@ def _averaged(
         mean=mean,
         sd=math.sqrt(float((w * (x - mean) ** 2).sum())),
         quantile_05=float(low),
+        median=float(median),
         quantile_95=float(high),
     )

@@ -91,8 +91,8 @@ class Study:
     def with_any_pairing(self) -> Study:
         """The study with every pairing inferred; classes that differ in nothing else are merged.
 
-        A merged class has the names of all, the sum of their prior weights, and the description
-        of the first.
+        A merged class has the names and the descriptions of all, and the sum of their prior
+        weights.
         """
         groups: dict[tuple[str, ...], list[ModelClass]] = {}
         for candidate in self.model_classes:
@@ -104,7 +104,12 @@ class Study:
         merged, weights, stands_for = [], {}, {}
         for candidates in groups.values():
             name = " or ".join(candidate.name for candidate in candidates)
-            merged.append(candidates[0].with_any_pairing(name))
+            descriptions = dict.fromkeys(c.description for c in candidates if c.description)
+            merged.append(
+                replace(
+                    candidates[0].with_any_pairing(name), description=" - or ".join(descriptions)
+                )
+            )
             stands_for[name] = tuple(
                 original
                 for each in candidates

@@ -15,9 +15,11 @@ from bayes_ssi.model_class.class_record import ClassRecord, ConfigurationRecord
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.predictions.saved_predictions import SavedPredictions
+from bayes_ssi.ranking.averages import averaged_parameters
 from bayes_ssi.ranking.comparison import RankedClass
 from bayes_ssi.report.limits import LIMITS
 from bayes_ssi.report.report_figures import ReportFigures
+from bayes_ssi.results.answer import answer
 from bayes_ssi.results.load import StoredResult
 from bayes_ssi.results.result_record import ResultRecord
 from bayes_ssi.tables import pairing_notes, region_notes
@@ -43,8 +45,10 @@ def page_content(
         "record": record,
         "rows": comparison.classes,
         "best": comparison.best,
-        "runner_up": comparison.classes[1] if len(comparison.classes) > 1 else None,
-        "alike": comparison.not_distinguishable,
+        "equal_priors": comparison.has_equal_priors,
+        "answer": answer(stored),
+        # A search has a table of its own.
+        "averages": averaged_parameters(stored.posteriors, comparison) if not stored.search else (),
         "failed": comparison.failed_checks,
         "scale": comparison.scale,
         "tests": [

@@ -10,6 +10,7 @@ from typing import Any
 
 from bayes_ssi.priors.prior import Prior
 from bayes_ssi.ranking.comparison import probability_text
+from bayes_ssi.results.wording import listed
 from bayes_ssi.sampling.settings import SamplingSettings
 
 MISSING = "-"
@@ -64,16 +65,6 @@ def prior(distribution: Any) -> str:
     return f"{name.replace('log-normal', 'lognormal')}: {', '.join(numbers)}"
 
 
-def names(items: Sequence[Any]) -> str:
-    """A list in a sentence: a, b and c."""
-    *first, last = map(str, items)
-    return f"{', '.join(first)} and {last}" if first else last
-
-
-def quoted(items: Sequence[Any]) -> list[str]:
-    return [f"'{item}'" for item in items]
-
-
 def replaced(items: Sequence[Any], old: str, new: str) -> list[Any]:
     return [new if item == old else item for item in items]
 
@@ -109,8 +100,7 @@ FILTERS = {
     "error_percent": error_percent,
     "probability": probability_text,
     "prior": prior,
-    "names": names,
-    "quoted": quoted,
+    "names": listed,
     "replaced": replaced,
     "settings": settings,
     "heading": heading,

@@ -86,7 +86,7 @@ def test_a_failed_check_is_reported_with_exit_code_3(run, tiny_study_file, tmp_p
     result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "one k (!)" in result.stdout
-    assert "Failed checks" in result.stdout
+    assert "Do not trust the ranking until" in result.stdout
     assert "one k: the standard error of the log evidence" in result.stdout
     assert load_result(tmp_path / "r").comparison.failed_checks
 

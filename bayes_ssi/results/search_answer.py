@@ -1,0 +1,78 @@
+"""The answer of a search in sentences: is there an appendage, where, and of which mass?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bayes_ssi.appendages.search_result import HypothesisRecord, SearchRecord
+from bayes_ssi.ranking.comparison import Comparison
+from bayes_ssi.results.claims import MOST_LISTED
+from bayes_ssi.results.wording import likelihood_in_words, listed, probability_in_words, quantity
+
+
+def hypothesis_in_words(search: SearchRecord, name: str) -> str:
+    """The appendages of a hypothesis in words."""
+    places = [each.place.description for each in search.hypothesis(name).appendages]
+    return listed(places) if places else name
+
+
+def search_verdict(search: SearchRecord, comparison: Comparison) -> str:
+    """Whether there is an appendage, and how sure that is."""
+    probability = search.probability_of_any
+    before = sum(
+        row.prior_probability
+        for row in comparison.classes
+        if search.hypothesis(row.name).appendages
+    )
+    there_is = probability >= 0.5
+    sure = likelihood_in_words(probability if there_is else 1.0 - probability)
+    return (
+        f"That there is {'an' if there_is else 'no'} appendage is {sure}: the probability of at "
+        f"least one is {probability_in_words(probability)} among the {len(comparison.classes)} "
+        f"hypotheses considered, and was {probability_in_words(before)} before the test."
+    )
+
+
+def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[str]:
+    """Where the appendages are, how heavy and at what frequency; the main structure with them."""
+    best = search.most_probable_with_appendages
+    yield _appendages(search, best)
+    alike = [name for name in comparison.not_distinguishable if name != best.name]
+    if alike:
+        rows = {row.name: row for row in comparison.classes}
+        shown = [
+            f"{hypothesis_in_words(search, name)} ({name!r}, probability "
+            f"{probability_in_words(rows[name].probability)})"
+            for name in alike[:MOST_LISTED]
+        ]
+        shown += [f"{len(alike) - MOST_LISTED} others"] if len(alike) > MOST_LISTED else []
+        yield f"The data do not distinguish {comparison.best.name!r} from {listed(shown)}."
+    rows_of_structure = search.averaged_parameters[:MOST_LISTED]
+    if rows_of_structure:
+        averaged = "; ".join(
+            f"{row.name} = {quantity(row.quantile_05, row.median, row.quantile_95)}, without "
+            f"appendages {row.naive_mean:.3g}"
+            for row in rows_of_structure
+        )
+        many = len(search.averaged_parameters) > MOST_LISTED
+        yield (
+            "The main structure, averaged over all hypotheses (medians and 90 % intervals): "
+            f"{averaged}.{' The others are in the tables.' if many else ''}"
+        )
+
+
+def _appendages(search: SearchRecord, hypothesis: HypothesisRecord) -> str:
+    """The appendages of a hypothesis, medians and 90 % intervals."""
+    items = []
+    for each in hypothesis.appendages:
+        low, middle, high = (100.0 * ratio for ratio in each.mass_ratio)
+        probability = probability_in_words(search.place_probabilities[each.place])
+        items.append(
+            f"{each.place.description} (probability of one there: {probability}) with a vibrating "
+            f"mass of {quantity(*each.mass)}, which is {quantity(low, middle, high, '%')} of a "
+            f"mean floor's, and a frequency of {quantity(*each.frequency_hz, unit='Hz')}"
+        )
+    subject = "They are" if len(items) > 1 else "It is"
+    if search.probability_of_any < 0.5:
+        subject = "If there are any, they are" if len(items) > 1 else "If there is one, it is"
+    return f"{subject} most probably {'; and '.join(items)}: medians and 90 % intervals."

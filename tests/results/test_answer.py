@@ -1,0 +1,198 @@
+"""The answer in sentences: what is most probable, how sure, what it claims, why others lose."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import ndtri
+
+import bayes_ssi as bs
+from bayes_ssi.ranking.study import Ranking
+from bayes_ssi.results.answer import answer
+from bayes_ssi.results.claims import why_it_loses
+from bayes_ssi.results.save import save_result
+from bayes_ssi.results.wording import likelihood_in_words, quantity
+
+DATA = bs.ModalData((bs.IdentifiedMode("1", 1.0), bs.IdentifiedMode("2", 2.0)), (0.0, 3.0))
+
+
+@pytest.fixture
+def stored(make_posterior, tmp_path):
+    """Saves a ranking of classes; of each: name, log evidence, mean of k1, and its description."""
+
+    def save(*classes, names=("k1", "k2"), weights=None, extra=None, **changes):
+        candidates, posteriors = [], []
+        for name, log_evidence, mean, description in classes:
+            floors = [bs.Parameter(each, bs.LogNormal(1.0, 0.3), unit="kN") for each in names]
+            building = bs.ShearBuilding((1.0,) * len(names), floors)
+            candidates.append(
+                bs.ModelClass(name, building, DATA, bs.ErrorModel(0.02), pairing={"1": 1},
+                              description=description)
+            )  # fmt: skip
+            # A normal distribution with a standard deviation of 0.02, by its quantiles.
+            quantiles = ndtri((np.arange(1000) + 0.5) / 1000.0).reshape(4, 250, 1)
+            draws = mean + 0.02 * np.repeat(quantiles, len(names), axis=2)
+            posteriors.append(
+                make_posterior(name, log_evidence, names=names, pairing={"1": 1}, draws=draws,
+                               data_digest=DATA.digest, **changes)
+            )  # fmt: skip
+        study = bs.Study("s", candidates, prior_weights=weights)
+        comparison = bs.compare(posteriors, weights)
+        ranking = Ranking(study, tuple(posteriors), comparison, 0, bs.SamplingSettings())
+        return save_result(ranking, tmp_path / "r", extra=extra)
+
+    return save
+
+
+def test_the_most_probable_class_by_what_it_is(stored):
+    result = answer(stored(("A", 0.0, 1.0, "soft infill"), ("B", -10.0, 1.2, "")))
+    assert result.verdict == (
+        "Of the 2 model classes compared, the most probable is: soft infill (class 'A'). Among "
+        "them it is virtually certain: probability above 0.9999."
+    )
+    assert result.warnings == ()
+    assert "It explains 1 of 2 identified modes and takes 2 for spurious." in result.reasons
+    # Median 1, 90 % within 1.645 standard deviations of 0.02.
+    assert any("k1 = 1.000 kN (0.967 to 1.033)" in each for each in result.reasons)
+    runner_up = result.reasons[-1]
+    assert runner_up.startswith("Runner-up: class 'B' (probability below 0.0001).")
+    assert "It claims k1 = 1.200 kN (1.167 to 1.233); k2 = " in runner_up
+    (figures,) = result.figures
+    assert figures.startswith("In figures: ln B of 'B' against 'A' is -10.00 ± 0.014 (evidence ")
+
+
+def test_bayes_factors_and_nats_come_last(stored):
+    result = answer(stored(("A", 0.0, 1.0, ""), ("B", -10.0, 1.0, "")))
+    before = " ".join((result.verdict, *result.reasons))
+    assert "ln B" not in before
+    assert "nats" not in before
+    assert "On the parameters that both infer it agrees." in before
+
+
+def test_classes_that_are_not_distinguishable_and_what_they_disagree_on(stored):
+    result = answer(stored(("A", 0.0, 1.0, "one"), ("B", -0.1, 1.2, ""), ("C", -0.2, 1.0, "")))
+    assert result.verdict.startswith("The data do not distinguish between one (class 'A', prob")
+    assert "the probability of all these together is above 0.9999: keep them all" in result.verdict
+    assert any(each.startswith("'B' explains 1 of 2") for each in result.reasons)
+    assert any("it claims k1 = 1.200 kN (1.167 to 1.233)" in each for each in result.reasons)
+    assert not any("agree on" in each for each in result.reasons)
+    assert result.figures == ()
+
+
+def test_classes_that_are_not_distinguishable_and_agree(stored):
+    result = answer(stored(("A", 0.0, 1.0, ""), ("B", -0.1, 1.0, "")))
+    (agreed,) = (each for each in result.reasons if each.startswith("They agree on k1 = 1.000 kN"))
+    assert "k2" in agreed
+    assert not any("claims" in each for each in result.reasons)
+
+
+def test_one_class_is_not_called_probable(stored):
+    result = answer(stored(("A", 0.0, 1.0, "soft infill")))
+    assert result.verdict.startswith("Only one model class was sampled: soft infill (class 'A').")
+    assert "probability" not in " ".join(result.paragraphs)
+
+
+def test_many_parameters_are_summarised(stored):
+    names = tuple(f"k{i}" for i in range(12))
+    spreads = (*[0.2] * 3, *[0.95] * 4, *[0.3] * 5)
+    text = " ".join(
+        answer(stored(("A", 0.0, 1.0, ""), names=names, relative_spreads=spreads)).reasons
+    )
+    assert "The 8 best determined of its 12 parameters" in text
+    assert [f"{name} = " in text for name in names] == [spread < 0.9 for spread in spreads]
+    assert "The data say next to nothing about k3, k4, k5 and k6." in text
+
+
+def test_failed_checks_are_warnings(stored):
+    failed = stored(("A", 0.0, 1.0, ""), ("B", -9.0, 1.0, ""), failed_checks=("they differ",))
+    ((sentence, items),) = answer(failed).warnings
+    assert sentence.startswith("2 checks failed. Do not trust the ranking until they are")
+    assert items == ("A: they differ", "B: they differ")
+
+
+def test_unequal_priors_are_stated(stored):
+    result = answer(stored(("A", 0.0, 1.0, ""), ("B", -5.0, 1.0, ""), weights={"A": 1.0, "B": 3.0}))
+    assert "and 0.2500 before the test" in result.verdict
+
+
+def test_how_closely_a_class_explains_modes(tiny_ranking, tmp_path):
+    result = save_result(tiny_ranking, tmp_path / "r")
+    posterior = result.ranked_posteriors[0]
+    modes = posterior.configurations[0].updated.modes
+    worst = max(
+        abs(mode.after_hz[1] / result.data.mode(mode.label).frequency_hz - 1.0) for mode in modes
+    )
+    lowest = min(mode.mac_after[1] for mode in modes)
+    assert any(
+        f"all 2 identified modes (frequencies within {100 * worst:.2g} %, MACs of {lowest:.3f} and"
+        in each
+        for each in answer(result).reasons
+    )
+
+
+def test_a_search_says_where_how_heavy_and_at_which_frequency(found_in_case_c, tmp_path):
+    record = found_in_case_c.record
+    result = answer(
+        save_result(found_in_case_c.ranking, tmp_path / "r", extra={"search.json": record})
+    )
+    assert result.verdict.startswith("That there is an appendage is virtually certain")
+    # One half of the prior is for no appendage.
+    assert "was 0.5000 before the test" in result.verdict
+    (appendage,) = record.hypotheses[0].appendages
+    low, middle, high = appendage.frequency_hz
+    assert "It is most probably an infill between floors 1 and 2" in result.reasons[0]
+    assert f"a frequency of {quantity(low, middle, high, 'Hz')}" in result.reasons[0]
+    assert "without appendages" in result.reasons[1]
+
+
+def test_a_search_that_gives_no_appendage(found_in_case_c, tmp_path):
+    record = replace(found_in_case_c.record, probability_of_any=0.03)
+    result = answer(
+        save_result(found_in_case_c.ranking, tmp_path / "r", extra={"search.json": record})
+    )
+    assert result.verdict.startswith("That there is no appendage is extremely likely")
+    assert result.reasons[0].startswith("If there is one, it is most probably an infill")
+
+
+@pytest.mark.parametrize(
+    ("fit", "information", "log_bayes_factor", "words"),
+    [
+        (-10.0, -3.0, -7.0, "fits the data worse; that its parameters need less tuning"),
+        (-10.0, 3.0, -13.0, "fits the data worse, although its parameters are tuned more"),
+        (-10.0, 0.0, -10.0, "It loses because it fits the data worse."),
+        (0.5, 4.0, -3.5, "equally well, but loses because its parameters must be tuned more"),
+        (3.0, 6.0, -3.0, "fits the data better, but loses because that takes more tuning"),
+        (-0.8, 0.8, -1.6, "by a little in fit and by a little"),
+        (3.0, 0.0, 3.0, "its prior probability is too low"),
+    ],
+)
+def test_fit_against_complexity(make_posterior, fit, information, log_bayes_factor, words):
+    best = bs.compare([make_posterior("A")]).best
+    other = replace(
+        best,
+        mean_log_likelihood=best.mean_log_likelihood + fit,
+        information_gained=best.information_gained + information,
+        log_bayes_factor=log_bayes_factor,
+    )
+    assert words in why_it_loses(other, best)
+
+
+def test_probabilities_in_the_words_of_the_ipcc():
+    given = (0.995, 0.96, 0.92, 0.7, 0.55, 0.3)
+    assert [likelihood_in_words(each) for each in given] == [
+        "virtually certain", "extremely likely", "very likely", "likely", "more likely than not",
+        "less likely than not",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("three", "text"),
+    [
+        ((0.935, 1.0061, 1.0952), "1.006 (0.935 to 1.095)"),
+        ((2.05e11, 2.101e11, 2.151e11), "2.101e+11 (2.05e+11 to 2.151e+11)"),
+        ((3.0, 3.0, 3.0), "3 (3 to 3)"),
+        ((-120.0, 4.0, 130.0), "4 (-120 to 130)"),
+    ],
+)
+def test_quantities_have_two_digits_of_their_spread(three, text):
+    assert quantity(*three) == text
