@@ -92,7 +92,7 @@ def determination_tables(calibration: Calibration) -> list[Table]:
     for name, value, error in zip(names, fit.values, found.standard_errors, strict=True):
         shown = "not determined" if math.isinf(error) else f"{error:.2g}"
         add_row(each, name, f"{value:.4g}", shown)
-    tables = [each]
+    tables: list[Table] = [each]
     symbols = {
         name: f"ln {name}" if positive else name
         for name, positive in zip(names, found.positive, strict=True)
