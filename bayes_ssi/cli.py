@@ -1,7 +1,8 @@
 """The command line ``bayes-ssi`` and its commands.
 
 Exit codes: 0, success; 2, unusable input, explained in one line; 3, a result was computed and
-saved but one of its checks failed, unless that is accepted; 130, interrupted.
+saved but one of its checks failed, unless that is accepted; 130, interrupted; 1, the reader of the
+output has closed it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Standard output for one JSON record alone."""
+"""Standard output: for one JSON record alone, and where its reader has gone."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ import json
 import os
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any
 
 
 @contextmanager
 def standard_output_on_standard_error() -> Iterator[None]:
     """Send to standard error what is printed: by Python, by libraries, and by new processes."""
-    sys.stdout.flush()
+    if sys.stdout is not None:  # None where it is closed
+        sys.stdout.flush()
     with redirect_stdout(sys.stderr), _redirected_descriptor():
         yield
 
@@ -35,6 +36,12 @@ def _redirected_descriptor() -> Iterator[None]:
         sys.stderr.flush()
         os.dup2(kept, own)
         os.close(kept)
+
+
+def discard_standard_output() -> None:
+    """Write to nowhere from now on: what is left in the buffer would fail again at the exit."""
+    with suppress(AttributeError, OSError, io.UnsupportedOperation):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def json_text(record: Mapping[str, Any]) -> str:

@@ -35,7 +35,8 @@ from bayes_ssi.commands.terminal import console, say
 )
 @click.option(
     "--most",
-    type=click.IntRange(min=1),
+    # The prior weight of twenty is 0.2^19, 1e-13: more are as good as excluded.
+    type=click.IntRange(min=1, max=20),
     default=2,
     show_default=True,
     help="Largest number of appendages at once.",

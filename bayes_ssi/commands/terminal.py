@@ -17,14 +17,20 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from bayes_ssi.commands.record_output import json_text, standard_output_on_standard_error
+from bayes_ssi.commands.record_output import (
+    discard_standard_output,
+    json_text,
+    standard_output_on_standard_error,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+OUTPUT_CLOSED = 1  # as rich has it
 BAD_INPUT = 2
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 WIDTH = 80
+LONGEST_LINE = 2000
 META = "bayes_ssi"
 COMMAND_LINE, QUIET, JSON = f"{META}.command_line", f"{META}.quiet", f"{META}.json"
 RECORD = f"{META}.record"
@@ -44,10 +50,6 @@ class OneLineErrors(click.Group):
         ctx.meta[COMMAND_LINE] = shlex.join(["bayes-ssi", *args])
         return super().parse_args(ctx, args)
 
-    def invoke(self, ctx: click.Context) -> Any:
-        with _one_line_errors():
-            return super().invoke(ctx)
-
     def main(
         self,
         args: Sequence[str] | None = None,
@@ -61,7 +63,12 @@ class OneLineErrors(click.Group):
         if not standalone_mode:
             return run()
         try:
-            code = run()
+            with _one_line_errors():
+                code = run()
+                click.echo(nl=False)  # what is still in the buffer
+        except BrokenPipeError:  # its reader, such as head, has seen enough
+            discard_standard_output()
+            sys.exit(OUTPUT_CLOSED)
         except click.exceptions.NoArgsIsHelpError as error:
             click.echo(error.format_message(), err=True)
             sys.exit(BAD_INPUT)
@@ -80,18 +87,25 @@ def _one_line_errors() -> Iterator[None]:
     """Turn errors of bad input into those that click reports."""
     try:
         yield
+    except BrokenPipeError:
+        raise
     except (ValueError, TypeError, OSError) as error:
         if type(error).__name__ == "LinAlgError":  # a ValueError, but no fault of the input's
             raise
         text = str(error)
-        if isinstance(error, OSError) and error.filename is not None:
-            text = f"{error.filename}: {error.strerror}"
+        if isinstance(error, OSError) and error.errno is not None:
+            # An error of a file that has no name is one of standard output.
+            text = f"{error.filename or 'output'}: {error.strerror}"
+            if error.filename is None:
+                discard_standard_output()
         raise click.ClickException(text) from error
 
 
 def _fail(text: str, as_json: bool) -> NoReturn:
     """Report an error in one line on standard error, and as a record if one is wanted; exit."""
     line = " ".join(text.split())
+    if len(line) > LONGEST_LINE:  # whatever it repeats; choices are at its end
+        line = f"{line[: LONGEST_LINE // 2]} … {line[-LONGEST_LINE // 2 :]}"
     click.echo(f"Error: {line}", err=True)
     if as_json:
         click.echo(json_text({"error": line}))

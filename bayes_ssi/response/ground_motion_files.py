@@ -76,6 +76,8 @@ def read_ground_motion(
         if len(content.samples) < 2:
             raise ValueError(f"a record needs two samples or more, got {len(content.samples)}")
         units = [checked_unit(each) for each in (content.units if unit is None else [unit])]
+        if dt is not None and not 0 < dt < math.inf:
+            raise ValueError(f"dt must be positive and finite (s), got {dt!r}")
         dts = [each for each in (dt, *content.dts) if each is not None]
         if not units:
             choices = ", ".join(map(repr, UNITS))

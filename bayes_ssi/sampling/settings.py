@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -34,8 +35,10 @@ class SamplingSettings:
     def __post_init__(self) -> None:
         for name in ("log_evidence_error", "particles", "searches", "max_steps"):
             value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ValueError(f"SamplingSettings: {name} must be positive, got {value!r}")
+            if value is not None and not 0 < value < math.inf:
+                raise ValueError(
+                    f"SamplingSettings: {name} must be positive and finite, got {value!r}"
+                )
 
     def n_particles(self, n_dimensions: int) -> int:
         """The number of particles for this number of parameters.

@@ -83,7 +83,7 @@ def test_the_largest_number_of_appendages(
 
 @pytest.mark.parametrize(
     "options",
-    [("--most", 0), ("--mass-ratio", 0.0, 1.0), ("--frequency", 3.0, 1.0),
+    [("--most", 0), ("--most", 100_000), ("--mass-ratio", 0.0, 1.0), ("--frequency", 3.0, 1.0),
      ("--frequency", 0.0, 1.0), ("--error", -1.0)],
 )  # fmt: skip
 def test_bad_options_of_a_search_are_refused(run, tiny_study_file, options, fake_sampling):

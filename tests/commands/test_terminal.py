@@ -111,6 +111,31 @@ def test_an_error_is_a_record_too(run, command, words):
     assert words in json.loads(result.stdout)["error"]
 
 
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_output_that_nobody_reads_or_that_does_not_fit(tmp_path, options):
+    rows = "".join(f"{i},{1 + i / 1000}\n" for i in range(3000))  # more than a pipe holds, as JSON
+    path = tmp_path / "modes.csv"
+    path.write_text("# band_hz, 0, 9\nlabel,frequency_hz\n" + rows, encoding="utf-8")
+    reader, writer = os.pipe()
+    os.close(reader)
+    arguments = [*COMMAND, "check", str(path), *options]
+    done = subprocess.run(arguments, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, "")
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(arguments, stdout=full, stderr=subprocess.PIPE, text=True,
+                              check=False)  # fmt: skip
+    assert (done.returncode, done.stderr) == (2, "Error: output: No space left on device\n")
+
+
+def test_an_error_line_is_never_a_page_long(run, tmp_path):
+    path = tmp_path / "modes.csv"
+    path.write_text(f"# band_hz, 0, 9\nlabel,frequency_hz\n1,{'x' * 100_000}\n", "utf-8")
+    result = run("check", path)
+    assert_one_line_error(result, "line 3: frequency_hz", "is not a number")
+    assert len(result.stderr) < 2100
+
+
 def test_the_command_is_on_record(run, tiny_study_file, tmp_path):
     out = tmp_path / "a directory"
     run("rank", tiny_study_file, "--only", "one k", "--seed", 3, "--out", out, "--quiet")

@@ -138,6 +138,7 @@ def test_rounded_times_are_equal_steps(load):
         ("1\nnan\n", {"unit": "g", "dt": 0.1}, "line 2: value must be a finite number"),
         ("0 1\n0.1\n", {"unit": "g"}, r"line 2: expected 2, as above column\(s\), got 1"),
         ("0 1 2\n", {"unit": "g"}, r"line 1: expected 1 or 2 column\(s\), got 3"),
+        ("# dt_s, 0.1\n1\n2\n", {"unit": "g", "dt": np.nan}, r"dt must be positive .*, got nan"),
         ("1\n2\n", {"unit": "g", "dt": -0.1}, r"dt must be positive and finite \(s\), got -0.1"),
     ],
 )
