@@ -181,13 +181,13 @@ def _mark_beyond(ax: Axes, median: float, y: float, reach: float) -> None:
 def _write_below(
     ax: Axes, structure: Building, places: Sequence[str], shape: Band, reach: float
 ) -> None:
-    """Write below the axes the components of appendages that lie beyond their limits."""
+    """Write below the axes the components of appendages whose intervals reach beyond them."""
     # Adding zero turns a negative zero into a plain one.
     rounded = np.round(np.array(shape).T, 1) + 0.0
     far = [
         f"{wrapped(place, PANEL, SMALL)}:\n{median:.1f}\n({low:.1f} to {high:.1f})"
         for i, (place, (low, median, high)) in enumerate(zip(places, rounded, strict=True))
-        if place in structure.appendages and abs(shape.median[i]) >= reach
+        if place in structure.appendages and max(-shape.low[i], shape.high[i]) >= reach
     ]
     ax.set_xlabel("\n".join(far), fontsize=SMALL, parse_math=False)
 

@@ -93,6 +93,14 @@ def test_an_appendage_that_moves_far_is_an_arrow_with_its_numbers(augmented):
     assert ax.get_xlabel() == "infill 1-2:\n-3.4\n(-3.9 to -2.9)"
 
 
+def test_an_interval_that_reaches_beyond_the_axes_is_written_below(augmented):
+    middle = np.array([0.7, 0.2, -0.7, -1.0])
+    shape = Band(middle - np.array([0.1, 0.1, 0.1, 4.0]), middle, middle + 0.1)
+    ax = plot_building_shape(augmented, augmented.degrees_of_freedom, shape)
+    assert ax.get_xlabel() == "infill 1-2:\n-1.0\n(-5.0 to -0.9)"
+    assert line(ax, "appendage").get_xdata()[0] == -1.0
+
+
 def test_components_reach_as_far_as_the_main_structure(augmented):
     places = augmented.degrees_of_freedom
     shape = band([0.7, 0.2, -0.7, -3.4], 0.1)
