@@ -122,7 +122,9 @@ def common_factor(model_class: ModelClass) -> Iterator[Repair]:
 
 
 def repair_of_pairing(model_class: ModelClass) -> Iterator[Repair]:
-    """The pairing inferred where it was given."""
+    """The pairing inferred where it was given; none where errors that repeat forbid that."""
+    if model_class.error.is_correlated:
+        return
     if any(test.pairing != "any" for test in model_class.configurations):
         given = tuple(test.pairing for test in model_class.configurations)
         changed = model_class.with_any_pairing(model_class.name)
