@@ -13,6 +13,10 @@ from bayes_ssi.execution.run import Run
 from bayes_ssi.finite_elements.function_structure import FunctionStructure
 from bayes_ssi.finite_elements.matrix_files import read_matrix
 from bayes_ssi.finite_elements.matrix_structure import MatrixStructure
+from bayes_ssi.hierarchical.hierarchy_record import Hierarchy
+from bayes_ssi.hierarchical.populations import PopulationPriors
+from bayes_ssi.hierarchical.ranked_populations import hierarchy
+from bayes_ssi.hierarchical.saved_hierarchy import load_hierarchy, save_hierarchy
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.configuration import Configuration
@@ -60,6 +64,7 @@ __all__ = [
     "FunctionStructure",
     "GroundMotion",
     "HalfNormal",
+    "Hierarchy",
     "IdentificationModel",
     "IdentifiedMode",
     "InPlaneInfill",
@@ -74,6 +79,7 @@ __all__ = [
     "Output",
     "Parameter",
     "Pendulum",
+    "PopulationPriors",
     "Posterior",
     "Run",
     "SamplingSettings",
@@ -89,6 +95,8 @@ __all__ = [
     "calibrate",
     "compare",
     "floor_sensor",
+    "hierarchy",
+    "load_hierarchy",
     "load_predictions",
     "load_result",
     "load_study",
@@ -100,6 +108,7 @@ __all__ = [
     "read_modal_data",
     "rms_distance",
     "sample",
+    "save_hierarchy",
     "save_result",
     "search",
     "what_if",

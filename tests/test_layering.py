@@ -20,7 +20,7 @@ ORDER = (
     "data", "identification", "model_class",
     "execution", "sampling", "calibration", "posterior",
     "ranking", "appendages",
-    "results", "predictions",
+    "results", "predictions", "hierarchical",
     "tables", "plots", "report", "api",
     "commands", "cli",
 )  # fmt: skip

@@ -15,6 +15,7 @@ from bayes_ssi.plots.figure_style import style
 from bayes_ssi.plots.identified_modes import plot_identified_modes
 from bayes_ssi.plots.matrix_plots import plot_mac, plot_pairing
 from bayes_ssi.plots.model_frequencies import plot_frequencies
+from bayes_ssi.plots.population_plot import plot_population
 from bayes_ssi.plots.response_plots import plot_time_history, plot_transfer_functions
 from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
 from bayes_ssi.plots.shape_plots import plot_building_shape, plot_shape_components
@@ -33,6 +34,7 @@ __all__ = [
     "plot_pairing",
     "plot_parameters",
     "plot_places",
+    "plot_population",
     "plot_sensitivity",
     "plot_shape_components",
     "plot_time_history",

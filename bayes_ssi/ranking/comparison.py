@@ -43,6 +43,12 @@ def bayes_factor_scale(log_bayes_factor: float) -> str:
     return next((words for limit, words in SCALE if twice < limit), SCALE[-1][1])
 
 
+def is_distinguishable(log_bayes_factor: float, error: float) -> bool:
+    """Whether it is more than a bare mention on the scale and than two of its standard errors."""
+    size = abs(log_bayes_factor)
+    return 2.0 * size >= SCALE[0][0] and size > STANDARD_ERRORS * error
+
+
 @dataclass(frozen=True)
 class RankedClass:
     """One row of a ranking.
@@ -188,11 +194,7 @@ def _row(
         failed = (*failed, *posterior.failed_edge_checks)
     difference = evidence.log_evidence - top.log_evidence
     error = 0.0 if posterior is best else math.hypot(evidence.error, top.error)
-    distinguishable = (
-        posterior is not best
-        and 2.0 * abs(difference) >= SCALE[0][0]
-        and abs(difference) > STANDARD_ERRORS * error
-    )
+    distinguishable = posterior is not best and is_distinguishable(difference, error)
     if posterior is best:
         against = "best"
     elif distinguishable and difference > 0:

@@ -5,6 +5,11 @@ from bayes_ssi.tables.calibration_tables import (
     calibration_table,
     determination_tables,
 )
+from bayes_ssi.tables.hierarchy_tables import (
+    hierarchy_notes,
+    population_table,
+    populations_table,
+)
 from bayes_ssi.tables.mode_tables import modes_table
 from bayes_ssi.tables.prediction_tables import frequency_table, peak_table, shape_table
 from bayes_ssi.tables.ranking_tables import (
@@ -36,10 +41,13 @@ __all__ = [
     "determination_tables",
     "evidence_table",
     "frequency_table",
+    "hierarchy_notes",
     "modes_table",
     "pairing_notes",
     "parameter_table",
     "peak_table",
+    "population_table",
+    "populations_table",
     "ranking_table",
     "region_notes",
     "search_notes",

@@ -1,0 +1,142 @@
+"""``bayes-ssi hierarchy``: how parameters vary over many tests of one structure."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bayes_ssi.commands.saved_run import FAILED_CHECK, RESULTS
+from bayes_ssi.commands.terminal import (
+    command_line,
+    console,
+    is_quiet,
+    json_option,
+    print_record,
+    progress_bars,
+    say,
+)
+
+if TYPE_CHECKING:
+    from bayes_ssi.hierarchical.hierarchy_record import Hierarchy
+
+
+@click.command()
+@click.argument("results", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--class", "class_name", metavar="NAME",
+              help="Model class; not needed where the results are of one class.")  # fmt: skip
+@click.option("--covariate", "covariate_file", type=click.Path(path_type=Path), metavar="FILE",
+              help="CSV file with two columns: test (the name of its result directory), and the "
+              "covariate, such as the temperature, named by the heading.")  # fmt: skip
+@click.option("--parameters", metavar="NAME,…",
+              help="Parameters that are related between tests; the others are independent.  "
+              "[default: all of the structure]")  # fmt: skip
+@click.option("--spread", type=float, default=0.5, show_default=True,
+              help="Scale of the half-normal prior of the standard deviation from test to test, in "
+              "standard deviations of the parameter's prior.")  # fmt: skip
+@click.option("--slope", type=float, default=0.5, show_default=True,
+              help="Standard deviation of the normal prior of the change by one standard deviation "
+              "of the covariate, in the same unit.")  # fmt: skip
+@click.option("--at", type=float, metavar="VALUE",
+              help="Covariate of the next test.  [default: mean of the tests]")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
+              help="The result follows from it.")  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path),
+              help="Directory of the result.  [default: runs/results/hierarchy]")  # fmt: skip
+@click.option("--overwrite", is_flag=True, help="Replace a result that exists.")
+@click.option("--accept-failed-checks", is_flag=True,
+              help="Exit with code 0 where checks failed.")  # fmt: skip
+@json_option
+def hierarchy(
+    results: tuple[Path, ...], class_name: str | None, covariate_file: Path | None,
+    parameters: str | None, spread: float, slope: float, at: float | None, seed: int,
+    out: Path | None, overwrite: bool, accept_failed_checks: bool,
+) -> None:  # fmt: skip
+    """Rank how parameters vary over tests: RESULTS are directories that rank saved, one a test.
+
+    The parameters of one model class are the same in all tests, vary from test to test, follow a
+    covariate, or both. Nothing is sampled again: the posteriors are those stored.
+    """
+    from bayes_ssi.hierarchical.covariate_files import read_covariate
+    from bayes_ssi.hierarchical.populations import PopulationPriors
+    from bayes_ssi.hierarchical.ranked_populations import hierarchy as rank_populations
+    from bayes_ssi.hierarchical.saved_hierarchy import MARKER, save_hierarchy
+    from bayes_ssi.plots.figure_style import figures_for_files, save_figure
+    from bayes_ssi.plots.population_plot import plot_population
+    from bayes_ssi.priors.families import HalfNormal, Normal
+    from bayes_ssi.results.new_directory import require_new
+    from bayes_ssi.tables import hierarchy_notes, population_table, populations_table
+
+    directory = out or RESULTS / "hierarchy"
+    require_new(directory, marker=MARKER, overwrite=overwrite)
+    name, covariate = ("", None) if covariate_file is None else read_covariate(covariate_file)
+    if at is not None and covariate is None:
+        raise ValueError("--at: there is no covariate; give one with --covariate FILE")
+    tests = _named(results)
+    with progress_bars() as progress:
+        ranked = rank_populations(
+            tests,
+            covariate,
+            covariate_name=name,
+            class_name=class_name,
+            parameters=None if parameters is None else [p.strip() for p in parameters.split(",")],
+            priors=PopulationPriors(HalfNormal(spread), Normal(0.0, slope)),
+            seed=seed,
+            progress=progress,
+        )
+    save_hierarchy(
+        ranked,
+        directory,
+        covariate=at,
+        results={test: str(path) for test, path in tests.items()},
+        overwrite=overwrite,
+        command=command_line(),
+    )
+    with figures_for_files():
+        save_figure(plot_population(ranked), directory / "population.png")
+
+    where = console()
+    where.print(populations_table(ranked))
+    where.print(population_table(ranked, at))
+    say(where, *hierarchy_notes(ranked, at), f"Saved in {directory}.")
+    print_record(lambda: _record(ranked, directory))
+    failed = ranked.all_failed_checks
+    if failed and not accept_failed_checks:
+        if is_quiet():
+            click.echo(f"(!) {len(failed)} failed checks: {'; '.join(failed)}", err=True)
+        sys.exit(FAILED_CHECK)
+
+
+def _named(results: tuple[Path, ...]) -> dict[str, Path]:
+    """Name of a test → its directory: the directory's name, or its path where names repeat."""
+    repeated = [path for path, count in Counter(results).items() if count > 1]
+    if repeated:
+        raise ValueError(f"{repeated[0]}: given twice")
+    names = [path.name for path in results]
+    unique = len(set(names)) == len(names)
+    return dict(zip(names if unique else map(str, results), results, strict=True))
+
+
+def _record(ranked: Hierarchy, directory: Path) -> dict[str, Any]:
+    """The record that ``--json`` prints."""
+    return {
+        "directory": str(directory),
+        "model_class": ranked.model_class,
+        "populations": [
+            {
+                "name": each.name,
+                "log_evidence": each.log_evidence,
+                "error": each.error,
+                "probability": each.probability,
+                "against": each.against,
+            }
+            for each in ranked.populations
+        ],
+        "tests": list(ranked.tests),
+        "covariate": ranked.covariate,
+        "failed_checks": list(ranked.all_failed_checks),
+        "remarks": list(ranked.remarks),
+    }

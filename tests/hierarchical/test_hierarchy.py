@@ -1,0 +1,225 @@
+"""Many tests of one structure: from rankings of each to populations, tables and files."""
+
+import csv
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import bayes_ssi as bs
+from bayes_ssi.cli import main
+from bayes_ssi.hierarchical.covariate_files import read_covariate
+from bayes_ssi.hierarchical.saved_hierarchy import MARKER
+
+FREQUENCIES = {"January": (1.02, 2.66), "April": (1.0, 2.62), "July": (0.98, 2.57)}
+TEMPERATURES = {"January": -4.0, "April": 10.0, "July": 27.0}
+COARSE = bs.SamplingSettings(log_evidence_error=0.05, particles=100, searches=1, max_steps=500)
+SAME, BOTH = "the same in all tests", "varies with temperature and from test to test"
+
+
+def configuration(name):
+    k1, k2 = (bs.Parameter(f"k{i}", bs.LogNormal(median=1.0, cov=0.3)) for i in (1, 2))
+    shapes = ([0.53, 0.85], [0.85, -0.53])
+    modes = [
+        bs.IdentifiedMode(str(i), f, np.array(shape))
+        for i, (f, shape) in enumerate(zip(FREQUENCIES[name], shapes, strict=True), 1)
+    ]
+    return bs.Configuration(
+        name,
+        bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(103.0 * k1, 103.0 * k2)),
+        bs.ModalData(tuple(modes), band_hz=(0.0, 4.0), sensors=("floor 1", "floor 2")),
+        pairing={"1": 1, "2": 2},
+    )
+
+
+def model_class(name, error=None):
+    test = configuration(name)
+    error = error or bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
+    return bs.ModelClass("frame", test.structure, test.data, error, pairing=test.pairing)
+
+
+def ranking(*classes):
+    return bs.rank(bs.Study("one test", list(classes)), settings=COARSE)
+
+
+@pytest.fixture(scope="module")
+def rankings():
+    return {name: ranking(model_class(name)) for name in FREQUENCIES}
+
+
+@pytest.fixture(scope="module")
+def made(rankings):
+    return bs.hierarchy(rankings, TEMPERATURES, covariate_name="temperature", settings=COARSE)
+
+
+def test_the_same_parameters_in_all_tests_are_those_of_one_class_of_all(made):
+    """Sampled jointly, with the tests as configurations of one class."""
+    error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
+    joint = bs.sample(
+        bs.ModelClass("all", configurations=list(map(configuration, FREQUENCIES)), error=error)
+    )
+    same = made.population(SAME)
+    allowed = 4.0 * np.hypot(same.error, joint.evidence.error)
+    assert same.error < 0.3
+    assert same.log_evidence == pytest.approx(joint.evidence.log_evidence, abs=allowed)
+    # 500 draws: the mean and the standard deviation have errors of 1/√500 and 1/√1000.
+    centres, sds = joint.values.mean(axis=0), joint.values.std(axis=0)
+    drawn = made.centres(same)
+    np.testing.assert_allclose((drawn.mean(axis=0) - centres) / sds, 0.0, atol=4.0 / 500**0.5)
+    np.testing.assert_allclose(drawn.std(axis=0) / sds, 1.0, atol=4.0 / 1000**0.5)
+
+
+def test_what_a_hierarchy_says(made):
+    assert made.model_class == "frame"
+    assert made.names == ("k1", "k2")
+    assert [test.name for test in made.tests] == list(FREQUENCIES)
+    assert made.covariate.mean == pytest.approx(11.0)
+    assert {each.name for each in made.populations} == {
+        SAME, "varies from test to test", "varies with temperature", BOTH,
+    }  # fmt: skip
+    assert sum(each.probability for each in made.populations) == pytest.approx(1.0)
+    assert made.failed_checks == ()
+    # A straight line through the medians of the single tests, which have equal errors.
+    medians = np.array([[median for _, median, _ in test.intervals] for test in made.tests])
+    line = np.polyfit(list(TEMPERATURES.values()), medians, 1)[0]
+    slopes = made.slopes(made.population("varies with temperature"))
+    np.testing.assert_array_less(np.abs(slopes.mean(axis=0) - line), 0.5 * slopes.std(axis=0))
+
+
+def test_the_next_test(made):
+    both = made.population(BOTH)
+    warm = made.next_test(20_000, 30.0, BOTH)
+    assert warm.shape == (20_000, 2)
+    # Of lognormal parameters, with what the population says at its draws.
+    means, slopes, spreads = both.population.split(both.draws)
+    x = (30.0 - made.covariate.mean) / made.covariate.sd
+    z = np.log(warm) / bs.LogNormal(1.0, 0.3).log_sd
+    sd = np.sqrt((spreads**2).mean(axis=0) + (means + slopes * x).var(axis=0))
+    error = sd / 20_000**0.5
+    np.testing.assert_array_less(np.abs(z.mean(0) - (means + slopes * x).mean(0)), 4.0 * error)
+    np.testing.assert_allclose(z.std(axis=0), sd, rtol=0.05)
+    with pytest.raises(ValueError, match=r"no population 'x'; choose from 'varies with"):
+        made.next_test(name="x")
+
+
+def test_parameters_that_are_left_out_are_independent_from_test_to_test(rankings):
+    made = bs.hierarchy(rankings, parameters=["k2"], settings=COARSE)
+    assert made.best.population.parameters[0].name == "mean of k2"
+    k1 = made.next_test(20_000)[:, 0]
+    assert np.median(k1) == pytest.approx(1.0, abs=0.02)  # its prior
+    with pytest.raises(ValueError, match="there is no covariate, got 3"):
+        made.next_test(covariate=3.0)
+
+
+def with_prior(candidate, name):
+    return replace(candidate, priors={name: bs.LogNormal(1.0, 0.5)})
+
+
+def test_what_is_refused(rankings):
+    january, april, july = rankings.values()
+    other = ranking(with_prior(model_class("July"), "k2"))
+    two = ranking(model_class("July"), replace(model_class("July"), name="other"))
+    free = ranking(model_class("July", bs.ErrorModel(shape_sd=0.05)))
+    for problem, tests, options in (
+        ("at least 2 tests are needed, got 1", {"a": january}, {}),
+        ("tests 'a' and 'b' have the same data", {"a": january, "b": january}, {}),
+        ("the priors of 'k2' differ", {"a": january, "b": other}, {}),
+        ("2 and 3 parameters", {"a": january, "b": free}, {}),
+        ("'b': no model class 'x'; Choose from 'frame', 'other'", {"b": two},
+         {"class_name": "x"}),
+        ("'a': which model class? Choose from", {"a": two, "b": april}, {}),
+        ("no parameter 'k3' of the structure; choose from 'k1', 'k2'", rankings,
+         {"parameters": ["k3"]}),
+        ("no parameter is named", rankings, {"parameters": []}),
+        ("no value of 'covariate' for test 'July'", rankings,
+         {"covariate": {"January": 1.0, "April": 2.0}}),
+        ("of test 'April' must be a finite number, got nan", rankings,
+         {"covariate": {**TEMPERATURES, "April": float("nan")}}),
+        ("'covariate' is 4 in all tests", rankings, {"covariate": dict.fromkeys(rankings, 4)}),
+    ):  # fmt: skip
+        tests = {**tests, "July": july} if list(tests) == ["b"] else tests
+        with pytest.raises(ValueError, match=re.escape(problem)):
+            bs.hierarchy(tests, **options)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "the first line must be 'test, NAME OF THE COVARIATE', got nothing"),
+        ("test\nx, 1", "got ['test']"),
+        ("test, t\nx", "line 2: expected a test and its t, got 'x'"),
+        ("test, t\nx, warm", "line 2: t must be a number, got 'warm'"),
+        ("test, t\n# comment\n\nx, 1\nx, 2", "line 5: a second value for test 'x'"),
+    ],
+)
+def test_covariate_files_that_are_refused(tmp_path, text, problem):
+    path = tmp_path / "t.csv"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=f"^{re.escape(str(path))}.*{re.escape(problem)}"):
+        read_covariate(path)
+
+
+@pytest.fixture(scope="module")
+def directory(rankings, tmp_path_factory):
+    """Results of all tests, with their temperatures."""
+    path = tmp_path_factory.mktemp("tests")
+    for name, made in rankings.items():
+        bs.save_result(made, path / name)
+    rows = [f"{name}, {value}" for name, value in TEMPERATURES.items()]
+    (path / "t.csv").write_text("\n".join(["test, temperature", *rows]))
+    return path
+
+
+@pytest.fixture
+def saved(directory, monkeypatch):
+    """Names of the tests, whose results are in the working directory."""
+    monkeypatch.chdir(directory)
+    return list(FREQUENCIES)
+
+
+@pytest.mark.usefixtures("coarse_command")
+def test_the_command(saved, made):
+    command = ["hierarchy", *saved, "--covariate", "t.csv", "--at", "30", "--out", "made"]
+    done = CliRunner().invoke(main, [*command, "--json"])
+    assert done.exit_code in (0, 3), done.output  # coarse as it is, the sampling may fail a check
+    record = json.loads(done.stdout)
+    ours = {each["name"]: each["log_evidence"] for each in record["populations"]}
+    assert ours == {
+        each.name: pytest.approx(each.log_evidence, abs=4.0 * (each.error + 0.02))
+        for each in made.populations
+    }
+    assert Path("made/population.png").stat().st_size > 10_000
+    loaded = bs.load_hierarchy("made")
+    assert loaded.best.log_evidence == next(iter(ours.values()))
+    with open("made/next_test.csv", newline="") as file:
+        names, *rows = list(csv.reader(file))
+    assert names == ["k1", "k2"]
+    np.testing.assert_allclose(np.array(rows, dtype=float), loaded.next_test(1000, 30.0), rtol=1e-6)
+
+    again = CliRunner().invoke(main, command)
+    assert again.exit_code == 2
+    assert "made: exists already and is not overwritten" in again.stderr
+
+
+def test_the_command_refuses(saved):
+    for arguments, problem in (
+        ([*saved, "--at", "3"], "--at: there is no covariate"),
+        ([*saved, saved[0]], "January: given twice"),
+        ([*saved, "missing"], "missing: not a result directory: no result.json"),
+        ([*saved, "--spread", "0"], "HalfNormal: scale must be positive, got 0.0"),
+    ):
+        done = CliRunner().invoke(main, ["hierarchy", *arguments])
+        assert done.exit_code == 2
+        assert problem in done.stderr
+
+
+def test_a_damaged_hierarchy_is_refused(made, tmp_path):
+    bs.save_hierarchy(made, tmp_path / "made")
+    path = tmp_path / "made" / MARKER
+    path.write_text(path.read_text().replace('"format": 1', '"format": 99'))
+    with pytest.raises(ValueError, match="a hierarchy of format 99"):
+        bs.load_hierarchy(tmp_path / "made")
