@@ -20,7 +20,9 @@ def linear_tests(y, variances, nuisance=0.3, n_draws=1000, seed=0):
     Draws and log-likelihoods are exact; the evidence has an error like that of sampling.
     """
     rng = np.random.default_rng(seed)
-    parameters = tuple(ParameterRecord(name, "", STANDARD, QUANTILES) for name in ("a", "b"))
+    parameters = tuple(
+        ParameterRecord(name, "", STANDARD, QUANTILES, name == "b") for name in ("a", "b")
+    )
     tests = []
     for i, (datum, variance) in enumerate(zip(y, variances, strict=True)):
         row = np.array([1.0, nuisance])
@@ -32,9 +34,7 @@ def linear_tests(y, variances, nuisance=0.3, n_draws=1000, seed=0):
         evidence = log_normal(datum, variance + 1.0 + nuisance**2) + rng.normal(0.0, 0.005)
         estimate = Estimate(evidence, 0.005)
         tests.append(
-            SingleTest(
-                f"test {i}", parameters, ("a",), z, log_likelihoods, estimate, str(i), ("beam",), ()
-            )
+            SingleTest(f"test {i}", parameters, z, log_likelihoods, estimate, str(i), ("beam",), ())
         )
     return tests
 

@@ -24,6 +24,7 @@ from bayes_ssi.hierarchical.population_sampling import (
 )
 from bayes_ssi.hierarchical.populations import Population, PopulationPriors
 from bayes_ssi.hierarchical.single_tests import SingleTest, TestResult, single_tests
+from bayes_ssi.model_class.class_record import ParameterRecord
 from bayes_ssi.ranking.comparison import (
     PROBABLE,
     STANDARD_ERRORS,
@@ -78,7 +79,7 @@ def hierarchy(
             unknown, or the covariate is missing, not finite or constant.
     """
     class_name, tests = single_tests(results, class_name)
-    names = _population_names(tests[0].structural, parameters)
+    names = _population_names(tests[0].parameters, parameters)
     scale, x = _standardised(tests, covariate, covariate_name)
     fits = fit_tests(tests, seed, partial(progress, "single tests", "likelihoods"))
     columns = tests[0].columns(names)
@@ -110,8 +111,9 @@ def hierarchy(
 
 
 def _population_names(
-    of_structure: tuple[str, ...], wanted: Sequence[str] | None
+    own: Sequence[ParameterRecord], wanted: Sequence[str] | None
 ) -> tuple[str, ...]:
+    of_structure = tuple(parameter.name for parameter in own if not parameter.is_error)
     if wanted is None:
         return of_structure
     for name in wanted:

@@ -33,7 +33,6 @@ class SingleTest:
     Attributes:
         name: of the test.
         parameters: of the model class, the columns of ``z``.
-        structural: names of those of the structures; the others are of the errors.
         z: (n, d), nearly independent posterior draws in standard-normal coordinates.
         log_likelihoods: (n,).
         evidence: log evidence of the class.
@@ -44,7 +43,6 @@ class SingleTest:
 
     name: str
     parameters: tuple[ParameterRecord, ...]
-    structural: tuple[str, ...]
     z: FloatArray
     log_likelihoods: FloatArray
     evidence: Estimate
@@ -117,11 +115,9 @@ def _single_test(name: str, posterior: Posterior, record: ClassRecord) -> Single
     z = np.column_stack([parameter.prior.to_normal(column) for parameter, column in columns])
     if not np.isfinite(z).all():
         raise ValueError(f"hierarchy: test {name!r}: a draw lies outside of its prior")
-    of_structures = {name for each in record.configurations for name in each.parameters}
     return SingleTest(
         name=name,
         parameters=record.parameters,
-        structural=tuple(p.name for p in record.parameters if p.name in of_structures),
         z=z,
         log_likelihoods=posterior.log_likelihoods.reshape(-1)[some],
         evidence=Estimate(posterior.evidence.log_evidence, posterior.evidence.error),
