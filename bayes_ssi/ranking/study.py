@@ -10,6 +10,7 @@ import numpy as np
 
 from bayes_ssi.execution.run import Run
 from bayes_ssi.execution.workers import Workers
+from bayes_ssi.file_names import require_printable
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.adequacy import Hint
 from bayes_ssi.posterior.diagnosis import diagnose
@@ -35,8 +36,8 @@ class Study:
             original study that it represents.
 
     Raises:
-        ValueError: there is no model class, two have one name, or the prior weights are not one
-            positive number per class.
+        ValueError: the name cannot be printed, there is no model class, two have one name, or the
+            prior weights are not one positive number per class.
         TypeError: one of them is not a ModelClass.
     """
 
@@ -49,6 +50,7 @@ class Study:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise TypeError(f"Study: name must be text, got {self.name!r}")
+        require_printable(self.name, "Study")
         object.__setattr__(self, "model_classes", tuple(self.model_classes))
         if not self.model_classes:
             raise ValueError(f"study {self.name!r}: no model class")

@@ -147,6 +147,8 @@ def load_draws(path: Path, posterior: Posterior) -> Posterior:
                 frequencies_hz=file["posterior_predictive"][FREQUENCY][...],
                 sensor_shapes=file[SHAPES][SHAPES][...] if SHAPES in file else None,
             )
+    except FileNotFoundError:
+        raise ValueError(f"{path}: no such file; the result is incomplete") from None
     except PermissionError:
         raise ValueError(f"{path}: cannot be read: permission denied") from None
     except (OSError, KeyError, ValueError, AttributeError, TypeError) as error:

@@ -160,6 +160,8 @@ def test_names_that_cannot_be_printed_are_refused_before_sampling(run, study_fil
         path = study_file(('"one k"', ascii(name)))
         assert_one_line_error(run("rank", path), "ModelClass: name may not hold", repr(name))
         study_file((ascii(name), '"one k"'))
+    path = study_file(('"Two storeys"', '"Two\\nstoreys"'))
+    assert_one_line_error(run("rank", path), "Study: name may not hold a line break")
 
 
 def test_data_that_no_class_explains(run, study_file, tmp_path):

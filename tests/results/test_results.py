@@ -213,7 +213,7 @@ EVIDENCE = ("posteriors", 0, "evidence")
         (COMPARISON, removed, "no comparison.json"),
         (COMPARISON, lambda path: path.write_text("{}"), "comparison.json: classes: missing"),
         (COMPARISON, edited("classes", 0, "name", value="x"), "not of the same model classes"),
-        ("posteriors/one_k.nc", removed, "one_k.nc: not a stored posterior"),
+        ("posteriors/one_k.nc", removed, "one_k.nc: no such file; the result is incomplete"),
         ("posteriors/each_k.nc", cut, "each_k.nc: not a stored posterior"),
         ("posteriors/each_k.nc", with_half_the_steps, "each_k.nc: not a stored posterior"),
         ("data.csv", removed, "data.csv: No such file"),
