@@ -11,8 +11,9 @@ from functools import partial
 from pathlib import Path
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.sensitivity import Variation, sensitivity
+from bayes_ssi.ranking.sensitivity import sensitivity
 from bayes_ssi.ranking.study_file import load_study
+from bayes_ssi.ranking.variations import Variation
 
 STUDY = Path(__file__).parent.parent / "model_classes" / "liverpool_frame.py"
 COARSE = bs.SamplingSettings(log_evidence_error=0.05)
@@ -33,8 +34,8 @@ def tuned_within(cov: float, candidate: bs.ModelClass) -> bs.ModelClass:
 VARIATIONS = (
     Variation("0.01 spurious modes", partial(expecting, 0.01)),
     Variation("1 spurious mode", partial(expecting, 1.0)),
-    Variation("tuned within 5 %", partial(tuned_within, 0.05), of_priors=True),
-    Variation("tuned within 50 %", partial(tuned_within, 0.5), of_priors=True),
+    Variation("tuned within 5 %", partial(tuned_within, 0.05)),
+    Variation("tuned within 50 %", partial(tuned_within, 0.5)),
 )
 
 

@@ -179,7 +179,7 @@ def make_posterior():
             "n_searches": 4,
             "seconds": 0.4,
             "failed_checks": (),
-            "failed_edge_checks": (),
+            "edges": (),
             "data_digest": "0123456789abcdef",
             "configurations": (
                 ConfigurationModes("", 2, pairing or {"1": 1, "2": 2}, inferred, no_modes),

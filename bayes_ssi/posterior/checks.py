@@ -1,4 +1,4 @@
-"""Checks of a sampled posterior: estimates that should agree, and what the result depends on.
+"""Checks of a sampled posterior: estimates that should agree.
 
 A check is one function in ``CHECKS`` that yields a sentence for each thing that fails. No check
 can reveal a region that every part of the sampling missed; the agreement of independent searches
@@ -11,14 +11,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.sampling.diagnostics import (
     LARGEST_WEIGHT,
     LENGTH_IN_AUTOCORRELATION_TIMES,
     PARETO_K_LIMIT,
 )
-from bayes_ssi.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.sampling.result import SamplingResult
 
 # Vehtari et al. (2021) ask for both.
@@ -27,29 +24,11 @@ R_HAT_LIMIT, LEAST_EFFECTIVE_SAMPLE_SIZE = 1.01, 400
 REACHED = 1.5
 # A region with less of the posterior than this need not be found by every part of the sampling.
 SMALL_SHARE = 0.02
-# The edge of a prior begins where one prior draw in a thousand lies on either side: this many
-# standard deviations away in standard-normal coordinates.
-EDGE = 3.09
-# This much of the posterior may lie at an edge, of the prior or of the band.
-EDGE_SHARE = 0.5
 
 
 def failed_checks(sampled: SamplingResult) -> list[str]:
     """Disagreements within a result, a sentence each; empty when all is well."""
     return [message for check in CHECKS for message in check(sampled)]
-
-
-def failed_edge_checks(
-    model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray
-) -> list[str]:
-    """What the posterior depends on besides the data: the edge of a prior, or of the band.
-
-    Args:
-        model_class: the class that was sampled.
-        z: draws from its posterior (n, d).
-        frequencies_hz: model frequencies at the draws (n, n_modes), all configurations in turn.
-    """
-    return [*_prior_edges(model_class, z), *_band_edges(model_class, z, frequencies_hz)]
 
 
 def _chain_lengths(sampled: SamplingResult) -> Iterator[str]:
@@ -152,36 +131,3 @@ CHECKS = (
     _regions,
     _searches,
 )
-
-
-def _prior_edges(model_class: ModelClass, z: FloatArray) -> Iterator[str]:
-    for column, parameter in enumerate(model_class.parameters):
-        for side, beyond in (("lower", z[:, column] < -EDGE), ("upper", z[:, column] > EDGE)):
-            if beyond.mean() > EDGE_SHARE:
-                yield (
-                    f"parameter {parameter.name!r}: {100 * beyond.mean():.0f} % of the posterior "
-                    f"lies at the {side} edge of its prior, {parameter.prior!r}, where only one "
-                    "in a thousand prior draws lies"
-                )
-
-
-def _band_edges(
-    model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray
-) -> Iterator[str]:
-    # The standard error of a share estimated from a thousand draws is 0.016 at most.
-    chosen = evenly_spaced_indices(len(z), 1000)
-    different, first, times = np.unique(z[chosen], axis=0, return_index=True, return_counts=True)
-    remaining = frequencies_hz[chosen[first]]
-    for configuration, likelihood, values in model_class.parts(model_class.values(different)):
-        low, high = configuration.data.band_hz
-        where = f"configuration {configuration.name!r}: " if configuration.name else ""
-        n_modes = configuration.structure.n_modes
-        frequencies, remaining = remaining[:, :n_modes], remaining[:, n_modes:]
-        shares = times @ likelihood.at_band_edge(values, frequencies) / len(chosen)
-        for mode, share in enumerate(shares, start=1):
-            if share > EDGE_SHARE:
-                yield (
-                    f"{where}model mode {mode} is paired with nothing and lies at the edge of the "
-                    f"band {low:g} to {high:g} Hz in {100 * share:.0f} % of the posterior: "
-                    "whether it counts as missed depends on where the band ends"
-                )

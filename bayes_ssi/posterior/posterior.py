@@ -14,6 +14,7 @@ from bayes_ssi.model_class.configuration import choose_configuration
 from bayes_ssi.posterior.adequacy import Adequacy
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.datum_terms import DatumTerms
+from bayes_ssi.posterior.edges import AtEdge
 from bayes_ssi.sampling.estimates import EvidenceEstimate
 
 
@@ -115,7 +116,7 @@ class Posterior:
         n_searches: independent searches for maxima.
         seconds: wall-clock time.
         failed_checks: what should have agreed and did not, a sentence each.
-        failed_edge_checks: what the posterior depends on besides the data, a sentence each.
+        edges: settings at whose edge most of it lies, so that it depends on them.
         data_digest: identifies the data whose density the evidence is.
         configurations: the model's modes and their pairing, configuration by configuration.
         relative_spreads: (n_parameters,), posterior over prior standard deviation, both in
@@ -145,7 +146,7 @@ class Posterior:
     n_searches: int
     seconds: float
     failed_checks: tuple[str, ...]
-    failed_edge_checks: tuple[str, ...]
+    edges: tuple[AtEdge, ...]
     data_digest: str
     configurations: tuple[ConfigurationModes, ...]
     relative_spreads: FloatArray

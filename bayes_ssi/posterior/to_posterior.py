@@ -14,9 +14,10 @@ from bayes_ssi.execution.run import Run
 from bayes_ssi.execution.workers import Workers
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.adequacy import N_DRAWS, Adequacy, adequacy
-from bayes_ssi.posterior.checks import failed_checks, failed_edge_checks
+from bayes_ssi.posterior.checks import failed_checks
 from bayes_ssi.posterior.configuration_modes import configuration_modes
 from bayes_ssi.posterior.datum_terms import AtDraws, at_draws, compared_modes, datum_terms
+from bayes_ssi.posterior.edges import edges
 from bayes_ssi.posterior.known_modes import draws_with_shapes
 from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.sampling.diagnostics import r_hat
@@ -83,9 +84,7 @@ def sample_as_it_is(
         n_searches=sampled.search.n_searches,
         seconds=perf_counter() - started,
         failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
-        failed_edge_checks=tuple(
-            failed_edge_checks(model_class, z.reshape(-1, n), at_values.frequencies_hz)
-        ),
+        edges=tuple(edges(model_class, z.reshape(-1, n), at_values.frequencies_hz)),
         data_digest=model_class.data_digest,
         configurations=configurations,
         relative_spreads=z.reshape(-1, n).std(axis=0),

@@ -75,6 +75,7 @@ class RankedClass:
         misfit: what of the data the best class does not explain, and likely causes, in words;
             empty where it explains them, and for the other classes.
         failed_checks: failed checks of the sampling, after this misfit.
+        remarks: settings that the posterior depends on, but hardly the ranking, a sentence each.
     """
 
     name: str
@@ -93,6 +94,7 @@ class RankedClass:
     misfit_sds: float | None
     misfit: str
     failed_checks: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
 
     @property
     def probability_text(self) -> str:
@@ -139,11 +141,19 @@ class Comparison:
         """Every failed check of every class, with the class's name."""
         return tuple(f"{row.name}: {check}" for row in self.classes for check in row.failed_checks)
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Every remark on every class, with the class's name."""
+        return tuple(f"{row.name}: {remark}" for row in self.classes for remark in row.remarks)
+
 
 def compare(
     posteriors: Sequence[Posterior], prior_weights: Mapping[str, float] | None = None
 ) -> Comparison:
     """Rank model classes by evidence.
+
+    A probable class whose posterior lies at the edge of a setting fails a check: what the setting
+    does to the ranking is not known here, but in :func:`~bayes_ssi.ranking.study.rank`.
 
     Args:
         posteriors: posteriors of the classes, all sampled on the same data.
@@ -191,7 +201,7 @@ def _row(
     misfit = _misfit_of_best(ranked) if posterior is best else ""
     failed = (*([misfit] if misfit else []), *posterior.failed_checks)
     if probability >= PROBABLE:
-        failed = (*failed, *posterior.failed_edge_checks)
+        failed = (*failed, *(edge.statement for edge in posterior.edges))
     difference = evidence.log_evidence - top.log_evidence
     error = 0.0 if posterior is best else math.hypot(evidence.error, top.error)
     distinguishable = posterior is not best and is_distinguishable(difference, error)

@@ -172,16 +172,28 @@ def _problem(
     if not k <= limit:
         return f"the draws do not cover the changed class: Pareto k is {k:.2f}, above {limit:.2g}"
     for before, after, x in zip(known.parameters, changed.parameters, values.T, strict=True):
-        sd = math.sqrt(float((weights * (x - (weights * x).sum()) ** 2).sum()))
-        (low, high), (new_low, new_high) = before.prior.support, after.prior.support
-        tiny = 1e-9 * sd
-        near_low = float(weights[x < low + sd].sum()) if new_low < low - tiny else 0.0
-        near_high = float(weights[x > high - sd].sum()) if new_high > high + tiny else 0.0
-        for bound, share in ((low, near_low), (high, near_high)):
-            if share > SHARE_AT_BOUND:
+        for end, (old, new) in enumerate(
+            zip(before.prior.support, after.prior.support, strict=True)
+        ):
+            beyond = new < old if end == 0 else new > old
+            if beyond and reaches_bound(x, old, end, weights):
                 return (
-                    f"the prior of {before.name!r} now reaches beyond {bound:g}, and "
-                    f"{100 * share:.0f} % of the posterior lies within one standard deviation of "
-                    "that old bound: what lies beyond was never sampled"
+                    f"the prior of {before.name!r} now reaches beyond {old:g}, where the posterior "
+                    "had not died out and nothing was sampled"
                 )
     return ""
+
+
+def reaches_bound(x: FloatArray, bound: float, end: int, weights: FloatArray | None = None) -> bool:
+    """Whether a posterior has not died out at a bound of its prior.
+
+    Args:
+        x: (m,), draws of the parameter.
+        bound: may be infinite.
+        end: 0 for a lower bound, 1 for an upper one.
+        weights: (m,), of the draws, which add up to one; equal if None.
+    """
+    w = np.full(len(x), 1.0 / len(x)) if weights is None else weights
+    sd = math.sqrt(float((w * (x - (w * x).sum()) ** 2).sum()))
+    near = x < bound + sd if end == 0 else x > bound - sd
+    return float(w[near].sum()) > SHARE_AT_BOUND

@@ -10,36 +10,22 @@ enough, it is sampled again.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.parameters import as_product
 from bayes_ssi.posterior.known_modes import known_at_draws
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.comparison import class_probabilities
 from bayes_ssi.ranking.reweighting import reweighted
 from bayes_ssi.ranking.study import Ranking
+from bayes_ssi.ranking.variations import Variation, default_variations
 from bayes_ssi.sampling.estimates import Estimate
 from bayes_ssi.sampling.settings import SamplingSettings
 
 SETTINGS = SamplingSettings(log_evidence_error=0.03)
-
-
-@dataclass(frozen=True)
-class Variation:
-    """One setting changed.
-
-    Attributes:
-        name: name for tables.
-        change: function from a model class to the class with the setting changed.
-    """
-
-    name: str
-    change: Callable[[ModelClass], ModelClass]
 
 
 @dataclass(frozen=True)
@@ -98,20 +84,6 @@ class Sensitivity:
         return tuple(row for row in self.rows if row.best != self.rows[0].best)
 
 
-def default_variations() -> tuple[Variation, ...]:
-    """Every setting halved and doubled: missed and spurious modes, error sizes, prior widths."""
-    variations = []
-    for factor, times in ((2.0, "× 2"), (0.5, "× ½")):
-        variations += [
-            Variation(f"missed modes {times}", partial(_missed, factor)),
-            Variation(f"spurious modes {times}", partial(_spurious, factor)),
-            Variation(f"σ_f {times}", partial(_errors, factor, 1.0)),
-            Variation(f"σ_φ {times}", partial(_errors, 1.0, factor)),
-            Variation(f"width of priors {times}", partial(_priors, factor)),
-        ]
-    return tuple(variations)
-
-
 def sensitivity(
     ranking: Ranking,
     variations: Sequence[Variation] | None = None,
@@ -154,12 +126,13 @@ def _varied(
     settings: SamplingSettings,
     run: Run,
 ) -> SensitivityRow:
+    classes = {c.name: c for c in ranking.study.model_classes}
+    error = settings.log_evidence_error
     estimates: dict[str, Estimate | None] = {
-        each.name: _estimate(each, known[each.name], variation, settings.log_evidence_error)
+        each.name: _estimate(each, classes[each.name], known[each.name], variation, error)
         for each in ranking.posteriors
     }
     again = tuple(name for name, estimate in estimates.items() if estimate is None)
-    classes = {c.name: c for c in ranking.study.model_classes}
     changed = [variation.change(classes[name]) for name in again]
     sampled = sample_all(changed, ranking.seed, settings, run)
     estimates.update((posterior.name, _quoted(posterior)) for posterior in sampled)
@@ -170,10 +143,21 @@ def _varied(
 
 
 def _estimate(
-    posterior: Posterior, known: ModelClass, variation: Variation, max_error: float
+    posterior: Posterior,
+    original: ModelClass,
+    known: ModelClass,
+    variation: Variation,
+    max_error: float,
 ) -> Estimate | None:
     """The changed class's log evidence by reweighted draws; None if they do not allow it."""
-    answer = reweighted(posterior, known, variation.change(known))
+    changed = variation.change(original)
+    if changed.parameter_names != original.parameter_names:
+        return None
+    # Where a structure changes, its modes at the draws are solved for.
+    before = [test.structure for test in original.configurations]
+    at_draws = [test.structure for test in known.configurations]
+    changed = changed.with_structures(lambda s, i: at_draws[i] if s is before[i] else s)
+    answer = reweighted(posterior, known, changed)
     if answer.problem or answer.log_ratio.error > max_error:
         return None
     return answer.log_evidence
@@ -187,38 +171,3 @@ def _row(name: str, ranking: Ranking, estimates: Mapping[str, Estimate]) -> Sens
     log_evidences = {key: estimate.log_evidence for key, estimate in estimates.items()}
     probabilities = class_probabilities(log_evidences, ranking.study.prior_weights)
     return SensitivityRow(name, dict(estimates), probabilities)
-
-
-def _missed(factor: float, candidate: ModelClass) -> ModelClass:
-    """The class with ``factor`` times the probability that a mode is missed.
-
-    The probability of detection is at most halved.
-    """
-    missed = 1.0 - candidate.identification.detection_probability
-    changed = replace(
-        candidate.identification,
-        detection_probability=1.0 - min(factor * missed, 0.5 * (1.0 + missed)),
-    )
-    return replace(candidate, identification=changed)
-
-
-def _spurious(factor: float, candidate: ModelClass) -> ModelClass:
-    expected = factor * candidate.identification.expected_spurious_modes
-    changed = replace(candidate.identification, expected_spurious_modes=expected)
-    return replace(candidate, identification=changed)
-
-
-def _errors(of_frequencies: float, of_shapes: float, candidate: ModelClass) -> ModelClass:
-    """The class with error sizes times these factors, also where they are inferred."""
-    changed = replace(
-        candidate.error,
-        frequency_cov=of_frequencies * as_product(candidate.error.frequency_cov),
-        shape_sd=of_shapes * as_product(candidate.error.shape_sd),
-    )
-    return replace(candidate, error=changed)
-
-
-def _priors(factor: float, candidate: ModelClass) -> ModelClass:
-    """The class with wider priors of the structures' parameters, but not of the error sizes."""
-    wider = {p.name: p.prior.widened(factor) for p in candidate.structural_parameters}
-    return replace(candidate, priors=wider)

@@ -17,6 +17,7 @@ from bayes_ssi.posterior.diagnosis import diagnose
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.comparison import Comparison, checked_weights, compare
+from bayes_ssi.ranking.setting_checks import with_settings_checked
 from bayes_ssi.sampling.settings import SamplingSettings
 
 # Classes whose misfit is diagnosed, the most probable first.
@@ -215,6 +216,7 @@ def compare_and_diagnose(
             for each in posteriors
         ]
         comparison = compare(posteriors, study.prior_weights)
+    comparison = with_settings_checked(study.model_classes, posteriors, comparison)
     return Ranking(study, tuple(posteriors), comparison, seed, settings)
 
 

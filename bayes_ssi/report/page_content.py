@@ -50,6 +50,7 @@ def page_content(
         # A search has a table of its own.
         "averages": averaged_parameters(stored.posteriors, comparison) if not stored.search else (),
         "failed": comparison.failed_checks,
+        "remarks": comparison.remarks,
         "scale": comparison.scale,
         "tests": [
             # Where no shape was measured at all, that is said once.

@@ -121,5 +121,6 @@ def _write_comparison_csv(path: Path, comparison: Comparison) -> None:
         writer.writerow(names)
         for row in comparison.classes:
             cells = asdict(row)
-            cells["failed_checks"] = "; ".join(row.failed_checks)
+            for name in ("failed_checks", "remarks"):
+                cells[name] = "; ".join(cells[name])
             writer.writerow([cells[name] for name in names])

@@ -59,6 +59,9 @@ def comparison_notes(comparison: Comparison) -> list[str]:
     notes = [f"Evidence against: scale of {comparison.scale}."]
     if comparison.failed_checks:
         notes.append("(!): a check failed, as said below.")
+    if comparison.remarks:
+        notes.append("Settings that posteriors depend on, without changing the answer:")
+        notes.extend(f"  {remark}" for remark in comparison.remarks)
     return notes
 
 

@@ -14,7 +14,7 @@ import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.calibration.least_squares import NothingToCalibrateError
 from bayes_ssi.cli import main
-from bayes_ssi.posterior.checks import failed_edge_checks
+from bayes_ssi.posterior.edges import edges
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
 from bayes_ssi.tables import calibration_modes_table, pairing_notes
@@ -243,8 +243,9 @@ def test_a_mode_at_the_edge_of_the_band_is_named_with_its_configuration():
     tests = (state(bare, BARE, "bare"), state(loaded, cut, "loaded", {"1": 1}))
     candidate = joint(configurations=tests)
     z = importance.coordinates(candidate, [[1.1, 0.25]] * 10)
-    (failed,) = failed_edge_checks(candidate, z, candidate.frequencies_hz(candidate.values(z)))
-    assert failed.startswith("configuration 'loaded': model mode 2 is paired with nothing")
+    (edge,) = edges(candidate, z, candidate.frequencies_hz(candidate.values(z)))
+    assert (edge.configuration, edge.end, edge.parameter) == ("loaded", 1, None)
+    assert edge.statement.startswith("configuration 'loaded': model mode 2 is paired with nothing")
 
 
 def test_a_search_says_that_it_needs_one_configuration():

@@ -9,7 +9,8 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 import bayes_ssi as bs
-from bayes_ssi.posterior.checks import failed_checks, failed_edge_checks
+from bayes_ssi.posterior.checks import failed_checks
+from bayes_ssi.posterior.edges import edges
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.regions import Regions
 from bayes_ssi.sampling.target import Target
@@ -19,7 +20,8 @@ PHI = (1.0 + math.sqrt(5.0)) / 2.0
 
 
 def edge_checks_of(model_class, z):
-    return failed_edge_checks(model_class, z, model_class.frequencies_hz(model_class.values(z)))
+    found = edges(model_class, z, model_class.frequencies_hz(model_class.values(z)))
+    return [edge.statement for edge in found]
 
 
 def two_bumps(z):
@@ -264,8 +266,10 @@ def test_only_half_of_the_posterior_at_an_edge_is_too_much():
 def test_sampling_reports_the_edge_of_a_prior():
     low, high, error, _ = LEANING[0]
     z, share = on_grid(lambda z: fit(low + (high - low) * ndtr(z), error))
-    (check,) = bs.sample(one_mass(bs.Uniform(low, high), error)).failed_edge_checks
-    result = re.match(r"parameter 'k': (\d+) % of the posterior lies at the lower edge", check)
+    (edge,) = bs.sample(one_mass(bs.Uniform(low, high), error)).edges
+    assert (edge.parameter, edge.configuration, edge.end) == ("k", None, 0)
+    text = edge.statement
+    result = re.match(r"parameter 'k': (\d+) % of the posterior lies at the lower edge", text)
     assert float(result[1]) == pytest.approx(100 * share[z < -3.09].sum(), abs=4.0)
 
 

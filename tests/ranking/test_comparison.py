@@ -5,6 +5,7 @@ import math
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.posterior.edges import AtEdge
 from bayes_ssi.ranking.comparison import bayes_factor_scale
 
 
@@ -156,6 +157,6 @@ def test_nothing_to_compare():
 
 @pytest.mark.parametrize(("log_evidence", "flagged"), [(-2.0, True), (-8.0, False)])
 def test_an_edge_check_is_flagged_for_probable_classes_only(make_posterior, log_evidence, flagged):
-    leaning = make_posterior("leaning", log_evidence, failed_edge_checks=("leans on an edge",))
+    leaning = make_posterior("leaning", log_evidence, edges=(AtEdge("leans on an edge", 0, "k1"),))
     comparison = bs.compare([make_posterior("upright", 0.0), leaning])
     assert comparison.failed_checks == (("leaning: leans on an edge",) if flagged else ())

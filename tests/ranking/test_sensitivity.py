@@ -11,13 +11,16 @@ from click.testing import CliRunner
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.codec import from_record, to_record
-from bayes_ssi.ranking import sensitivity as module
 from bayes_ssi.ranking.sensitivity import (
     Sensitivity,
     SensitivityRow,
+    sensitivity,
+)
+from bayes_ssi.ranking.variations import (
     Variation,
     default_variations,
-    sensitivity,
+    with_errors,
+    with_missed,
 )
 from bayes_ssi.results.load import load_result
 from bayes_ssi.sampling.estimates import Estimate
@@ -106,7 +109,7 @@ def test_widths_of_priors_by_quadrature(moved, tiny_ranking, factor):
 
 def test_draws_that_do_not_cover_the_changed_class_are_not_used(tiny_ranking):
     """Ten times the error size makes a posterior far wider than the draws."""
-    wide = Variation("far wider", lambda c: module._errors(10.0, 10.0, c))
+    wide = Variation("far wider", lambda c: with_errors(10.0, 10.0, c))
     (_, row) = sensitivity(tiny_ranking, [wide]).rows
     assert set(row.sampled) == set(tiny_ranking.study.names)
 
@@ -143,7 +146,7 @@ def test_a_detection_probability_stays_one(tiny_study, p, factor, expected):
     candidate = replace(
         tiny_study.model_classes[0], identification=bs.IdentificationModel(detection_probability=p)
     )
-    changed = module._missed(factor, candidate)
+    changed = with_missed(factor, candidate)
     assert changed.identification.detection_probability == pytest.approx(expected, rel=1e-12)
 
 

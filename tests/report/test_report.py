@@ -253,6 +253,19 @@ def test_failed_checks_stand_at_the_top(make_posterior, tmp_path):
 
 
 @pytest.mark.usefixtures("no_drawings")
+def test_remarks_on_settings_are_no_failed_checks(make_posterior, tmp_path):
+    ranking = two_classes(make_posterior)
+    first, *others = ranking.comparison.classes
+    rows = (replace(first, remarks=("the band's end hardly matters",)), *others)
+    comparison = replace(ranking.comparison, classes=rows)
+    save_result(replace(ranking, comparison=comparison), tmp_path / "r")
+    shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
+    assert "All checks passed" in shown
+    assert shown.index("without changing the answer") > shown.index("Model classes")
+    assert f"{first.name}: the band's end hardly matters" in shown
+
+
+@pytest.mark.usefixtures("no_drawings")
 def test_the_findings_of_a_search(found_in_case_c, tmp_path):
     save_result(found_in_case_c.ranking, tmp_path / "r",
                 extra={"search.json": found_in_case_c.record})  # fmt: skip

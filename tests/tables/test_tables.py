@@ -50,6 +50,17 @@ def test_a_failed_check_marks_its_class(make_posterior):
     assert comparison_notes(actual)[-1].startswith("(!): a check failed")
 
 
+def test_a_remark_marks_no_class(make_posterior):
+    comparison = bs.compare([make_posterior("a")])
+    (row,) = comparison.classes
+    noted = replace(comparison, classes=(replace(row, remarks=("the band's end",)),))
+    assert not [line for line in lines(ranking_table(noted)) if "(!)" in line]
+    assert comparison_notes(noted)[-2:] == [
+        "Settings that posteriors depend on, without changing the answer:",
+        "  a: the band's end",
+    ]
+
+
 def test_notes_name_the_scale(make_posterior):
     actual = bs.compare([make_posterior("a"), make_posterior("b", -0.1)])
     assert comparison_notes(actual) == ["Evidence against: scale of Kass and Raftery (1995)."]

@@ -1,0 +1,137 @@
+"""Settings at whose edge a posterior lies: moved, they fail a check only if the answer changes."""
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.ranking.setting_checks import BAND_MOVED
+
+COARSE = bs.SamplingSettings(log_evidence_error=0.03)
+ERROR = bs.ErrorModel(frequency_cov=0.02, shape_sd=0.05)
+K = (2.0 * math.pi) ** 2
+
+
+def frequencies_of(n_storeys):
+    """Of a uniform shear building of n storeys with k = m (2π)², in closed form."""
+    i = np.arange(1, n_storeys + 1)
+    return 2.0 * np.sin((2 * i - 1) * math.pi / (2 * (2 * n_storeys + 1)))
+
+
+def building(n_storeys, factor, name="building", prior=None):
+    """All modes but the highest were identified; the band ends at ``factor`` times that."""
+    *identified, top = frequencies_of(n_storeys)
+    modes = [bs.IdentifiedMode(str(i), f) for i, f in enumerate(identified, 1)]
+    data = bs.ModalData(tuple(modes), (0.0, factor * top))
+    k = bs.Parameter("k", prior or bs.LogNormal(1.0, 0.3))
+    structure = bs.ShearBuilding((1.0,) * n_storeys, (K * k,) * n_storeys)
+    pairing = {mode.label: int(mode.label) for mode in modes}
+    return bs.ModelClass(name, structure, data, ERROR, pairing=pairing)
+
+
+def ranked(*classes, weights=None):
+    return bs.rank(bs.Study("s", classes, prior_weights=weights), settings=COARSE).comparison
+
+
+def shift_by_quadrature(n_storeys, factor, moved):
+    """Shift of the mean of k in its standard deviations when the band's end is moved."""
+    f = frequencies_of(n_storeys)
+    k = np.linspace(0.7, 1.4, 4001)
+    means, sds = [], []
+    for end in (factor * f[-1], moved * factor * f[-1]):
+        model = replace(building(n_storeys, factor).data, band_hz=(0.0, end))
+        candidate = replace(building(n_storeys, factor), configurations=(
+            replace(building(n_storeys, factor).configuration(), data=model),))  # fmt: skip
+        density = candidate.log_likelihood(k[:, None]) + bs.LogNormal(1.0, 0.3).log_density(k)
+        w = np.exp(density - density.max())
+        w /= w.sum()
+        means.append((w * k).sum())
+        sds.append(math.sqrt((w * (k - means[-1]) ** 2).sum()))
+    return abs(means[1] - means[0]) / sds[0]
+
+
+@pytest.mark.parametrize(("n_storeys", "fails"), [(2, True), (5, False)])
+def test_the_end_of_the_band_by_what_it_does_to_a_parameter(n_storeys, fails):
+    """One frequency determines k less than four do, and the end of the band shifts it by more."""
+    comparison = ranked(building(n_storeys, 1.0))
+    shifts = [shift_by_quadrature(n_storeys, 1.0, 1.0 + s * BAND_MOVED) for s in (-1.0, 1.0)]
+    assert (max(shifts) > 0.5) == fails
+    texts = comparison.failed_checks if fails else comparison.remarks
+    assert len(comparison.failed_checks) == fails
+    assert len(comparison.remarks) == (not fails)
+    text = next(text for text in texts if "edge of the band" in text)
+    number = float(re.search(r"([0-9.]+) of its standard deviation", text)[1])
+    expected = next(s for s in shifts if s > 0.5) if fails else max(shifts)
+    assert number == pytest.approx(expected, abs=0.06 + 0.01)
+
+
+def test_the_end_of_the_band_that_turns_a_ranking_fails():
+    """A second mode that should have been seen speaks against a class, unless the band ends."""
+    two = building(2, 1.03, "two storeys")
+    k = bs.Parameter("k", bs.LogNormal(frequencies_of(2)[0] ** 2, 0.3))
+    one = bs.ModelClass(
+        "one mass", bs.ShearBuilding((1.0,), (K * k,)), two.data, ERROR, pairing={"1": 1}
+    )
+    before = {row.name: row.log_evidence for row in ranked(two, one).classes}
+    weight = math.exp(before["two storeys"] - before["one mass"]) * 0.6 / 0.4
+    comparison = ranked(two, one, weights={"two storeys": 1.0, "one mass": weight})
+    assert comparison.best.name == "one mass"
+    (failed,) = (text for text in comparison.failed_checks if "edge of the band" in text)
+    end = (1.0 - BAND_MOVED) * two.data.band_hz[1]
+    assert failed.startswith("two storeys: model mode 2 is paired with nothing")
+    assert f"with the band's end at {end:.3g} Hz, 'two storeys' is the most probable" in failed
+
+
+def narrow(cov, prior):
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.1),), (0.0, 2.0))
+    structure = bs.ShearBuilding((1.0,), (K * bs.Parameter("k", prior),))
+    return bs.ModelClass("a", structure, data, bs.ErrorModel(cov, 0.05), pairing={"1": 1})
+
+
+@pytest.mark.parametrize(
+    ("cov", "prior", "fails", "words"),
+    [
+        (0.01, bs.LogNormal(0.55, 0.2), False, "no parameter by more than"),
+        (0.04, bs.LogNormal(0.45, 0.2), True, "'k' moves by"),
+        (0.01, bs.Uniform(2.0, 4.0), True, "prior beyond 2 would change is not known"),
+    ],
+)
+def test_the_edge_of_a_prior_by_what_a_wider_one_does(cov, prior, fails, words):
+    """The shift is 0.75 z s of an s.d. for a normal posterior of width s at z of its prior."""
+    comparison = ranked(narrow(cov, prior))
+    (text,) = [
+        text
+        for text in (*comparison.failed_checks, *comparison.remarks)
+        if "edge of its prior" in text
+    ]
+    assert words in text
+    assert (text in comparison.failed_checks) == fails
+
+
+def test_the_probabilities_of_missed_and_spurious_modes_where_classes_differ_in_them():
+    """A class with a spurious mode gains log 2 on twice as many expected."""
+    modes = tuple(bs.IdentifiedMode(str(i), f) for i, f in enumerate((1.0, 1.4), 1))
+    data = bs.ModalData(modes, (0.0, 2.0))
+    k, x = (bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in ("k", "x"))
+    one = bs.ShearBuilding((1.0,), (K * k,))
+    two = one.with_element(bs.Pendulum(on=1, mass=0.001, frequency=1.4 * x))
+    classes = [
+        bs.ModelClass("spurious", one, data, ERROR, pairing={"1": 1}),
+        bs.ModelClass("pendulum", two, data, ERROR, pairing={"1": 1, "2": 2}),
+    ]
+    before = {row.name: row.log_evidence for row in ranked(*classes).classes}
+    even = {"spurious": math.exp(before["pendulum"] - before["spurious"]), "pendulum": 1.0}
+    failed = [text for text in ranked(*classes, weights=even).failed_checks if "differ in" in text]
+    # Odds of 1/2 with half as many spurious modes expected; p_D, from 0.95 to 0.90 or 0.975, moves
+    # them by 5 %.
+    assert len(failed) == 1
+    assert "with half as many spurious modes expected, the probability of" in failed[0]
+    before, after = map(float, re.search(r"goes from (\S+) to (\S+)", failed[0]).groups())
+    assert before == pytest.approx(0.5, abs=0.03)
+    assert abs(after - before) == pytest.approx(1.0 / 6.0, abs=0.03)
+    far = {"spurious": 0.1 * even["spurious"], "pendulum": 1.0}
+    remarks = [text for text in ranked(*classes, weights=far).remarks if "differ in" in text]
+    assert len(remarks) == 2
