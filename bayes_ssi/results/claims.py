@@ -50,7 +50,9 @@ def parameters_in_words(posterior: Posterior, record: ClassRecord) -> list[str]:
         sentences.append(f"{what}, medians and 90 % intervals: {quantities(shown, record)}.")
     if errors:
         rows = [row for row in posterior.summary if row.name in errors]
-        sentences.append(f"Inferred sizes of prediction errors: {quantities(rows, record)}.")
+        inferred = [p for product in record.error.correlations for p in product.parameters]
+        what = "sizes and correlations" if inferred else "sizes"
+        sentences.append(f"Inferred {what} of prediction errors: {quantities(rows, record)}.")
     vague = [row.name for row in posterior.summary if row.relative_spread >= UNDETERMINED]
     if vague:
         more = f" and {len(vague) - MOST_LISTED} others" if len(vague) > MOST_LISTED else ""

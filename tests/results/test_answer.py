@@ -7,9 +7,10 @@ import pytest
 from scipy.special import ndtri
 
 import bayes_ssi as bs
+from bayes_ssi.model_class.class_record import class_record
 from bayes_ssi.ranking.study import Ranking
 from bayes_ssi.results.answer import answer
-from bayes_ssi.results.claims import why_it_loses
+from bayes_ssi.results.claims import parameters_in_words, why_it_loses
 from bayes_ssi.results.save import save_result
 from bayes_ssi.results.wording import likelihood_in_words, quantity
 
@@ -207,3 +208,18 @@ def test_probabilities_in_the_words_of_the_ipcc():
 )
 def test_quantities_have_two_digits_of_their_spread(three, text):
     assert quantity(*three) == text
+
+
+def test_correlations_are_not_called_sizes_of_errors(make_posterior):
+    floors = (bs.Parameter("k1", bs.LogNormal(1.0, 0.3)), 1.0)
+    rho = bs.Parameter("rho", bs.Uniform(0.0, 1.0))
+    for error, words in (
+        (bs.ErrorModel(), "Inferred sizes of prediction errors: frequency_cov = "),
+        (bs.ErrorModel(between_tests=rho), "Inferred sizes and correlations of prediction errors"),
+    ):
+        candidate = bs.ModelClass(
+            "A", bs.ShearBuilding((1.0, 1.0), floors), DATA, error, pairing={"1": 1, "2": 2}
+        )
+        posterior = make_posterior("A", names=candidate.parameter_names)
+        sentences = parameters_in_words(posterior, class_record(candidate))
+        assert sum(each.startswith(words) for each in sentences) == 1
