@@ -9,15 +9,16 @@ from bayes_ssi.response.ground_motion import GroundMotion, along_azimuth, checke
 
 
 @pytest.mark.parametrize(
-    ("unit", "value"), [("g", 9.80665), ("m/s²", 1.0), ("cm/s^2", 0.01), ("Gal", 0.01)]
+    ("unit", "value"),
+    [("g", 9.80665), ("m/s²", 1.0), ("cm/s^2", 0.01), ("Gal", 0.01), ("ft/s2", 0.3048)],
 )
 def test_units(unit, value):
     assert GroundMotion.of([0.0, 2.0], unit, 0.1).acceleration[1] == pytest.approx(2 * value)
 
 
-@pytest.mark.parametrize("unit", ["", "ft/s2", "m", "cm/s"])
+@pytest.mark.parametrize("unit", ["", "counts", "m", "cm/s"])
 def test_an_unknown_unit_is_refused(unit):
-    with pytest.raises(ValueError, match=f"one of 'g', 'm/s2', 'cm/s2', got {unit!r}"):
+    with pytest.raises(ValueError, match=f"one of 'g', 'm/s2', 'cm/s2', .*, got {unit!r}"):
         checked_unit(unit)
 
 
