@@ -13,10 +13,10 @@ assessment using pivotal quantities, Bayesian Analysis 2). At every draw these a
 - the parameters in standard-normal coordinates: normal. An inferred error size absorbs any misfit,
   which shows by its going where its prior did not expect it.
 
-Each gives p-values. Those of one draw are independent: they are combined into one of the modes, one
-of the numbers of modes, one of the structures' parameters and one of the error sizes, and these
-into one. Where errors are correlated, those of the modes are combined by their harmonic mean alone,
-and so are those of the draws, which depend on one another.
+Each gives p-values. Those of one draw are independent and are combined: those of the modes with
+those of the error sizes, those of the structures' parameters with those of the numbers of modes,
+and these two. Where errors are correlated, those of the modes are combined by their harmonic mean
+alone, and so are those of the draws, which depend on one another.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class PValue:
     @property
     def is_small(self) -> bool:
         """Whether a right class would be this far from the data one time in a hundred."""
-        return self.p_value < LIMIT
+        return not self.p_value >= LIMIT
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,8 @@ class Adequacy:
         modes: every identified mode, configuration after configuration.
         parameters: every parameter.
         counts: every configuration.
-        hints: mistakes without which the class would explain the data, where they were sought.
+        hints: mistakes without which the class would explain the data, or explain them far
+            better, where they were sought.
     """
 
     overall: PValue
@@ -171,7 +172,8 @@ class Adequacy:
 
     @property
     def is_adequate(self) -> bool:
-        return not self.overall.is_small
+        """Whether the data are as the class says, and not much more so without a mistake."""
+        return not (self.overall.is_small or self.hints)
 
 
 def adequacy(
@@ -205,16 +207,13 @@ def adequacy(
     of_parameters = np.where(is_size, log_ndtr(-z), log_two_sided(z))
     # Where errors repeat, those of the modes are not independent.
     together = log_harmonic_mean if model_class.error.is_correlated else log_combined
-    independent = [
-        together(of_modes, axis=1),
-        log_combined(of_counts.reshape(-1, len(values)).T, axis=1),
-        *(
-            log_combined(of_parameters[:, which], axis=1)
-            for which in (~is_size, is_size)
-            if which.any()
-        ),
-    ]
-    at_draws = log_combined(np.column_stack(independent), axis=1)
+    errors = [together(of_modes, axis=1)]
+    model = [log_combined(of_counts.reshape(-1, len(values)).T, axis=1)]
+    for part, which in ((errors, is_size), (model, ~is_size)):
+        if which.any():
+            part.append(log_combined(of_parameters[:, which], axis=1))
+    of_parts = [log_combined(np.stack(part, axis=1), axis=1) for part in (errors, model)]
+    at_draws = log_combined(np.stack(of_parts, axis=1), axis=1)
     return Adequacy(
         overall=PValue.of(float(log_harmonic_mean(at_draws, axis=0))),
         modes=tuple(_mode_rows(model_class, parts, of_modes)),

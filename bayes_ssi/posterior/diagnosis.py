@@ -1,9 +1,15 @@
-"""What would make a class that does not explain the data do so: hints at mistakes.
+"""Mistakes in the data or in the pairing without which a class would explain them: hints.
 
 Mistakes are undone one at a time: two sensors exchanged, a sensor's sign, the unit of the
 frequencies, the pairing. Each class that results is fitted in two steps. Its likelihood at points
-where the model's modes are computed once, for all mistakes, selects the few that are worth an
+where the model's modes are computed once, for all mistakes, selects the few that are fitted by an
 ascent to the maximum of likelihood times prior. The gain is the rise of this maximum, in nats.
+
+Inferred error sizes can absorb a mistake, which the p-values of the class then hardly show; the
+gain does. The density of data without a mistake is a density of the data themselves. If the class
+is right, its ratio to the class's own density is 1 on average, so that, of n mistakes, one gains
+ln(100 n) with a probability of one in a hundred at most (Markov's inequality); maxima stand here
+for densities averaged over the prior.
 """
 
 from __future__ import annotations
@@ -11,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -47,65 +54,102 @@ def diagnose(
 ) -> tuple[Hint, ...]:
     """Hints at mistakes without which the class would explain the data, the largest gain first.
 
-    A hint must be a hundred times as probable as chance, among as many as were tried, the class
-    without the mistake must be adequate, and no other hint may be a hundred times as probable.
+    The gain of a hint must be one that a right class gives less than one time in a hundred, the
+    class without the mistake must be adequate, and no other hint may be a hundred times as
+    probable.
 
     Args:
-        model_class: a class that is not adequate.
+        model_class: a class.
         posterior: its posterior.
         workers: where the model is evaluated; in this process if None.
     """
-    points = _points(model_class, posterior)
-    modes = [likelihood.modes(own) for _, likelihood, own in model_class.parts(points.values)]
+    points = _points(model_class, posterior, workers)
+    best = _log_maximum(model_class, posterior)
     kinds = [
         repairs_of_shapes(model_class),
         repairs_of_single_shapes(model_class),
         repairs_of_frequencies(model_class),
         list(repair_of_pairing(model_class)),
-        list(common_factor(model_class)),
     ]
-    best = _log_maximum(model_class, posterior)
     least_gain = math.log(sum(map(len, kinds)) / LIMIT)
-    hints: list[Hint] = []
-    for kind in kinds:
-        if kind is kinds[-1] and hints:
-            break  # a factor that is no unit needs a better reason
-        scored = [(each, _log_posteriors(each, points, modes)) for each in kind]
+
+    def convincing(repairs: Sequence[Repair]) -> list[Hint]:
+        scored = [(each, _log_posteriors(each, points)) for each in repairs]
         scored.sort(key=lambda item: -float(item[1].max()))
-        for repair, log_posteriors in scored[:FITTED]:
-            hint = _fitted(repair, points, int(log_posteriors.argmax()), best, workers)
-            if hint.gain > least_gain and not hint.misfit.is_small:
-                hints.append(hint)
+        hints = [
+            _fitted(repair, points, int(log_posteriors.argmax()), best, workers)
+            for repair, log_posteriors in scored[:FITTED]
+        ]
+        return [each for each in hints if each.gain > least_gain and not each.misfit.is_small]
+
+    hints = [hint for kind in kinds for hint in convincing(kind)]
+    if not hints and posterior.adequacy and posterior.adequacy.overall.is_small:
+        hints = convincing(list(common_factor(model_class)))
     hints.sort(key=lambda hint: -hint.gain)
     return tuple(hint for hint in hints if hint.gain > hints[0].gain + math.log(LIMIT))
 
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Where repairs are compared: coordinates (n, d) and values (n, d) of named parameters."""
+    """Where repairs are compared: coordinates (n, d) of named parameters, and the modes there.
+
+    Attributes:
+        modes: of the structure of each configuration.
+    """
 
     names: tuple[str, ...]
     z: FloatArray
-    values: FloatArray
+    modes: list[Modes]
 
     def of(self, model_class: ModelClass) -> FloatArray:
         """The coordinates of another class's parameters; those that it alone has are zero."""
-        return _renamed(self.z, self.names, model_class.parameter_names)
+        return np.column_stack(
+            [
+                self.z[:, self.names.index(name)] if name in self.names else np.zeros(len(self.z))
+                for name in model_class.parameter_names
+            ]
+        )
 
 
-def _renamed(z: FloatArray, names: Sequence[str], wanted: Sequence[str]) -> FloatArray:
-    columns = [z[:, names.index(name)] if name in names else np.zeros(len(z)) for name in wanted]
-    return np.column_stack(columns)
-
-
-def _points(model_class: ModelClass, posterior: Posterior) -> _Points:
+def _points(model_class: ModelClass, posterior: Posterior, workers: Workers | None) -> _Points:
     """The maximum of the posterior, some of its draws, the prior median and some prior draws."""
     chosen = evenly_spaced_indices(len(posterior.values), POSTERIOR_POINTS)
     of_posterior = np.concatenate([posterior.maxima[:1], posterior.values[chosen]])
     n = len(model_class.parameters)
     of_prior = np.random.default_rng(0).standard_normal((PRIOR_POINTS, n))
     z = np.concatenate([_coordinates(model_class, of_posterior), np.zeros((1, n)), of_prior])
-    return _Points(model_class.parameter_names, z, model_class.values(z))
+    modes_at = partial(_modes_at, model_class)
+    if workers is None:
+        return _Points(model_class.parameter_names, z, modes_at(z))
+    parts = np.array_split(z, min(workers.n_parts, len(z)))
+    known = workers.try_each(modes_at, parts)
+    kept = np.concatenate([parts[i] for i in sorted(known)])
+    return _Points(model_class.parameter_names, kept, _joined([known[i] for i in sorted(known)]))
+
+
+def _modes_at(model_class: ModelClass, z: FloatArray) -> list[Modes]:
+    """The modes of each configuration at coordinates ``z`` (n, d), NaN where a structure fails."""
+    try:
+        parts = model_class.parts(model_class.values(z))
+        return [likelihood.modes(own) for _, likelihood, own in parts]
+    except Exception:  # noqa: BLE001 - whatever a user's model may raise
+        if len(z) > 1:
+            return _joined([_modes_at(model_class, row[None]) for row in z])
+        structures = [test.structure for test in model_class.configurations]
+        return [
+            Modes(
+                np.full((1, each.n_modes), np.nan),
+                np.full((1, len(each.degrees_of_freedom), each.n_modes), np.nan),
+            )
+            for each in structures
+        ]
+
+
+def _joined(parts: Sequence[Sequence[Modes]]) -> list[Modes]:
+    return [
+        Modes(*(np.concatenate(arrays) for arrays in zip(*of_test, strict=True)))
+        for of_test in zip(*parts, strict=True)
+    ]
 
 
 def _coordinates(model_class: ModelClass, values: FloatArray) -> FloatArray:
@@ -119,12 +163,12 @@ def _log_maximum(model_class: ModelClass, posterior: Posterior) -> float:
     return float((model_class.log_likelihood_at(z) + log_standard_normal(z))[0])
 
 
-def _log_posteriors(repair: Repair, points: _Points, modes: Sequence[Modes]) -> FloatArray:
-    """Likelihood times prior (n,) at the points, from the model's modes there."""
+def _log_posteriors(repair: Repair, points: _Points) -> FloatArray:
+    """Likelihood times prior (n,) at the points."""
     changed, z = repair.model_class, points.of(repair.model_class)
     total = log_standard_normal(z) + repair.log_scale
     parts = changed.parts(changed.values(z))
-    for (_, likelihood, own), of_test in zip(parts, modes, strict=True):
+    for (_, likelihood, own), of_test in zip(parts, points.modes, strict=True):
         total += likelihood.log_density(own, likelihood.compared_modes(own, of_test))
     return np.where(np.isnan(total), -np.inf, total)
 

@@ -29,7 +29,8 @@ def log_joint(log_p: FloatArray, counted: NDArray[np.bool_]) -> FloatArray:
     one where none is counted.
     """
     k = np.arange(max(1, log_p.shape[1]))
-    total = np.minimum(-np.where(counted, log_p, 0.0).sum(axis=1), -LOWEST_LOG_P)
+    log_product = np.where(counted, log_p, 0.0).sum(axis=1)
+    total = np.clip(-log_product, 0.0, -LOWEST_LOG_P)  # by rounding it may be below zero
     with np.errstate(divide="ignore", invalid="ignore"):
         log_powers = np.where(k == 0, 0.0, k * np.log(total)[:, None])
     m = np.maximum(counted.sum(axis=1), 1)

@@ -239,6 +239,8 @@ def _misfit_of_best(ranked: Sequence[Posterior]) -> str:
     if best is None or best.is_adequate:
         return ""
     causes = "; ".join(map(hint_in_words, best.hints)) or POSSIBLE_CAUSES
+    if not best.overall.is_small:
+        return f"{'; '.join(misfits_in_words(best))}. The data look mistaken: {causes}"
     others = [p.name for p in ranked if p.adequacy is not None and p.adequacy.is_adequate]
     if others:
         answer = f"Only less probable classes explain the data ({', '.join(map(repr, others))})"

@@ -226,17 +226,20 @@ def _hints(
     comparison: Comparison,
     workers: Workers | None,
 ) -> tuple[Hint, ...]:
-    """Hints why the best class does not explain the data, from the first class that gives any.
+    """Hints at mistakes without which the best class would explain the data, or far better.
 
-    A mistake in the data may make a wrong class the best one, which no repair makes adequate.
+    Where it does not explain them, and no repair makes it do so, the next ones are tried: a mistake
+    may make a wrong class the best.
     """
     classes = dict(zip(study.names, zip(study.model_classes, posteriors, strict=True), strict=True))
-    for rank_of_class, row in enumerate(comparison.classes[:MOST_DIAGNOSED]):
+    for place, row in enumerate(comparison.classes[:MOST_DIAGNOSED]):
         candidate, posterior = classes[row.name]
-        if posterior.adequacy is None or posterior.adequacy.is_adequate:
+        if posterior.adequacy is None:
             break
         hints = diagnose(candidate, posterior, workers)
         if hints:
-            then = f"; then {row.name!r} explains the data" if rank_of_class else ""
+            then = f"; then {row.name!r} explains the data" if place else ""
             return tuple(replace(hint, mistake=hint.mistake + then) for hint in hints)
+        if posterior.adequacy.is_adequate:
+            break
     return ()
