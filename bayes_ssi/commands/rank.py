@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options
+from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options, say_misfit
 from bayes_ssi.commands.study_argument import load, study_argument
 from bayes_ssi.commands.terminal import console, say
 
@@ -42,8 +42,7 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
     result = options.save(ranking, records, place)
 
     where = console()
-    if result.comparison.best.misfit:
-        say(where, f"(!) {result.comparison.best.name!r}: {result.comparison.best.misfit}.")
+    say_misfit(where, result)
     where.print(ranking_table(result.comparison, loaded.name))
     where.print(evidence_table(result.ranked_posteriors))
     where.print(parameter_table(result.ranked_posteriors[0]))

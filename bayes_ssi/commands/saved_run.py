@@ -25,6 +25,8 @@ from bayes_ssi.commands.terminal import (
 )
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from bayes_ssi.execution.checkpoint import Checkpoint
     from bayes_ssi.execution.run import Run
     from bayes_ssi.ranking.sensitivity import Sensitivity
@@ -296,6 +298,12 @@ def _record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, Any]:
         },
         **{Path(file).stem: record for file, record in records.items()},
     }
+
+
+def say_misfit(where: Console, result: StoredResult) -> None:
+    """Say ahead of everything else that the best class does not explain the data, if so."""
+    if result.comparison.misfit:
+        say_in_paragraphs(where, f"(!) {result.comparison.misfit}.")
 
 
 def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:

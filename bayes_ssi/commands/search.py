@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options
+from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options, say_misfit
 from bayes_ssi.commands.study_argument import load, study_argument
 from bayes_ssi.commands.terminal import console, say
 
@@ -81,6 +81,7 @@ def search(
     place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
 
     where = console()
+    say_misfit(where, result)
     where.print(search_table(appendages))
     where.print(appendage_table(appendages))
     where.print(averaged_table(appendages))

@@ -21,6 +21,7 @@ alone, and so are those of the draws, which depend on one another.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -44,6 +45,7 @@ from bayes_ssi.posterior.p_values import (
 
 # A right class is called inadequate one time in a hundred.
 LIMIT = 0.01
+LIMIT_SDS = standard_deviations(math.log(LIMIT))
 # A quantile of one in a hundred needs no more draws; the cost of each is the shapes' quadrature.
 N_DRAWS = 400
 

@@ -41,13 +41,17 @@ def _each(adequacy: Adequacy) -> Iterator[tuple[PValue, str]]:
 
 
 def _mode(mode: ModeMisfit) -> str:
+    """What is unusual about a mode, beyond what 95 % of right ones are; else all of it."""
     parts = []
     if mode.frequency_error is not None and mode.frequency_sd is not None:
         off, expected = _percent(mode.frequency_error), _percent(mode.frequency_sd)
-        parts.append(f"{off} off where {expected} was expected")
-    if mode.mac is not None:
-        parts.append(f"MAC {_mac(mode.mac)} where {_mac(mode.expected_mac)} was expected")
-    return f"mode {mode.label!r}: {', '.join(parts) or 'spurious'}"
+        unusual = abs(mode.frequency_error) > 2.0 * mode.frequency_sd
+        parts.append((unusual, f"{off} off where {expected} was expected"))
+    if mode.mac is not None and mode.expected_mac is not None:
+        text = f"MAC {mode.mac:.2f} where {mode.expected_mac:.2f} was expected"
+        parts.append((mode.mac < mode.expected_mac, text))
+    shown = [text for unusual, text in parts if unusual] or [text for _, text in parts]
+    return f"mode {mode.label!r}: {', '.join(shown) or 'spurious'}"
 
 
 def _parameter(parameter: ParameterMisfit, adequacy: Adequacy) -> str:
@@ -64,7 +68,7 @@ def _parameter(parameter: ParameterMisfit, adequacy: Adequacy) -> str:
         scored = [mode for mode in paired if mode.mac is not None]
         if scored:
             least = min(scored, key=lambda mode: mode.mac or 0.0)
-            text += f", mode {least.label!r} has MAC {_mac(least.mac)}"
+            text += f", mode {least.label!r} has MAC {least.mac:.2f}"
         text += ")"
     return text
 
@@ -79,7 +83,3 @@ def _count(count: CountMisfit) -> str:
 
 def _percent(fraction: float) -> str:
     return f"{100 * abs(fraction):.2g} %"
-
-
-def _mac(mac: float | None) -> str:
-    return "-" if mac is None else f"{mac:.2f}"

@@ -100,6 +100,13 @@ class RankedClass:
     def probability_text(self) -> str:
         return probability_text(self.probability)
 
+    @property
+    def misfit_text(self) -> str:
+        """The misfit in standard deviations; a dash where it is not known."""
+        if self.misfit_sds is None:
+            return "-"
+        return f"{self.misfit_sds:.1f} sd" if self.misfit_sds < 100.0 else "> 100 sd"
+
 
 def probability_text(probability: float) -> str:
     """A probability to four decimals, never rounded to 0 or 1."""
@@ -137,8 +144,13 @@ class Comparison:
         return tuple(row.name for row in self.classes[1:] if not row.distinguishable)
 
     @property
+    def misfit(self) -> str:
+        """What of the data the best class does not explain, with its name; empty if nothing."""
+        return f"{self.best.name}: {self.best.misfit}" if self.best.misfit else ""
+
+    @property
     def failed_checks(self) -> tuple[str, ...]:
-        """Every failed check of every class, with the class's name."""
+        """Every failed check of every class, with the class's name; first the best's misfit."""
         return tuple(f"{row.name}: {check}" for row in self.classes for check in row.failed_checks)
 
     @property

@@ -12,6 +12,8 @@ import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.model_class.class_record import ClassRecord, ConfigurationRecord
+from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.posterior.adequacy import LIMIT_SDS
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.predictions.saved_predictions import SavedPredictions
@@ -52,6 +54,7 @@ def page_content(
         "failed": comparison.failed_checks,
         "remarks": comparison.remarks,
         "scale": comparison.scale,
+        "limit_sds": LIMIT_SDS,
         "tests": [
             # Where no shape was measured at all, that is said once.
             {"name": name, "data": data, "warnings": data.warnings() if data.sensors else []}
@@ -143,6 +146,8 @@ def _configuration(
     medians = np.median(frequencies_hz.reshape(-1, modes.n_modes), axis=0)
     low, high = data.band_hz
     updated = {mode.label: mode for mode in modes.updated.modes}
+    of_modes = posterior.adequacy.modes if posterior.adequacy else ()
+    misfits = {mode.label: mode.misfit.sds for mode in of_modes}
     return {
         "name": modes.name,
         "inferred": modes.inferred_pairing is not None,
@@ -160,10 +165,12 @@ def _configuration(
                 "identified_hz": mode.frequency_hz,
                 "model_mode": modes.pairing.get(mode.label),
                 "updated": updated.get(mode.label),
+                "misfit_sds": misfits.get(label_in(modes.name, mode.label)),
             }
             for mode in data.modes
         ],
         "has_updated": bool(updated),
+        "has_misfit": bool(misfits),
         "has_mac": any(mode.mac_after is not None for mode in updated.values()),
     }
 

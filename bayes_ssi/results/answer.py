@@ -60,8 +60,8 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
     best = result.comparison.best
     if best.misfit:
         yield f"The most probable class, {best.name!r}, does not explain the data.", (best.misfit,)
-    said = f"{best.name}: {best.misfit}"
-    failed = tuple(each for each in result.comparison.failed_checks if each != said)
+    misfit = result.comparison.misfit
+    failed = tuple(each for each in result.comparison.failed_checks if each != misfit)
     if failed:
         several = len(failed) > 1
         accepted = result.record.failed_checks_accepted

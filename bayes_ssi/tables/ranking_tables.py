@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from rich.table import Table
 
 from bayes_ssi.identification.inferred_pairing import InferredPairing
+from bayes_ssi.posterior.adequacy import LIMIT_SDS
 from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.ranking.averages import AveragedParameter
 from bayes_ssi.ranking.comparison import Comparison, probability_text
@@ -19,7 +20,8 @@ Note = tuple[str, list[str]]
 def ranking_table(comparison: Comparison, title: str = "") -> Table:
     """Model classes by probability; prior probabilities have a column unless they are equal."""
     priors = [] if comparison.has_equal_priors else ["prior"]
-    table = new_table(title, ["model class"], ["log evidence", "ln B", *priors, "probability"])
+    numbers = ["log evidence", "ln B", *priors, "probability", "misfit"]
+    table = new_table(title, ["model class"], numbers)
     add_columns(table, ["evidence against"])
     for row in comparison.classes:
         add_row(
@@ -29,6 +31,7 @@ def ranking_table(comparison: Comparison, title: str = "") -> Table:
             f"{row.log_bayes_factor:.2f}",
             *([probability_text(row.prior_probability)] if priors else []),
             row.probability_text,
+            row.misfit_text,
             row.against,
         )
     return table
@@ -55,8 +58,12 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
 
 
 def comparison_notes(comparison: Comparison) -> list[str]:
-    """Notes on the table of a ranking: its scale, and the mark of failed checks."""
-    notes = [f"Evidence against: scale of {comparison.scale}."]
+    """Notes on the table of a ranking: its scales, and the mark of failed checks."""
+    notes = [
+        f"Evidence against: scale of {comparison.scale}.",
+        "Misfit: how far the data are from what the class itself expects, in standard deviations "
+        f"of a normal variable; one right class in a hundred is beyond {LIMIT_SDS:.1f} sd.",
+    ]
     if comparison.failed_checks:
         notes.append("(!): a check failed, as said below.")
     if comparison.remarks:

@@ -152,8 +152,10 @@ def test_modes_before_and_after_are_those_of_the_structure(page, tiny_ranking):
     assert len(rows) == 2
     posteriors = {posterior.name: posterior for posterior in tiny_ranking.posteriors}
     ranked = tiny_ranking.comparison.classes
-    for best_first, (after, _, mac_before, _) in zip(ranked, rows, strict=True):
-        median = np.median(posteriors[best_first.name].frequencies_hz[..., 1])
+    for best_first, (after, _, mac_before, _, misfit) in zip(ranked, rows, strict=True):
+        posterior = posteriors[best_first.name]
+        assert misfit == f"{posterior.adequacy.modes[1].misfit.sds:.1f} sd"
+        median = np.median(posterior.frequencies_hz[..., 1])
         assert float(after.split()[0]) == pytest.approx(median, rel=2e-3)
         assert mac_before == "1.0000"
 

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rich.console import Console
+from scipy.stats import norm
 
 import bayes_ssi as bs
+from bayes_ssi.posterior.adequacy import Adequacy, PValue
 from bayes_ssi.posterior.posterior import Region
 from bayes_ssi.tables import (
     calibration_modes_table,
@@ -35,11 +37,13 @@ def cells(table, row):
 
 
 def test_ranking(make_posterior):
-    actual = bs.compare([make_posterior("1-a", 0.248, 0.003), make_posterior("3", 16.067, 0.004)])
+    misfit = Adequacy(PValue.of(math.log(2.0) + norm.logsf(3.26)), (), (), ())
+    worse = make_posterior("1-a", 0.248, 0.003, adequacy=misfit)
+    actual = bs.compare([worse, make_posterior("3", 16.067, 0.004)])
     table = ranking_table(actual, "Case (c)")
     assert lines(table)[0] == "Case (c)"
-    assert cells(table, ["3"]) == ["16.067", "±", "0.004", "0.00", ">", "0.9999", "best"]
-    expected = ["0.248", "±", "0.003", "-15.82", "<", "0.0001", "very", "strong"]
+    assert cells(table, ["3"]) == ["16.067", "±", "0.004", "0.00", ">", "0.9999", "-", "best"]
+    expected = ["0.248", "±", "0.003", "-15.82", "<", "0.0001", "3.3", "sd", "very", "strong"]
     assert cells(table, ["1-a"]) == expected
 
 
@@ -63,13 +67,16 @@ def test_a_remark_marks_no_class(make_posterior):
 
 def test_notes_name_the_scale(make_posterior):
     actual = bs.compare([make_posterior("a"), make_posterior("b", -0.1)])
-    assert comparison_notes(actual) == ["Evidence against: scale of Kass and Raftery (1995)."]
+    evidence, misfit = comparison_notes(actual)
+    assert evidence == "Evidence against: scale of Kass and Raftery (1995)."
+    # A standard-normal variable is farther from zero one time in a hundred.
+    assert misfit.endswith("one right class in a hundred is beyond 2.6 sd.")
 
 
 def test_prior_probabilities_have_a_column_where_they_differ(make_posterior):
     both = [make_posterior("a"), make_posterior("b")]
     table = ranking_table(bs.compare(both, {"a": 3.0, "b": 1.0}))
-    assert cells(table, ["a"])[-3:] == ["0.7500", "0.7500", "best"]
+    assert cells(table, ["a"])[-4:] == ["0.7500", "0.7500", "-", "best"]
     assert "prior" not in "\n".join(lines(ranking_table(bs.compare(both))))
 
 
