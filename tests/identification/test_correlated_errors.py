@@ -11,7 +11,6 @@ from scipy.stats import multivariate_normal, norm
 import bayes_ssi as bs
 from bayes_ssi.identification.shape_errors import ShapeErrors
 from bayes_ssi.posterior.datum_terms import at_draws, datum_terms
-from bayes_ssi.posterior.repairs import repair_of_pairing
 
 SD, SHAPE_SD = 0.02, 0.05
 RHO = bs.Parameter("rho", bs.Uniform(0.0, 1.0))
@@ -396,9 +395,3 @@ def test_labels_may_have_other_numbers_where_modes_are_not_correlated():
     groups = candidate.correlated_errors.groups
     named = [[candidate.correlated_errors.modes[i][:2] for i in group] for group in groups]
     assert named == [[(0, "mode 1"), (1, "mode 1")], [(0, "mode 2"), (1, "mode 2")]]
-
-
-def test_no_other_pairing_is_tried_where_errors_are_correlated():
-    (repair,) = repair_of_pairing(model_class(bs.ErrorModel(SD, SHAPE_SD)))
-    assert {test.pairing for test in repair.model_class.configurations} == {"any"}
-    assert list(repair_of_pairing(model_class(bs.ErrorModel(SD, SHAPE_SD, 0.8)))) == []

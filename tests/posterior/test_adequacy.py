@@ -11,6 +11,7 @@ from scipy.stats import binom, norm, vonmises_fisher
 
 import bayes_ssi as bs
 from bayes_ssi.posterior.adequacy import LIMIT, adequacy
+from bayes_ssi.posterior.repairs import repair_of_pairing
 
 LABORATORY_FRAME = Path(__file__).parents[2] / "model_classes" / "four_storey_frame.py"
 COARSE = bs.SamplingSettings(log_evidence_error=0.1, economical=True)
@@ -206,3 +207,11 @@ def test_a_probable_class_that_does_not_explain_the_data(model_classes):
     best = bs.rank(study, settings=COARSE).comparison.best
     assert best.name == "1-b"
     assert "Only less probable classes explain the data ('3'): " in best.misfit
+
+
+def test_no_other_pairing_is_tried_where_errors_are_correlated(frame, case_c, fixed_error):
+    candidate = bs.ModelClass("a", frame, case_c, fixed_error, pairing={"1": 1, "3": 3})
+    (repair,) = repair_of_pairing(candidate)
+    assert repair.model_class.pairing == "any"
+    repeated = replace(candidate, error=replace(fixed_error, between_tests=0.5))
+    assert list(repair_of_pairing(repeated)) == []
