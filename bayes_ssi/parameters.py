@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.file_names import require_printable
@@ -183,6 +184,28 @@ def collect_parameters(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]
                 "use one Parameter object in both places to tie them, or two names"
             )
     return tuple(by_name.values())
+
+
+def checked_values(values: ArrayLike, parameters: Sequence[Parameter], name: str) -> FloatArray:
+    """``values`` as an array (B, n_parameters); ``name`` is what messages call it.
+
+    Numbers that are not finite are left to the model: a batch is not refused for one of its rows.
+
+    Raises:
+        TypeError: they are not numbers.
+        ValueError: there are not two dimensions, or not one column for each parameter.
+    """
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be an array of numbers, got {values!r:.80}") from None
+    if array.ndim != 2 or array.shape[1] != len(parameters):
+        columns = ", ".join(parameter.name for parameter in parameters) or "none"
+        raise ValueError(
+            f"{name} must have one row for each set of values and one column for each parameter "
+            f"({columns}), (B, {len(parameters)}), got shape {array.shape}"
+        )
+    return array
 
 
 def values_at(parameters: Sequence[Parameter], z: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ from bayes_ssi.appendages.hypotheses import (
 )
 from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.appendages.search_result import AppendageSearch, search_record
+from bayes_ssi.argument_types import checked
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
@@ -27,6 +28,7 @@ from bayes_ssi.ranking.study import Study, compare_and_diagnose
 from bayes_ssi.sampling.settings import SamplingSettings
 
 
+@checked
 def search(
     baseline: ModelClass,
     search_settings: SearchSettings | None = None,

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.calibration.determination import Determination, determination
 from bayes_ssi.calibration.fit import Fit
@@ -71,6 +72,7 @@ class Calibration:
         return self.minima[0]
 
 
+@checked
 def calibrate(
     model_class: ModelClass,
     shape_weight: float | None = None,
@@ -108,6 +110,8 @@ def calibrate(
         raise ValueError(f"calibrate: shape_weight must be zero or positive, got {shape_weight!r}")
     if n_starts < 1:
         raise ValueError(f"calibrate: n_starts must be at least 1, got {n_starts!r}")
+    if seed < 0:
+        raise ValueError(f"calibrate: seed must be zero or positive, got {seed!r}")
     model_class.check_structure()
     problem = CalibrationProblem(model_class, shape_weight, with_prior)
     reference_values = problem.reference_values(reference)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes, mac
 from bayes_ssi.model_class.configuration import Configuration
@@ -50,6 +51,7 @@ class Fit:
     modes: tuple[ModeFit, ...]
 
 
+@checked
 def rms_distance(values: Mapping[str, float], reference: Mapping[str, float]) -> float:
     """RMS difference of normalised parameters, the d of the paper's Table 1 and section 4.5.
 

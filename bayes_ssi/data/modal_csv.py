@@ -29,6 +29,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.data.identified_mode import RESERVED_NAMES, IdentifiedMode, repeated
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.text_files import read_columns
@@ -109,6 +110,7 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
         raise ValueError(f"{path}: {error}") from None
 
 
+@checked
 def write_modal_data(data: ModalData, path: str | Path) -> None:
     """Write identified modes to a new CSV file.
 

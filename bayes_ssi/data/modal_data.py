@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from bayes_ssi.argument_types import require
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.identified_mode import (
     RESERVED_NAMES,
@@ -57,6 +58,7 @@ class ModalData:
                 f"modal data: a sensor may not be named {reserved[0]!r}, a column of every file "
                 "of modes"
             )
+        require(self.modes, tuple[IdentifiedMode, ...], "modal data: modes")
         ordered = tuple(sorted(self.modes, key=lambda mode: mode.frequency_hz))
         object.__setattr__(self, "modes", ordered)
         if not ordered:

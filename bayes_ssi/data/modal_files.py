@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.data.modal_csv import read_modal_csv
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.data.modal_uff import is_universal_file, read_modal_uff
 
 
+@checked
 def read_modal_data(
     path: str | Path,
     *,

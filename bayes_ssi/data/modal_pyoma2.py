@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.data.identified_mode import IdentifiedMode, checked_band
 from bayes_ssi.data.modal_data import ModalData
 
 
+@checked
 def modal_data_from_pyoma2(
     result: Any,
     *,

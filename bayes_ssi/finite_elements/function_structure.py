@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from bayes_ssi.argument_types import require
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.matrix_files import checked_matrix
 from bayes_ssi.finite_elements.pointwise_structure import PointwiseStructure
@@ -68,6 +69,7 @@ class FunctionStructure(PointwiseStructure):
         """
         if not callable(function):
             raise TypeError(f"FunctionStructure: function must be callable, got {function!r}")
+        require(arguments, Mapping[str, Any], "FunctionStructure: arguments")
         self.function = function
         where = f"FunctionStructure {_name(function)}"
         self._arguments: dict[str, Product] = {

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
 
 Matrix = sp.csc_array
@@ -17,6 +18,7 @@ Matrix = sp.csc_array
 FILE_ROUNDING = 1e-8
 
 
+@checked
 def read_matrix(path: str | Path, key: str | None = None) -> Any:
     """A matrix, sparse or dense, from a file.
 
@@ -83,7 +85,8 @@ def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Any:
     is_sparse = sp.issparse(matrix)
     matrix = matrix if is_sparse else np.asarray(matrix)
     if matrix.dtype.kind not in "biufc":
-        raise TypeError(f"{name} must be a sparse or dense matrix of numbers, got {matrix!r}")
+        shown = " ".join(repr(matrix).split())
+        raise TypeError(f"{name} must be a sparse or dense matrix of numbers, got {shown:.80}")
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise ValueError(f"{name} must be square, got shape {matrix.shape}")
     if not matrix.shape[0]:

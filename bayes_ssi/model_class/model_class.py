@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.file_names import require_printable
@@ -18,7 +19,7 @@ from bayes_ssi.identification.correlated_errors import CorrelatedErrors
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.likelihood import ModalLikelihood, row_sums
 from bayes_ssi.model_class.configuration import Configuration, choose_configuration, joint_digest
-from bayes_ssi.parameters import Parameter, collect_parameters, values_at
+from bayes_ssi.parameters import Parameter, checked_values, collect_parameters, values_at
 from bayes_ssi.priors.prior import Prior
 from bayes_ssi.structures.structure import Structure
 
@@ -106,6 +107,7 @@ class ModelClass:
         except (TypeError, ValueError) as wrong:
             raise type(wrong)(f"model class {name!r}: {wrong}") from None
 
+    @checked
     def configuration(self, name: str | None = None) -> Configuration:
         """The configuration of that name, or the only one if None.
 
@@ -209,7 +211,8 @@ class ModelClass:
 
     def log_likelihood(self, values: FloatArray) -> FloatArray:
         """log p(data | values), (B,), for ``values`` (B, n_parameters); -inf without modes."""
-        total = self._log_density(np.asarray(values, dtype=float))
+        where = f"model class {self.name!r}: values"
+        total = self._log_density(checked_values(values, self.parameters, where))
         return np.where(np.isnan(total), -np.inf, total)
 
     def log_likelihood_at(self, z: FloatArray) -> FloatArray:
@@ -234,6 +237,7 @@ class ModelClass:
 
     def frequencies_hz(self, values: FloatArray) -> FloatArray:
         """Model frequencies (B, n_modes) at ``values``, of all configurations in turn."""
+        values = checked_values(values, self.parameters, f"model class {self.name!r}: values")
         return np.concatenate(
             [likelihood.modes(own).frequencies_hz for _, likelihood, own in self.parts(values)],
             axis=1,

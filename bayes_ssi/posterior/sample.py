@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import nullcontext
 from functools import partial
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
@@ -13,6 +14,7 @@ from bayes_ssi.posterior.to_posterior import sample_as_it_is
 from bayes_ssi.sampling.settings import SamplingSettings
 
 
+@checked
 def sample(
     model_class: ModelClass,
     seed: int = 0,

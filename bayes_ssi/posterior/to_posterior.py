@@ -139,6 +139,8 @@ def _failures(model_class: ModelClass, target: Target) -> list[str]:
 def _seed_of(name: str, seed: int) -> np.random.SeedSequence:
     """The seed of one model class, which does not depend on the others."""
     digest = hashlib.sha256(name.encode()).digest()
+    if seed < 0:
+        raise ValueError(f"seed must be zero or positive, got {seed!r}")
     return np.random.SeedSequence([seed, int.from_bytes(digest[:8], "little")])
 
 

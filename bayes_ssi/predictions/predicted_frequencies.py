@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.error_groups import ModeOfTest
 from bayes_ssi.model_class.model_class import ModelClass
@@ -21,6 +22,7 @@ from bayes_ssi.predictions.posterior_draws import (
 from bayes_ssi.structures.structure import Structure
 
 
+@checked
 def predict_frequencies(
     posterior: Posterior,
     model_class: ModelClass,

@@ -6,6 +6,7 @@ import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.predictions.posterior_draws import DRAWS
@@ -58,6 +59,7 @@ class StoredPredictions:
         )
 
 
+@checked
 def load_predictions(
     directory: str | Path,
     study_file: str | Path | None = None,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from scipy.special import logsumexp
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.posterior.misfit_in_words import (
     POSSIBLE_CAUSES,
     hint_in_words,
@@ -159,6 +160,7 @@ class Comparison:
         return tuple(f"{row.name}: {remark}" for row in self.classes for remark in row.remarks)
 
 
+@checked
 def compare(
     posteriors: Sequence[Posterior], prior_weights: Mapping[str, float] | None = None
 ) -> Comparison:

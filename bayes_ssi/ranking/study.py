@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bayes_ssi.argument_types import checked, require
 from bayes_ssi.execution.run import Run
 from bayes_ssi.execution.workers import Workers
 from bayes_ssi.file_names import require_printable
@@ -61,6 +62,9 @@ class Study:
         repeated = [name for name in self.names if self.names.count(name) > 1]
         if repeated:
             raise ValueError(f"study {self.name!r}: two model classes are named {repeated[0]!r}")
+        require(
+            self.prior_weights, Mapping[str, float] | None, f"study {self.name!r}: prior_weights"
+        )
         try:
             checked_weights(self.names, self.prior_weights)
         except ValueError as error:
@@ -71,6 +75,7 @@ class Study:
         """Names of the model classes, in the study's order."""
         return tuple(candidate.name for candidate in self.model_classes)
 
+    @checked
     def only(self, names: Sequence[str]) -> Study:
         """The study with only the named classes, in the study's order.
 
@@ -163,6 +168,7 @@ class Ranking:
     settings: SamplingSettings
 
 
+@checked
 def rank(
     study: Study,
     seed: int = 0,

@@ -10,6 +10,7 @@ from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.error_places import own_lines
 from bayes_ssi.execution.remote import STUDY_MODULE
 from bayes_ssi.ranking.study import Study
@@ -18,16 +19,14 @@ from bayes_ssi.ranking.study import Study
 EXTRAS = {"openseespy": "opensees", "skfem": "fem"}
 
 
+@checked
 def load_study(path: str | Path) -> Study:
     """The one :class:`Study` that a Python file defines.
 
     Raises:
         ValueError: there is no such file, it is not Python, it raises an error, or it defines no
             study or several; the message gives the file, and the line where there is one.
-        TypeError: ``path`` is not a path.
     """
-    if not isinstance(path, (str, Path)):
-        raise TypeError(f"load_study: path must be a path of a study file, got {path!r}")
     path = Path(path)
     if not path.is_file():
         what = "a directory, not a study file" if path.is_dir() else "no such file"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.new_directory import new_directory, require_new
 from bayes_ssi.versions import versions
@@ -12,6 +13,7 @@ from bayes_ssi.versions import versions
 PAGE = "report.html"
 
 
+@checked
 def write_report(
     result: str | Path,
     directory: str | Path | None = None,

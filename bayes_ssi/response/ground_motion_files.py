@@ -27,6 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.response.ground_motion import UNITS, GroundMotion, checked_unit
 from bayes_ssi.text_files import read_columns
 
@@ -49,6 +50,7 @@ class _Content(NamedTuple):
     dts: Sequence[float]
 
 
+@checked
 def read_ground_motion(
     path: str | Path, *, unit: str | None = None, dt: float | None = None
 ) -> GroundMotion:

@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from bayes_ssi.appendages.search_result import SearchRecord
+from bayes_ssi.argument_types import checked
 from bayes_ssi.codec import from_record
 from bayes_ssi.data.modal_csv import read_modal_csv
 from bayes_ssi.data.modal_data import ModalData
@@ -107,6 +108,7 @@ class StoredResult:
         )
 
 
+@checked
 def load_result(directory: str | Path) -> StoredResult:
     """Read a result directory.
 

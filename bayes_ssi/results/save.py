@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.codec import to_record
 from bayes_ssi.data.modal_csv import write_modal_data
 from bayes_ssi.file_names import file_names
@@ -24,6 +25,7 @@ from bayes_ssi.results.result_record import ResultRecord
 from bayes_ssi.versions import versions
 
 
+@checked
 def save_result(
     ranking: Ranking,
     directory: str | Path,

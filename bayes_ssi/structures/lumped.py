@@ -15,6 +15,7 @@ from typing import Self
 
 import numpy as np
 
+from bayes_ssi.argument_types import checked, require
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.parameters import Parameter, collect_parameters, positive_product
@@ -48,6 +49,7 @@ class LumpedStructure(Structure):
     def main_masses(self) -> Sequence[PointMass]:
         """Masses of the main structure."""
 
+    @checked
     def with_element(self, element: Element) -> Self:
         """This structure with one more element on it.
 
@@ -56,6 +58,7 @@ class LumpedStructure(Structure):
         """
         return replace(self, elements=(*self.elements, element))
 
+    @checked
     def with_sensors(self, sensors: Iterable[Sensor]) -> Self:
         """This structure with more sensors.
 
@@ -66,6 +69,9 @@ class LumpedStructure(Structure):
         return replace(self, sensors=(*self.sensors, *sensors))
 
     def __post_init__(self) -> None:
+        require(self.elements, Iterable[Element], f"{type(self).__name__}: elements")
+        require(self.sensors, Iterable[Sensor], f"{type(self).__name__}: sensors")
+        object.__setattr__(self, "elements", tuple(self.elements))
         object.__setattr__(self, "sensors", tuple(self.sensors))
         dofs = self.degrees_of_freedom
         repeated = [label for label, count in Counter(dofs).items() if count > 1]

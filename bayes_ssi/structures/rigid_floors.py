@@ -7,6 +7,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.parameters import Product, Value, as_product
 from bayes_ssi.structures.elements import Element, Place, PointMass
 from bayes_ssi.structures.lumped import LumpedStructure
@@ -137,6 +138,7 @@ class FloorBlock(_OnFloor):
         ]
 
 
+@checked
 def floor_sensor(label: str, floor: int, at: tuple[float, float], direction: str | float) -> Sensor:
     """A sensor at a point of a floor of a structure in space.
 

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import ModalModel, Modes
-from bayes_ssi.parameters import Parameter
+from bayes_ssi.parameters import Parameter, checked_values
 from bayes_ssi.structures.sensors import Sensor, SensorMatrix
+
+T = TypeVar("T")
 
 
 class Structure(ABC):
@@ -19,7 +24,15 @@ class Structure(ABC):
 
     Likelihood, calibration, sampling and reports use these members alone and do not know how
     modes are computed. The first four are abstract; :meth:`modal_model` is needed for responses.
+
+    The values that a subclass's own methods take are checked before they get them.
     """
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        for name in ("modes", "modal_model"):
+            if name in cls.__dict__:
+                setattr(cls, name, _of_checked_values(cls.__dict__[name]))
 
     @property
     @abstractmethod
@@ -46,6 +59,10 @@ class Structure(ABC):
         Row i of the answer must depend on row i of ``values`` alone, to the last digit, since a
         batch may be evaluated in parts. Where there are no modes, return NaN or raise: a row that
         raises counts as failed, and the others are evaluated without it.
+
+        Raises:
+            ValueError: ``values`` do not have two dimensions and these columns.
+            TypeError: they are not numbers.
         """
 
     def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - raises
@@ -71,6 +88,7 @@ class Structure(ABC):
         """Sensors that do not measure a single degree of freedom, with their own labels."""
         return ()
 
+    @checked
     def sensor_matrix(self, sensors: Sequence[str], what: str = "sensor") -> SensorMatrix:
         """The sensor matrix of some of :attr:`sensors`, or degrees of freedom by their labels.
 
@@ -111,6 +129,17 @@ class Structure(ABC):
     def prior_medians(self) -> FloatArray:
         """Every parameter at its prior median, as one row of ``values`` (1, n_parameters)."""
         return np.array([[p.prior.quantile(0.5) for p in self.parameters]])
+
+
+def _of_checked_values(method: Callable[[Any, FloatArray], T]) -> Callable[[Any, ArrayLike], T]:
+    """A method of a structure, which first checks the values that it takes."""
+
+    @wraps(method)
+    def call(self: Structure, values: ArrayLike) -> T:
+        where = f"{type(self).__name__}.{method.__name__}: values"
+        return method(self, checked_values(values, self.parameters, where))
+
+    return call
 
 
 def listed(labels: Sequence[str], most: int = 30) -> str:

@@ -1,0 +1,105 @@
+"""Checks of arguments against their type hints, so that a wrong one is named where it is given."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache, wraps
+from numbers import Integral, Real
+from os import PathLike
+from types import NoneType, UnionType
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+NAMES = {str: "text", int: "a whole number", float: "a number", bool: "True or False"}
+# A message shows this much of a value, the most that keeps it to two lines of a terminal.
+SHOWN = 80
+
+
+def checked(function: Callable[P, R]) -> Callable[P, R]:
+    """The function, which first checks its arguments against its type hints.
+
+    Raises:
+        TypeError: an argument has another type; the message gives its name, value and type hint.
+    """
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        signature, hints, name = _described(function)
+        for argument, value in signature.bind(*args, **kwargs).arguments.items():
+            if argument in hints:
+                require(value, hints[argument], f"{name}: {argument}")
+        return function(*args, **kwargs)
+
+    return call
+
+
+def require(value: Any, hint: Any, name: str) -> None:
+    """Check that a value has a type; ``name`` is what the message calls it.
+
+    Raises:
+        TypeError: it has not.
+    """
+    if not _fits(value, hint):
+        shown = repr(value)
+        shown = shown if len(shown) <= SHOWN else f"{shown[:SHOWN]}…"
+        raise TypeError(f"{name} must be {_words(hint)}, got {shown}")
+
+
+@cache
+def _described(function: Callable[..., Any]) -> tuple[inspect.Signature, dict[str, Any], str]:
+    """Signature, type hints, and the name by which it is called."""
+    name = function.__qualname__.removesuffix(".__init__")
+    return inspect.signature(function), get_type_hints(function), name
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a value has a type. Hints that are not checked fit; iterators are not consumed."""
+    kind, parts = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return True
+    if kind in (Union, UnionType):
+        return any(_fits(value, part) for part in parts)
+    if kind is Literal:
+        return value in parts
+    if kind is Callable or hint is Callable:
+        return callable(value)
+    if isinstance(kind, type) and issubclass(kind, Mapping):
+        if not isinstance(value, Mapping):
+            return False
+        return all(_fits(k, parts[0]) and _fits(v, parts[1]) for k, v in value.items())
+    if isinstance(kind, type) and issubclass(kind, Iterable) and kind.__module__ != "numpy":
+        if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
+            return False
+        if isinstance(value, Iterator):  # it can be read only once
+            return True
+        return getattr(value, "ndim", 1) > 0 and all(_fits(item, parts[0]) for item in value)
+    if hint in (int, float):
+        number = Integral if hint is int else Real
+        return isinstance(value, number) and not isinstance(value, bool)
+    return isinstance(value, hint) if isinstance(hint, type) else True
+
+
+def _words(hint: Any) -> str:
+    """A type in words: ``a Study``, ``text or a path``, ``ModelClasses in a sequence``."""
+    kind, parts = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return "anything"
+    if kind in (Union, UnionType):
+        return " or ".join(_words(part) for part in parts if part is not NoneType)
+    if kind is Literal:
+        return " or ".join(map(repr, parts))
+    if kind is Callable or hint is Callable:
+        return "a function"
+    if isinstance(kind, type) and issubclass(kind, Mapping):
+        return f"a mapping of {_words(parts[0])} to {_words(parts[1])}"
+    if kind is not None:
+        return f"a sequence, each item {_words(parts[0])}"
+    if isinstance(hint, type) and issubclass(hint, PathLike):
+        return "a path"
+    if hint in NAMES:
+        return NAMES[hint]
+    name = str(getattr(hint, "__name__", hint))
+    return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
