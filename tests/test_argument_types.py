@@ -106,7 +106,8 @@ def test_seeds_are_not_negative(name, tiny_study):
 GOOD = [
     (1, int), (np.int64(1), int), (1, float), (np.float64(1.0), float), ("a", str),
     (None, int | None), (Path("a"), str | Path), (("a",), Sequence[str]),
-    (np.ones(2), Sequence[float]), ({"a": 1}, Mapping[str, float]), (len, Callable[[int], int]), ("any", Literal["any"]),
+    (np.ones(2), Sequence[float]), ({"a": 1}, Mapping[str, float]), (len, Callable[[int], int]),
+    ("any", Literal["any"]),
     (object(), Any), (iter(()), Iterator[int]),
 ]  # fmt: skip
 BAD = [
