@@ -46,7 +46,8 @@ class Modes(NamedTuple):
 
     Attributes:
         frequencies_hz: (B, n_modes); NaN in a row whose structure has no such modes.
-        shapes: (B, n_dof, n_modes), normalised to unit modal mass.
+        shapes: (B, n_dof, n_modes), a mode in each column of ``shapes[b]``; normalised to unit
+            modal mass.
     """
 
     frequencies_hz: FloatArray

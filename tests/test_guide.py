@@ -13,6 +13,7 @@ from code_blocks import CHAPTERS, PAGES, ROOT, blocks, commands, run_page
 import bayes_ssi as bs
 from bayes_ssi import plots
 from bayes_ssi.cli import main
+from bayes_ssi.structures.elements import Element
 
 GUIDE = ROOT / "bayes_ssi" / "guide"
 WITH_CODE = [page for page in CHAPTERS if {b.language for b in blocks(page)} & {"python", "sh"}]
@@ -45,8 +46,13 @@ def check_concepts(printed):
 
 
 def check_your_own_structure(printed):
+    elements, floor, shapes, stiffness = printed.splitlines()
+    text = (GUIDE / "your_own_structure.md").read_text("utf-8")
+    assert f"# {elements}\n" in text
+    assert f"# {shapes}\n" in text
+    assert "pendulum" in floor
     # (2π · 6.13 / 1.8751²)² = 120.0: the stiffness that gives the first frequency.
-    assert float(printed) == pytest.approx(120.0, rel=0.03)
+    assert float(stiffness) == pytest.approx(120.0, rel=0.03)
 
 
 def check_finite_elements(printed):
@@ -91,6 +97,17 @@ def test_every_plot_has_an_example():
     text = (GUIDE / "plots_and_arviz.md").read_text("utf-8")
     names = [name for name in plots.__all__ if name.startswith("plot_")]
     assert [name for name in names if f"plots.{name}(" not in text] == []
+
+
+def test_every_element_has_an_example():
+    code = "".join(b.text for b in blocks(GUIDE / "your_own_structure.md"))
+    elements = [
+        name
+        for name in bs.__all__
+        if isinstance(getattr(bs, name), type) and issubclass(getattr(bs, name), Element)
+    ]
+    assert len(elements) == 6
+    assert [name for name in elements if f"bs.{name}(" not in code] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

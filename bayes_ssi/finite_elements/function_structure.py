@@ -178,6 +178,7 @@ class FunctionStructure(PointwiseStructure):
             raise ValueError(
                 f"{name} must return real shapes with one row per sensor and one column per mode, "
                 f"{(n_sensors, len(f))}, got {_kind(shapes)}"
+                + (", its transpose" if phi.shape == (len(f), n_sensors) else "")
             )
         order = np.argsort(f, kind="stable")[: self.n_modes]  # NaN comes last
         f, phi = f[order], phi[:, order].astype(float)
