@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.hierarchical.coverage import Coverage
 from bayes_ssi.hierarchical.hierarchy_record import (
@@ -44,6 +45,7 @@ SAME, VARIES = "the same in all tests", "varies from test to test"
 Report = Callable[[str, str, float], None]
 
 
+@checked
 def hierarchy(
     results: Mapping[str, TestResult],
     covariate: Mapping[str, float] | None = None,

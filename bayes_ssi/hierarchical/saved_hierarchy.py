@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.hierarchical.hierarchy_record import Hierarchy
 from bayes_ssi.results.json_files import read_json, read_record, write_json
 from bayes_ssi.results.new_directory import new_directory
@@ -43,6 +44,7 @@ class HierarchyRecord:
     format: int = FORMAT
 
 
+@checked
 def save_hierarchy(
     hierarchy: Hierarchy,
     directory: str | Path,
@@ -76,6 +78,7 @@ def save_hierarchy(
             writer.writerows([f"{value:.7g}" for value in row] for row in draws)
 
 
+@checked
 def load_hierarchy(directory: str | Path) -> Hierarchy:
     """Read a directory that :func:`save_hierarchy` wrote.
 

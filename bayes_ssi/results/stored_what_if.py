@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.posterior.known_modes import known_at_draws
 from bayes_ssi.ranking.changed_settings import ChangedSettings, WhatIf, with_changed_settings
 from bayes_ssi.ranking.study import Ranking
@@ -11,6 +12,7 @@ from bayes_ssi.results.load import StoredResult, load_result
 from bayes_ssi.results.recorded_classes import recorded_class
 
 
+@checked
 def what_if(result: Ranking | StoredResult | str | Path, settings: ChangedSettings) -> WhatIf:
     """The ranking and the parameters of a result under changed settings, in seconds.
 
