@@ -3,7 +3,7 @@
 A result directory holds ``result.json`` (study, inputs, versions, seed, settings and everything
 but the draws), ``data.csv`` (the identified modes; where there are several configurations, a
 file for each in ``data/``), ``comparison.json`` and ``comparison.csv``, and ``posteriors/*.nc``
-(draws of each class, which arviz opens).
+(draws of each class, which arviz opens). ``digests.json`` holds the digests of all these files.
 """
 
 from __future__ import annotations
@@ -25,12 +25,14 @@ from bayes_ssi.model_class.configuration import choose_configuration, joint_dige
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison
 from bayes_ssi.ranking.sensitivity import Sensitivity
+from bayes_ssi.results.digests import check_digest
 from bayes_ssi.results.draws import load_draws
 from bayes_ssi.results.json_files import read_json, read_record
 from bayes_ssi.results.result_record import FORMAT, ResultRecord
 
 # The file that every result directory holds.
 MARKER = "result.json"
+COMPARISON = "comparison.json"
 SEARCH, SENSITIVITY = "search.json", "sensitivity.json"
 IN_THE_FILE_OF_DRAWS = (
     "draws",
@@ -86,7 +88,11 @@ class StoredResult:
 
     def _further(self, kind: type[T], file: str) -> T | None:
         path = self.directory / file
-        return read_record(kind, path) if path.is_file() else None
+        if not path.is_file():
+            return None
+        record = read_record(kind, path)
+        check_digest(self.directory, file)
+        return record
 
     @property
     def ranked_posteriors(self) -> tuple[Posterior, ...]:
@@ -113,7 +119,8 @@ def load_result(directory: str | Path) -> StoredResult:
     """Read a result directory.
 
     Raises:
-        ValueError: it does not exist, is incomplete or damaged, or was written by another version.
+        ValueError: it does not exist, is incomplete or damaged, was changed after it was saved, or
+            was written by another version.
     """
     directory = Path(directory)
     file = directory / MARKER
@@ -124,7 +131,7 @@ def load_result(directory: str | Path) -> StoredResult:
             f"{FORMAT}; run the study again"
         )
     record = read_record(ResultRecord, file)
-    comparison = read_record(Comparison, directory / "comparison.json")
+    comparison = read_record(Comparison, directory / COMPARISON)
     posteriors = tuple(_posterior(directory, record, i) for i in range(len(record.posteriors)))
     try:
         tests = {name: read_modal_csv(directory / file) for name, file in record.data.items()}
@@ -138,6 +145,8 @@ def load_result(directory: str | Path) -> StoredResult:
         {each.name for each in others} != names for others in (posteriors, record.model_classes)
     ):
         raise ValueError(f"{directory}: its files are not of the same model classes")
+    for name in (MARKER, COMPARISON, *record.draws.values()):
+        check_digest(directory, name)
     return result
 
 

@@ -17,9 +17,16 @@ from bayes_ssi.model_class.class_record import class_record
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.ranking.study import Ranking, Study
+from bayes_ssi.results.digests import write_digests
 from bayes_ssi.results.draws import save_draws
 from bayes_ssi.results.json_files import write_json
-from bayes_ssi.results.load import IN_THE_FILE_OF_DRAWS, MARKER, StoredResult, load_result
+from bayes_ssi.results.load import (
+    COMPARISON,
+    IN_THE_FILE_OF_DRAWS,
+    MARKER,
+    StoredResult,
+    load_result,
+)
 from bayes_ssi.results.new_directory import new_directory
 from bayes_ssi.results.result_record import ResultRecord
 from bayes_ssi.versions import versions
@@ -61,10 +68,11 @@ def save_result(
             save_draws(partial / draws[posterior.name], posterior, classes[posterior.name])
         record = _record(ranking, draws, data, study_file, command, accept_failed_checks)
         write_json(partial / MARKER, record)
-        write_json(partial / "comparison.json", ranking.comparison)
+        write_json(partial / COMPARISON, ranking.comparison)
         for name, further in (extra or {}).items():
             write_json(partial / name, further)
         _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
+        write_digests(partial)
     return load_result(directory)
 
 

@@ -17,6 +17,7 @@ from bayes_ssi.predictions.posterior_draws import thinned_draws
 from bayes_ssi.predictions.stored_predictions import load_predictions
 from bayes_ssi.ranking.study_file import load_study
 from bayes_ssi.response.output import Output
+from bayes_ssi.results.digests import write_digests
 from bayes_ssi.results.save import save_result
 
 ROOF = Output("acceleration", ("floor 2",))
@@ -144,6 +145,7 @@ def test_the_record_of_a_search_is_damaged(searched, tmp_path, change, message):
     record = json.loads((copy / "search.json").read_text("utf-8"))
     change(record)
     (copy / "search.json").write_text(json.dumps(record), "utf-8")
+    write_digests(copy)
     with pytest.raises(ValueError, match=message):
         load_predictions(copy)
 

@@ -55,7 +55,7 @@ def test_posteriors_by_name_and_by_rank(saved):
 def test_what_a_directory_holds(saved):
     files = {p.relative_to(saved.directory).as_posix() for p in saved.directory.rglob("*.*")}
     assert files == {
-        "result.json", "data.csv", "comparison.json", "comparison.csv",
+        "result.json", "data.csv", "comparison.json", "comparison.csv", "digests.json",
         "posteriors/one_k.nc", "posteriors/each_k.nc",
     }  # fmt: skip
 
@@ -190,6 +190,13 @@ def with_half_the_steps(path):
         file["posterior"]["k1"] = half
 
 
+def with_other_draws(path):
+    import h5py
+
+    with h5py.File(path, "r+") as file:
+        file["posterior"]["k"][0, 0] = 2.0
+
+
 RESULT, COMPARISON = "result.json", "comparison.json"
 EVIDENCE = ("posteriors", 0, "evidence")
 
@@ -201,7 +208,7 @@ EVIDENCE = ("posteriors", 0, "evidence")
         (RESULT, cut, "result.json: damaged: "),
         (RESULT, lambda path: path.write_bytes(b"\xff\xfe\0"), "result.json: damaged: "),
         (RESULT, lambda path: path.write_text("[1, 2]"), "result.json: damaged: not a record"),
-        (RESULT, edited("format", value=99), "a result of format 99, this version reads format 10"),
+        (RESULT, edited("format", value=99), "a result of format 99, this version reads format 11"),
         (RESULT, edited("posteriors"), "result.json: posteriors: missing"),
         (RESULT, edited("posteriors", value=["one k"]), "posteriors[0]: expected a record, got"),
         (RESULT, edited("posteriors", value=[]), "not of the same model classes"),
@@ -227,6 +234,26 @@ def test_a_damaged_directory_is_refused_in_one_line(saved, file, damage, message
         load_result(saved.directory)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("file", "change"),
+    [
+        (COMPARISON, edited("classes", 0, "probability", value=0.99)),
+        (COMPARISON, edited("classes", 0, "failed_checks", value=[])),
+        (RESULT, edited(*EVIDENCE, "log_evidence", value=-1.0)),
+        ("posteriors/one_k.nc", with_other_draws),
+    ],
+)
+def test_an_edited_number_is_recognised(saved, file, change):
+    change(saved.directory / file)
+    with pytest.raises(ValueError, match=f"{re.escape(file)}: changed after the result was saved"):
+        load_result(saved.directory)
+
+
+def test_files_added_to_a_result_do_no_harm(saved):
+    (saved.directory / "notes.txt").write_text("mine", "utf-8")
+    load_result(saved.directory)
 
 
 def test_recorded_classes_have_the_likelihoods_of_the_study(tmp_path, tiny_ranking):
