@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.mixture import DRAWS_PER_DIMENSION, LIGHT_TAILS, fit_mixture
@@ -59,8 +58,7 @@ class Bumps:
 
     def log_sum(self, z: FloatArray) -> FloatArray:
         """The logarithm (n,) of the sum at ``z`` (n, d)."""
-        total: FloatArray = logsumexp(self._log_parts(z)[0], axis=1)
-        return total
+        return _shares(self._log_parts(z)[0])[1]
 
     def _log_parts(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Logarithms of the bumps (n, K), and root·z (n, K, d)."""
@@ -71,7 +69,7 @@ class Bumps:
     def derivatives(self, z: FloatArray) -> FloatArray:
         """Derivatives (n, n_numbers) of :meth:`log_sum` by the numbers of :attr:`flat`."""
         log_parts, rooted = self._log_parts(z)
-        shares = np.exp(log_parts - logsumexp(log_parts, axis=1, keepdims=True))
+        shares, _ = _shares(log_parts)
         by_slopes = shares[:, :, None] * z[:, None]
         rows, columns = np.triu_indices(z.shape[1])
         by_roots = -rooted[..., rows] * by_slopes[..., columns]
@@ -134,15 +132,14 @@ class Bumps:
         log_determinants = np.linalg.slogdet(precisions / (2.0 * np.pi))[1]
         gained = 0.5 * (np.einsum("ki,ki->k", means, slopes) - log_determinants)
         log_parts = self.constants + weight.constants + gained
-        total = float(logsumexp(log_parts))
-        shares = np.exp(log_parts - total)
+        (shares,), (total,) = _shares(log_parts[None])
         squares = np.linalg.inv(precisions) + means[:, :, None] * means[:, None]
         rows, columns = np.triu_indices(means.shape[1])
         by_roots = (
             -shares[:, None] * np.einsum("kij,kjl->kil", self.roots, squares)[:, rows, columns]
         )
         by_slopes = shares[:, None] * means
-        return total, np.concatenate([shares, by_slopes.ravel(), by_roots.ravel()])
+        return float(total), np.concatenate([shares, by_slopes.ravel(), by_roots.ravel()])
 
     def integrated_over(self, others: NDArray[np.intp]) -> Bumps:
         """The bumps of the remaining coordinates, the ``others`` averaged over N(0, I)."""
@@ -162,6 +159,14 @@ class Bumps:
             self.slopes[:, kept] - np.einsum("kij,ki->kj", across, of_slopes),
             precisions[:, kept][:, :, kept] - np.einsum("kli,klj->kij", across, of_across),
         )
+
+
+def _shares(log_parts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Shares (n, K) of parts in their sum, and its logarithm (n,); faster than scipy's."""
+    highest = log_parts.max(axis=1, keepdims=True)
+    parts = np.exp(log_parts - highest)
+    totals = parts.sum(axis=1, keepdims=True)
+    return parts / totals, (np.log(totals) + highest)[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
