@@ -76,8 +76,8 @@ def _parameter(parameter: ParameterMisfit, adequacy: Adequacy) -> str:
 def _count(count: CountMisfit) -> str:
     where = f"configuration {count.configuration!r}: " if count.configuration else ""
     return (
-        f"{where}{count.spurious:.2g} spurious modes where {count.expected_spurious:.2g} were "
-        f"expected, {count.unidentified:.2g} model modes of the band not identified"
+        f"{where}spurious modes {count.spurious:.2g} where {count.expected_spurious:.2g} was "
+        f"expected, unidentified model modes in the band {count.unidentified:.2g}"
     )
 
 
