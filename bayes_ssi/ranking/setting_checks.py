@@ -249,7 +249,7 @@ def _of_identification(
     subject: str, vary: Callable[[float, ModelClass], ModelClass]
 ) -> list[MovedSetting]:
     return [
-        MovedSetting(f"{words} as many {subject} modes expected", partial(vary, factor))
+        MovedSetting(f"{words} as many {subject} modes", partial(vary, factor))
         for words, factor in (("half", 1.0 / FACTOR), ("twice", FACTOR))
     ]
 

@@ -128,7 +128,7 @@ def test_the_probabilities_of_missed_and_spurious_modes_where_classes_differ_in_
     # Odds of 1/2 with half as many spurious modes expected; p_D, from 0.95 to 0.90 or 0.975, moves
     # them by 5 %.
     assert len(failed) == 1
-    assert "with half as many spurious modes expected, the probability of" in failed[0]
+    assert "with half as many spurious modes, the probability of" in failed[0]
     before, after = map(float, re.search(r"goes from (\S+) to (\S+)", failed[0]).groups())
     assert before == pytest.approx(0.5, abs=0.03)
     assert abs(after - before) == pytest.approx(1.0 / 6.0, abs=0.03)
