@@ -226,7 +226,9 @@ def _moves_of(edge: AtEdge, model_class: ModelClass) -> list[MovedSetting]:
         ends = [low, high]
         ends[edge.end] *= factor
         band = (min(ends[0], float(identified[0])), max(ends[1], float(identified[-1])))
-        name = f"the band's end at {band[edge.end]:.3g} Hz"
+        name = f"the band ending at {band[edge.end]:.3g} Hz"
+        if edge.end == 0:
+            name = f"the band beginning at {band[0]:.3g} Hz"
         moves.append(MovedSetting(name, partial(_with_band, test.name, band)))
     return moves
 
