@@ -56,7 +56,7 @@ def _side_by_side(
     if run.workers is None or len(candidates) == 1:
         return {}
     all_whole = len(candidates) >= run.workers.n_workers
-    whole = [i for i, each in enumerate(candidates) if all_whole or _is_cheap(each)]
+    whole = [i for i, each in enumerate(candidates) if all_whole or is_cheap(each)]
     # The largest first: none should keep a single worker busy at the end.
     whole.sort(key=lambda i: -len(candidates[i].parameters))
     names = [candidates[i].name for i in whole]
@@ -74,7 +74,7 @@ def _side_by_side(
     return {whole[k]: posterior for k, posterior in posteriors.items()}
 
 
-def _is_cheap(candidate: ModelClass) -> bool:
+def is_cheap(candidate: ModelClass) -> bool:
     """Whether all structures have small matrices or are approximate."""
     structures = [configuration.structure for configuration in candidate.configurations]
     return all(isinstance(each, (LumpedStructure, ApproximateStructure)) for each in structures)

@@ -16,7 +16,7 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.adequacy import Hint
 from bayes_ssi.posterior.diagnosis import diagnose
 from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.ranking.class_sampling import sample_all
+from bayes_ssi.ranking.class_sampling import is_cheap, sample_all
 from bayes_ssi.ranking.comparison import Comparison, checked_weights, compare
 from bayes_ssi.ranking.setting_checks import with_settings_checked
 from bayes_ssi.sampling.settings import SamplingSettings
@@ -242,7 +242,7 @@ def _hints(
         candidate, posterior = classes[row.name]
         if posterior.adequacy is None:
             break
-        hints = diagnose(candidate, posterior, workers)
+        hints = diagnose(candidate, posterior, None if is_cheap(candidate) else workers)
         if hints:
             then = f"; then {row.name!r} explains the data" if place else ""
             return tuple(replace(hint, mistake=hint.mistake + then) for hint in hints)
