@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.sampling.mixture import DRAWS_PER_DIMENSION, LIGHT_TAILS, fit_mixture
+from bayes_ssi.sampling.mixture import LIGHT_TAILS, fit_mixture
 from bayes_ssi.sampling.target import log_standard_normal
 
 # With this root mean square error of the log-likelihood of each of a hundred tests, their sum is
@@ -25,6 +25,9 @@ CLOSE = 0.02
 EXACT = 1e-6
 # Numbers of bumps that are tried, until they no longer lower the error by the factor.
 NUMBERS, LEAST_GAIN = (2, 4, 8), 0.8
+# Likelihoods at draws have no noise: a few for each number that is fitted pin it down, where draws
+# alone would need many.
+DRAWS_PER_NUMBER = 4
 # The stored evidence is known to about a hundredth of a nat: counted by a tenth, its error is that
 # of a likelihood known to a thousandth.
 EVIDENCE_WEIGHT = 0.1
@@ -206,7 +209,7 @@ def fit_likelihood(
     for count in NUMBERS:
         errors = [error for _, error in fits]
         in_vain = len(fits) > 1 and errors[-1] > LEAST_GAIN * errors[-2]
-        few = count * (1 + d + d * (d + 1) // 2) > n / DRAWS_PER_DIMENSION
+        few = count * (1 + d + d * (d + 1) // 2) > n / DRAWS_PER_NUMBER
         if min(errors) < (CLOSE if len(fits) > 1 else EXACT) or few or in_vain:
             break
         fits.append(fitting.least_squares(fitting.mixture(count, rng)))
