@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
+import stat
 from pathlib import Path
 
 # The first line in which a file states its delimiter, as Excel reads and writes it.
 STATED_DELIMITER = re.compile(r'\s*"?sep=([,;\t])"?[,;\s]*?(?=\n|\Z)', re.IGNORECASE)
+
+
+def require_regular_file(path: Path) -> None:
+    """Refuse what can be opened but has no end of its own, such as a pipe or a device.
+
+    Raises:
+        OSError: it does not exist, or is a directory.
+        ValueError: it is anything else that is not a file.
+    """
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):
+        raise ValueError(f"{path}: not a regular file, but a pipe or a device")
 
 
 def read_columns(path: Path) -> tuple[str, str | None]:
@@ -18,8 +35,9 @@ def read_columns(path: Path) -> tuple[str, str | None]:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is not text in UTF-8, or empty.
+        ValueError: it is not a regular file, not text in UTF-8, or empty.
     """
+    require_regular_file(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:

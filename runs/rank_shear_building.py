@@ -13,8 +13,9 @@ from rich.console import Console
 import bayes_ssi as bs
 from bayes_ssi.plots.result_figures import save_figures
 from bayes_ssi.ranking.study_file import load_study
+from bayes_ssi.results.answer import answer
 from bayes_ssi.results.save import require_new, save_result
-from bayes_ssi.tables import comparison_notes, ranking_table
+from bayes_ssi.tables import ranking_table
 
 HERE = Path(__file__).parent
 STUDY = HERE.parent / "model_classes" / "shear_building.py"
@@ -30,9 +31,9 @@ def main() -> None:
     save_figures(directory / "figures", result.tests, result.ranked_posteriors, result.comparison)
     console = Console(width=80)
     console.print(ranking_table(result.comparison, study.name))
-    for note in comparison_notes(result.comparison):
-        console.print(note)
-    print(f"saved in {directory}")
+    console.print(f"Saved in {directory}.")
+    for paragraph in answer(result).paragraphs:
+        console.print(f"\n{paragraph}", markup=False, highlight=False)
 
 
 if __name__ == "__main__":

@@ -28,6 +28,9 @@ from bayes_ssi.calibration.least_squares import CalibrationProblem
 from bayes_ssi.calibration.minima import SAME, distinct_minima, nearest_fit
 from bayes_ssi.model_class.model_class import ModelClass
 
+# So many starts miss a minimum to which a thousandth of them lead with probability e^-10.
+MOST_STARTS = 10_000
+
 
 @dataclass(frozen=True)
 class Calibration:
@@ -53,6 +56,9 @@ class Calibration:
             coordinates z of the parameters, which is the posterior density's exponent.
         determination: what the data determine of the parameters, at the least change where there
             is one, and otherwise at the best minimum.
+        errors_are_correlated: whether the class's error model has correlations. These are not
+            considered here: the determination, and a fit with the prior, take all residuals for
+            independent.
     """
 
     name: str
@@ -66,6 +72,7 @@ class Calibration:
     n_converged: int
     with_prior: bool
     determination: Determination
+    errors_are_correlated: bool
 
     @property
     def best(self) -> Fit:
@@ -92,7 +99,7 @@ def calibrate(
             medians where these are inferred.
         reference: parameter name → value from which the distance d is measured, also the
             model before calibration; prior medians where not given.
-        n_starts: local searches, spread over the prior and beyond.
+        n_starts: local searches, spread over the prior and beyond, at most :data:`MOST_STARTS`.
         seed: seed of the starts.
         progress: called with the name of the step and the fraction of it completed.
         with_prior: fit the prior, too, which determines what the data do not: regularised least
@@ -102,25 +109,27 @@ def calibrate(
         NothingToCalibrateError: no mode is paired, a pairing is inferred, or the structures have
             no parameter.
         ValueError: a reference is given for an unknown parameter, the weight is negative, there
-            is no start, or no search converged.
+            is no start or there are too many, or no search converged.
     """
     if shape_weight is None:
         shape_weight = model_class.error.shape_weight
     if not (math.isfinite(shape_weight) and shape_weight >= 0):
         raise ValueError(f"calibrate: shape_weight must be zero or positive, got {shape_weight!r}")
-    if n_starts < 1:
-        raise ValueError(f"calibrate: n_starts must be at least 1, got {n_starts!r}")
+    if not 1 <= n_starts <= MOST_STARTS:
+        raise ValueError(f"calibrate: n_starts must be from 1 to {MOST_STARTS:,}, got {n_starts!r}")
     if seed < 0:
         raise ValueError(f"calibrate: seed must be zero or positive, got {seed!r}")
     model_class.check_structure()
     problem = CalibrationProblem(model_class, shape_weight, with_prior)
     reference_values = problem.reference_values(reference)
     ends = []
+    if progress is not None:
+        progress("local searches", 0.0)
     for done, start in enumerate(problem.starts(n_starts, seed), 1):
         end = problem.descend(start)
         ends += [end] if end is not None else []
         if progress is not None:
-            progress("descents", done / n_starts)
+            progress("local searches", done / n_starts)
     minima, undetermined = distinct_minima(problem, ends) if ends else ([], 0)
     least_change = None if with_prior else _least_change(model_class, shape_weight)
     if not minima and least_change is None:
@@ -148,6 +157,7 @@ def calibrate(
         n_converged=len(ends),
         with_prior=with_prior,
         determination=found,
+        errors_are_correlated=model_class.error.is_correlated,
     )
 
 

@@ -76,8 +76,14 @@ def _show(where: Console, group: list[Calibration]) -> None:
     calibration, *others = group
     where.print(calibration_table(calibration, [each.name for each in others]))
     where.print(calibration_modes_table(calibration))
-    for table in determination_tables(calibration):
+    tables = determination_tables(calibration)
+    for table in tables:
         where.print(table)
+    if calibration.errors_are_correlated and tables:
+        where.print(
+            "(!) The model class has correlated prediction errors, but a calibration takes them "
+            "for independent: standard errors differ from those of a ranking."
+        )
     open_ = calibration.undetermined_directions
     if not calibration.n_converged:
         where.print(

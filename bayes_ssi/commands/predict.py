@@ -131,10 +131,10 @@ def predict(
     record = _record(predicted, list(names), request)
     responses = []
     with progress_bars() as report:
-        for done, name in enumerate(names, 1):
-            report("predictions", name, (done - 1) / len(names))
+        for name in names:
+            report(name, "predictions", 0.0)
             responses.append(predict_responses(predicted, name, request))
-            report("predictions", name, done / len(names))
+            report(name, "predictions", 1.0)
     with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         write_json(partial / MARKER, record)
         save_predictions(partial, predicted.data, responses)

@@ -11,6 +11,7 @@ import numpy as np
 
 from bayes_ssi.data.identified_mode import IdentifiedMode, checked_band
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.text_files import require_regular_file
 
 DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
 # The analysis types of data sets 55 that are modes.
@@ -22,7 +23,9 @@ def is_universal_file(path: Path) -> bool:
 
     Raises:
         OSError: the file cannot be read.
+        ValueError: it is not a regular file.
     """
+    require_regular_file(path)
     with path.open("rb") as file:
         return file.read(80).split()[:1] == [b"-1"]
 

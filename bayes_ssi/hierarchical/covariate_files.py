@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+from bayes_ssi.text_files import require_regular_file
+
 
 def read_covariate(path: str | Path) -> tuple[str, dict[str, float]]:
     """Name and values of a covariate: name of a test → value.
@@ -17,11 +19,12 @@ def read_covariate(path: str | Path) -> tuple[str, dict[str, float]]:
         2026-04-02, 11
 
     Raises:
-        ValueError: there is no such file, or a line does not have a test and a number; the message
-            names the file and the line.
+        ValueError: there is no such file, it is a pipe or a device, or a line does not have a
+            test and a number; the message names the file and the line.
     """
     path = Path(path)
     try:
+        require_regular_file(path)
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}") from None

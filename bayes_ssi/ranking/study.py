@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -99,8 +100,8 @@ class Study:
     def with_any_pairing(self) -> Study:
         """The study with every pairing inferred; classes that differ in nothing else are merged.
 
-        A merged class has the names and the descriptions of all, and the sum of their prior
-        weights.
+        A merged class has the names of all, the sum of their prior weights, and what the
+        descriptions of all begin with, which is the structure; else it has all descriptions.
         """
         groups: dict[tuple[str, ...], list[ModelClass]] = {}
         for candidate in self.model_classes:
@@ -115,7 +116,7 @@ class Study:
             descriptions = dict.fromkeys(c.description for c in candidates if c.description)
             merged.append(
                 replace(
-                    candidates[0].with_any_pairing(name), description=" - or ".join(descriptions)
+                    candidates[0].with_any_pairing(name), description=_merged(list(descriptions))
                 )
             )
             stands_for[name] = tuple(
@@ -144,6 +145,16 @@ class Study:
                     "cannot be compared; give every class the same ModalData and leave out of a "
                     "pairing what a class does not explain"
                 )
+
+
+def _merged(descriptions: Sequence[str]) -> str:
+    """One description of classes that differ in their pairing only."""
+    same = takewhile(lambda letters: len(set(letters)) == 1, zip(*descriptions, strict=False))
+    common = "".join(letters[0] for letters in same)
+    end = max(common.rfind(mark) for mark in ",;:")
+    if len(descriptions) > 1 and end > 0:
+        return f"{common[:end]}, any pairing"
+    return " - or ".join(descriptions)
 
 
 def _where_different(first: ModelClass, other: ModelClass) -> str:

@@ -36,7 +36,9 @@ def load_study(path: str | Path) -> Study:
         raise ValueError(f"{path}: a study is a Python file, its name ending in .py")
     try:
         names = _run(spec)
-    except (Exception, SystemExit) as error:  # whatever a user's file may raise
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a user's file may raise
         raise ValueError(f"{path}: {_explained(error, str(spec.origin))}") from error
     # A study may have several names.
     studies: dict[int, tuple[str, Study]] = {}

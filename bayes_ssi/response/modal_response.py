@@ -24,6 +24,9 @@ from bayes_ssi.response.output import Damping, Output, damping_ratios
 from bayes_ssi.response.time_stepping import modal_histories
 from bayes_ssi.structures.structure import Structure
 
+# In Hz; the fourth power of circular frequencies, in the squares of amplitudes, stays finite.
+HIGHEST_HZ = 1e75
+
 
 def modal_model_of(structure: Structure, values: FloatArray) -> ModalModel:
     """The structure's modal model, with the shapes of its arrays checked.
@@ -106,15 +109,16 @@ def checked_frequencies(frequencies_hz: FloatArray) -> FloatArray:
     """Frequencies as an array (F,).
 
     Raises:
-        ValueError: they are not a one-dimensional array of finite numbers, zero or positive.
+        ValueError: they are not a one-dimensional array of numbers from 0 to :data:`HIGHEST_HZ`.
     """
     frequencies = np.asarray(frequencies_hz, dtype=float)
     if frequencies.ndim != 1 or not len(frequencies):
         raise ValueError(f"frequencies_hz must be a row of numbers, got shape {frequencies.shape}")
-    wrong = ~(np.isfinite(frequencies) & (frequencies >= 0.0))
+    wrong = ~((frequencies >= 0.0) & (frequencies <= HIGHEST_HZ))
     if wrong.any():
         raise ValueError(
-            f"frequencies_hz must be finite and not negative, got {float(frequencies[wrong][0])!r}"
+            f"frequencies_hz must be from 0 to {HIGHEST_HZ:.0e}, "
+            f"got {float(frequencies[wrong][0])!r}"
         )
     return frequencies
 

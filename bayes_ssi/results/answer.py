@@ -19,7 +19,12 @@ from bayes_ssi.results.claims import (
 )
 from bayes_ssi.results.load import StoredResult
 from bayes_ssi.results.search_answer import hypothesis_in_words, search_sentences, search_verdict
-from bayes_ssi.results.wording import likelihood_in_words, listed, probability_in_words
+from bayes_ssi.results.wording import (
+    likelihood_in_words,
+    listed,
+    probability_in_words,
+    with_error,
+)
 
 
 @dataclass(frozen=True)
@@ -87,17 +92,16 @@ def _verdict(result: StoredResult) -> str:
         shown += [f"{len(tied) - MOST_LISTED} others"] if len(tied) > MOST_LISTED else []
         together = probability_in_words(min(1.0, sum(row.probability for row in tied)))
         return (
-            f"The data do not distinguish between {listed(shown)}. Among the {len(rows)} model "
-            f"classes compared, the probability of all these together is {together}: keep them "
-            "all, and predict with their average."
+            f"Among {len(rows)} model classes the data do not distinguish between "
+            f"{listed(shown)}. Their probability together is {together}: keep them all, and "
+            "predict with their average."
         )
     sure = likelihood_in_words(best.probability)
     before = probability_in_words(best.prior_probability)
     return (
-        f"Of the {len(rows)} model classes compared, the most probable is: "
-        f"{_title(result, best)}. Among them it is {sure}: probability "
-        f"{probability_in_words(best.probability)}"
-        f"{'' if result.comparison.has_equal_priors else f', and {before} before the test'}."
+        f"The most probable of the {len(rows)} model classes is: {_title(result, best)}. Among "
+        f"them it is {sure}, with probability {probability_in_words(best.probability)}"
+        f"{'' if result.comparison.has_equal_priors else f' ({before} before the test)'}."
     )
 
 
@@ -110,8 +114,8 @@ def _reasons(result: StoredResult) -> Iterator[str]:
     elif alike:
         yield from _common_claims(result, [best, *alike])
     else:
-        yield f"It {explained(posterior, result.tests)}."
-        yield " ".join(parameters_in_words(posterior, result.record.model_class(best.name)))
+        parameters = parameters_in_words(posterior, result.record.model_class(best.name))
+        yield " ".join([f"It {explained(posterior, result.tests)}.", *parameters])
     others = [row for row in rows[1:] if row.distinguishable]
     if others:
         yield _runner_up(result, others[0], posterior)
@@ -170,9 +174,9 @@ def _figures(result: StoredResult) -> Iterator[str]:
             information = row.information_gained - comparison.best.information_gained
             yield (
                 f"In figures: ln B of {row.name!r} against {comparison.best.name!r} is "
-                f"{row.log_bayes_factor:.2f} ± {row.log_bayes_factor_error:.3f} "
-                f"({_strength(row)}); its fit differs by {fit:+.2f} nats, the information that "
-                f"its parameters gain by {information:+.2f}."
+                f"{with_error(row.log_bayes_factor, row.log_bayes_factor_error)} nats "
+                f"({_strength(row)}): {fit:+.2f} from its fit and {-information:+.2f} from the "
+                "information that its parameters gain."
             )
             return
 

@@ -5,6 +5,7 @@ Medians and 90 % intervals throughout.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
@@ -108,12 +109,13 @@ def explained(posterior: Posterior, tests: Mapping[str, ModalData]) -> str:
     if not labels:
         return "explains none of the identified modes and takes all for spurious"
     closeness = [f"frequencies within {100.0 * max(errors):.2g} %"] if errors else []
-    closeness += [f"MACs of {min(macs):.3f} and more"] if macs else []
+    # Rounded down, and below the 1 that no MAC exceeds.
+    closeness += [f"MAC above {min(math.floor(1e3 * min(macs)), 999) / 1e3:.3f}"] if macs else []
     how = f" ({', '.join(closeness)})" if closeness else ""
     if not missed:
         return f"explains all {len(labels)} identified modes{how}"
     n = len(labels) + len(missed)
-    spurious = f"takes {listed(missed)} for spurious"
+    spurious = f"takes {listed(map(repr, missed))} for spurious"
     return f"explains {len(labels)} of {n} identified modes{how} and {spurious}"
 
 
@@ -125,20 +127,14 @@ def why_it_loses(row: RankedClass, best: RankedClass) -> str:
     tuning = row.information_gained - best.information_gained
     if fit > BARE_MENTION:
         if tuning < -BARE_MENTION:
-            return (
-                "It loses because it fits the data worse; that its parameters need less tuning "
-                "does not make up for it."
-            )
-        also = ", although its parameters are tuned more" if tuning > BARE_MENTION else ""
+            return "It loses because it fits the data worse, though its parameters are tuned less."
+        also = ", even with its parameters tuned more" if tuning > BARE_MENTION else ""
         return f"It loses because it fits the data worse{also}."
     if tuning > BARE_MENTION:
         if fit < -BARE_MENTION:
             return (
-                "It fits the data better, but loses because that takes more tuning of its "
-                "parameters than the better fit justifies."
+                "It loses because its better fit takes more tuning of its parameters than it "
+                "justifies."
             )
-        return (
-            "It fits the data equally well, but loses because its parameters must be tuned more "
-            "to do so."
-        )
+        return "It loses because its parameters must be tuned more to fit equally well."
     return "It loses by a little in fit and by a little in the tuning that its parameters need."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 from bayes_ssi.ranking.comparison import probability_text
 
@@ -15,8 +15,6 @@ LIKELIHOOD = (
     (0.66, "likely"),
     (0.50, "more likely than not"),
 )
-# The central 90 % of a normal distribution, in standard deviations.
-CENTRAL_90 = 3.29
 
 
 def likelihood_in_words(probability: float) -> str:
@@ -31,22 +29,29 @@ def probability_in_words(probability: float) -> str:
 
 
 def quantity(low: float, middle: float, high: float, unit: str = "") -> str:
-    """A value and its 90 % interval, to two significant digits of the standard deviation (GUM)."""
-    texts = [_rounded(value, (high - low) / CENTRAL_90) for value in (middle, low, high)]
+    """A value and its 90 % interval, to two significant digits of the interval's width."""
+    texts = [_rounded(value, high - low) for value in (middle, low, high)]
     return f"{texts[0]}{f' {unit}' if unit else ''} ({texts[1]} to {texts[2]})"
 
 
-def _rounded(value: float, sd: float) -> str:
-    if not (0.0 < sd < math.inf) or value == 0.0:
+def with_error(value: float, error: float) -> str:
+    """A value and its standard error, to one significant digit of the error and two decimals."""
+    exact = not 0.0 < error < math.inf
+    decimals = 2 if exact else max(2, -math.floor(math.log10(error)))
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}"
+
+
+def _rounded(value: float, width: float) -> str:
+    if not (0.0 < width < math.inf) or value == 0.0:
         return f"{value:.4g}"
-    decimals = 1 - math.floor(math.log10(sd))
+    decimals = 1 - math.floor(math.log10(width))
     # Outside of this range a number is easier to read with a power of ten.
-    if 0 <= decimals <= 6:
-        return f"{value:.{decimals}f}"
+    if -5 <= decimals <= 6:
+        return f"{round(value, decimals) + 0.0:.{max(0, decimals)}f}"  # no negative zero
     return f"{value:.{max(2, decimals + 1 + math.floor(math.log10(abs(value))))}g}"
 
 
-def listed(items: Sequence[object]) -> str:
+def listed(items: Iterable[object]) -> str:
     """A list in a sentence: a, b and c."""
     *first, last = map(str, items)
     return f"{', '.join(first)} and {last}" if first else last

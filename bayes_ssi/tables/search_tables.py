@@ -72,11 +72,8 @@ def averaged_table(search: AppendageSearch) -> Table:
 
 
 def search_notes(search: AppendageSearch) -> list[str]:
-    """The answer of a search in words."""
-    notes = [
-        "Probability that there is an appendage: "
-        f"{probability_text(search.record.probability_of_any)}. By place:"
-    ]
+    """The probability of an appendage at each place; that of any is in the answer."""
+    notes = ["Probability of an appendage, by place:"]
     by_probability = sorted(search.record.place_probabilities.items(), key=lambda item: -item[1])
     notes += [
         f"  {place.name}: {probability_text(probability)}"

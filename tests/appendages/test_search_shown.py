@@ -86,7 +86,7 @@ def test_hypotheses_that_no_table_row_shows_are_counted(of_a_tall_building):
 
 def test_notes_name_the_places_by_probability(found_in_case_c):
     notes = search_notes(found_in_case_c)
-    assert notes[0] == "Probability that there is an appendage: > 0.9999. By place:"
+    assert notes[0] == "Probability of an appendage, by place:"
     assert notes[1].startswith("  infill 1-2: ")
     assert len(notes) == 7
 

@@ -201,7 +201,8 @@ def test_errors_are_not_calibrated(model_classes):
     [
         ({"shape_weight": -1.0}, "shape_weight must be zero or positive, got -1.0"),
         ({"shape_weight": math.nan}, "shape_weight must be zero or positive, got nan"),
-        ({"n_starts": 0}, "n_starts must be at least 1, got 0"),
+        ({"n_starts": 0}, "n_starts must be from 1 to 10,000, got 0"),
+        ({"n_starts": 100_000_000}, "n_starts must be from 1 to 10,000, got 100000000"),
         ({"reference": {"k9": 1.0}}, "'2': reference for unknown parameter 'k9'; choose from 'k1'"),
     ],
 )

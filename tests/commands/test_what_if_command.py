@@ -15,7 +15,8 @@ def saved(tmp_path_factory, tiny_ranking):
     return save_result(tiny_ranking, directory, study_file="tiny.py", command=command).directory
 
 
-def test_the_change_is_shown(run, saved):
+def test_the_change_is_shown(run, saved, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
     done = run(
         "what-if", saved, "--prior", "k=Normal(1, 0.2)", "--band", "0, 2.5", "--weight", "one k=3"
     )
@@ -24,7 +25,7 @@ def test_the_change_is_shown(run, saved):
     assert "Changed: band_hz: 0 to 3 → 0 to 2.5." in done.stdout
     assert "Changed: prior weight of 'one k': 1 → 3." in done.stdout
     assert "'one k' is the most probable class before and after." in done.stdout
-    assert all(len(line) <= 80 for line in done.stdout.splitlines() if "─" in line)
+    assert all(len(line) <= 60 for line in done.stdout.splitlines() if "─" in line)
 
 
 def test_where_the_draws_do_not_say_the_exit_code_is_3(run, saved):

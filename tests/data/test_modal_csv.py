@@ -1,7 +1,9 @@
 """The CSV file of identified modes: forms, round trips, and messages that say where."""
 
 import math
+import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -215,6 +217,17 @@ def test_a_number_with_an_underscore_is_refused(read):
 def test_a_missing_file(tmp_path):
     with pytest.raises(FileNotFoundError, match="absent"):
         bs.read_modal_data(tmp_path / "absent.csv")
+
+
+def test_what_is_not_a_regular_file_is_refused_at_once(tmp_path):
+    """A pipe that nobody writes to, and a device without end."""
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", Path("/dev/zero")):
+        for read in (bs.read_modal_data, bs.read_ground_motion):
+            with pytest.raises(ValueError, match=f"^{path}: not a regular file, but a pipe or a"):
+                read(path)
+    with pytest.raises(IsADirectoryError):
+        bs.read_modal_data(tmp_path)
 
 
 @pytest.mark.parametrize(

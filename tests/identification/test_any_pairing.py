@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -206,6 +207,21 @@ def test_a_merged_class_has_the_prior_weight_of_all(model_classes):
     weights = {"1-a": 1.0, "1-b": 2.0, "2": 3.0, "3": 4.0}
     study = bs.Study("s", list(model_classes.values()), prior_weights=weights)
     assert study.with_any_pairing().prior_weights == {"1-a or 1-b or 2": 6.0, "3": 4.0}
+
+
+@pytest.mark.parametrize(
+    ("descriptions", "merged"),
+    [
+        (("wall as mass; 2a first", "wall as mass; 2b first", ""), "wall as mass, any pairing"),
+        (("2a first", "2b first", "2b first"), "2a first - or 2b first"),
+        (("wall; rigid", "", ""), "wall; rigid"),
+    ],
+)
+def test_a_merged_class_is_described_by_its_structure(model_classes, descriptions, merged):
+    each = zip(("1-a", "1-b", "2"), descriptions, strict=True)
+    classes = [replace(model_classes[name], description=text) for name, text in each]
+    (candidate,) = bs.Study("s", classes).with_any_pairing().model_classes
+    assert candidate.description == merged
 
 
 def test_classes_that_differ_in_anything_else_stay_apart(rigid, case_c, fixed_error):

@@ -7,6 +7,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from rich.console import Console
+from whole_tables import assert_every_cell_is_whole
 
 from bayes_ssi.plots.prediction_figures import save_prediction_figures
 from bayes_ssi.predictions.default_request import (
@@ -49,6 +50,12 @@ def responses(predicted, response_request):
 def rows(path):
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
+
+
+def test_tables_fit_a_narrow_terminal(predicted, responses):
+    shapes = shape_table(predicted.data, responses[0])
+    for table in (frequency_table(predicted.data, responses), shapes, peak_table(responses)):
+        assert_every_cell_is_whole(table, 60)
 
 
 def printed(table):

@@ -48,6 +48,7 @@ def test_a_study_may_define_dataclasses(tiny_study_file):
         ("s.py", b"x = 1\0", "null bytes"),
         ("s.py", b"x = 1\n\n1 / 0\n", "line 3: ZeroDivisionError: division by zero"),
         ("s.py", b"raise SystemExit('a\\nb')", "line 1: SystemExit: a b"),
+        ("s.py", b"raise BaseException('odd')", "line 1: BaseException: odd"),
         ("s.py", b"import no_such_module", "line 1: ModuleNotFoundError: No module named"),
         (
             "s.py",

@@ -12,7 +12,7 @@ from bayes_ssi.ranking.study import Ranking
 from bayes_ssi.results.answer import answer
 from bayes_ssi.results.claims import parameters_in_words, why_it_loses
 from bayes_ssi.results.save import save_result
-from bayes_ssi.results.wording import likelihood_in_words, quantity
+from bayes_ssi.results.wording import likelihood_in_words, quantity, with_error
 
 DATA = bs.ModalData((bs.IdentifiedMode("1", 1.0), bs.IdentifiedMode("2", 2.0)), (0.0, 3.0))
 
@@ -48,18 +48,20 @@ def stored(make_posterior, tmp_path):
 def test_the_most_probable_class_by_what_it_is(stored):
     result = answer(stored(("A", 0.0, 1.0, "soft infill"), ("B", -10.0, 1.2, "")))
     assert result.verdict == (
-        "Of the 2 model classes compared, the most probable is: soft infill (class 'A'). Among "
-        "them it is virtually certain: probability above 0.9999."
+        "The most probable of the 2 model classes is: soft infill (class 'A'). Among them it is "
+        "virtually certain, with probability above 0.9999."
     )
     assert result.warnings == ()
-    assert "It explains 1 of 2 identified modes and takes 2 for spurious." in result.reasons
+    assert result.reasons[0].startswith(
+        "It explains 1 of 2 identified modes and takes '2' for spurious. Its parameters, "
+    )
     # Median 1, 90 % within 1.645 standard deviations of 0.02.
     assert any("k1 = 1.000 kN (0.967 to 1.033)" in each for each in result.reasons)
     runner_up = result.reasons[-1]
     assert runner_up.startswith("Runner-up: class 'B' (probability below 0.0001).")
     assert "It claims k1 = 1.200 kN (1.167 to 1.233); k2 = " in runner_up
     (figures,) = result.figures
-    assert figures.startswith("In figures: ln B of 'B' against 'A' is -10.00 ± 0.014 (evidence ")
+    assert figures.startswith("In figures: ln B of 'B' against 'A' is -10.00 ± 0.01 nats (evi")
 
 
 def test_bayes_factors_and_nats_come_last(stored):
@@ -72,8 +74,10 @@ def test_bayes_factors_and_nats_come_last(stored):
 
 def test_classes_that_are_not_distinguishable_and_what_they_disagree_on(stored):
     result = answer(stored(("A", 0.0, 1.0, "one"), ("B", -0.1, 1.2, ""), ("C", -0.2, 1.0, "")))
-    assert result.verdict.startswith("The data do not distinguish between one (class 'A', prob")
-    assert "the probability of all these together is above 0.9999: keep them all" in result.verdict
+    assert result.verdict.startswith(
+        "Among 3 model classes the data do not distinguish between one (class 'A', probability "
+    )
+    assert "Their probability together is above 0.9999: keep them all" in result.verdict
     assert any(each.startswith("'B' explains 1 of 2") for each in result.reasons)
     assert any("it claims k1 = 1.200 kN (1.167 to 1.233)" in each for each in result.reasons)
     assert not any("agree on" in each for each in result.reasons)
@@ -124,7 +128,7 @@ def test_a_best_class_that_does_not_explain_the_data_comes_first(stored):
 
 def test_unequal_priors_are_stated(stored):
     result = answer(stored(("A", 0.0, 1.0, ""), ("B", -5.0, 1.0, ""), weights={"A": 1.0, "B": 3.0}))
-    assert "and 0.2500 before the test" in result.verdict
+    assert "(0.2500 before the test)" in result.verdict
 
 
 def test_how_closely_a_class_explains_modes(tiny_ranking, tmp_path):
@@ -136,8 +140,8 @@ def test_how_closely_a_class_explains_modes(tiny_ranking, tmp_path):
     )
     lowest = min(mode.mac_after[1] for mode in modes)
     assert any(
-        f"all 2 identified modes (frequencies within {100 * worst:.2g} %, MACs of {lowest:.3f} and"
-        in each
+        f"all 2 identified modes (frequencies within {100 * worst:.2g} %, MAC above "
+        f"{min(np.floor(1000 * lowest), 999) / 1000:.3f})" in each
         for each in answer(result).reasons
     )
 
@@ -169,11 +173,11 @@ def test_a_search_that_gives_no_appendage(found_in_case_c, tmp_path):
 @pytest.mark.parametrize(
     ("fit", "information", "log_bayes_factor", "words"),
     [
-        (-10.0, -3.0, -7.0, "fits the data worse; that its parameters need less tuning"),
-        (-10.0, 3.0, -13.0, "fits the data worse, although its parameters are tuned more"),
+        (-10.0, -3.0, -7.0, "fits the data worse, though its parameters are tuned less"),
+        (-10.0, 3.0, -13.0, "fits the data worse, even with its parameters tuned more"),
         (-10.0, 0.0, -10.0, "It loses because it fits the data worse."),
-        (0.5, 4.0, -3.5, "equally well, but loses because its parameters must be tuned more"),
-        (3.0, 6.0, -3.0, "fits the data better, but loses because that takes more tuning"),
+        (0.5, 4.0, -3.5, "its parameters must be tuned more to fit equally well"),
+        (3.0, 6.0, -3.0, "its better fit takes more tuning of its parameters"),
         (-0.8, 0.8, -1.6, "by a little in fit and by a little"),
         (3.0, 0.0, 3.0, "its prior probability is too low"),
     ],
@@ -200,14 +204,27 @@ def test_probabilities_in_the_words_of_the_ipcc():
 @pytest.mark.parametrize(
     ("three", "text"),
     [
-        ((0.935, 1.0061, 1.0952), "1.006 (0.935 to 1.095)"),
-        ((2.05e11, 2.101e11, 2.151e11), "2.101e+11 (2.05e+11 to 2.151e+11)"),
+        ((0.935, 1.0061, 1.0952), "1.01 (0.94 to 1.10)"),
+        ((2.05e11, 2.101e11, 2.151e11), "2.1e+11 (2.05e+11 to 2.15e+11)"),
         ((3.0, 3.0, 3.0), "3 (3 to 3)"),
-        ((-120.0, 4.0, 130.0), "4 (-120 to 130)"),
+        ((-124.0, -4.0, 130.0), "0 (-120 to 130)"),
+        ((11520.0, 12340.0, 13160.0), "12300 (11500 to 13200)"),
     ],
 )
 def test_quantities_have_two_digits_of_their_spread(three, text):
     assert quantity(*three) == text
+
+
+@pytest.mark.parametrize(
+    ("two", "text"),
+    [
+        ((-15.8064, 0.0083), "-15.806 ± 0.008"),
+        ((-7.614, 0.34), "-7.61 ± 0.34"),
+        ((1.0, 0.0), "1.00 ± 0.00"),
+    ],
+)
+def test_digits_of_a_value_follow_from_its_standard_error(two, text):
+    assert with_error(*two) == text
 
 
 def test_correlations_are_not_called_sizes_of_errors(make_posterior):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from whole_tables import assert_every_cell_is_whole
 
 import bayes_ssi as bs
 from bayes_ssi.hierarchical.hierarchy_record import (
@@ -43,6 +44,11 @@ def test_populations_are_in_the_units_of_the_parameters(made):
     assert spread == "2 to 2"
     low, high = map(float, following.split(" to "))  # N(114, 2²), from 1000 draws
     assert (low, high) == pytest.approx((114.0 - 3.29, 114.0 + 3.29), abs=0.5)
+
+
+def test_tables_fit_a_narrow_terminal(made):
+    for table in (populations_table(made), population_table(made, 20.0)):
+        assert_every_cell_is_whole(table, 60)
 
 
 def test_a_ranking_of_populations_and_its_notes(made):

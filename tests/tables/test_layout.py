@@ -1,10 +1,7 @@
 """No table crops anything, whatever the width of the terminal."""
 
-import io
-import re
-
 import pytest
-from rich.console import Console
+from whole_tables import assert_every_cell_is_whole, printed
 
 import bayes_ssi as bs
 from bayes_ssi.ranking.averages import averaged_parameters
@@ -15,6 +12,7 @@ from bayes_ssi.tables import (
     averages_table,
     calibration_modes_table,
     calibration_table,
+    determination_tables,
     evidence_table,
     modes_table,
     parameter_table,
@@ -27,12 +25,6 @@ from bayes_ssi.tables.layout import add_row, new_table
 NAMES = ("each storey, free errors", "one factor", "Geschossdeckenverbundtragwerk 3", "壁のモデル")
 
 
-def printed(table, width):
-    file = io.StringIO()
-    Console(file=file, width=width).print(table)
-    return file.getvalue().splitlines()
-
-
 @pytest.fixture
 def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
     parameters = ("k storey 1 / 2", "frequency_cov", "a stiffness factor of all storeys")
@@ -41,6 +33,7 @@ def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
     ]
     comparison = bs.compare(posteriors, dict(zip(NAMES, (1.0, 2.0, 3.0, 4.0), strict=True)))
     calibration = bs.calibrate(model_classes["3"])
+    open_ = bs.calibrate(model_classes["2"], n_starts=4, shape_weight=0.0, with_prior=True)
     setting = SensitivityRow("probability of detection × 2", {}, dict.fromkeys(NAMES, 0.25))
     return (
         ranking_table(comparison, "A study of four model classes with a long title: which is it?"),
@@ -49,6 +42,7 @@ def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
         averages_table(averaged_parameters(posteriors, comparison)),
         calibration_table(calibration),
         calibration_modes_table(calibration),
+        *determination_tables(open_),
         modes_table(case_c),
         search_table(found_in_case_c),
         appendage_table(found_in_case_c),
@@ -60,18 +54,8 @@ def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_every_cell_is_whole(all_tables, width):
     for table in all_tables:
-        shown = printed(table, width)
-        assert max(map(len, shown)) <= width
-        text = "\n".join(shown)
-        assert "…" not in text
-        squeezed = re.sub(r"\s", "", text)
-        for column in table.columns:
-            for cell in map(str, column.cells):
-                if column.justify == "right":  # a number, on one line
-                    assert cell in text
-                else:
-                    assert all(word[:15] in squeezed for word in cell.split())
-            assert all(word in squeezed for word in str(column.header).split())
+        assert "…" not in "\n".join(printed(table, width))
+        assert_every_cell_is_whole(table, width)
 
 
 def test_what_does_not_fit_continues_below_with_the_names_repeated():
