@@ -387,7 +387,7 @@ def test_unknown_places_are_named(augmented, values, output):
             compute()
 
 
-@pytest.mark.parametrize("frequencies", [[], [[1.0]], [-1.0], [math.nan], 1.0])
+@pytest.mark.parametrize("frequencies", [[], [[1.0]], [-1.0], [math.nan], [1e300], 1.0])
 def test_frequencies_that_make_no_sense(augmented, values, frequencies):
     with pytest.raises(ValueError, match="frequencies_hz must be"):
         transfer_functions(
