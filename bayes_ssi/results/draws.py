@@ -1,23 +1,12 @@
-"""Draws to and from netCDF through arviz: the only module that uses it.
-
-arviz 0.x keeps draws in an ``InferenceData``, arviz 1.x in an xarray ``DataTree``; the files are
-the same and each version opens the other's.
-"""
+"""Draws to and from netCDF files that arviz opens, as an ``InferenceData`` or a ``DataTree``."""
 
 from __future__ import annotations
 
-import errno
-import os
-import shutil
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.model_class.configuration import label_in
@@ -25,15 +14,13 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.datum_terms import DatumTerms
 from bayes_ssi.posterior.known_modes import draws_with_shapes
 from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.results.netcdf import Group, write_netcdf
 
 FREQUENCY, MODE = "frequency_hz", "model_mode"
 LOG_LIKELIHOOD, DATUM = "modes", "datum"
 IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"
 SHAPES, WITH_SHAPES = "sensor_shapes", "draw_of_all_chains"
 PRIOR_DRAWS = 1000
-# Bytes of a file besides the numbers: dimensions, attributes and free space take a few kB for each
-# variable.
-SPACE_PER_VARIABLE = 20_000
 # Names of dimensions and coordinates; no parameter's variable can have one of them.
 RESERVED = ("chain", "draw", FREQUENCY, MODE, DATUM, IDENTIFIED, IDENTIFIED_MODE)
 
@@ -48,58 +35,48 @@ def save_draws(path: Path, posterior: Posterior, model_class: ModelClass) -> Non
     as they were identified. A group of this package's own, ``sensor_shapes``, holds mode shapes at
     the sensors at some of the draws.
     """
+    draw = ("chain", "draw")
     names = variable_names(posterior.parameter_names)
     z = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, len(model_class.parameters)))
     prior = model_class.values(z)
-    groups: dict[str, dict[str, Any]] = {
-        "posterior": {name: posterior.draws[..., i] for i, name in enumerate(names)},
-        "prior": {name: prior[None, :, i] for i, name in enumerate(names)},
-        "sample_stats": {"log_likelihood_total": posterior.log_likelihoods},
-        "posterior_predictive": {FREQUENCY: posterior.frequencies_hz},
+    modes = {MODE: ([MODE], _mode_labels(posterior))}
+    predictive: Group = {FREQUENCY: ([*draw, MODE], posterior.frequencies_hz), **modes}
+    groups: dict[str, Group] = {
+        "posterior": {name: (draw, posterior.draws[..., i]) for i, name in enumerate(names)},
+        "prior": {name: (draw, prior[None, :, i]) for i, name in enumerate(names)},
+        "sample_stats": {"log_likelihood_total": (draw, posterior.log_likelihoods)},
     }
-    dims, coords = {FREQUENCY: [MODE]}, {MODE: _mode_labels(posterior)}
     if posterior.datum_terms is not None:
         terms = posterior.datum_terms
         data, log_likelihoods = _varying_terms(terms)
         identified_hz = [c.data.frequencies_hz for c in model_class.configurations]
-        groups["log_likelihood"] = {LOG_LIKELIHOOD: log_likelihoods}
-        groups["posterior_predictive"][IDENTIFIED] = terms.predicted_hz
-        groups["observed_data"] = {IDENTIFIED: np.concatenate(identified_hz)}
-        dims |= {LOG_LIKELIHOOD: [DATUM], IDENTIFIED: [IDENTIFIED_MODE]}
-        coords |= {DATUM: data, IDENTIFIED_MODE: list(terms.identified)}
-    arviz = _import_arviz()
-    _require_space(path, groups)
-    with warnings.catch_warnings():
-        # Every walker is a chain: there may be more chains than steps.
-        warnings.filterwarnings("ignore", "More chains|Found chain dimension", UserWarning)
-        if _is_first_generation(arviz):
-            data_tree = arviz.from_dict(**groups, dims=dims, coords=coords)
-        else:
-            data_tree = arviz.from_dict(groups, dims=dims, coords=coords)
-        data_tree.to_netcdf(str(path), engine="h5netcdf")
+        labels: Group = {IDENTIFIED_MODE: ([IDENTIFIED_MODE], terms.identified)}
+        groups["log_likelihood"] = {
+            LOG_LIKELIHOOD: ([*draw, DATUM], log_likelihoods),
+            DATUM: ([DATUM], data),
+        }
+        groups["observed_data"] = {
+            IDENTIFIED: ([IDENTIFIED_MODE], np.concatenate(identified_hz)),
+            **labels,
+        }
+        predicted = ([*draw, IDENTIFIED_MODE], terms.predicted_hz)
+        predictive = {**predictive, IDENTIFIED: predicted, **labels}
+    groups["posterior_predictive"] = predictive
+    numbered = {name: _with_numbered_draws(group) for name, group in groups.items()}
     if posterior.sensor_shapes is not None:
-        _add_shapes(path, posterior.sensor_shapes, draws_with_shapes(len(posterior.values)))
+        numbered[SHAPES] = {
+            SHAPES: ([WITH_SHAPES, SHAPES + "_component"], posterior.sensor_shapes),
+            WITH_SHAPES: ([WITH_SHAPES], draws_with_shapes(len(posterior.values))),
+        }
+    write_netcdf(path, numbered)
 
 
-def _add_shapes(path: Path, shapes: FloatArray, draws: NDArray[np.intp]) -> None:
-    """Add shapes (m, n_components), and the draws that they belong to, as a group of their own."""
-    import xarray
-
-    variables = {SHAPES: ((WITH_SHAPES, SHAPES + "_component"), shapes)}
-    group = xarray.Dataset(variables, {WITH_SHAPES: draws})
-    group.to_netcdf(path, mode="a", group=SHAPES, engine="h5netcdf")
-
-
-def _require_space(path: Path, groups: Mapping[str, Mapping[str, FloatArray]]) -> None:
-    """Refuse to write on a disk that is full: the HDF5 library may crash there.
-
-    Raises:
-        OSError: there is no space for the file.
-    """
-    variables = [np.asarray(each) for group in groups.values() for each in group.values()]
-    needed = sum(each.nbytes + SPACE_PER_VARIABLE for each in variables)
-    if shutil.disk_usage(path.parent).free < needed:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+def _with_numbered_draws(group: Group) -> Group:
+    """A group with coordinates that number its chains and draws from 0, where it has any."""
+    dimensions, values = next(iter(group.values()))
+    sizes = zip(dimensions, np.shape(values), strict=True)
+    numbers = {n: ([n], np.arange(size)) for n, size in sizes if n in ("chain", "draw")}
+    return {**group, **numbers}
 
 
 def _mode_labels(posterior: Posterior) -> list[int] | list[str]:
@@ -135,7 +112,7 @@ def load_draws(path: Path, posterior: Posterior) -> Posterior:
     Raises:
         ValueError: the file is missing, damaged, or lacks a group or a parameter.
     """
-    import h5py  # the files are plain netCDF: arviz, which takes seconds to import, is not needed
+    import h5py  # the files are plain netCDF
 
     try:
         with h5py.File(path, "r") as file:
@@ -169,15 +146,3 @@ def variable_names(parameter_names: Sequence[str]) -> list[str]:
             name += "_"
         names.append(name)
     return names
-
-
-def _import_arviz() -> ModuleType:
-    with warnings.catch_warnings():
-        # arviz 0.23 announces version 1 at every import.
-        warnings.simplefilter("ignore", FutureWarning)
-        import arviz
-    return arviz
-
-
-def _is_first_generation(arviz: ModuleType) -> bool:
-    return int(arviz.__version__.split(".")[0]) == 0

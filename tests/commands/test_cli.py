@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from collections import namedtuple
+from pathlib import Path
 
 import pytest
 from conftest import assert_one_line_error
@@ -94,9 +94,14 @@ def test_a_failed_check_is_reported_with_exit_code_3(run, tiny_study_file, tmp_p
 @pytest.mark.usefixtures("no_figures", "coarse_command")
 def test_a_full_disk_is_named_and_nothing_is_lost(run, tiny_study_file, tmp_path, monkeypatch):
     arguments = ("rank", tiny_study_file, "--only", "one k", "--accept-failed-checks", "--out")
-    full = namedtuple("usage", "total used free")(10**9, 10**9, 0)
+    opened = Path.open
+
+    def on_a_full_disk(path, *mode, **options):
+        draws = path.suffix == ".nc" and mode == ("xb",)
+        return opened(Path("/dev/full"), "wb") if draws else opened(path, *mode, **options)
+
     with monkeypatch.context() as patched:
-        patched.setattr("shutil.disk_usage", lambda _: full)
+        patched.setattr(Path, "open", on_a_full_disk)
         result = run(*arguments, tmp_path / "r")
     file = tmp_path / "r" / "posteriors" / "one_k.nc"
     assert result.stderr.endswith(
