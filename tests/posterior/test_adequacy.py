@@ -215,3 +215,23 @@ def test_no_other_pairing_is_tried_where_errors_are_correlated(frame, case_c, fi
     assert repair.model_class.pairing == "any"
     repeated = replace(candidate, error=replace(fixed_error, between_tests=0.5))
     assert list(repair_of_pairing(repeated)) == []
+
+
+def test_a_mistake_in_one_of_two_tests(model_classes):
+    (test,) = model_classes["3"].configurations
+    tests = [replace(test, name="May", data=exchanged(test.data)), replace(test, name="June")]
+    both = bs.ModelClass("both", configurations=tests, error=model_classes["3"].error)
+    misfit = bs.rank(bs.Study("two tests", [both]), settings=COARSE).comparison.best.misfit
+    assert misfit.startswith("mode 'May: ")
+    words = "channels 'floor 2' and 'floor 1' seem to be exchanged in configuration 'May' (gain "
+    assert f". No class explains the data: {words}" in misfit
+
+
+def test_a_mistake_that_inferred_errors_and_pairings_absorb(model_classes):
+    """By the class's own prior the error of the shapes is only a little too large."""
+    anything = replace(model_classes["3"], error=bs.ErrorModel()).with_any_pairing("any")
+    study = bs.Study("absorbed", [with_data(anything, exchanged_in_mode_3)])
+    ranking = bs.rank(study, settings=COARSE)
+    assert ranking.posteriors[0].adequacy.overall.p_value > LIMIT
+    words = "channels 'floor 1' and 'floor 2' seem to be exchanged in mode '3' (gain "
+    assert f". The data look mistaken: {words}" in ranking.comparison.best.misfit
