@@ -132,3 +132,17 @@ def test_starting_up_loads_nothing_heavy(start):
     loaded = done.stdout.split("loaded:")[1].split()
     assert "bayes_ssi" in loaded
     assert HEAVY.isdisjoint(loaded)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_modules_import_what_takes_long_where_they_use_it(name):
+    slow = {"scipy.stats", "matplotlib", "arviz", "corner", "h5py", "h5netcdf"}
+    statements = [
+        node for node in TREES[name].body if isinstance(node, ast.Import | ast.ImportFrom)
+    ]
+    imports = {
+        alias.name if isinstance(node, ast.Import) else node.module
+        for node in statements
+        for alias in node.names
+    }
+    assert slow.isdisjoint(imports)

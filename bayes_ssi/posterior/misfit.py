@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import pdtrc
-from scipy.stats import chi2
+from scipy.special import chdtri, pdtrc
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.any_pairing import AnyPairing
@@ -135,7 +134,7 @@ def _shape_misfit(
             distance, sd, d = distances[rows, j], sds[rows, j], mode.n_measured
             log_p[rows, j] = log_shape_survival(distance, sd, d)
             # On a plane in place of the sphere the distance is half a sum of d - 1 squares.
-            flat = 0.5 * sd**2 * chi2.ppf(EXPECTED_SHARE, d - 1)
+            flat = 0.5 * sd**2 * chdtri(d - 1, 1.0 - EXPECTED_SHARE)
             expected[rows, j] = np.minimum(flat, 1.0)
     return log_p, expected
 

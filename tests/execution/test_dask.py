@@ -154,8 +154,10 @@ def mortal_cluster(tmp_path):
     path = tmp_path / "cluster.py"
     path.write_text(CLUSTER)
     command = [sys.executable, str(path)]
+    # Its workers import the functions of this module.
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, text=True, start_new_session=True
+        command, stdout=subprocess.PIPE, text=True, start_new_session=True, env=environment
     ) as process:
         kill = functools.partial(os.killpg, process.pid, signal.SIGKILL)
         yield process.stdout.readline().strip(), kill
