@@ -17,6 +17,7 @@ from bayes_ssi.hierarchical.hierarchy_record import (
     RankedPopulation,
     SingleTestSummary,
 )
+from bayes_ssi.hierarchical.misfit_of_tests import failed_tests, unusual_tests
 from bayes_ssi.hierarchical.population_sampling import (
     PopulationSampler,
     SampledPopulation,
@@ -107,9 +108,10 @@ def hierarchy(
         seed=seed,
         failed_checks=(
             *(c for test in tests for c in test.failed_checks),
+            *failed_tests(class_name, tests),
             *failed_fits(tests, fits),
         ),
-        remarks=tuple(_remarks(tests)),
+        remarks=(*_remarks(tests), *unusual_tests(class_name, tests)),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.model_class.class_record import ClassRecord, ParameterRecord, class_record
+from bayes_ssi.posterior.adequacy import Adequacy
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.study import Ranking
 from bayes_ssi.results.load import StoredResult, load_result
@@ -39,6 +40,7 @@ class SingleTest:
         data_digest: identifies the test's data.
         definitions: the structures, configuration by configuration, as text.
         failed_checks: of the sampling of the test, a sentence each.
+        adequacy: of the class in this test, where it is known.
     """
 
     name: str
@@ -49,6 +51,7 @@ class SingleTest:
     data_digest: str
     definitions: tuple[str, ...]
     failed_checks: tuple[str, ...]
+    adequacy: Adequacy | None = None
 
     def columns(self, names: Sequence[str]) -> list[int]:
         """The columns of the named parameters."""
@@ -124,6 +127,7 @@ def _single_test(name: str, posterior: Posterior, record: ClassRecord) -> Single
         data_digest=posterior.data_digest,
         definitions=tuple(each.definition for each in record.configurations),
         failed_checks=tuple(f"test {name!r}: {check}" for check in posterior.failed_checks),
+        adequacy=posterior.adequacy,
     )
 
 

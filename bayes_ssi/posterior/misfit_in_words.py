@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from bayes_ssi.posterior.adequacy import (
     Adequacy,
     CountMisfit,
-    Hint,
     ModeMisfit,
     ParameterMisfit,
     PValue,
@@ -27,8 +26,10 @@ def misfits_in_words(adequacy: Adequacy) -> list[str]:
     return large or [f"many small misfits, the largest: {named[0][1]}"]
 
 
-def hint_in_words(hint: Hint) -> str:
-    return f"{hint.mistake} (gain {hint.gain:.0f} nats)"
+def causes_in_words(adequacy: Adequacy) -> str:
+    """The mistakes that hints name, or else what may be the cause."""
+    named = (f"{hint.mistake} (gain {hint.gain:.0f} nats)" for hint in adequacy.hints)
+    return "; ".join(named) or POSSIBLE_CAUSES
 
 
 def _each(adequacy: Adequacy) -> Iterator[tuple[PValue, str]]:

@@ -9,11 +9,7 @@ from dataclasses import dataclass
 from scipy.special import logsumexp
 
 from bayes_ssi.argument_types import checked
-from bayes_ssi.posterior.misfit_in_words import (
-    POSSIBLE_CAUSES,
-    hint_in_words,
-    misfits_in_words,
-)
+from bayes_ssi.posterior.misfit_in_words import causes_in_words, misfits_in_words
 from bayes_ssi.posterior.posterior import Posterior
 
 # Kass and Raftery (1995), Bayes Factors, section 3.2, in 2 ln B.
@@ -252,7 +248,7 @@ def _misfit_of_best(ranked: Sequence[Posterior]) -> str:
     best = ranked[0].adequacy
     if best is None or best.is_adequate:
         return ""
-    causes = "; ".join(map(hint_in_words, best.hints)) or POSSIBLE_CAUSES
+    causes = causes_in_words(best)
     if not best.overall.is_small:
         return f"{'; '.join(misfits_in_words(best))}. The data look mistaken: {causes}"
     others = [p.name for p in ranked if p.adequacy is not None and p.adequacy.is_adequate]

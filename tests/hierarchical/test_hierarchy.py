@@ -13,7 +13,10 @@ from click.testing import CliRunner
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.hierarchical.covariate_files import read_covariate
+from bayes_ssi.hierarchical.misfit_of_tests import failed_tests, unusual_tests
 from bayes_ssi.hierarchical.saved_hierarchy import MARKER
+from bayes_ssi.hierarchical.single_tests import single_tests
+from bayes_ssi.posterior.adequacy import PValue
 
 FREQUENCIES = {"January": (1.02, 2.66), "April": (1.0, 2.62), "July": (0.98, 2.57)}
 TEMPERATURES = {"January": -4.0, "April": 10.0, "July": 27.0}
@@ -113,6 +116,28 @@ def test_parameters_that_are_left_out_are_independent_from_test_to_test(rankings
     assert np.median(k1) == pytest.approx(1.0, abs=0.02)  # its prior
     with pytest.raises(ValueError, match="there is no covariate, got 3"):
         made.next_test(covariate=3.0)
+
+
+def test_a_test_that_the_class_does_not_explain_fails(rankings):
+    candidate = model_class("April")
+    mistaken = replace(candidate.data, sensors=candidate.data.sensors[::-1])
+    tests = [replace(candidate.configurations[0], data=mistaken)]
+    april = ranking(replace(candidate, configurations=tests))
+    made = bs.hierarchy({**rankings, "April": april}, settings=COARSE)
+    (failed,) = made.failed_checks
+    assert failed.startswith("test 'April': 'frame' does not explain the data: mode '")
+    assert "Likely cause: channels 'floor 2' and 'floor 1' seem to be exchanged" in failed
+
+
+@pytest.mark.parametrize(("p_value", "fails"), [(0.004, False), (0.003, True)])
+def test_of_three_tests_one_has_to_be_three_times_as_unusual_to_fail(rankings, p_value, fails):
+    name, (january, *others) = single_tests(rankings)
+    unusual = replace(january.adequacy, overall=PValue.of(np.log(p_value)))
+    tests = [replace(january, adequacy=unusual), *others]
+    assert len(list(failed_tests(name, tests))) == fails
+    remarks = list(unusual_tests(name, tests))
+    assert len(remarks) == (not fails)
+    assert all("test 'January': unusual data for 'frame', 2.9 sd" in each for each in remarks)
 
 
 def with_prior(candidate, name):

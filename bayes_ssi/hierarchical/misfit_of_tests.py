@@ -1,0 +1,37 @@
+"""Tests that the model class does not explain: what they say of a population means nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from bayes_ssi.hierarchical.single_tests import SingleTest
+from bayes_ssi.posterior.adequacy import LIMIT, Adequacy
+from bayes_ssi.posterior.misfit_in_words import causes_in_words, misfits_in_words
+
+
+def failed_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
+    """Tests that the class does not explain, a sentence each."""
+    for test in tests:
+        fit = test.adequacy
+        if fit is not None and _fails(fit, len(tests)):
+            words = "; ".join(misfits_in_words(fit))
+            yield (
+                f"test {test.name!r}: {class_name!r} does not explain the data: {words}. "
+                f"Likely cause: {causes_in_words(fit)}"
+            )
+
+
+def unusual_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
+    """Tests that would fail by themselves, but not among so many, a sentence each."""
+    for test in tests:
+        fit = test.adequacy
+        if fit is not None and fit.overall.is_small and not _fails(fit, len(tests)):
+            yield (
+                f"test {test.name!r}: unusual data for {class_name!r}, {fit.overall.sds:.1f} sd, "
+                f"as one right test in {1.0 / LIMIT:.0f} has: {'; '.join(misfits_in_words(fit))}"
+            )
+
+
+def _fails(fit: Adequacy, n_tests: int) -> bool:
+    # Of many tests that a right class explains, the most unusual one is far out (Bonferroni).
+    return n_tests * fit.overall.p_value < LIMIT or bool(fit.hints)
