@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bayes_ssi.commands.response_options import response_request
-from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
+from bayes_ssi.commands.terminal import (
+    console,
+    is_quiet,
+    json_option,
+    print_record,
+    progress_bars,
+    say,
+)
 
 if TYPE_CHECKING:
     from bayes_ssi.predictions.predictions import Predictions
@@ -114,6 +121,7 @@ def predict(
     """
     from bayes_ssi.codec import to_record
     from bayes_ssi.plots.prediction_figures import save_prediction_figures
+    from bayes_ssi.predictions.posterior_draws import ARRAY_SIZE
     from bayes_ssi.predictions.prediction_files import save_predictions
     from bayes_ssi.predictions.predictions import AVERAGE
     from bayes_ssi.predictions.response_bands import predict_responses
@@ -129,6 +137,13 @@ def predict(
     directory = out or result / "predictions"
     require_new(directory, marker=MARKER, overwrite=overwrite)
     record = _record(predicted, list(names), request)
+    longest = max(map(len, request.motions), default=0)
+    if predicted.n_draws * longest > ARRAY_SIZE and not is_quiet():
+        click.echo(
+            f"{predicted.n_draws} time histories of {longest} samples take a while; fewer --draws "
+            "take less.",
+            err=True,
+        )
     responses = []
     with progress_bars() as report:
         for name in names:

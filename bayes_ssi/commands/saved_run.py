@@ -78,7 +78,7 @@ class RunOptions:
         )
 
     def place(self, study: Study, study_file: Path, name: str, *options: object) -> ResultPlace:
-        """Where the result of a study goes.
+        """Where the result of a study goes; no other run may write there until the command ends.
 
         Args:
             study: what is sampled.
@@ -89,7 +89,8 @@ class RunOptions:
         Raises:
             FileExistsError: there is another result, which is not to be overwritten.
             OSError: it cannot be written there.
-            ValueError: the path of its directory does not end in a name.
+            ValueError: the path of its directory does not end in a name, or another run is
+                writing there.
         """
         from bayes_ssi.execution.checkpoint import Checkpoint, name_of_run
         from bayes_ssi.results.load import MARKER
@@ -104,6 +105,7 @@ class RunOptions:
         )
         overwrite = self.overwrite or checkpoint.is_saving
         require_new(directory, marker=MARKER, overwrite=overwrite)
+        click.get_current_context().with_resource(checkpoint.locked())
         return ResultPlace(study_file, directory, checkpoint, overwrite)
 
     @contextmanager

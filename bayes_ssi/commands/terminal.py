@@ -41,8 +41,6 @@ STEPS = {
     "ensembles": (0.45, 0.9),
     "evidence": (0.9, 1.0),
 }
-# Steps of which other output than a terminal's shows the beginning.
-SHORT_STEPS = {"local searches": "calibrating", "predictions": "predicting"}
 
 
 class OneLineErrors(click.Group):
@@ -201,8 +199,7 @@ def say(where: Console, *lines: str) -> None:
 def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
     """A function that reports progress on standard error, unless output is suppressed.
 
-    A terminal shows a bar for each model class, other output a line: at the end of its sampling,
-    and at the beginning of shorter work.
+    A terminal shows a bar for each model class, other output a line at its end.
     """
     from rich.console import Console
 
@@ -213,14 +210,12 @@ def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
         with _bars(stderr) as show:
             yield show
     else:
-        yield _print_line
+        yield _print_end
 
 
-def _print_line(name: str, step: str, done: float) -> None:
+def _print_end(name: str, step: str, done: float) -> None:
     if step == "evidence" and done >= 1.0:
         click.echo(f"sampled {name}", err=True)
-    elif step in SHORT_STEPS and done == 0.0:
-        click.echo(f"{SHORT_STEPS[step]} {name}", err=True)
 
 
 @contextmanager

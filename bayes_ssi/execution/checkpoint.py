@@ -7,7 +7,8 @@ import json
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 # This file exists from the moment the run begins to write its result.
 SAVING = "saving"
+# This one while a run uses the checkpoint.
+LOCK = "lock"
 SUFFIX = ".journal"
 
 
@@ -90,6 +93,24 @@ class Checkpoint:
         _remove(path)
         return Journal(path, run)
 
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other runs from this checkpoint, also between two model classes and while saving.
+
+        Raises:
+            ValueError: another run is using it.
+            OSError: it cannot be written.
+        """
+        self.directory.mkdir(exist_ok=True)
+        # A journal without evaluations: its lock ends with this process, however that ends.
+        lock = Journal(self.directory / LOCK, {})
+        try:
+            yield
+        finally:
+            lock.close()
+            _remove(lock.path)
+            self._remove_if_empty()
+
     def silent(self) -> Checkpoint:
         """The same checkpoint without messages, for use in another process."""
         return replace(self, say=_keep_quiet)
@@ -116,6 +137,9 @@ class Checkpoint:
         for path in journals:
             _remove(path)
         (self.directory / SAVING).unlink(missing_ok=True)
+        self._remove_if_empty()
+
+    def _remove_if_empty(self) -> None:
         if self.directory.exists() and not any(self.directory.iterdir()):
             self.directory.rmdir()
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from conftest import assert_one_line_error
 
+from bayes_ssi.execution.checkpoint import Checkpoint
 from bayes_ssi.results.load import load_result
 
 CSV = """\
@@ -89,6 +90,17 @@ def test_a_failed_check_is_reported_with_exit_code_3(run, tiny_study_file, tmp_p
     assert "Do not trust the ranking until" in result.stdout
     assert "one k: the standard error of the log evidence" in result.stdout
     assert load_result(tmp_path / "r").comparison.failed_checks
+
+
+def test_a_second_run_with_the_same_directory_is_refused_at_the_start(
+    run, tiny_study_file, tmp_path
+):
+    checkpoint = tmp_path / ".r.checkpoint"
+    with Checkpoint(checkpoint).locked():
+        result = run("rank", tiny_study_file, "--out", tmp_path / "r")
+        assert not list(checkpoint.glob("*.journal")), "nothing was sampled"
+    assert_one_line_error(result, "another run is using this checkpoint")
+    assert not checkpoint.exists()
 
 
 @pytest.mark.usefixtures("no_figures", "coarse_command")
@@ -213,6 +225,15 @@ def test_calibrate_says_what_is_not_determined(run, study_file):
     with_prior = run("calibrate", path, "--only", "each k", "--with-prior", "--starts", 4)
     assert with_prior.stdout.startswith("Minima with the prior's pull of ")
     assert "not determined" not in with_prior.stdout
+
+
+def test_calibrate_says_that_correlations_of_errors_do_not_count(run, study_file):
+    path = study_file(("shape_sd=0.05)", "shape_sd=0.05, between_modes=0.5)"))
+    options = ("calibrate", path, "--only", "each k", "--starts", 1)
+    words = "has correlated prediction errors, but a calibration takes them for independent"
+    assert words in " ".join(run(*options, "--with-prior").stdout.split())
+    assert "correlated" not in run(*options).stdout, "no standard errors are shown"
+    assert json.loads(run(*options, "--json").stdout)["calibrations"][0]["errors_are_correlated"]
 
 
 def test_calibrate_prints_once_what_differs_in_the_error_model_alone(run, study_file):

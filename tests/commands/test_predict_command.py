@@ -181,6 +181,14 @@ def test_a_warning_about_narrow_peaks(predict):
 
 
 @pytest.mark.usefixtures("no_figures")
+def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
+    (tmp_path / "quake.AT2").write_text(AT2)
+    monkeypatch.setattr("bayes_ssi.predictions.posterior_draws.ARRAY_SIZE", 40 * 4 - 1)
+    done = predict("--record", tmp_path / "quake.AT2")
+    assert "40 time histories of 4 samples take a while; fewer --draws" in done.stderr
+
+
+@pytest.mark.usefixtures("no_figures")
 def test_warnings_about_damping_and_records(predict, tmp_path):
     (tmp_path / "quake.AT2").write_text(AT2.replace(".2", "200."), "utf-8")
     out = predict("--damping", 0.5, "--record", tmp_path / "quake.AT2").stdout
