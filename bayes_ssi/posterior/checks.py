@@ -12,7 +12,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from bayes_ssi.sampling.diagnostics import (
-    LARGEST_WEIGHT,
     LENGTH_IN_AUTOCORRELATION_TIMES,
     PARETO_K_LIMIT,
 )
@@ -57,6 +56,7 @@ def _r_hat(sampled: SamplingResult) -> Iterator[str]:
 
 
 def _evidence_error(sampled: SamplingResult) -> Iterator[str]:
+    # It is at least the largest share of the evidence that one importance draw carries.
     error = sampled.evidence.error
     if error > REACHED * sampled.wanted_error:
         yield (
@@ -66,9 +66,6 @@ def _evidence_error(sampled: SamplingResult) -> Iterator[str]:
 
 
 def _importance_weights(sampled: SamplingResult) -> Iterator[str]:
-    largest = float(sampled.importance.weights.max())
-    if largest > LARGEST_WEIGHT:
-        yield f"one importance draw carries {100 * largest:.0f} % of the evidence"
     tail = sampled.importance.pareto_k
     if not tail <= PARETO_K_LIMIT:
         yield (
