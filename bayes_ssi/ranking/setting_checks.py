@@ -33,8 +33,9 @@ BAND_MOVED = 0.05
 # A prior, and the probabilities of missed and spurious modes, may be wrong by this factor in their
 # widths and sizes, as in the table of sensitivity.
 FACTOR = 2.0
-# A check fails where a class's probability moves by more than this, or a parameter by more than
-# this many of its standard deviations: half of one hardly shows in its interval.
+# A check fails where a class's probability moves by more than this, or a parameter of the
+# structure by more than this many of its standard deviations: half of one hardly shows in its
+# interval.
 PROBABILITY_MOVED, PARAMETER_MOVED = 0.1, 0.5
 # A class that is more probable than another by less than this is level with it: their difference is
 # not more than a bare mention on the scale of Bayes factors.
@@ -144,7 +145,7 @@ class _MovableStudy:
             changes = {r.name: after[r.name] - r.probability for r in self.comparison.classes}
             most = max(changes, key=lambda name: abs(changes[name]))
             best = max(after, key=lambda name: after[name])
-            shift, parameter = _largest_shift(answers[row.name])
+            shift, parameter = _largest_shift(answers[row.name], self.known[row.name])
             if after[best] > LEVEL * after[self.comparison.best.name]:
                 return Effect(f"with {move.name}, {best!r} is the most probable class", True)
             if abs(changes[most]) > PROBABILITY_MOVED:
@@ -158,7 +159,8 @@ class _MovableStudy:
         names = " or ".join(move.name for move in moves)
         return Effect(
             f"with {names}, no probability changes by more than {_up(largest_change)}, and no "
-            f"parameter by more than {_up(largest_shift)} of its standard deviation",
+            f"parameter of the structure by more than {_up(largest_shift)} of its standard "
+            "deviation",
             False,
         )
 
@@ -169,7 +171,8 @@ class _MovableStudy:
         posterior, model_class = self.posteriors[name], self.known[name]
         column = posterior.parameter_names.index(edge.parameter)
         bound = model_class.parameters[column].prior.support[edge.end]
-        if not reaches_bound(posterior.values[:, column], bound, edge.end):
+        # Zero bounds the quantity itself, such as the size of an error, and not only its prior.
+        if bound == 0.0 or not reaches_bound(posterior.values[:, column], bound, edge.end):
             return None
         return Effect(
             f"what a prior beyond {bound:g} would change is not known, because nothing was sampled "
@@ -198,14 +201,18 @@ class _MovableStudy:
         )
 
 
-def _largest_shift(answer: Reweighted) -> tuple[float, str]:
-    """The largest shift of a mean, in posterior standard deviations, and its parameter."""
-    shifts = {
-        old.name: abs(new.mean - old.mean) / old.sd if old.sd > 0 else 0.0
+def _largest_shift(answer: Reweighted, model_class: ModelClass) -> tuple[float, str]:
+    """The largest shift of a mean, in posterior standard deviations, and its parameter.
+
+    Of parameters of the structure: sizes of errors are no answer.
+    """
+    of_structure = {parameter.name for parameter in model_class.structural_parameters}
+    shifts = [
+        (abs(new.mean - old.mean) / old.sd if old.sd > 0 else 0.0, old.name)
         for old, new in zip(answer.before, answer.parameters, strict=True)
-    }
-    name = max(shifts, key=lambda each: shifts[each])
-    return shifts[name], name
+        if old.name in of_structure
+    ]
+    return max(shifts, default=(0.0, ""))
 
 
 def _up(number: float) -> str:

@@ -94,7 +94,7 @@ def narrow(cov, prior):
 @pytest.mark.parametrize(
     ("cov", "prior", "fails", "words"),
     [
-        (0.01, bs.LogNormal(0.55, 0.2), False, "no parameter by more than"),
+        (0.01, bs.LogNormal(0.55, 0.2), False, "no parameter of the structure by"),
         (0.04, bs.LogNormal(0.45, 0.2), True, "'k' moves by"),
         (0.01, bs.Uniform(2.0, 4.0), True, "prior beyond 2 would change is not known"),
     ],
@@ -109,6 +109,27 @@ def test_the_edge_of_a_prior_by_what_a_wider_one_does(cov, prior, fails, words):
     ]
     assert words in text
     assert (text in comparison.failed_checks) == fails
+
+
+def test_the_size_of_an_error_is_no_answer():
+    """It moves by more than half its standard deviation with the end of the band."""
+    candidate = replace(building(2, 1.0), error=bs.ErrorModel(shape_sd=0.05))
+    result = bs.rank(bs.Study("s", [candidate]), settings=COARSE)
+    assert result.comparison.failed_checks == ()
+    (remark,) = result.comparison.remarks
+    moved = candidate.data.band_hz[1] * (1.0 + BAND_MOVED)
+    (row,) = bs.what_if(result, bs.ChangedSettings(bands_hz={"": (0.0, moved)})).classes
+    k, size = ((p.after.mean - p.before.mean) / p.before.sd for p in row.parameters)
+    assert size > 0.5 > abs(k)
+    assert float(re.search(r"more than (\S+) of its standard", remark)[1]) < 0.5
+
+
+def test_no_prior_reaches_beyond_zero():
+    """Exact data: the size of errors goes to zero, where every lognormal ends."""
+    candidate = replace(building(7, 0.94), error=bs.ErrorModel(shape_sd=0.05))
+    (text,) = ranked(candidate).failed_checks
+    assert "lower edge of its prior, LogNormal" in text
+    assert "prior beyond" not in text
 
 
 def test_the_probabilities_of_missed_and_spurious_modes_where_classes_differ_in_them():
