@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 
 from bayes_ssi.commands.saved_run import FAILED_CHECK
-from bayes_ssi.commands.terminal import console, json_option, print_record, say
+from bayes_ssi.commands.terminal import console, json_option, print_record, say, say_in_paragraphs
 
 if TYPE_CHECKING:
     from bayes_ssi.results.load import StoredResult
@@ -72,7 +72,7 @@ def what_if(
 
     The stored draws are reweighted in seconds: nothing is sampled, and the study file is not
     needed. Where they do not cover the change, the exit code is 3 and the output says how to sample
-    again.
+    again. It is also 3 where the most probable class does not explain the data after the change.
     """
     from bayes_ssi.priors.prior_text import prior_from_text
     from bayes_ssi.ranking.changed_settings import ChangedSettings
@@ -94,13 +94,15 @@ def what_if(
     answer = ask(stored, settings)
     where = console()
     say(where, f"{stored.record.study}: draws of {result} reweighted; nothing was sampled.")
+    if answer.misfit:
+        say_in_paragraphs(where, f"(!) {answer.misfit}.")
     where.print(what_if_table(answer))
     shown = dict.fromkeys(each for each in (answer.best_before, answer.best_after) if each)
     for row in shown:
         where.print(changed_parameters_table(row))
     say(where, *what_if_notes(answer, _how_to_sample_again(stored)))
     print_record(lambda: {"directory": str(result), "answer": answer})
-    if answer.problems:
+    if answer.problems or answer.misfit:
         sys.exit(FAILED_CHECK)
 
 

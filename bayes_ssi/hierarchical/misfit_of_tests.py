@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from bayes_ssi.hierarchical.single_tests import SingleTest
 from bayes_ssi.posterior.adequacy import LIMIT, Adequacy
-from bayes_ssi.posterior.misfit_in_words import causes_in_words, misfits_in_words
+from bayes_ssi.posterior.misfit_in_words import inadequacy_in_words, misfit_text, misfits_in_words
 
 
 def failed_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
@@ -14,10 +14,9 @@ def failed_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
     for test in tests:
         fit = test.adequacy
         if fit is not None and _fails(fit, len(tests)):
-            words = "; ".join(misfits_in_words(fit))
             yield (
-                f"test {test.name!r}: {class_name!r} does not explain the data: {words}. "
-                f"Likely cause: {causes_in_words(fit)}"
+                f"test {test.name!r}: {class_name!r} does not explain the data: "
+                f"{inadequacy_in_words(fit)}"
             )
 
 
@@ -26,9 +25,10 @@ def unusual_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]
     for test in tests:
         fit = test.adequacy
         if fit is not None and fit.overall.is_small and not _fails(fit, len(tests)):
+            how_far = misfit_text(fit.overall.sds)
             yield (
-                f"test {test.name!r}: unusual data for {class_name!r}, {fit.overall.sds:.1f} sd, "
-                f"as one right test in {1.0 / LIMIT:.0f} has: {'; '.join(misfits_in_words(fit))}"
+                f"test {test.name!r}: unusual data for {class_name!r}, {how_far}, as one right "
+                f"test in {1.0 / LIMIT:.0f} has: {'; '.join(misfits_in_words(fit))}"
             )
 
 

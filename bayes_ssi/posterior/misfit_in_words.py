@@ -32,6 +32,18 @@ def causes_in_words(adequacy: Adequacy) -> str:
     return "; ".join(named) or POSSIBLE_CAUSES
 
 
+def inadequacy_in_words(adequacy: Adequacy) -> str:
+    """What of the data a class that is not adequate does not explain, and why that may be."""
+    return f"{'; '.join(misfits_in_words(adequacy))}. Likely cause: {causes_in_words(adequacy)}"
+
+
+def misfit_text(sds: float | None) -> str:
+    """A misfit in standard deviations; a dash where it is not known."""
+    if sds is None:
+        return "-"
+    return f"{sds:.1f} sd" if sds < 100.0 else "> 100 sd"
+
+
 def _each(adequacy: Adequacy) -> Iterator[tuple[PValue, str]]:
     for mode in adequacy.modes:
         yield mode.misfit, _mode(mode)
@@ -49,7 +61,7 @@ def _mode(mode: ModeMisfit) -> str:
         unusual = abs(mode.frequency_error) > 2.0 * mode.frequency_sd
         parts.append((unusual, f"{off} off where {expected} was expected"))
     if mode.mac is not None and mode.expected_mac is not None:
-        text = f"MAC {mode.mac:.2f} where {mode.expected_mac:.2f} was expected"
+        text = "MAC {} where {} was expected".format(*_different(mode.mac, mode.expected_mac))
         parts.append((mode.mac < mode.expected_mac, text))
     shown = [text for unusual, text in parts if unusual] or [text for _, text in parts]
     return f"mode {mode.label!r}: {', '.join(shown) or 'spurious'}"
@@ -80,6 +92,16 @@ def _count(count: CountMisfit) -> str:
         f"{where}spurious modes {count.spurious:.2g} where {count.expected_spurious:.2g} was "
         f"expected, unidentified model modes in the band {count.unidentified:.2g}"
     )
+
+
+def _different(*numbers: float) -> list[str]:
+    """Numbers to two decimals, or to as many as tell them apart."""
+    texts: list[str] = []
+    for decimals in range(2, 9):
+        texts = [f"{number:.{decimals}f}" for number in numbers]
+        if len(set(texts)) == len(texts):
+            break
+    return texts
 
 
 def _percent(fraction: float) -> str:

@@ -10,15 +10,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+import numpy as np
+
 from bayes_ssi.data.identified_mode import checked_band
 from bayes_ssi.model_class.configuration import choose_configuration
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import as_product
+from bayes_ssi.posterior.adequacy import N_DRAWS, Adequacy, PValue, adequacy
+from bayes_ssi.posterior.misfit_in_words import inadequacy_in_words
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.priors.prior import Prior
 from bayes_ssi.ranking.comparison import checked_weights, class_probabilities
 from bayes_ssi.ranking.reweighting import ParameterSpread, Reweighted, reweighted
 from bayes_ssi.sampling.estimates import Estimate
+from bayes_ssi.sampling.resampling import systematic_indices
 
 ERROR_SIZES = ("frequency_cov", "shape_sd")
 IDENTIFICATION = ("detection_probability", "expected_spurious_modes")
@@ -141,6 +146,10 @@ class ChangedClass:
         probability_after: None where the draws of any class do not say.
         pareto_k: shape of the weights' tail; -inf where they have none.
         problem: why the draws do not say; empty where they do.
+        misfit_before: how far the data are from the class; None where that is not known.
+        misfit_after: None also where the draws do not say.
+        unexplained: what of the data the class does not explain after the change, in words; empty
+            where it explains them, or where that is not known.
         parameters: in the order of the class.
     """
 
@@ -151,6 +160,9 @@ class ChangedClass:
     probability_after: float | None
     pareto_k: float
     problem: str
+    misfit_before: PValue | None
+    misfit_after: PValue | None
+    unexplained: str
     parameters: tuple[ParameterChange, ...]
 
 
@@ -183,6 +195,12 @@ class WhatIf:
         """Classes whose draws do not say, a sentence each."""
         return tuple(f"{each.name!r}: {each.problem}" for each in self.classes if each.problem)
 
+    @property
+    def misfit(self) -> str:
+        """What the best class after the change does not explain, with its name; or empty."""
+        best = self.best_after
+        return f"{best.name!r}: {best.unexplained}" if best and best.unexplained else ""
+
 
 def with_changed_settings(
     posteriors: Sequence[Posterior],
@@ -213,16 +231,25 @@ def with_changed_settings(
     if not any(answer.problem for answer in answers.values()):
         log_evidences = {n: answer.log_evidence.log_evidence for n, answer in answers.items()}
         new_shares = class_probabilities(log_evidences, after)
-    rows = [_changed_class(answers[name], shares[name], new_shares[name]) for name in names]
+    rows = [
+        _changed_class(changed[name], answers[name], shares[name], new_shares[name])
+        for name in names
+    ]
     rows.sort(key=lambda row: -row.probability_before)
     return WhatIf(tuple(_phrases(settings, known, before)), tuple(rows))
 
 
 def _changed_class(
-    answer: Reweighted, probability_before: float, probability_after: float | None
+    changed: ModelClass,
+    answer: Reweighted,
+    probability_before: float,
+    probability_after: float | None,
 ) -> ChangedClass:
-    evidence = answer.posterior.evidence
+    evidence, fit = answer.posterior.evidence, answer.posterior.adequacy
     trusted = not answer.problem
+    fit_after = _adequacy(changed, answer) if trusted and fit else None
+    if fit and fit_after:  # a mistake in the data is there whatever the settings
+        fit_after = replace(fit_after, hints=fit.hints)
     after = answer.parameters if trusted else [None] * len(answer.before)
     return ChangedClass(
         name=answer.posterior.name,
@@ -232,10 +259,23 @@ def _changed_class(
         probability_after=probability_after,
         pareto_k=answer.pareto_k,
         problem=answer.problem,
+        misfit_before=fit.overall if fit else None,
+        misfit_after=fit_after.overall if fit_after else None,
+        unexplained=(
+            inadequacy_in_words(fit_after) if fit_after and not fit_after.is_adequate else ""
+        ),
         parameters=tuple(
             ParameterChange(old, new) for old, new in zip(answer.before, after, strict=True)
         ),
     )
+
+
+def _adequacy(changed: ModelClass, answer: Reweighted) -> Adequacy:
+    """The adequacy of the changed class, from draws resampled by their weights."""
+    rng = np.random.default_rng(0)
+    values = answer.values[systematic_indices(answer.weights, N_DRAWS, rng)]
+    modes = [each.compared_modes(own) for _, each, own in changed.parts(values)]
+    return adequacy(changed, values, modes, rng)
 
 
 def _phrases(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from scipy.special import logsumexp
 
 from bayes_ssi.argument_types import checked
-from bayes_ssi.posterior.misfit_in_words import causes_in_words, misfits_in_words
+from bayes_ssi.posterior.misfit_in_words import causes_in_words, misfit_text, misfits_in_words
 from bayes_ssi.posterior.posterior import Posterior
 
 # Kass and Raftery (1995), Bayes Factors, section 3.2, in 2 ln B.
@@ -100,9 +100,7 @@ class RankedClass:
     @property
     def misfit_text(self) -> str:
         """The misfit in standard deviations; a dash where it is not known."""
-        if self.misfit_sds is None:
-            return "-"
-        return f"{self.misfit_sds:.1f} sd" if self.misfit_sds < 100.0 else "> 100 sd"
+        return misfit_text(self.misfit_sds)
 
 
 def probability_text(probability: float) -> str:

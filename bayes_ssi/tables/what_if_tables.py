@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
+from bayes_ssi.posterior.misfit_in_words import misfit_text
 from bayes_ssi.ranking.changed_settings import ChangedClass, WhatIf
 from bayes_ssi.ranking.comparison import probability_text
 from bayes_ssi.tables.layout import add_row, interval, new_table
@@ -17,17 +18,24 @@ def what_if_table(answer: WhatIf) -> Table:
     table = new_table(
         "Before and after",
         ["model class"],
-        ["log evidence", "after", "probability", "after", "Pareto k"],
+        ["log evidence", "after", "probability", "after", "misfit", "after", "Pareto k"],
     )
+    failed = {row.name for row in answer.classes if row.problem}
+    if answer.best_after and answer.misfit:
+        failed.add(answer.best_after.name)
     for row in answer.classes:
         after = row.log_evidence_after
         add_row(
             table,
-            f"{row.name} (!)" if row.problem else row.name,
+            f"{row.name} (!)" if row.name in failed else row.name,
             f"{row.log_evidence_before.log_evidence:.2f}",
             "-" if after is None else f"{after.log_evidence:.2f} ± {after.error:.2f}",
             probability_text(row.probability_before),
             "-" if row.probability_after is None else probability_text(row.probability_after),
+            *(
+                misfit_text(None if each is None else each.sds)
+                for each in (row.misfit_before, row.misfit_after)
+            ),
             f"{row.pareto_k:.2f}" if math.isfinite(row.pareto_k) else "-",
         )
     return table

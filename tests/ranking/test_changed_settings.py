@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.posterior.misfit_in_words import inadequacy_in_words
 from bayes_ssi.results.save import save_result
 
 K = bs.LogNormal(1.0, 0.3)
@@ -81,6 +82,34 @@ def test_against_sampling_with_the_changed_settings(stored, tiny_study):
             allowed = 4.0 * math.hypot(change.after.mean_error, expected.mean_error)
             assert change.after.mean == pytest.approx(expected.mean, abs=allowed)
     assert f"prior of 'k2': {K} → {prior} in 'each k'" in answer.changes
+
+
+def test_the_misfit_is_that_of_the_class_with_the_changed_settings(tiny_study):
+    """A shape that is 2° off: usual for an error of 0.05 in each component, not for 0.008."""
+    (candidate,) = tiny_study.only(["one k"]).model_classes
+    one, two = candidate.data.modes
+    data = replace(candidate.data, modes=(replace(one, shape=[1.0, 1.75]), two))
+    off, exact = (
+        replace(
+            candidate,
+            configurations=[replace(candidate.configurations[0], data=data)],
+            error=replace(candidate.error, shape_sd=sd),
+        )
+        for sd in (0.05, 0.008)
+    )
+    economical = bs.SamplingSettings(economical=True)
+    answer = bs.what_if(
+        bs.rank(bs.Study("2°", [off]), settings=economical), bs.ChangedSettings(shape_sd=0.008)
+    )
+    (row,) = answer.classes
+    again = bs.sample(exact, settings=economical).adequacy
+    assert row.misfit_before.sds < 1.0 < 2.6 < row.misfit_after.sds
+    assert row.misfit_after.sds == pytest.approx(again.overall.sds, abs=0.1)
+    assert answer.misfit == f"'one k': {inadequacy_in_words(again)}"
+    # Of two components, the squared error over σ² is that of one normal variable.
+    angle = math.atan(1.75) - math.atan((1.0 + math.sqrt(5.0)) / 2.0)
+    expected = (1.0 - 0.5 * 3.841 * 0.008**2) ** 2
+    assert f"MAC {math.cos(angle) ** 2:.3f} where {expected:.3f} was expected" in answer.misfit
 
 
 def test_no_probability_is_given_where_a_class_must_be_sampled_again(stored):
