@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.saved_run import FAILED_CHECK, RESULTS
+from bayes_ssi.commands.saved_run import RESULTS
 from bayes_ssi.commands.terminal import (
     command_line,
     console,
-    is_quiet,
+    exit_if_failed,
     json_option,
     print_record,
     progress_bars,
@@ -103,11 +102,8 @@ def hierarchy(
     where.print(population_table(ranked, at))
     say(where, *hierarchy_notes(ranked, at), f"Saved in {directory}.")
     print_record(lambda: _record(ranked, directory))
-    failed = ranked.all_failed_checks
-    if failed and not accept_failed_checks:
-        if is_quiet():
-            click.echo(f"(!) {len(failed)} failed checks: {'; '.join(failed)}", err=True)
-        sys.exit(FAILED_CHECK)
+    if not accept_failed_checks:
+        exit_if_failed(ranked.all_failed_checks)
 
 
 def _named(results: tuple[Path, ...]) -> dict[str, Path]:

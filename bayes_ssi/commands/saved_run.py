@@ -16,6 +16,7 @@ from bayes_ssi.commands.terminal import (
     INTERRUPTED,
     command_line,
     console,
+    exit_if_failed,
     is_quiet,
     json_option,
     print_record,
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from bayes_ssi.results.load import StoredResult
     from bayes_ssi.sampling.settings import SamplingSettings
 
-FAILED_CHECK = 3
 RESULTS = Path("runs") / "results"
 
 
@@ -184,11 +184,8 @@ class RunOptions:
         ]
         say_in_paragraphs(console(), *warnings, *answered.paragraphs)
         print_record(lambda: _record(result, records))
-        failed = result.comparison.failed_checks
-        if failed and not self.accept_failed_checks:
-            if is_quiet():
-                click.echo(f"(!) {len(failed)} failed checks: {'; '.join(failed)}", err=True)
-            sys.exit(FAILED_CHECK)
+        if not self.accept_failed_checks:
+            exit_if_failed(result.comparison.failed_checks)
 
 
 @contextmanager

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 OUTPUT_CLOSED = 1  # as rich has it
 BAD_INPUT = 2
+FAILED_CHECK = 3
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 WIDTH = 80
 LONGEST_LINE = 2000
@@ -180,6 +181,16 @@ def console() -> Console:
     made = Console()
     # Piped output has no width of its own, unless COLUMNS gives one.
     return made if made.is_terminal or "COLUMNS" in os.environ else Console(width=WIDTH)
+
+
+def exit_if_failed(checks: Sequence[str]) -> None:
+    """End the command where checks of a result failed."""
+    if not checks:
+        return
+    if is_quiet():
+        several = "s" if len(checks) > 1 else ""
+        click.echo(f"(!) {len(checks)} failed check{several}: {'; '.join(checks)}", err=True)
+    sys.exit(FAILED_CHECK)
 
 
 def say_in_paragraphs(where: Console, *paragraphs: str) -> None:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import click
 
-from bayes_ssi.commands.saved_run import FAILED_CHECK
-from bayes_ssi.commands.terminal import console, json_option, print_record, say, say_in_paragraphs
+from bayes_ssi.commands.terminal import (
+    console,
+    exit_if_failed,
+    json_option,
+    print_record,
+    say,
+    say_in_paragraphs,
+)
 
 if TYPE_CHECKING:
     from bayes_ssi.results.load import StoredResult
@@ -102,8 +107,7 @@ def what_if(
         where.print(changed_parameters_table(row))
     say(where, *what_if_notes(answer, _how_to_sample_again(stored)))
     print_record(lambda: {"directory": str(result), "answer": answer})
-    if answer.problems or answer.misfit:
-        sys.exit(FAILED_CHECK)
+    exit_if_failed([text for text in (answer.misfit, *answer.problems) if text])
 
 
 def _named(

@@ -125,7 +125,7 @@ class Hierarchy:
     def all_failed_checks(self) -> tuple[str, ...]:
         """Failed checks of the tests, and of the populations with their names."""
         of_populations = (
-            f"{each.name}: {check}" for each in self.populations for check in each.failed_checks
+            f"{each.name!r}: {check}" for each in self.populations for check in each.failed_checks
         )
         return (*self.failed_checks, *of_populations)
 

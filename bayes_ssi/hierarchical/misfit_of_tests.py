@@ -14,10 +14,7 @@ def failed_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
     for test in tests:
         fit = test.adequacy
         if fit is not None and _fails(fit, len(tests)):
-            yield (
-                f"test {test.name!r}: {class_name!r} does not explain the data: "
-                f"{inadequacy_in_words(fit)}"
-            )
+            yield f"test {test.name!r}, {class_name!r}: {inadequacy_in_words(fit)}"
 
 
 def unusual_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
@@ -27,8 +24,8 @@ def unusual_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]
         if fit is not None and fit.overall.is_small and not _fails(fit, len(tests)):
             how_far = misfit_text(fit.overall.sds)
             yield (
-                f"test {test.name!r}: unusual data for {class_name!r}, {how_far}, as one right "
-                f"test in {1.0 / LIMIT:.0f} has: {'; '.join(misfits_in_words(fit))}"
+                f"test {test.name!r}, {class_name!r}: the data are as unusual as in one right test "
+                f"of {1.0 / LIMIT:.0f}, {how_far}: {'; '.join(misfits_in_words(fit))}"
             )
 
 

@@ -26,15 +26,20 @@ def misfits_in_words(adequacy: Adequacy) -> list[str]:
     return large or [f"many small misfits, the largest: {named[0][1]}"]
 
 
-def causes_in_words(adequacy: Adequacy) -> str:
-    """The mistakes that hints name, or else what may be the cause."""
-    named = (f"{hint.mistake} (gain {hint.gain:.0f} nats)" for hint in adequacy.hints)
-    return "; ".join(named) or POSSIBLE_CAUSES
+def inadequacy_in_words(adequacy: Adequacy, others: str = "") -> str:
+    """What of the data a class that is not adequate does not explain, and why that may be.
 
-
-def inadequacy_in_words(adequacy: Adequacy) -> str:
-    """What of the data a class that is not adequate does not explain, and why that may be."""
-    return f"{'; '.join(misfits_in_words(adequacy))}. Likely cause: {causes_in_words(adequacy)}"
+    Args:
+        adequacy: of the class.
+        others: a sentence on other classes.
+    """
+    what = "the data are not explained"
+    if not adequacy.overall.is_small:
+        what, others = "the data are explained far better without a mistake in them", ""
+    mistakes = (f"{hint.mistake} (gain {hint.gain:.0f} nats)" for hint in adequacy.hints)
+    causes = "; ".join(mistakes) or POSSIBLE_CAUSES
+    sentences = (f"{what}: {'; '.join(misfits_in_words(adequacy))}", others)
+    return ". ".join([*filter(None, sentences), f"Likely cause: {causes}"])
 
 
 def misfit_text(sds: float | None) -> str:

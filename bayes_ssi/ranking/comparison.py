@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from scipy.special import logsumexp
 
 from bayes_ssi.argument_types import checked
-from bayes_ssi.posterior.misfit_in_words import causes_in_words, misfit_text, misfits_in_words
+from bayes_ssi.posterior.misfit_in_words import inadequacy_in_words, misfit_text
 from bayes_ssi.posterior.posterior import Posterior
 
 # Kass and Raftery (1995), Bayes Factors, section 3.2, in 2 ln B.
@@ -141,17 +141,19 @@ class Comparison:
     @property
     def misfit(self) -> str:
         """What of the data the best class does not explain, with its name; empty if nothing."""
-        return f"{self.best.name}: {self.best.misfit}" if self.best.misfit else ""
+        return f"{self.best.name!r}: {self.best.misfit}" if self.best.misfit else ""
 
     @property
     def failed_checks(self) -> tuple[str, ...]:
         """Every failed check of every class, with the class's name; first the best's misfit."""
-        return tuple(f"{row.name}: {check}" for row in self.classes for check in row.failed_checks)
+        return tuple(
+            f"{row.name!r}: {check}" for row in self.classes for check in row.failed_checks
+        )
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Every remark on every class, with the class's name."""
-        return tuple(f"{row.name}: {remark}" for row in self.classes for remark in row.remarks)
+        return tuple(f"{row.name!r}: {remark}" for row in self.classes for remark in row.remarks)
 
 
 @checked
@@ -246,15 +248,11 @@ def _misfit_of_best(ranked: Sequence[Posterior]) -> str:
     best = ranked[0].adequacy
     if best is None or best.is_adequate:
         return ""
-    causes = causes_in_words(best)
-    if not best.overall.is_small:
-        return f"{'; '.join(misfits_in_words(best))}. The data look mistaken: {causes}"
-    others = [p.name for p in ranked if p.adequacy is not None and p.adequacy.is_adequate]
-    if others:
-        answer = f"Only less probable classes explain the data ({', '.join(map(repr, others))})"
-    else:
-        answer = "No class explains the data"
-    return f"{'; '.join(misfits_in_words(best))}. {answer}: {causes}"
+    adequate = [p.name for p in ranked if p.adequacy is not None and p.adequacy.is_adequate]
+    others = "No other class explains them" if len(ranked) > 1 else ""
+    if adequate:
+        others = f"Only less probable classes explain them ({', '.join(map(repr, adequate))})"
+    return inadequacy_in_words(best, others)
 
 
 def _require_same_data(posteriors: Sequence[Posterior]) -> None:

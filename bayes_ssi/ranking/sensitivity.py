@@ -137,7 +137,7 @@ def _varied(
     sampled = sample_all(changed, ranking.seed, settings, run)
     estimates.update((posterior.name, _quoted(posterior)) for posterior in sampled)
     all_known = {name: estimate for name, estimate in estimates.items() if estimate is not None}
-    failed = tuple(f"{p.name}: {check}" for p in sampled for check in p.failed_checks)
+    failed = tuple(f"{p.name!r}: {check}" for p in sampled for check in p.failed_checks)
     row = _row(variation.name, ranking, all_known)
     return replace(row, sampled=again, failed_checks=failed)
 

@@ -62,10 +62,9 @@ def answer(result: StoredResult) -> Answer:
 
 
 def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
-    best = result.comparison.best
-    if best.misfit:
-        yield f"The most probable class, {best.name!r}, does not explain the data.", (best.misfit,)
     misfit = result.comparison.misfit
+    if misfit:
+        yield "The most probable class does not explain the data.", (misfit,)
     failed = tuple(each for each in result.comparison.failed_checks if each != misfit)
     if failed:
         several = len(failed) > 1

@@ -88,7 +88,7 @@ def test_a_failed_check_is_reported_with_exit_code_3(run, tiny_study_file, tmp_p
     assert result.exit_code == 3
     assert "one k (!)" in result.stdout
     assert "Do not trust the ranking until" in result.stdout
-    assert "one k: the standard error of the log evidence" in result.stdout
+    assert "'one k': the standard error of the log evidence" in result.stdout
     assert load_result(tmp_path / "r").comparison.failed_checks
 
 
@@ -187,8 +187,8 @@ def test_data_that_no_class_explains(run, study_file, tmp_path):
     result = run("rank", path, "--economical", "--error", 0.1, "--out", tmp_path / "result")
     assert result.exit_code == 3
     first = " ".join(result.stdout.split("model class")[0].split())
-    assert first.startswith("(!) each k: mode '1': 6 % off where 2 % was expected, MAC 0.85")
-    words = "No class explains the data: channels 'floor 2' and 'floor 1' seem to be exchanged"
+    assert first.startswith("(!) 'each k': the data are not explained: mode '1': 6 % off where 2 %")
+    words = "No other class explains them. Likely cause: channels 'floor 2' and 'floor 1' seem"
     assert words in first
     options = ("--economical", "--error", 0.1, "--overwrite", "--out", tmp_path / "result")
     record = run("rank", path, *options, "--json")

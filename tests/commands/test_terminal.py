@@ -30,7 +30,7 @@ def test_quiet_still_prints_errors_and_failed_checks(run, tiny_study_file, tmp_p
     result = run("rank", tiny_study_file, "--only", "one k", "--quiet", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert result.stdout == ""
-    assert result.stderr.startswith("(!) 1 failed checks: one k: the ensembles differ")
+    assert result.stderr.startswith("(!) 1 failed check: 'one k': the ensembles differ")
 
 
 def test_a_ranking_as_json(run, tiny_study_file, tmp_path):

@@ -125,7 +125,7 @@ def test_a_test_that_the_class_does_not_explain_fails(rankings):
     april = ranking(replace(candidate, configurations=tests))
     made = bs.hierarchy({**rankings, "April": april}, settings=COARSE)
     (failed,) = made.failed_checks
-    assert failed.startswith("test 'April': 'frame' does not explain the data: mode '")
+    assert failed.startswith("test 'April', 'frame': the data are not explained: mode '")
     assert "Likely cause: channels 'floor 2' and 'floor 1' seem to be exchanged" in failed
 
 
@@ -137,7 +137,11 @@ def test_of_three_tests_one_has_to_be_three_times_as_unusual_to_fail(rankings, p
     assert len(list(failed_tests(name, tests))) == fails
     remarks = list(unusual_tests(name, tests))
     assert len(remarks) == (not fails)
-    assert all("test 'January': unusual data for 'frame', 2.9 sd" in each for each in remarks)
+    assert all(
+        "test 'January', 'frame': the data are as unusual as in one right test of 100, 2.9 sd"
+        in each
+        for each in remarks
+    )
 
 
 def with_prior(candidate, name):

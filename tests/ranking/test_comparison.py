@@ -77,7 +77,7 @@ def test_what_a_row_says(make_posterior):
     assert row.mean_log_likelihood == pytest.approx(1.0)
     assert row.information_gained == pytest.approx(3.0)
     assert row.failed_checks == checks
-    assert comparison.failed_checks == ("worse: the ensembles differ",)
+    assert comparison.failed_checks == ("'worse': the ensembles differ",)
 
 
 @pytest.mark.parametrize("shift", [-1e4, 1e4])
@@ -159,4 +159,4 @@ def test_nothing_to_compare():
 def test_an_edge_check_is_flagged_for_probable_classes_only(make_posterior, log_evidence, flagged):
     leaning = make_posterior("leaning", log_evidence, edges=(AtEdge("leans on an edge", 0, "k1"),))
     comparison = bs.compare([make_posterior("upright", 0.0), leaning])
-    assert comparison.failed_checks == (("leaning: leans on an edge",) if flagged else ())
+    assert comparison.failed_checks == (("'leaning': leans on an edge",) if flagged else ())

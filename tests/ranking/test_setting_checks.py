@@ -81,7 +81,7 @@ def test_the_end_of_the_band_that_turns_a_ranking_fails():
     assert comparison.best.name == "one mass"
     (failed,) = (text for text in comparison.failed_checks if "edge of the band" in text)
     end = (1.0 - BAND_MOVED) * two.data.band_hz[1]
-    assert failed.startswith("two storeys: model mode 2 is paired with nothing")
+    assert failed.startswith("'two storeys': model mode 2 is paired with nothing")
     assert f"with the band ending at {end:.3g} Hz, 'two storeys' is the most probable" in failed
 
 

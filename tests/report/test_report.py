@@ -234,7 +234,7 @@ def test_classes_that_are_not_distinguishable(make_posterior, tmp_path):
     save_result(two_classes(make_posterior), tmp_path / "r")
     text = write_report(tmp_path / "r").read_text("utf-8")
     shown = Page(text).text
-    assert "The data do not distinguish between class 'b*c_d' (probability 0.5498) and" in shown
+    assert "the data do not distinguish between class 'b*c_d' (probability 0.5498) and" in shown
     assert "2 counts as spurious" in shown
     assert "is the most probable" not in shown
     # Names are no markup.
@@ -250,7 +250,7 @@ def test_failed_checks_stand_at_the_top(make_posterior, tmp_path):
     report = write_report(tmp_path / "r")
     shown = Page(report.read_text("utf-8")).text
     assert "2 checks failed. Do not trust the ranking" in shown
-    assert shown.index("b*c_d: the ensembles differ") < shown.index("Ranking")
+    assert shown.index("'b*c_d': the ensembles differ") < shown.index("Ranking")
     assert "All checks passed" not in shown
 
 
@@ -264,7 +264,7 @@ def test_remarks_on_settings_are_no_failed_checks(make_posterior, tmp_path):
     shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
     assert "All checks passed" in shown
     assert shown.index("without changing the answer") > shown.index("Model classes")
-    assert f"{first.name}: the band's end hardly matters" in shown
+    assert f"{first.name!r}: the band's end hardly matters" in shown
 
 
 @pytest.mark.usefixtures("no_drawings")

@@ -112,18 +112,18 @@ def test_failed_checks_are_warnings(stored):
     failed = stored(("A", 0.0, 1.0, ""), ("B", -9.0, 1.0, ""), failed_checks=("they differ",))
     ((sentence, items),) = answer(failed).warnings
     assert sentence.startswith("2 checks failed. Do not trust the ranking until they are")
-    assert items == ("A: they differ", "B: they differ")
+    assert items == ("'A': they differ", "'B': they differ")
 
 
 def test_a_best_class_that_does_not_explain_the_data_comes_first(stored):
     result = stored(("A", 0.0, 1.0, ""), ("B", -9.0, 1.0, ""), failed_checks=("they differ",))
-    misfit = "mode '2': 9 % off. No class explains the data: wrong units"
+    misfit = "the data are not explained: mode '2': 9 % off. Likely cause: wrong units"
     best, other = result.comparison.classes
     best = replace(best, misfit=misfit, failed_checks=(misfit, *best.failed_checks))
     comparison = replace(result.comparison, classes=(best, other))
     first, second = answer(replace(result, comparison=comparison)).warnings
-    assert first == ("The most probable class, 'A', does not explain the data.", (misfit,))
-    assert second[1] == ("A: they differ", "B: they differ")
+    assert first == ("The most probable class does not explain the data.", (f"'A': {misfit}",))
+    assert second[1] == ("'A': they differ", "'B': they differ")
 
 
 def test_unequal_priors_are_stated(stored):

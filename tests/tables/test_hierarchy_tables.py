@@ -60,7 +60,7 @@ def test_a_ranking_of_populations_and_its_notes(made):
     assert notes[2:] == [
         "Remark: odd.",
         "Failed checks; do not trust the ranking until they are understood:",
-        "  (!) varies: bad",
+        "  (!) 'varies': bad",
     ]
 
 

@@ -61,7 +61,7 @@ def test_a_remark_marks_no_class(make_posterior):
     assert not [line for line in lines(ranking_table(noted)) if "(!)" in line]
     assert comparison_notes(noted)[-2:] == [
         "Settings that posteriors depend on, without changing the answer:",
-        "  a: the band's end",
+        "  'a': the band's end",
     ]
 
 
