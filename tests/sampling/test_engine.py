@@ -130,9 +130,10 @@ def test_an_impossible_likelihood():
 
 
 @pytest.mark.parametrize("name", ["log_evidence_error", "particles", "searches", "max_steps"])
-@pytest.mark.parametrize("value", [0, -1, math.nan])
-def test_settings_that_are_not_positive_are_refused(name, value):
-    with pytest.raises(ValueError, match=f"SamplingSettings: {name} must be positive, got {value}"):
+@pytest.mark.parametrize("value", [0, -1, math.nan, math.inf])
+def test_settings_that_are_not_positive_and_finite_are_refused(name, value):
+    message = f"SamplingSettings: {name} must be positive and finite, got {value}"
+    with pytest.raises(ValueError, match=message):
         SamplingSettings(**{name: value})
 
 

@@ -21,6 +21,10 @@ class Fragile:
         return np.where(z[:, 0] > 10.0, np.nan, z[:, 0])
 
 
+LINE = Fragile.__call__.__code__.co_firstlineno + 3
+NO_EQUILIBRIUM = f"ArithmeticError: no equilibrium (test_target.py, line {LINE})"
+
+
 def column(*values):
     return np.array(values, dtype=float)[:, None]
 
@@ -54,7 +58,7 @@ def test_likelihood_zero_is_no_failure():
 
 @pytest.mark.parametrize(
     ("first", "reason"),
-    [(-2.0, "ArithmeticError: no equilibrium"), (40.0, "the answer is NaN")],
+    [(-2.0, NO_EQUILIBRIUM), (40.0, "the answer is NaN")],
 )
 def test_the_first_failure_is_kept_with_its_reason(first, reason):
     target = Target(Fragile(), 1)
@@ -95,9 +99,7 @@ def test_a_repeated_run_counts_what_its_journal_recalls(tmp_path):
         for batch, expected in zip(batches, [*values, [7.0]], strict=True):
             np.testing.assert_array_equal(second.log_likelihood(batch), expected)
     assert (second.n_evaluations, second.n_failed) == (8, 2)
-    assert (
-        second.first_failure == first.first_failure == ([-3.0], "ArithmeticError: no equilibrium")
-    )
+    assert second.first_failure == first.first_failure == ([-3.0], NO_EQUILIBRIUM)
     # Only the first points, to see that the model is still the same, in two parts down to the one
     # that raises; and what the journal does not have.
     assert again.asked == [POINTS_TO_CHECK, 1, 2, 1, 1, len(batches[2])]
