@@ -34,9 +34,8 @@ BAND_MOVED = 0.05
 # widths and sizes, as in the table of sensitivity.
 FACTOR = 2.0
 # A check fails where a class's probability moves by more than this, or a parameter of the
-# structure by more than this many of its standard deviations: half of one hardly shows in its
-# interval.
-PROBABILITY_MOVED, PARAMETER_MOVED = 0.1, 0.5
+# structure by more than this many of its standard deviations, which is the error it is quoted with.
+PROBABILITY_MOVED, PARAMETER_MOVED = 0.1, 1.0
 # A class that is more probable than another by less than this is level with it: their difference is
 # not more than a bare mention on the scale of Bayes factors.
 LEVEL = math.exp(0.5 * SCALE[0][0])
