@@ -35,6 +35,7 @@ from bayes_ssi.identification.error_groups import (
     ErrorSizes,
     ModeOfTest,
     Separation,
+    conditional_errors,
     grouped,
 )
 from bayes_ssi.identification.error_model import ErrorModel, is_zero
@@ -159,6 +160,33 @@ class CorrelatedErrors:
         fixed = not any(product.parameters for product in products)
         sd, tests, modes = table.evaluate(values[:1] if fixed else values).T
         return ErrorSizes(sd * sd, tests, modes)
+
+    def independent_residuals(
+        self, values: FloatArray, frequencies_hz: Sequence[FloatArray]
+    ) -> FloatArray:
+        """Frequency residuals (B, N) of all paired modes, as independent standard-normal numbers.
+
+        Each is the residual given those before it in its group, over its standard deviation.
+
+        Args:
+            values: (B, n_parameters).
+            frequencies_hz: model frequencies (B, n_modes) of each test at these values.
+        """
+        residuals = self._residuals(frequencies_hz)
+        sizes = self._sizes(self.error.frequency_cov, values)
+        independent = residuals / np.sqrt(sizes.variance[:, None] + self._frequency_var)
+        if self._frequencies is None:
+            return independent
+        covariance = self._frequencies.covariance(sizes)
+        members = self._frequencies.of_members(residuals[:, :, None])
+        steps = [
+            residual[..., 0] / np.sqrt(variance)
+            for variance, residual in conditional_errors(covariance, members)
+        ]
+        for g, group in enumerate(self.groups):
+            for position, step in zip(group, steps, strict=False):
+                independent[:, position] = step[:, g]
+        return independent
 
     def correlated_normals(self, normals: FloatArray, values: FloatArray) -> FloatArray:
         """Standard-normal numbers (B, N) with the correlation of all paired frequencies' residuals.

@@ -15,8 +15,9 @@ assessment using pivotal quantities, Bayesian Analysis 2). At every draw these a
 
 Each gives p-values. Those of one draw are independent and are combined: those of the modes with
 those of the error sizes, those of the structures' parameters with those of the numbers of modes,
-and these two. Where errors are correlated, those of the modes are combined by their harmonic mean
-alone, and so are those of the draws, which depend on one another.
+and these two. Where errors are correlated, each frequency error is taken given those before it, and
+the p-values of shapes are combined by their harmonic mean alone, as are those of the draws, which
+depend on one another.
 """
 
 from __future__ import annotations
@@ -207,9 +208,10 @@ def adequacy(
     is_size = np.array([name in sizes for name in model_class.parameter_names])
     # An error size that is smaller than expected is no misfit.
     of_parameters = np.where(is_size, log_ndtr(-z), log_two_sided(z))
-    # Where errors repeat, those of the modes are not independent.
-    together = log_harmonic_mean if model_class.error.is_correlated else log_combined
-    errors = [together(of_modes, axis=1)]
+    if model_class.error.is_correlated:
+        errors = list(_of_correlated_errors(model_class, values, modes, of_shapes))
+    else:
+        errors = [log_combined(of_modes, axis=1)]
     model = [log_combined(of_counts.reshape(-1, len(values)).T, axis=1)]
     for part, which in ((errors, is_size), (model, ~is_size)):
         if which.any():
@@ -227,6 +229,22 @@ def adequacy(
             )
         ),
     )
+
+
+def _of_correlated_errors(
+    model_class: ModelClass,
+    values: FloatArray,
+    modes: Sequence[ComparedModes],
+    shapes: FloatArray,
+) -> Iterator[FloatArray]:
+    """Log p-values (B,) of all frequencies and of all shapes, whose errors repeat."""
+    frequencies_hz = [of_test.frequencies_hz for of_test in modes]
+    residuals = model_class.correlated_errors.independent_residuals(values, frequencies_hz)
+    if residuals.shape[1]:
+        yield log_combined(log_two_sided(residuals), axis=1)
+    scored = shapes[:, ~np.isnan(shapes).any(axis=0)]
+    if scored.shape[1]:
+        yield log_harmonic_mean(scored, axis=1)
 
 
 def _of_each_mode(frequency: FloatArray, shape: FloatArray) -> FloatArray:

@@ -23,7 +23,9 @@ def misfits_in_words(adequacy: Adequacy) -> list[str]:
     """The largest misfits, the worst first; the largest one alone if each is small by itself."""
     named = sorted(_each(adequacy), key=lambda item: -item[0].sds)
     large = [words for misfit, words in named[:MOST_NAMED] if misfit.is_small]
-    return large or [f"many small misfits, the largest: {named[0][1]}"]
+    return large or [
+        f"misfits that are small one by one, but not together; the largest: {named[0][1]}"
+    ]
 
 
 def inadequacy_in_words(adequacy: Adequacy, others: str = "") -> str:

@@ -121,6 +121,11 @@ def test_frequencies_have_their_joint_normal_density(error):
         expected[k] += multivariate_normal.logpdf(residuals[k], cov=covariance[k])
         expected[k] -= norm.logpdf(residuals[k], scale=np.sqrt(np.diag(covariance[k]))).sum()
     np.testing.assert_allclose(candidate.log_likelihood(values), expected, rtol=1e-11)
+    # Their independent numbers have the squared distance of the joint normal density.
+    model_hz = [each.modes(own).frequencies_hz for _, each, own in candidate.parts(values)]
+    independent = candidate.correlated_errors.independent_residuals(values, model_hz)
+    distances = [r @ np.linalg.solve(c, r) for r, c in zip(residuals, covariance, strict=True)]
+    np.testing.assert_allclose((independent**2).sum(axis=1), distances, rtol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -217,6 +217,22 @@ def test_no_other_pairing_is_tried_where_errors_are_correlated(frame, case_c, fi
     assert list(repair_of_pairing(repeated)) == []
 
 
+@pytest.mark.parametrize(("between_tests", "is_adequate"), [(0.0, True), (0.95, False)])
+def test_tests_that_differ_by_more_than_repeated_errors_allow(between_tests, is_adequate):
+    """One frequency 1 % too high and 1 % too low: 1.4 sd of their difference, or 6.3."""
+    structure = bs.ShearBuilding((1.0,), ((2.0 * math.pi) ** 2 * multiplier("k"),))
+    tests = [
+        bs.Configuration(name, structure, bs.ModalData((bs.IdentifiedMode("1", f),), (0.0, 2.0)),
+                         pairing={"1": 1})
+        for name, f in (("May", 1.01), ("June", 0.99))
+    ]  # fmt: skip
+    error = bs.ErrorModel(0.01, 0.05, between_tests)
+    candidate = bs.ModelClass("differ", configurations=tests, error=error)
+    found = at(candidate, np.array([[1.0]]))
+    assert found.is_adequate == is_adequate
+    assert all(mode.misfit.sds == pytest.approx(1.0, abs=0.02) for mode in found.modes)
+
+
 def test_a_mistake_in_one_of_two_tests(model_classes):
     (test,) = model_classes["3"].configurations
     tests = [replace(test, name="May", data=exchanged(test.data)), replace(test, name="June")]
