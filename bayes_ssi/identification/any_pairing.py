@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.identification.likelihood import ComparedModes, ModalLikelihood, row_sums
+from bayes_ssi.identification.likelihood import ModalLikelihood
+from bayes_ssi.identification.likelihood_terms import ComparedModes, row_sums
 from bayes_ssi.identification.paired_modes import PairedModes
 from bayes_ssi.identification.pairings import PairingWeights, log_sum, pair_probabilities
 

@@ -19,7 +19,6 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +28,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
+from bayes_ssi.identification.likelihood_terms import ComparedModes, ModalTerms, row_sums
 from bayes_ssi.identification.paired_modes import PairedModes, check_pairing
 from bayes_ssi.identification.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.modal import Modes
@@ -38,46 +38,6 @@ from bayes_ssi.structures.structure import Structure
 
 # The datum that no other modes were identified.
 MISSED = "no other mode"
-
-
-class ComparedModes(NamedTuple):
-    """The modes of a model at a batch of B parameter values, compared with the identified ones.
-
-    Attributes:
-        frequencies_hz: (B, n_modes), of the model.
-        shape_distances: (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
-    """
-
-    frequencies_hz: FloatArray
-    shape_distances: FloatArray
-
-
-class ModalTerms(NamedTuple):
-    """Terms of the log-likelihood at a batch of B parameter values, which sum to the whole.
-
-    Attributes:
-        frequency: (B, n_pairs), terms of the paired frequencies, p_D included.
-        shape: (B, n_shape_pairs), terms of the paired modes whose shape is scored.
-        undetected: (B,), terms of the unpaired model modes.
-        spurious: term of the unpaired identified modes, and of e^(-ν).
-    """
-
-    frequency: FloatArray
-    shape: FloatArray
-    undetected: FloatArray
-    spurious: float
-
-    def total(self) -> FloatArray:
-        """The log-likelihood (B,)."""
-        return row_sums(self.frequency) + row_sums(self.shape) + self.undetected + self.spurious
-
-
-def row_sums(terms: FloatArray) -> FloatArray:
-    """The sum over the second axis of (B, m) or (B, m, …), the same for a row in any batch.
-
-    numpy adds in an order that depends on the memory layout, which a batch of one may change.
-    """
-    return np.ascontiguousarray(terms).sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)

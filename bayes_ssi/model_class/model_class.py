@@ -17,7 +17,8 @@ from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.file_names import require_printable
 from bayes_ssi.identification.correlated_errors import CorrelatedErrors
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
-from bayes_ssi.identification.likelihood import ModalLikelihood, row_sums
+from bayes_ssi.identification.likelihood import ModalLikelihood
+from bayes_ssi.identification.likelihood_terms import row_sums
 from bayes_ssi.model_class.configuration import Configuration, choose_configuration, joint_digest
 from bayes_ssi.parameters import Parameter, checked_values, collect_parameters, values_at
 from bayes_ssi.priors.prior import Prior

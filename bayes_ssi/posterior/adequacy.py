@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.identification.likelihood import ComparedModes, ModalLikelihood
+from bayes_ssi.identification.likelihood import ModalLikelihood
+from bayes_ssi.identification.likelihood_terms import ComparedModes
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import as_product

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.identification.likelihood import ComparedModes
+from bayes_ssi.identification.likelihood_terms import ComparedModes
 from bayes_ssi.model_class.configuration import label_in, modes_with_shape
 from bayes_ssi.model_class.model_class import ModelClass
 

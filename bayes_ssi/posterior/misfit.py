@@ -14,7 +14,8 @@ from scipy.special import chdtri, pdtrc
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.any_pairing import AnyPairing
-from bayes_ssi.identification.likelihood import ComparedModes, ModalLikelihood
+from bayes_ssi.identification.likelihood import ModalLikelihood
+from bayes_ssi.identification.likelihood_terms import ComparedModes
 from bayes_ssi.identification.pairings import sample_pairings
 from bayes_ssi.identification.shape_density import log_shape_survival
 from bayes_ssi.posterior.p_values import log_two_sided

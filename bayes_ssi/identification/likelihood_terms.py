@@ -1,0 +1,49 @@
+"""What a likelihood is computed from, and what it consists of, at a batch of parameter values."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+
+
+class ComparedModes(NamedTuple):
+    """The modes of a model at a batch of B parameter values, compared with the identified ones.
+
+    Attributes:
+        frequencies_hz: (B, n_modes), of the model.
+        shape_distances: (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
+    """
+
+    frequencies_hz: FloatArray
+    shape_distances: FloatArray
+
+
+class ModalTerms(NamedTuple):
+    """Terms of the log-likelihood at a batch of B parameter values, which sum to the whole.
+
+    Attributes:
+        frequency: (B, n_pairs), terms of the paired frequencies, p_D included.
+        shape: (B, n_shape_pairs), terms of the paired modes whose shape is scored.
+        undetected: (B,), terms of the unpaired model modes.
+        spurious: term of the unpaired identified modes, and of e^(-ν).
+    """
+
+    frequency: FloatArray
+    shape: FloatArray
+    undetected: FloatArray
+    spurious: float
+
+    def total(self) -> FloatArray:
+        """The log-likelihood (B,)."""
+        return row_sums(self.frequency) + row_sums(self.shape) + self.undetected + self.spurious
+
+
+def row_sums(terms: FloatArray) -> FloatArray:
+    """The sum over the second axis of (B, m) or (B, m, …), the same for a row in any batch.
+
+    numpy adds in an order that depends on the memory layout, which a batch of one may change.
+    """
+    return np.ascontiguousarray(terms).sum(axis=1)
