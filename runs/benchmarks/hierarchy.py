@@ -1,6 +1,6 @@
 """Are evidences and parameters of populations of many tests right, and how long do they take?
 
-    python runs/benchmarks/hierarchy.py [--sets 75] [--only evidence|calibration|time]
+    python runs/benchmarks/hierarchy.py [--sets 200] [--only evidence|calibration|time]
 
 evidence: tests with linear models and normal errors, whose evidence is known but for a quadrature:
 5, 20 and 100 tests, of every population, ranked against every other.
@@ -231,7 +231,7 @@ def time() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sets", type=int, default=75)
+    parser.add_argument("--sets", type=int, default=200)
     parser.add_argument("--only", choices=("evidence", "calibration", "time"))
     options = parser.parse_args()
     parts = {"evidence": evidence, "time": time, "calibration": lambda: calibration(options.sets)}
