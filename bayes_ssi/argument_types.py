@@ -75,11 +75,21 @@ def _fits(value: Any, hint: Any) -> bool:
             return False
         if isinstance(value, Iterator):  # it can be read only once
             return True
-        return getattr(value, "ndim", 1) > 0 and all(_fits(item, parts[0]) for item in value)
+        if getattr(value, "ndim", 1) == 0:
+            return False
+        if _is_record(hint):
+            items = list(value)
+            return len(items) == len(parts) and all(map(_fits, items, parts))
+        return all(_fits(item, parts[0]) for item in value)
     if hint in (int, float):
         number = Integral if hint is int else Real
         return isinstance(value, number) and not isinstance(value, bool)
     return isinstance(value, hint) if isinstance(hint, type) else True
+
+
+def _is_record(hint: Any) -> bool:
+    """Whether a hint is that of a tuple with a type for each place."""
+    return get_origin(hint) is tuple and Ellipsis not in get_args(hint)
 
 
 def _words(hint: Any) -> str:
@@ -95,6 +105,8 @@ def _words(hint: Any) -> str:
         return "a function"
     if isinstance(kind, type) and issubclass(kind, Mapping):
         return f"a mapping of {_words(parts[0])} to {_words(parts[1])}"
+    if _is_record(hint):
+        return f"({', '.join(map(_words, parts))})"
     if kind is not None:
         return f"a sequence, each item {_words(parts[0])}"
     if isinstance(hint, type) and issubclass(hint, PathLike):

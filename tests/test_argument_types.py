@@ -109,6 +109,7 @@ GOOD = [
     (np.ones(2), Sequence[float]), ({"a": 1}, Mapping[str, float]), (len, Callable[[int], int]),
     ("any", Literal["any"]),
     (object(), Any), (iter(()), Iterator[int]),
+    ((1, "a"), tuple[int, str]), ([1.0, 2.0], tuple[float, float]), ((1, 2, 3), tuple[int, ...]),
 ]  # fmt: skip
 BAD = [
     (True, int, "a whole number"), (1.5, int, "a whole number"), (True, float, "a number"),
@@ -117,6 +118,8 @@ BAD = [
     ({1: 1}, Mapping[str, int], "a mapping of text to a whole number"),
     (1, str | Path, "text or a path"), (1, Callable[[int], int], "a function"),
     ("all", Literal["any"], "'any'"),
+    ((1, 2), tuple[int, str], r"\(a whole number, text\)"),
+    ((1.0,), tuple[float, float], r"\(a number, a number\)"),
 ]  # fmt: skip
 
 
