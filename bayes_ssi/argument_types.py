@@ -77,9 +77,8 @@ def _fits(value: Any, hint: Any) -> bool:
             return True
         if getattr(value, "ndim", 1) == 0:
             return False
-        if _is_record(hint):
-            items = list(value)
-            return len(items) == len(parts) and all(map(_fits, items, parts))
+        if _is_record(hint):  # the function itself says what a wrong number of items lacks
+            return all(map(_fits, value, parts))
         return all(_fits(item, parts[0]) for item in value)
     if hint in (int, float):
         number = Integral if hint is int else Real

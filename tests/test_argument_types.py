@@ -119,7 +119,6 @@ BAD = [
     (1, str | Path, "text or a path"), (1, Callable[[int], int], "a function"),
     ("all", Literal["any"], "'any'"),
     ((1, 2), tuple[int, str], r"\(a whole number, text\)"),
-    ((1.0,), tuple[float, float], r"\(a number, a number\)"),
 ]  # fmt: skip
 
 
