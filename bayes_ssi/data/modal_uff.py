@@ -74,7 +74,7 @@ def read_modal_uff(
                 IdentifiedMode(
                     str(number),
                     frequency,
-                    np.array([_component(sets[i], name, *at) for name, at in named.items()]),
+                    np.array([_component(sets[i], name, at) for name, at in named.items()]),
                     damping=damping if 0.0 < damping < 1.0 else None,
                 )
                 for number, ((frequency, damping), i) in enumerate(modes, start=1)
@@ -105,8 +105,11 @@ def _moving_sensors(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[int, s
     return {f"{node} {direction}": (node, direction) for node, direction in sorted(moving)}
 
 
-def _component(one: Mapping[str, Any], name: str, node: int, direction: str) -> complex:
+def _component(one: Mapping[str, Any], name: str, place: tuple[int, str]) -> complex:
     """The component of one mode that a sensor measures."""
+    if len(place) != 2:
+        raise ValueError(f"sensor {name!r}: must be a node and a direction, got {place!r}")
+    node, direction = place
     axis = str(direction).removeprefix("-")
     if axis not in DIRECTIONS:
         raise ValueError(

@@ -63,6 +63,10 @@ def test_errors_of_a_universal_file_are_explained(tmp_path):
         bs.read_modal_data(path, band_hz=(0, 6), sensors={"a": (99, "x")})
     with pytest.raises(ValueError, match="direction must be x, y or z"):
         bs.read_modal_data(path, band_hz=(0, 6), sensors={"a": (11, "w")})
+    with pytest.raises(
+        ValueError, match=r"sensor 'a': must be a node and a direction, got \(11,\)"
+    ):
+        bs.read_modal_data(path, band_hz=(0, 6), sensors={"a": (11,)})
     with pytest.raises(FileNotFoundError):
         bs.read_modal_data(tmp_path / "none.uff", band_hz=(0, 6))
     damaged = tmp_path / "damaged.uff"
