@@ -22,6 +22,9 @@ from bayes_ssi.sampling.target import Target, log_standard_normal
 # Steps of forward first and central second differences: truncation and rounding errors balance
 # for log-likelihoods of some thousand nats.
 GRADIENT_STEP, HESSIAN_STEP = 1e-6, 1e-3
+# Steps over which the log posterior falls by more than this, in nats, are shortened: further away a
+# narrow maximum may have given way to what surrounds it.
+MOST_FALL = 0.1
 # An ascent along a curved ridge may need more steps: it is continued once.
 MAX_ASCENT_STEPS = 60
 LONGEST_STEP = 2.0  # prior standard deviations
@@ -125,13 +128,19 @@ def _distinct(target: Target, ends: FloatArray, log_posteriors: FloatArray) -> M
     if not reached.any():
         raise ValueError("find_maxima: the likelihood is zero at every start")
     left = np.argsort(-np.where(reached, log_posteriors, -np.inf))[: reached.sum()]
-    lowest = log_posteriors[left[0]] + NEGLIGIBLE_LOG_MASS - target.n_dimensions
+    # A narrow maximum may be high and have little mass: what a low one could have, were it as wide
+    # as the prior, decides.
+    widest = 0.5 * target.n_dimensions * math.log(2.0 * math.pi)
+    largest = -np.inf
     highest: list[int] = []
     precisions: list[FloatArray] = []
-    while len(left) and log_posteriors[left[0]] >= lowest and len(highest) < MAX_MAXIMA:
+    while len(left) and len(highest) < MAX_MAXIMA:
         top, left = left[0], left[1:]
+        if log_posteriors[top] + widest < largest + NEGLIGIBLE_LOG_MASS:
+            break
         precision = _precision(target, ends[top], float(log_posteriors[top]))
         maximum = Maxima(ends[[top]], log_posteriors[[top]], precision[None])
+        largest = max(largest, float(maximum.log_masses[0]))
         highest.append(top)
         precisions.append(precision)
         left = left[~maximum.are_at(ends[left])[0]]
@@ -212,21 +221,40 @@ def _precision(target: Target, z: FloatArray, value: float) -> FloatArray:
     Where the posterior is flat or rises, the curvature of the prior, 1, is used instead.
     """
     d = len(z)
-    steps = HESSIAN_STEP * np.eye(d)
+    lengths, beside = _step_lengths(target, z, value)
+    steps = np.diag(lengths)
     pairs = [(i, j) for i in range(d) for j in range(i)]
     signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
-    points = [z + s * steps[i] for i in range(d) for s in (1, -1)]
-    points += [z + a * steps[i] + b * steps[j] for i, j in pairs for a, b in signs]
-    values = target.log_posterior(np.array(points))
-    if not np.isfinite(values).all():  # at the edge of where the likelihood is positive
-        return np.eye(d)
+    points = [z + a * steps[i] + b * steps[j] for i, j in pairs for a, b in signs]
+    values = target.log_posterior(np.reshape(points, (-1, d)))
+    if not (np.isfinite(values).all() and np.isfinite(beside).all()):
+        return np.eye(d)  # at the edge of where the likelihood is positive
     hessian = np.empty((d, d))
-    hessian[range(d), range(d)] = values[: 2 * d].reshape(d, 2).sum(1) - 2.0 * value
-    for (i, j), corners in zip(pairs, values[2 * d :].reshape(-1, 4), strict=True):
+    hessian[range(d), range(d)] = beside.sum(0) - 2.0 * value
+    for (i, j), corners in zip(pairs, values.reshape(-1, 4), strict=True):
         hessian[i, j] = hessian[j, i] = (corners[0] - corners[1] - corners[2] + corners[3]) / 4.0
-    eigenvalues, vectors = np.linalg.eigh(-hessian / HESSIAN_STEP**2)
+    eigenvalues, vectors = np.linalg.eigh(-hessian / np.outer(lengths, lengths))
     # Beyond this ratio to the prior's precision, 1, rounding would lose the prior's.
     return (vectors * np.clip(eigenvalues, 1.0, 1e12)) @ vectors.T
+
+
+def _step_lengths(target: Target, z: FloatArray, value: float) -> tuple[FloatArray, FloatArray]:
+    """Step lengths (d,) for second differences, and the log posteriors (2, d) one step away."""
+    d = len(z)
+    lengths = np.full(d, HESSIAN_STEP)
+    beside = np.empty((2, d))
+    steep = np.arange(d)
+    while len(steep):
+        steps = lengths[steep, None] * np.eye(d)[steep]
+        points = np.concatenate([z + steps, z - steps])
+        beside[:, steep] = target.log_posterior(points).reshape(2, -1)
+        fall = value - beside[:, steep].min(axis=0)
+        with np.errstate(invalid="ignore"):
+            too_far = np.isfinite(fall) & (fall > MOST_FALL)
+        too_far &= lengths[steep] > GRADIENT_STEP
+        lengths[steep[too_far]] *= np.sqrt(0.5 * MOST_FALL / fall[too_far])
+        steep = steep[too_far]
+    return lengths, beside
 
 
 def _inverse(precisions: FloatArray) -> FloatArray:

@@ -2,7 +2,8 @@
 
 One search is multi-level single linkage (Rinnooy Kan and Timmer 1987): many draws from the prior,
 and an ascent from each draw that is higher than all its neighbours. Few ascents then share a
-basin, and a narrow basin needs one draw in it, not one ascent in hundreds.
+basin, and a narrow basin needs one draw in it, not one ascent in hundreds. Where the target knows
+its problem, the search climbs from what it suggests, too.
 
 No later step can reveal what the searches miss. Independent searches that find the same maxima are
 the evidence that there are no others; they go on until every maximum that matters was found by
@@ -27,6 +28,8 @@ from bayes_ssi.sampling.target import Target
 # this share of the posterior, by Laplace's approximation, was found by only one of them.
 PATIENCE = 3
 SHARE_THAT_MATTERS = 1e-3
+# A region counts as excluded where draws would have missed it with no more than this probability.
+MISSED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,14 +39,26 @@ class MultistartSearch:
     Attributes:
         maxima: all of them.
         found_by: (n_searches, m), whether a search found a maximum by itself.
+        n_draws: prior draws of all searches together.
     """
 
     maxima: Maxima
     found_by: NDArray[np.bool_]
+    n_draws: int
 
     @property
     def n_searches(self) -> int:
         return len(self.found_by)
+
+    @property
+    def largest_unseen_mass(self) -> float:
+        """Prior mass of a region that no draw of the searches hit with a probability of 5 %.
+
+        Of n independent draws none lies in a region of prior mass p with probability (1 - p)^n.
+        A larger region in which the likelihood is higher than around it was climbed to; a smaller
+        one can only have been found by a slope that leads there, or by a suggested start.
+        """
+        return float(-np.expm1(np.log(MISSED) / self.n_draws))
 
     @property
     def converged(self) -> bool:
@@ -89,21 +104,22 @@ def search_maxima(
         # Climbing on from all of them merges those that stopped short of the same maximum.
         maxima = find_maxima(target, np.concatenate(searches))
         found_by = np.array([maxima.are_at(z).any(axis=1) for z in searches])
-        result = MultistartSearch(maxima, found_by)
+        result = MultistartSearch(maxima, found_by, n * n_draws)
         if result.converged:
             break
     return result
 
 
 def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator) -> FloatArray:
-    """The maxima (m, d) that one search finds; none if the likelihood is zero at all its draws."""
+    """The maxima (m, d) that one search finds; none if the likelihood is zero at all its starts."""
     draws = rng.standard_normal((n_draws, target.n_dimensions))
     log_likelihoods = target.log_likelihood(draws)
     possible = np.isfinite(log_likelihoods)
-    if not possible.any():
-        return draws[:0]
-    starts = _local_maxima(draws[possible], log_likelihoods[possible])
-    return find_maxima(target, starts[:n_ascents]).z
+    starts = target.suggested(rng)
+    if possible.any():
+        highest = _local_maxima(draws[possible], log_likelihoods[possible])
+        starts = np.concatenate([highest[:n_ascents], starts])
+    return find_maxima(target, starts).z if len(starts) else starts
 
 
 def _local_maxima(draws: FloatArray, log_likelihoods: FloatArray) -> FloatArray:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +23,18 @@ def log_standard_normal(z: FloatArray) -> FloatArray:
     return -0.5 * np.einsum("bd,bd->b", z, z) - 0.5 * z.shape[1] * np.log(2.0 * np.pi)
 
 
+class SuggestedStarts(NamedTuple):
+    """Where a target that knows its problem expects maxima.
+
+    Attributes:
+        z: (m, d), coordinates near them with a positive likelihood; m may be zero.
+        n_evaluations: solutions of the model that this took.
+    """
+
+    z: FloatArray
+    n_evaluations: int
+
+
 @dataclass
 class Target:
     """A log-likelihood over coordinates whose prior is N(0, I); counts its evaluations.
@@ -30,7 +44,9 @@ class Target:
         n_dimensions: d.
         workers: where it is evaluated; in this process if None.
         journal: recalls the evaluations of an earlier run, and records the new ones.
-        n_evaluations: points evaluated so far.
+        suggest_starts: where a search should climb from besides its own draws, which each search
+            calls with its own generator; None where all that is known is the log-likelihood.
+        n_evaluations: points evaluated so far, those for suggestions included.
         n_failed: points at which the function raised, returned NaN or lost its worker; they
             count as likelihood zero.
         first_failure: the point (d,) at which it failed first, and why.
@@ -40,6 +56,7 @@ class Target:
     n_dimensions: int
     workers: Workers | None = None
     journal: Journal | None = None
+    suggest_starts: Callable[[np.random.Generator], SuggestedStarts] | None = None
     n_evaluations: int = field(default=0, init=False)
     n_failed: int = field(default=0, init=False)
     first_failure: tuple[FloatArray, str] | None = field(default=None, init=False)
@@ -77,6 +94,14 @@ class Target:
     def log_posterior(self, z: FloatArray) -> FloatArray:
         """log-likelihood + log prior density, (B,): the posterior up to the evidence."""
         return self.log_likelihood(z) + log_standard_normal(z)
+
+    def suggested(self, rng: np.random.Generator) -> FloatArray:
+        """Suggested starts (m, d) of one search; none where nothing suggests any."""
+        if self.suggest_starts is None:
+            return np.empty((0, self.n_dimensions))
+        z, n_evaluations = self.suggest_starts(rng)
+        self.n_evaluations += n_evaluations
+        return z
 
     def _recall(self, z: FloatArray) -> Evaluated:
         """Values from the journal, or else new ones, which are added to it."""

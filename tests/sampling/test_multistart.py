@@ -10,7 +10,7 @@ from bayes_ssi.sampling import multistart
 from bayes_ssi.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.sampling.multistart import PATIENCE, MultistartSearch, search_maxima
 from bayes_ssi.sampling.regions import NEIGHBOURS, nearest_neighbours
-from bayes_ssi.sampling.target import Target, log_standard_normal
+from bayes_ssi.sampling.target import SuggestedStarts, Target, log_standard_normal
 
 DRAWS = 4000
 # One search of a well-behaved posterior climbs from at most 40 draws, in some 10 gradients each:
@@ -163,7 +163,7 @@ def test_only_a_maximum_that_matters_is_waited_for(monkeypatch, share_of_b, n_se
     ],
 )
 def test_a_maximum_found_twice_is_converged(shares, found_by, converged):
-    assert MultistartSearch(maxima_of_shares(*shares), np.array(found_by)).converged is converged
+    assert MultistartSearch(maxima_of_shares(*shares), np.array(found_by), 1).converged is converged
 
 
 @pytest.mark.parametrize("d", [1, 3])
@@ -193,6 +193,40 @@ def test_a_likelihood_that_is_zero_nearly_everywhere():
         result.maxima.precisions[0], precision * np.eye(2), atol=1e-3 * precision
     )
     assert result.found_by.all()
+
+
+SPIKE, SPIKE_SHARE = np.array([0.4, -0.8, 1.1]), 0.99
+
+
+def spike_in_slab(z):
+    """A normal of standard deviation 1e-4 with 99 % of the posterior; the rest is the prior."""
+    of_spike = peaks(SPIKE[None], 1e-4, np.array([SPIKE_SHARE]))
+    return np.logaddexp(math.log(1.0 - SPIKE_SHARE), of_spike(z))
+
+
+def test_searches_climb_from_suggested_starts():
+    def near_spike(rng):
+        return SuggestedStarts(SPIKE + 2e-4 * rng.standard_normal((2, 3)), 7)
+
+    alone = Target(spike_in_slab, 3)
+    lost = searches(alone)
+    np.testing.assert_allclose(np.exp(lost.maxima.log_masses), [1.0 - SPIKE_SHARE], rtol=1e-2)
+    target = Target(spike_in_slab, 3, suggest_starts=near_spike)
+    result = searches(target)
+    np.testing.assert_allclose(result.maxima.z, [SPIKE, np.zeros(3)], atol=1e-5)
+    # The spike's top is 21 nats above that of the prior, which still has its share.
+    expected = [SPIKE_SHARE, 1.0 - SPIKE_SHARE]
+    np.testing.assert_allclose(np.exp(result.maxima.log_masses), expected, rtol=1e-2)
+    assert result.found_by.all()
+    assert target.n_evaluations > alone.n_evaluations + 4 * 7
+
+
+def test_the_largest_unseen_mass_is_missed_by_one_search_in_twenty():
+    result = searches(two_peaks(0.3), 4)
+    mass = result.largest_unseen_mass
+    assert (1.0 - mass) ** (4 * DRAWS) == pytest.approx(0.05, rel=1e-6)
+    # Poisson: three expected draws, none with probability e^-3.
+    assert mass == pytest.approx(3.0 / (4 * DRAWS), rel=2e-3)
 
 
 @pytest.mark.parametrize("n", [1, 2, 8, 9, 10])
