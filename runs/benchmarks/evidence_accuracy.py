@@ -14,7 +14,8 @@ import argparse
 from time import process_time
 
 import numpy as np
-from problems import Problem, all_problems, from_unit_cube
+from catalogue import all_problems
+from known_evidence import Problem, from_unit_cube
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.posterior.checks import failed_checks

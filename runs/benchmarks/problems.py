@@ -1,44 +1,25 @@
-"""Problems whose log evidence is known: by quadrature, a closed form, or a large sample.
+"""Problems of the literature and of textbooks, and one modal problem of several maxima.
 
-Each is a log-likelihood over standard-normal coordinates. Sources: Beck and Au (2002) with the
-settings of Straub and Papaioannou (2015); Yuen (2010) with the data of SimCenter's UCSD_UQ
-examples; the others are textbook cases.
+Sources: Beck and Au (2002) with the settings of Straub and Papaioannou (2015); Yuen (2010) with
+the data of SimCenter's UCSD_UQ examples; the others are textbook cases.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from known_evidence import Array, Problem, in_box, log_normal_pdf, shifted
+from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
 import bayes_ssi as bs
 from bayes_ssi.ranking.study_file import load_study
 
-Array = np.ndarray
 STUDY = Path(__file__).parents[2] / "model_classes" / "shear_building.py"
-
-
-@dataclass(frozen=True)
-class Problem:
-    """A log-likelihood with a known log evidence.
-
-    ``regions`` maps a name to a test of coordinates (B, d) → (B,) and the known probability.
-    """
-
-    name: str
-    n_dimensions: int
-    log_likelihood: Callable[[Array], Array]
-    log_evidence: float
-    regions: Mapping[str, tuple[Callable[[Array], Array], float]] = field(default_factory=dict)
-
-
-def log_normal_pdf(x: Array, mean: Array | float, sd: Array | float) -> Array:
-    return -0.5 * ((x - mean) / sd) ** 2 - np.log(sd) - 0.5 * math.log(2.0 * math.pi)
 
 
 def beck_au() -> Problem:
@@ -103,7 +84,7 @@ def shells(d: int) -> Problem:
     centre[0] = 3.5
 
     def log_likelihood(z: Array) -> Array:
-        x = -6.0 + 12.0 * ndtr(z)
+        x = in_box(z, -6.0, 6.0)
         distances = [np.linalg.norm(x - sign * centre, axis=1) for sign in (1.0, -1.0)]
         return np.logaddexp(*(log_normal_pdf(distance, 2.0, 0.1) for distance in distances))
 
@@ -128,7 +109,7 @@ def four_regions(seed: int = 0) -> Problem:
     weights, sds = np.array([0.6, 0.25, 0.1, 0.05]), np.array([0.1, 0.2, 0.15, 0.3])
 
     def parts(z: Array) -> Array:
-        x = -5.0 + 10.0 * ndtr(z)
+        x = in_box(z, -5.0, 5.0)
         squares = ((x[:, None] - centres) ** 2).sum(-1)
         return np.log(weights) - 2.0 * np.log(2.0 * math.pi * sds**2) - 0.5 * squares / sds**2
 
@@ -138,13 +119,6 @@ def four_regions(seed: int = 0) -> Problem:
     return Problem(
         "four regions", 4, lambda z: np.logaddexp.reduce(parts(z), axis=1), -4.0 * math.log(10.0),
         {f"region {k + 1}": (member(k), float(weights[k])) for k in range(4)},
-    )  # fmt: skip
-
-
-def shifted(problem: Problem, by: float) -> Problem:
-    return Problem(
-        f"{problem.name} {by:+g}", problem.n_dimensions,
-        lambda z: problem.log_likelihood(z) + by, problem.log_evidence + by, problem.regions,
     )  # fmt: skip
 
 
@@ -191,7 +165,7 @@ def several_maxima() -> Problem:
     )  # fmt: skip
 
 
-def all_problems() -> list[Problem]:
+def problems() -> list[Problem]:
     return [
         beck_au(),
         *(yuen(case) for case in (1, 2, 3)),
@@ -205,8 +179,3 @@ def all_problems() -> list[Problem]:
         shifted(beck_au(), -1000.0),
         several_maxima(),
     ]
-
-
-def from_unit_cube(u: Array) -> Array:
-    """Standard-normal coordinates of points in the unit cube, for nested samplers."""
-    return ndtri(u)

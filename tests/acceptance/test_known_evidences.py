@@ -5,16 +5,14 @@ import math
 
 import numpy as np
 import pytest
+from known_evidence import Problem, log_normal_pdf, shifted
 from problems import (
-    Problem,
     beck_au,
     edge,
     four_regions,
     linear_gaussian,
-    log_normal_pdf,
     one_dimension,
     shells,
-    shifted,
     yuen,
 )
 from scipy.special import ndtr
