@@ -29,6 +29,7 @@ HEAVY = {
     "scipy",
     "matplotlib",
     "arviz",
+    "corner",
     "emcee",
     "jinja2",
     "h5py",
@@ -135,7 +136,7 @@ def test_starting_up_loads_nothing_heavy(start):
 
 @pytest.mark.parametrize("name", MODULES)
 def test_modules_import_what_takes_long_where_they_use_it(name):
-    slow = {"scipy.stats", "matplotlib", "arviz", "h5py", "h5netcdf"}
+    slow = {"scipy.stats", "matplotlib", "arviz", "corner", "h5py", "h5netcdf"}
     statements = [
         node for node in TREES[name].body if isinstance(node, ast.Import | ast.ImportFrom)
     ]
