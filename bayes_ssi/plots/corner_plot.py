@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 QUANTILES = (0.05, 0.5, 0.95)
+# Share of the draws within three standard deviations of a normal density: panels extend as far, so
+# that a single draw far away does not shrink all others to a point.
+SHOWN = 0.9973
 # Probability within one and within two standard deviations of a normal density of two variables.
 CONTOURS = 1.0 - np.exp(-0.5 * np.array([1.0, 2.0]) ** 2)
 
@@ -25,7 +28,8 @@ def plot_corner(
     """Marginal and joint posterior densities of all or some of the parameters.
 
     Dashed lines are the 5 %, 50 % and 95 % quantiles; contours hold 39 % and 86 % of the draws, as
-    one and two standard deviations of a normal density do.
+    one and two standard deviations of a normal density do. Panels leave out the outermost 0.3 % of
+    the draws.
 
     Args:
         posterior: the draws.
@@ -53,8 +57,9 @@ def plot_corner(
         from matplotlib.ticker import MaxNLocator
 
         corner.corner(
-            values, bins=30, fig=figure, color=BLUE, quantiles=QUANTILES, smooth=1.0,
-            levels=CONTOURS, plot_datapoints=False, plot_density=False, fill_contours=True,
+            values, bins=30, range=[SHOWN] * n, fig=figure, color=BLUE, quantiles=QUANTILES,
+            smooth=1.0, levels=CONTOURS, plot_datapoints=False, plot_density=False,
+            fill_contours=True,
         )  # fmt: skip
     panels = np.array(figure.axes, dtype=object).reshape(n, n)
     for i, (name, draws) in enumerate(zip(names, values.T, strict=True)):

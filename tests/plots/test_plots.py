@@ -119,6 +119,16 @@ def test_corner(make_posterior):
         plot_corner(posterior, parameters=("k9",))
 
 
+def test_contours_of_a_corner_plot_hold_their_shares_of_the_draws(make_posterior):
+    """Of a normal density of two variables, exp(-r^2 / 2) is outside r standard deviations."""
+    draws = np.random.default_rng(4).multivariate_normal([1.0, 2.0], [[1, 0.5], [0.5, 2]], 40_000)
+    joint = plot_corner(make_posterior("3", draws=draws[None])).axes[2]
+    outer, inner = joint.collections[-1].get_paths()
+    shares = [path.contains_points(draws).mean() for path in (inner, outer)]
+    # Smoothing by a bin, 0.2 standard deviations, widens the contours by 2 %.
+    np.testing.assert_allclose(shares, 1.0 - np.exp(-0.5 * 1.02**2 * np.array([1, 4])), atol=0.02)
+
+
 @pytest.mark.parametrize("names", [("k",), ("k", "the mass ratio, infill 1-2")])
 def test_names_fit_the_panels_of_a_corner_plot(make_posterior, names):
     with figures_for_files():
