@@ -198,19 +198,28 @@ def bare(frame, case_c, fixed_error):
 
 @pytest.fixture
 def fake_sampling(monkeypatch, make_posterior):
-    """Replaces sampling by posteriors of given log evidence; returns the names sampled, by level.
+    """Replaces screening and sampling by given log evidences; returns the names screened, by level.
 
-    Every hypothesis has draws of its own.
+    Every hypothesis has draws of its own. ``install.sampled`` are the names sampled, round by
+    round; screening gives ``approximately``, by default the same evidences.
     """
 
-    def install(log_evidence):
-        levels = []
+    def install(log_evidence, approximately=None):
+        levels, install.sampled = [], []
+
+        def screen_all(hypotheses, seed, run):
+            del seed, run
+            classes = [each.model_class for each in hypotheses]
+            levels.append([each.name for each in classes])
+            return [
+                searches.screened(each, (approximately or log_evidence)(each)) for each in classes
+            ]
 
         def sample_all(candidates, seed, settings, run):
             del seed, settings
             if run.checkpoint is not None:  # as its journals do
                 run.checkpoint.directory.mkdir(exist_ok=True)
-            levels.append([candidate.name for candidate in candidates])
+            install.sampled.append([candidate.name for candidate in candidates])
             posteriors = []
             for candidate in candidates:
                 n = len(candidate.parameters)
@@ -228,6 +237,7 @@ def fake_sampling(monkeypatch, make_posterior):
                 )
             return posteriors
 
+        monkeypatch.setattr("bayes_ssi.appendages.appendage_search.screen_all", screen_all)
         monkeypatch.setattr("bayes_ssi.appendages.appendage_search.sample_all", sample_all)
         return levels
 

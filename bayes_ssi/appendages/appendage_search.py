@@ -2,14 +2,14 @@
 
 From a baseline model class it builds hypotheses: no appendage; one appendage of each kind at each
 of its places; then one more added to the best of these, as long as the evidence grows. No pairing
-of modes is assumed: every hypothesis is scored over all pairings.
+of modes is assumed: every hypothesis is scored over all pairings. All are screened, which gives
+approximate evidences; those on which the answer rests are sampled.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
 
 from bayes_ssi.appendages.hypotheses import (
     SearchSettings,
@@ -18,7 +18,9 @@ from bayes_ssi.appendages.hypotheses import (
     structure_with_floors,
 )
 from bayes_ssi.appendages.places import AppendagePlace
-from bayes_ssi.appendages.search_result import AppendageSearch, search_record
+from bayes_ssi.appendages.sampling_choice import to_sample
+from bayes_ssi.appendages.screening import Screened, ToScreen, screen_all
+from bayes_ssi.appendages.search_result import AppendageSearch, Hypothesis, search_record
 from bayes_ssi.argument_types import checked
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
@@ -26,6 +28,8 @@ from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.study import Study, compare_and_diagnose
 from bayes_ssi.sampling.settings import SamplingSettings
+
+Places = tuple[AppendagePlace, ...]
 
 
 @checked
@@ -53,47 +57,95 @@ def search(
     options = search_settings or SearchSettings()
     settings = settings or SamplingSettings()
     candidates = places_of(structure_with_floors(baseline))
-    build = partial(hypothesis, baseline, search_settings=options)
-    posteriors: dict[tuple[AppendagePlace, ...], Posterior] = {}
-    classes: dict[tuple[AppendagePlace, ...], ModelClass] = {}
     run = run or Run()
     with run.working():
-        level: list[tuple[AppendagePlace, ...]] = [(), *((place,) for place in candidates)]
-        while level:
-            classes.update({places: build(places) for places in level})
-            sampled = sample_all([classes[places] for places in level], seed, settings, run)
-            posteriors.update(zip(level, sampled, strict=True))
-            level = _next_level(posteriors, candidates, options)
-        weights = {
-            classes[places].name: _prior_weight(len(places), len(candidates), options)
-            for places in posteriors
-        }
+        hypotheses = _screened(baseline, candidates, options, seed, run)
+        posteriors = _sampled(hypotheses, options, seed, settings, run)
+        sampled = [hypotheses[places] for places in posteriors]
         study = Study(
-            f"Appendages hidden in {baseline.name!r}", list(classes.values()), prior_weights=weights
+            f"Appendages hidden in {baseline.name!r}",
+            [each.model_class for each in sampled],
+            prior_weights={each.model_class.name: each.prior_weight for each in sampled},
         )
-        sampled_all = tuple(posteriors.values())
-        ranking = compare_and_diagnose(study, sampled_all, seed, settings, run)
-    places_by_name = {classes[places].name: places for places in posteriors}
-    record = search_record(baseline, options, ranking, places_by_name, candidates)
+        ranking = compare_and_diagnose(study, tuple(posteriors.values()), seed, settings, run)
+    record = search_record(baseline, options, ranking, tuple(hypotheses.values()), candidates)
     return AppendageSearch(ranking, record)
 
 
-def _next_level(
-    posteriors: Mapping[tuple[AppendagePlace, ...], Posterior],
+def _screened(
+    baseline: ModelClass,
     candidates: Sequence[AppendagePlace],
     options: SearchSettings,
-) -> list[tuple[AppendagePlace, ...]]:
+    seed: int,
+    run: Run,
+) -> dict[Places, Hypothesis]:
+    """All hypotheses with their approximate evidences."""
+    hypotheses: dict[Places, Hypothesis] = {}
+    level: list[Places] = [()]
+    while level:
+        classes = [hypothesis(baseline, places, options) for places in level]
+        wanted = [
+            ToScreen(model_class, _simpler(places, hypotheses))
+            for places, model_class in zip(level, classes, strict=True)
+        ]
+        weight = _prior_weight(len(level[0]), len(candidates), options)
+        for places, model_class, screened in zip(
+            level, classes, screen_all(wanted, seed, run), strict=True
+        ):
+            hypotheses[places] = Hypothesis(places, model_class, weight, screened)
+        level = _next_level(hypotheses, candidates, options)
+    return hypotheses
+
+
+def _simpler(places: Places, hypotheses: Mapping[Places, Hypothesis]) -> Screened | None:
+    """The best hypothesis with one of these appendages less; None where there is none to leave."""
+    fewer = [tuple(other for other in places if other != place) for place in places]
+    known = [hypotheses[each].screened for each in fewer if each in hypotheses]
+    return max(known, key=lambda each: each.log_evidence) if known else None
+
+
+def _sampled(
+    hypotheses: Mapping[Places, Hypothesis],
+    options: SearchSettings,
+    seed: int,
+    settings: SamplingSettings,
+    run: Run,
+) -> dict[Places, Posterior]:
+    """Posteriors of the baseline, and of the hypotheses on which the answer rests."""
+    approximate = {places: each.approximate_log_mass for places, each in hypotheses.items()}
+    posteriors: dict[Places, Posterior] = {}
+    chosen = to_sample(approximate, {}, options.most_unsampled)
+    while chosen:
+        # Parameters without any appendage are part of the answer.
+        now = [p for p in hypotheses if p in chosen or (p == () and not posteriors)]
+        posteriors.update(
+            zip(
+                now,
+                sample_all([hypotheses[p].model_class for p in now], seed, settings, run),
+                strict=True,
+            )
+        )
+        log_masses = {p: hypotheses[p].log_mass(each) for p, each in posteriors.items()}
+        chosen = to_sample(approximate, log_masses, options.most_unsampled)
+    return {places: posteriors[places] for places in hypotheses if places in posteriors}
+
+
+def _next_level(
+    hypotheses: Mapping[Places, Hypothesis],
+    candidates: Sequence[AppendagePlace],
+    options: SearchSettings,
+) -> list[Places]:
     """Hypotheses with one more appendage than the best so far; none if more do not help."""
 
-    def log_evidence(places: tuple[AppendagePlace, ...]) -> float:
-        return posteriors[places].evidence.log_evidence
+    def log_evidence(places: Places) -> float:
+        return hypotheses[places].screened.log_evidence
 
-    most = max(len(places) for places in posteriors)
+    most = max(len(places) for places in hypotheses)
     if most + 1 == len(options.number_weights):
         return []
-    top = [places for places in posteriors if len(places) == most]
-    fewer = [places for places in posteriors if len(places) == most - 1]
-    if max(map(log_evidence, top)) <= max(map(log_evidence, fewer)):
+    top = [places for places in hypotheses if len(places) == most]
+    fewer = [places for places in hypotheses if len(places) == most - 1]
+    if fewer and max(map(log_evidence, top)) <= max(map(log_evidence, fewer)):
         return []
     best = sorted(top, key=log_evidence, reverse=True)[: options.branches]
     extended = [

@@ -32,9 +32,12 @@ class SearchSettings:
         number_weights: prior weights of no appendage, of one, of two, ...; the weight of a
             number is shared evenly by all ways to place that many. Its length limits the search.
         branches: number of best hypotheses that are extended by one more appendage.
+        most_unsampled: largest probability of all hypotheses together whose evidences are
+            approximations; the others are sampled. All are where it is zero.
 
     Raises:
-        ValueError: there are fewer than two weights, one is not positive, or there is no branch.
+        ValueError: there are fewer than two weights, one is not positive, there is no branch, or
+            ``most_unsampled`` is not a probability.
         TypeError: a prior is not a prior distribution.
     """
 
@@ -42,6 +45,7 @@ class SearchSettings:
     frequency: Prior | None = None
     number_weights: tuple[float, ...] = (1.0, 1.0, 0.2)
     branches: int = 2
+    most_unsampled: float = 0.01
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "number_weights", tuple(self.number_weights))
@@ -54,6 +58,11 @@ class SearchSettings:
             )
         if self.branches < 1:
             raise ValueError(f"SearchSettings: branches must be at least 1, got {self.branches!r}")
+        if not 0.0 <= self.most_unsampled < 1.0:
+            raise ValueError(
+                "SearchSettings: most_unsampled must be at least 0 and below 1, got "
+                f"{self.most_unsampled!r}"
+            )
         for name in ("mass_ratio", "frequency"):
             prior = getattr(self, name)
             if not isinstance(prior, Prior) and not (name == "frequency" and prior is None):

@@ -81,6 +81,7 @@ def what_if(
     """
     from bayes_ssi.priors.prior_text import prior_from_text
     from bayes_ssi.ranking.changed_settings import ChangedSettings
+    from bayes_ssi.ranking.comparison import probability_text
     from bayes_ssi.results.load import load_result
     from bayes_ssi.results.stored_what_if import what_if as ask
     from bayes_ssi.tables import changed_parameters_table, what_if_notes, what_if_table
@@ -102,6 +103,13 @@ def what_if(
     if answer.misfit:
         say_in_paragraphs(where, f"(!) {answer.misfit}.")
     where.print(what_if_table(answer))
+    if stored.search is not None and stored.search.n_unsampled:
+        say(
+            where,
+            f"{stored.search.n_unsampled} hypotheses that were not sampled are left out. Before, "
+            "their probability together was at most "
+            f"{probability_text(stored.search.most_probability_unsampled)}.",
+        )
     shown = dict.fromkeys(each for each in (answer.best_before, answer.best_after) if each)
     for row in shown:
         where.print(changed_parameters_table(row))

@@ -52,7 +52,7 @@ def sample_as_it_is(
         try:
             sampled = sample_target(
                 target,
-                _seed_of(model_class.name, seed),
+                seed_of(model_class.name, seed),
                 settings,
                 partial(run.report, model_class.name),
             )
@@ -136,7 +136,7 @@ def _failures(model_class: ModelClass, target: Target) -> list[str]:
     ]
 
 
-def _seed_of(name: str, seed: int) -> np.random.SeedSequence:
+def seed_of(name: str, seed: int) -> np.random.SeedSequence:
     """The seed of one model class, which does not depend on the others."""
     digest = hashlib.sha256(name.encode()).digest()
     if seed < 0:

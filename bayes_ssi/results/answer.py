@@ -52,10 +52,7 @@ class Answer:
 
 def answer(result: StoredResult) -> Answer:
     """The answer of a ranking, or of a search for appendages."""
-    if result.search is None:
-        verdict = _verdict(result)
-    else:
-        verdict = search_verdict(result.search, result.comparison)
+    verdict = _verdict(result) if result.search is None else search_verdict(result.search)
     return Answer(
         tuple(_warnings(result)), verdict, tuple(_reasons(result)), tuple(_figures(result))
     )

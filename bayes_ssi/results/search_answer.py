@@ -16,19 +16,15 @@ def hypothesis_in_words(search: SearchRecord, name: str) -> str:
     return listed(places) if places else name
 
 
-def search_verdict(search: SearchRecord, comparison: Comparison) -> str:
+def search_verdict(search: SearchRecord) -> str:
     """Whether there is an appendage, and how sure that is."""
     probability = search.probability_of_any
-    before = sum(
-        row.prior_probability
-        for row in comparison.classes
-        if search.hypothesis(row.name).appendages
-    )
+    before = sum(each.prior_probability for each in search.hypotheses if each.appendages)
     there_is = probability >= 0.5
     sure = likelihood_in_words(probability if there_is else 1.0 - probability)
     return (
         f"That there is {'an' if there_is else 'no'} appendage is {sure}: the probability of at "
-        f"least one is {probability_in_words(probability)} among the {len(comparison.classes)} "
+        f"least one is {probability_in_words(probability)} among the {len(search.hypotheses)} "
         f"hypotheses considered, and was {probability_in_words(before)} before the test."
     )
 
@@ -39,10 +35,9 @@ def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[s
     yield _appendages(search, best)
     alike = [name for name in comparison.not_distinguishable if name != best.name]
     if alike:
-        rows = {row.name: row for row in comparison.classes}
         shown = [
             f"{hypothesis_in_words(search, name)} ({name!r}, probability "
-            f"{probability_in_words(rows[name].probability)})"
+            f"{probability_in_words(search.hypothesis(name).probability)})"
             for name in alike[:MOST_LISTED]
         ]
         shown += [f"{len(alike) - MOST_LISTED} others"] if len(alike) > MOST_LISTED else []

@@ -117,12 +117,12 @@ def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generat
     possible = np.isfinite(log_likelihoods)
     starts = target.suggested(rng)
     if possible.any():
-        highest = _local_maxima(draws[possible], log_likelihoods[possible])
+        highest = local_maxima(draws[possible], log_likelihoods[possible])
         starts = np.concatenate([highest[:n_ascents], starts])
     return find_maxima(target, starts).z if len(starts) else starts
 
 
-def _local_maxima(draws: FloatArray, log_likelihoods: FloatArray) -> FloatArray:
+def local_maxima(draws: FloatArray, log_likelihoods: FloatArray) -> FloatArray:
     """The draws (k, d) higher than all their neighbours, the highest first."""
     highest = log_likelihoods[nearest_neighbours(draws)].max(axis=1)
     chosen = np.flatnonzero(log_likelihoods >= highest)

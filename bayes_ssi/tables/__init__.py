@@ -26,6 +26,7 @@ from bayes_ssi.tables.search_tables import (
     averaged_table,
     search_notes,
     search_table,
+    unsampled_note,
 )
 from bayes_ssi.tables.sensitivity_tables import sensitivity_notes, sensitivity_table
 from bayes_ssi.tables.what_if_tables import changed_parameters_table, what_if_notes, what_if_table
@@ -55,6 +56,7 @@ __all__ = [
     "sensitivity_notes",
     "sensitivity_table",
     "shape_table",
+    "unsampled_note",
     "what_if_notes",
     "what_if_table",
 ]

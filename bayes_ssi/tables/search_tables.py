@@ -4,29 +4,33 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from bayes_ssi.appendages.search_result import AppendageSearch
-from bayes_ssi.ranking.comparison import RankedClass, probability_text
+from bayes_ssi.appendages.search_result import AppendageSearch, HypothesisRecord, SearchRecord
+from bayes_ssi.ranking.comparison import probability_text
 from bayes_ssi.tables.layout import add_row, interval, new_table
 
 # Hypotheses and places listed in a terminal; the saved result has all.
 HYPOTHESES_SHOWN = 8
+APPROXIMATELY = "≈ "
 
 
 def search_table(search: AppendageSearch) -> Table:
-    """Hypotheses of a search by probability."""
+    """Hypotheses of a search by probability; evidences that were not sampled have a sign."""
     table = new_table(
         search.ranking.study.name,
         ["hypothesis"],
         ["prior probability", "probability", "log evidence", "ln B"],
     )
+    best = search.ranking.comparison.best.log_evidence
+    failed = {row.name for row in search.ranking.comparison.classes if row.failed_checks}
     for row in _shown(search):
+        sign = "" if row.is_sampled else APPROXIMATELY
         add_row(
             table,
-            f"{row.name} (!)" if row.failed_checks else row.name,
+            f"{row.name} (!)" if row.name in failed else row.name,
             probability_text(row.prior_probability),
-            row.probability_text,
-            f"{row.log_evidence:.2f}",
-            f"{row.log_bayes_factor:.2f}",
+            f"{sign}{probability_text(row.probability)}",
+            f"{sign}{row.log_evidence:.2f}",
+            f"{sign}{row.log_evidence - best:.2f}",
         )
     return table
 
@@ -42,7 +46,7 @@ def appendage_table(search: AppendageSearch) -> Table:
         ["mass ratio", "frequency (Hz)"],
     )
     for row in _shown(search):
-        for i, each in enumerate(search.appendages(row.name)):
+        for i, each in enumerate(row.appendages):
             name = row.name if i == 0 else ""
             mass = _interval(each.mass_ratio, ".2g")
             frequency = _interval(each.frequency_hz, ".3g")
@@ -50,10 +54,10 @@ def appendage_table(search: AppendageSearch) -> Table:
     return table
 
 
-def _shown(search: AppendageSearch) -> list[RankedClass]:
+def _shown(search: AppendageSearch) -> list[HypothesisRecord]:
     """The hypotheses that tables show: the most probable ones, and no appendage."""
-    rows = enumerate(search.ranking.comparison.classes)
-    return [row for i, row in rows if i < HYPOTHESES_SHOWN or not search.appendages(row.name)]
+    rows = enumerate(search.record.hypotheses)
+    return [row for i, row in rows if i < HYPOTHESES_SHOWN or not row.appendages]
 
 
 def averaged_table(search: AppendageSearch) -> Table:
@@ -82,7 +86,20 @@ def search_notes(search: AppendageSearch) -> list[str]:
     hidden = sum(bool(each.appendages) for each in search.record.hypotheses[HYPOTHESES_SHOWN:])
     if hidden > 0:
         notes.append(f"{hidden} less probable hypotheses are in the saved result.")
+    if note := unsampled_note(search.record):
+        notes.append(note)
     return notes
+
+
+def unsampled_note(record: SearchRecord) -> str:
+    """How many hypotheses were not sampled, and how probable they are at most; empty if none."""
+    if not record.n_unsampled:
+        return ""
+    return (
+        f"{APPROXIMATELY.strip()}: not sampled, {record.n_unsampled} of {len(record.hypotheses)} "
+        "hypotheses; probability together at most "
+        f"{probability_text(record.most_probability_unsampled)}."
+    )
 
 
 def _interval(numbers: tuple[float, float, float], form: str) -> str:

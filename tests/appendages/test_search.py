@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from searches import COARSE, INFILL_01, INFILL_12, ONE, PENDULUM_1, PENDULUM_3, by_count
+from searches import ALL, COARSE, INFILL_01, INFILL_12, ONE, PENDULUM_1, PENDULUM_3, by_count
 
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
@@ -165,7 +165,7 @@ def test_another_kind_of_appendage_is_one_class(bare, fake_sampling, monkeypatch
     monkeypatch.setattr("bayes_ssi.appendages.hypotheses.KINDS", (*KINDS, RoofPlace))
     levels = fake_sampling(by_count(0.0, 1.0, 2.0))
     result = search(bare, ONE)
-    assert "mast" in levels[0]
+    assert "mast" in levels[1]
     record = result.record
     assert from_record(SearchRecord, json.loads(json.dumps(to_record(record)))) == record
     ax = plot_places(record.place_probabilities)
@@ -186,36 +186,36 @@ def places_of_hypotheses(result):
 def test_one_appendage_at_most(bare, fake_sampling):
     levels = fake_sampling(by_count(0.0, 9.0, 20.0))
     search(bare, ONE)
-    assert [len(level) for level in levels] == [7]
+    assert [len(level) for level in levels] == [1, 6]
 
 
 def test_two_are_tried_on_the_best_ones(bare, fake_sampling):
     heights = {"no appendage": 0.0, "infill 1-2": 5.0, "pendulum 3": 4.0}
     levels = fake_sampling(lambda made: heights.get(made.name, -1.0))
     search(bare)
-    assert len(levels) == 2
+    assert len(levels) == 3
     # Five further places for each of the two best, their common pair counted once.
-    assert len(set(levels[1])) == len(levels[1]) == 9
-    assert all("infill 1-2" in name or "pendulum 3" in name for name in levels[1])
-    assert "pendulum 3 + infill 1-2" in levels[1]
+    assert len(set(levels[2])) == len(levels[2]) == 9
+    assert all("infill 1-2" in name or "pendulum 3" in name for name in levels[2])
+    assert "pendulum 3 + infill 1-2" in levels[2]
 
 
 def test_one_branch_extends_only_the_best(bare, fake_sampling):
     levels = fake_sampling(lambda made: {"infill 1-2": 5.0}.get(made.name, -1.0))
     search(bare, SearchSettings(branches=1))
-    assert len(levels[1]) == 5
+    assert len(levels[2]) == 5
 
 
 def test_two_are_not_tried_where_one_does_not_help(bare, fake_sampling):
     levels = fake_sampling(by_count(1.0, 0.0, 50.0))
     search(bare)
-    assert [len(level) for level in levels] == [7]
+    assert [len(level) for level in levels] == [1, 6]
 
 
 def test_three_are_not_tried_where_two_do_not_help(bare, fake_sampling):
     levels = fake_sampling(by_count(0.0, 9.0, 8.0, 50.0))
     search(bare, SearchSettings(number_weights=(1.0, 1.0, 1.0, 1.0)))
-    assert [len(level) for level in levels] == [7, 9]
+    assert [len(level) for level in levels] == [1, 6, 9]
 
 
 def test_more_than_there_are_places_are_not_tried(tiny_study, fake_sampling):
@@ -223,7 +223,7 @@ def test_more_than_there_are_places_are_not_tried(tiny_study, fake_sampling):
     result = search(
         tiny_study.model_classes[0], SearchSettings(number_weights=(1.0,) * 9, branches=9)
     )
-    assert [len(level) for level in levels] == [5, 6, 4, 1]
+    assert [len(level) for level in levels] == [1, 4, 6, 4, 1]
     assert max(map(len, places_of_hypotheses(result).values())) == 4
 
 
@@ -285,7 +285,7 @@ def test_averaged_parameters_are_those_of_the_mixture(frame, case_c, fake_sampli
 
 def test_appendages_are_medians_and_intervals_in_units_of_the_structure(bare, fake_sampling):
     fake_sampling(by_count(0.0, 1.0, 2.0))
-    result = search(bare)
+    result = search(bare, ALL)
     name = next(name for name, places in places_of_hypotheses(result).items() if len(places) == 2)
     posterior = next(p for p in result.ranking.posteriors if p.name == name)
     for summary in result.appendages(name):
@@ -294,7 +294,9 @@ def test_appendages_are_medians_and_intervals_in_units_of_the_structure(bare, fa
         for quantity, quantiles in (("mass ratio", summary.mass),
                                       ("frequency", summary.frequency_hz)):  # fmt: skip
             column = posterior.parameter_names.index(f"{quantity}, {place.name}")
-            expected = np.quantile(posterior.values[:, column], [0.05, 0.5, 0.95])
+            expected = np.quantile(
+                posterior.values[:, column], [0.05, 0.5, 0.95], method="inverted_cdf"
+            )
             assert quantiles == pytest.approx(tuple(expected))
     assert result.appendages("no appendage") == ()
 
@@ -320,5 +322,7 @@ def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior)
     run = bs.Run(checkpoint="there", progress=lambda *what: said.append(what))
     result = search(bare, ONE, 5, COARSE, run)
     assert calls == [(5, COARSE, "there")]
-    assert said == [("no appendage", "evidence", 1.0)]
+    assert said[-1] == ("no appendage", "evidence", 1.0)
+    assert said[0] == ("all hypotheses", "screening", 1.0)
+    assert said[1] == ("all hypotheses", "screening", pytest.approx(1.0 / 6.0))
     assert (result.ranking.seed, result.ranking.settings) == (5, COARSE)

@@ -33,7 +33,7 @@ def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, mo
     out = tmp_path / "r"
     result = run("search", tiny_study_file, "--out", out, "--seed", 3)
     assert result.exit_code == 0, result.output
-    assert len(levels) == 2
+    assert len(levels) == 3
     for words in (
         "Appendages hidden in 'one k'",
         "no appendage",
@@ -43,7 +43,7 @@ def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, mo
     ):
         assert words in " ".join(result.stdout.split())
     record = json.loads((out / "search.json").read_text(encoding="utf-8"))
-    assert len(record["hypotheses"]) == len(levels[0]) + len(levels[1])
+    assert len(record["hypotheses"]) == sum(map(len, levels))
     assert (out / "figures" / "places.png").read_bytes().startswith(b"\x89PNG\r\n")
     stored = load_result(out)
     assert stored.record.seed == 3
@@ -70,7 +70,7 @@ def test_an_unknown_baseline_is_refused(run, tiny_study_file):
 
 
 @pytest.mark.usefixtures("no_figures")
-@pytest.mark.parametrize(("most", "n_levels"), [(1, 1), (2, 2), (3, 3)])
+@pytest.mark.parametrize(("most", "n_levels"), [(1, 2), (2, 3), (3, 4)])
 def test_the_largest_number_of_appendages(
     run, tiny_study_file, tmp_path, fake_sampling, most, n_levels, monkeypatch
 ):
@@ -105,11 +105,20 @@ def test_priors_of_the_command_line_are_used(run, tiny_study_file, tmp_path, fak
     assert priors["frequency, pendulum 1"] == to_record(bs.LogUniform(1.5, 2.5))
 
 
+@pytest.fixture
+def all_sampled(monkeypatch):
+    """The search samples every hypothesis."""
+    monkeypatch.setattr(
+        "bayes_ssi.appendages.appendage_search.to_sample",
+        lambda approximate, sampled, _: [each for each in approximate if each not in sampled],
+    )
+
+
 def stop(*_):
     raise KeyboardInterrupt
 
 
-@pytest.mark.usefixtures("no_figures")
+@pytest.mark.usefixtures("no_figures", "all_sampled")
 def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     run, tiny_study_file, tmp_path, monkeypatch
 ):
@@ -130,7 +139,7 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     assert {p.name for p in load_result(out).posteriors} == {"no appendage", "infill 0-1"}
 
 
-@pytest.mark.usefixtures("no_figures")
+@pytest.mark.usefixtures("no_figures", "all_sampled")
 def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     run, tiny_study_file, tmp_path, monkeypatch, make_posterior
 ):
@@ -146,8 +155,10 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     )
     arguments = ("search", tiny_study_file, "--out", out)
 
-    def one_with_both(posteriors, *_):
-        return [] if (PENDULUM_1, INFILL_01) in posteriors else [(PENDULUM_1, INFILL_01)]
+    def one_with_both(hypotheses, *_):
+        return {1: [(PENDULUM_1,), (INFILL_01,)], 3: [(PENDULUM_1, INFILL_01)]}.get(
+            len(hypotheses), []
+        )
 
     with monkeypatch.context() as patch:
         patch.setattr("bayes_ssi.appendages.appendage_search._next_level", one_with_both)

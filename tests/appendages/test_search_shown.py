@@ -70,18 +70,30 @@ def test_every_appendage_has_its_mass_and_frequency(found_in_case_c):
 
 
 def test_the_table_always_shows_no_appendage(of_a_tall_building):
-    assert "no appendage" not in [
-        row.name for row in of_a_tall_building.ranking.comparison.classes[:8]
-    ]
+    assert "no appendage" not in [row.name for row in of_a_tall_building.record.hypotheses[:8]]
     assert "-5.00" in "\n".join(lines(search_table(of_a_tall_building)))
 
 
 def test_hypotheses_that_no_table_row_shows_are_counted(of_a_tall_building):
     """Eight by probability, and no appendage in addition."""
     n = len(of_a_tall_building.record.hypotheses)
-    rows = of_a_tall_building.ranking.comparison.classes
+    rows = of_a_tall_building.record.hypotheses
     assert "no appendage" not in [row.name for row in rows[:8]]
-    assert search_notes(of_a_tall_building)[-1].startswith(f"{n - 9} less probable hypotheses")
+    assert search_notes(of_a_tall_building)[-2].startswith(f"{n - 9} less probable hypotheses")
+
+
+def test_what_was_not_sampled_has_a_sign_and_a_note(of_a_tall_building):
+    record, table = of_a_tall_building.record, search_table(of_a_tall_building)
+    sampled = {row.name for row in of_a_tall_building.ranking.comparison.classes}
+    signed = {
+        str(name): str(evidence).startswith("≈")
+        for name, evidence in zip(table.columns[0].cells, table.columns[3].cells, strict=True)
+    }
+    assert set(signed.values()) == {True, False}
+    assert all(signed[name] == (name not in sampled) for name in signed)
+    n, n_all = len(record.hypotheses) - len(sampled), len(record.hypotheses)
+    note = search_notes(of_a_tall_building)[-1]
+    assert note.startswith(f"≈: not sampled, {n} of {n_all} hypotheses")
 
 
 def test_notes_name_the_places_by_probability(found_in_case_c):

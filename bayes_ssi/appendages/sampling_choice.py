@@ -1,0 +1,69 @@
+"""Which hypotheses of a search are sampled, so that the answer hardly rests on the others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Mapping, Sequence
+from typing import TypeVar
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_ssi.sampling.estimates import Estimate
+
+H = TypeVar("H", bound=Hashable)
+# An approximate log evidence is taken to be at most this many standard errors too low, and as much
+# too low as the worst of those that were sampled.
+STANDARD_ERRORS = 3.0
+
+
+def unsampled_bounds(
+    approximate: Mapping[H, Estimate], sampled: Mapping[H, float]
+) -> dict[H, float]:
+    """Upper bounds on the log masses of hypotheses that were not sampled.
+
+    Args:
+        approximate: log of prior weight times evidence, approximately, of all hypotheses.
+        sampled: the same of those that were sampled.
+    """
+    excess = max((sampled[h] - approximate[h].log_evidence for h in sampled), default=0.0)
+    return {
+        h: estimate.log_evidence + max(excess, 0.0) + STANDARD_ERRORS * estimate.error
+        for h, estimate in approximate.items()
+        if h not in sampled
+    }
+
+
+def most_probability_unsampled(
+    approximate: Mapping[H, Estimate], sampled: Mapping[H, float]
+) -> float:
+    """An upper bound on the probability of all hypotheses together that were not sampled."""
+    bounds = list(unsampled_bounds(approximate, sampled).values())
+    if not bounds:
+        return 0.0
+    return float(np.exp(logsumexp(bounds) - logsumexp([*bounds, *sampled.values()])))
+
+
+def to_sample(
+    approximate: Mapping[H, Estimate], sampled: Mapping[H, float], most_unsampled: float
+) -> Sequence[H]:
+    """The hypotheses to sample next; none where those left have too little probability.
+
+    Those with the lowest bounds are left out, as long as the bounds together stay below the
+    permitted share of what all hypotheses have.
+
+    Args:
+        approximate: as in :func:`unsampled_bounds`, and ``sampled``.
+        sampled: those sampled so far.
+        most_unsampled: the permitted probability.
+    """
+    bounds = unsampled_bounds(approximate, sampled)
+    total = logsumexp([sampled.get(h, each.log_evidence) for h, each in approximate.items()])
+    left_over = 0.0
+    chosen = dict.fromkeys(h for h in approximate if h in bounds)
+    for h in sorted(bounds, key=lambda h: bounds[h]):
+        left_over += math.exp(bounds[h] - total)
+        if left_over >= most_unsampled:
+            break
+        del chosen[h]
+    return list(chosen)

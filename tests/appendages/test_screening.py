@@ -1,0 +1,118 @@
+"""Approximate evidences of hypotheses, and which of them are sampled."""
+
+import math
+
+import numpy as np
+import pytest
+from searches import INFILL_12, ONE, PENDULUM_1
+
+import bayes_ssi as bs
+from bayes_ssi.appendages.appendage_search import search
+from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis
+from bayes_ssi.appendages.sampling_choice import most_probability_unsampled, to_sample
+from bayes_ssi.appendages.screening import ToScreen, screen, screen_all
+from bayes_ssi.sampling.estimates import Estimate
+
+
+def estimates(*log_masses, error=0.0):
+    return {name: Estimate(mass, error) for name, mass in zip("abcdef", log_masses, strict=False)}
+
+
+def test_the_least_probable_are_left_out_as_long_as_together_they_are_below_the_share():
+    """Of 1.0109, the last two have 0.0009 and the last three 0.0109, more than a hundredth."""
+    approximate = estimates(math.log(1.0), math.log(0.01), math.log(5e-4), math.log(4e-4))
+    assert to_sample(approximate, {}, 0.01) == ["a", "b"]
+    assert to_sample(approximate, {}, 0.0) == ["a", "b", "c", "d"]
+    assert to_sample(approximate, {"a": 0.0, "b": math.log(0.01)}, 0.01) == []
+
+
+def test_an_evidence_of_unknown_accuracy_is_sampled():
+    """A nat is three standard errors: the bound is e times the approximation."""
+    assert to_sample(estimates(0.0, math.log(0.005)), {}, 0.01) == ["a"]
+    assert to_sample(estimates(0.0, math.log(0.005), error=1.0 / 3.0), {}, 0.01) == ["a", "b"]
+
+
+def test_others_may_be_as_much_too_low_as_the_worst_of_those_sampled():
+    approximate = estimates(0.0, -1.0, math.log(0.008))
+    right = {"a": 0.0, "b": -1.0}
+    assert to_sample(approximate, right, 0.01) == []
+    low = {"a": 0.0, "b": 0.0}  # 1 nat more than was thought: the bound of "c" is 0.008 e of 2
+    assert to_sample(approximate, low, 0.01) == ["c"]
+    bound = 0.008 * math.e
+    assert most_probability_unsampled(approximate, low) == pytest.approx(bound / (2.0 + bound))
+    assert most_probability_unsampled(approximate, low | {"c": -4.0}) == 0.0
+
+
+@pytest.mark.parametrize("place", [(), (INFILL_12,), (PENDULUM_1,)])
+def test_screening_agrees_with_sampling(bare, found_in_case_c, place):
+    """Within the few tenths of a nat that decide what is sampled; sampling is right to 0.1."""
+    simpler = None
+    if place:
+        simpler = screen(ToScreen(hypothesis(bare, ()), None), 5)
+    candidate = hypothesis(bare, place)
+    result = screen(ToScreen(candidate, simpler), 5)
+    (posterior,) = [
+        p for p in found_in_case_c.ranking.posteriors if p.name == candidate.name
+    ]  # fmt: skip
+    assert result.log_evidence == pytest.approx(posterior.evidence.log_evidence, abs=0.3)
+    assert result.laplace == pytest.approx(result.log_evidence, abs=1.0)
+    sampled = posterior.values.mean(axis=0)
+    values = candidate.values(result.z)
+    assert result.weights @ values == pytest.approx(sampled, abs=3.0 * posterior.values.std() / 10)
+
+
+def test_a_narrow_resonance_is_screened_wherever_it_lies_in_the_band(bare):
+    """The scan leaves out no part of the band: the same evidence with other draws."""
+    parent = screen(ToScreen(hypothesis(bare, ()), None), 0)
+    candidate = hypothesis(bare, (INFILL_12,))
+    evidences = [screen(ToScreen(candidate, parent), seed).log_evidence for seed in range(4)]
+    assert np.ptp(evidences) < 0.3
+
+
+def test_workers_do_not_change_screening(bare, two_workers):
+    items = [ToScreen(hypothesis(bare, places), None) for places in ((), (INFILL_12,))]
+    here = screen_all(items, 3, bs.Run())
+    with two_workers:
+        there = screen_all(items, 3, bs.Run(two_workers))
+    for one, other in zip(here, there, strict=True):
+        assert one.log_evidence == other.log_evidence
+        assert one.z.tobytes() == other.z.tobytes()
+
+
+def by_name(**log_evidences):
+    return lambda model_class: log_evidences.get(model_class.name.replace(" ", "_"), -30.0)
+
+
+def test_only_what_matters_is_sampled_and_all_is_reported(bare, fake_sampling):
+    fake_sampling(by_name(pendulum_1=5.0, no_appendage=-9.0))
+    result = search(bare, SearchSettings(number_weights=(1.0, 1.0)))
+    assert fake_sampling.sampled == [["no appendage", "pendulum 1"]]
+    rows = result.record.hypotheses
+    assert len(rows) == 7
+    assert {row.name for row in rows if row.is_sampled} == {"no appendage", "pendulum 1"}
+    assert result.record.n_unsampled == 5
+    assert sum(row.probability for row in rows) == pytest.approx(1.0)
+    assert sum(row.prior_probability for row in rows) == pytest.approx(1.0)
+    assert all(each.frequency_hz[0] < each.frequency_hz[2]
+               for row in rows for each in row.appendages)  # fmt: skip
+
+
+def test_more_are_sampled_where_screening_proves_too_low(bare, fake_sampling):
+    """Pendulum 2 seems 7 nats below pendulum 1; that is 5 nats too low for others, too."""
+    screened = by_name(pendulum_1=0.0, pendulum_2=-7.0, no_appendage=-5.0)
+    sampled = by_name(pendulum_1=0.0, pendulum_2=-7.0, no_appendage=0.0)
+    fake_sampling(sampled, screened)
+    search(bare, SearchSettings(number_weights=(1.0, 1.0)))
+    assert fake_sampling.sampled == [["no appendage", "pendulum 1"], ["pendulum 2"]]
+
+
+def test_all_are_sampled_on_request(bare, fake_sampling):
+    fake_sampling(by_name(pendulum_1=5.0))
+    assert search(bare, ONE).record.n_unsampled == 0
+    assert len(fake_sampling.sampled[0]) == 7
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.0, math.nan])
+def test_a_share_that_is_no_probability_is_refused(share):
+    with pytest.raises(ValueError, match="most_unsampled must be at least 0 and below 1"):
+        SearchSettings(most_unsampled=share)
