@@ -16,6 +16,8 @@ from scipy.integrate import quad
 from scipy.special import ndtr, ndtri
 from scipy.stats import ncx2
 
+from bayes_ssi import ModelClass
+
 Array = np.ndarray
 
 
@@ -32,6 +34,8 @@ class Problem:
         hidden_mass: prior mass of a region in which alone its likelihood shows, where nothing
             outside leads to it; a method that did not draw inside cannot know of it. None where
             the whole posterior can be reached.
+        model_class: whose likelihood it is, where the searches may use what is known of it; None
+            for a black box.
     """
 
     name: str
@@ -40,6 +44,7 @@ class Problem:
     log_evidence: float
     regions: Mapping[str, tuple[Callable[[Array], Array], float]] = field(default_factory=dict)
     hidden_mass: float | None = None
+    model_class: ModelClass | None = None
 
 
 def log_normal_pdf(x: Array, mean: Array | float, sd: Array | float) -> Array:

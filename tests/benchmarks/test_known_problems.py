@@ -6,6 +6,7 @@ Where the posterior is too small for that, the same formula is tested with milde
 import numpy as np
 import pytest
 from catalogue import all_problems
+from problems_modal import razor_ridge
 from problems_regions import eggbox, golf_hole, grid_of_modes, random_modes, spike_in_slab
 from problems_scales import (
     cauchys,
@@ -60,6 +61,8 @@ MILD = (
     far_out(2.0),
     fails_in_a_half(),
     fails_in_stripes(),
+    razor_ridge(2, 0.03),
+    razor_ridge(3, 0.03),
 )
 
 

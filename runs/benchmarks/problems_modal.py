@@ -1,0 +1,152 @@
+"""Evidences of identified modes that are hard to sample: razor ridges, any pairing, several models.
+
+Where a docstring names no quadrature, the log evidence was computed by ``modal_references.py``, to
+the digits given here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from known_evidence import Array, Problem
+from problems import STUDY
+
+import bayes_ssi as bs
+from bayes_ssi.ranking.study_file import load_study
+
+ERRORS = (1e-2, 1e-3, 1e-4)
+
+
+def storeys(n: int, spread: float) -> bs.ShearBuilding:
+    """n storeys of unit mass, first frequency 1 Hz, factors of the stiffnesses inferred."""
+    nominal = (math.pi / math.sin(math.pi / (4 * n + 2))) ** 2
+    factors = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, spread)) for i in range(1, n + 1)]
+    return bs.ShearBuilding((1.0,) * n, tuple(nominal * factor for factor in factors))
+
+
+def frequencies_alone(
+    name: str, n: int, observed: Array, error: float, spread: float = 0.3
+) -> bs.ModelClass:
+    """The lowest frequencies of n storeys, in a band that ends just above them."""
+    modes = tuple(bs.IdentifiedMode(str(i), float(f)) for i, f in enumerate(observed, 1))
+    return bs.ModelClass(
+        name,
+        storeys(n, spread),
+        bs.ModalData(modes, (0.0, 1.2 * float(observed[-1]))),
+        bs.ErrorModel(frequency_cov=error, shape_sd=0.05),
+        pairing={mode.label: i for i, mode in enumerate(modes, 1)},
+    )
+
+
+def as_problem(candidate: bs.ModelClass, log_evidence: float) -> Problem:
+    return Problem(
+        candidate.name,
+        len(candidate.parameters),
+        candidate.log_likelihood_at,
+        log_evidence,
+        model_class=candidate,
+    )
+
+
+def razor_ridge(n: int, error: float = 3e-4) -> Problem:
+    """One frequency for the stiffnesses of n storeys.
+
+    Quadrature. With b orthogonal to the mean a of the coordinates, f = exp(κa) F(b): over a by
+    Gauss-Hermite about the identified frequency, over b by the trapezoidal rule. Within the
+    likelihood the second frequency is far above the band.
+    """
+    candidate = frequencies_alone(f"razor ridge d={n}", n, np.ones(1), error)
+    kappa = math.sqrt(math.log1p(0.3**2)) / (2.0 * math.sqrt(n))
+    step = 0.1
+    axis = np.arange(-8.0, 8.0 + step / 2, step)
+    orthogonal = np.linalg.svd(np.ones((1, n)))[2][1:]
+    b = np.stack(np.meshgrid(*[axis] * (n - 1)), axis=-1).reshape(-1, n - 1)
+    log_frequency = np.log(candidate.frequencies_hz(candidate.values(b @ orthogonal))[:, 0])
+    nodes, weights = np.polynomial.hermite_e.hermegauss(40)
+    f = 1.0 + error * nodes
+    a = (np.log(f) - log_frequency[:, None]) / kappa
+    over_a = np.exp(-0.5 * a * a) / (2.0 * math.pi * kappa * f) @ weights
+    over_b = np.exp(-0.5 * (b * b).sum(1)) * (step / math.sqrt(2.0 * math.pi)) ** (n - 1)
+    known = candidate.identification
+    detected = math.log(known.detection_probability) - known.expected_spurious_modes
+    exact = detected + math.log(over_a @ over_b)
+    return as_problem(candidate, exact)
+
+
+def two_frequencies() -> bs.ModelClass:
+    """Two frequencies to 0.03 % for three stiffnesses: a ridge in three dimensions."""
+    nominal = storeys(3, 0.3).modes(np.ones((1, 3)))[0][0]
+    return frequencies_alone("razor ridge, two frequencies", 3, nominal[:2], 3e-4)
+
+
+def without_noise(n: int, error: float) -> bs.ModelClass:
+    """All frequencies of n storeys without noise, which several sets of stiffnesses have."""
+    nominal = storeys(n, 0.5).modes(np.ones((1, n)))[0][0]
+    return frequencies_alone(f"several models d={n}", n, nominal, error, 0.5)
+
+
+def any_pairing_of_shear_building(name: str, error: float) -> bs.ModelClass:
+    """A class of the numerical study with the pairing inferred, and other sizes of errors."""
+    (candidate,) = load_study(STUDY).only([name]).model_classes
+    label = {"1-a": "infill as mass", "3": "infill"}[name]
+    return replace(
+        candidate.with_any_pairing(f"any pairing, {label}, {error:.0e}"),
+        error=bs.ErrorModel(frequency_cov=error, shape_sd=5.0 * error),
+    )
+
+
+def any_pairing_of_twelve_degrees_of_freedom(error: float) -> bs.ModelClass:
+    """Four storeys that move in x, y and torsion; stiffnesses of the first storey and the others.
+
+    The six lowest modes without noise, those in x and y close to one another, at three sensors of
+    each floor.
+    """
+    names = ("x of storey 1", "x above", "y of storey 1", "y above")
+    factors = [bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in names]
+
+    def building(kx1, kx, ky1, ky) -> bs.ShearBuilding3D:
+        return bs.ShearBuilding3D(
+            masses=(3.2, 2.6, 2.6, 1.8),
+            radii_of_gyration=(1.0,) * 4,
+            stiffnesses_x=(1000.0 * kx1, *[1000.0 * kx] * 3),
+            stiffnesses_y=(1100.0 * ky1, *[1100.0 * ky] * 3),
+            torsional_stiffnesses=(1900.0,) * 4,
+            eccentricities=((0.05, 0.1),) * 4,
+        )
+
+    true = building(0.9, 1.1, 1.1, 1.0)
+    frequencies, shapes = true.modes(np.empty((1, 0)))
+    sensors = tuple(true.degrees_of_freedom)
+    modes = tuple(
+        bs.IdentifiedMode(str(i + 1), float(frequencies[0, i]), shapes[0, :, i]) for i in range(6)
+    )
+    data = bs.ModalData(modes, (0.0, 1.05 * float(frequencies[0, 5])), sensors)
+    return bs.ModelClass(
+        f"any pairing, 12 degrees of freedom, {error:.0e}", building(*factors), data,
+        bs.ErrorModel(frequency_cov=error, shape_sd=5.0 * error), pairing="any",
+    )  # fmt: skip
+
+
+def modal_classes() -> list[bs.ModelClass]:
+    """The classes whose log evidences ``modal_references.py`` computes."""
+    return [
+        two_frequencies(),
+        without_noise(2, 1e-3),
+        without_noise(3, 1e-3),
+        *(any_pairing_of_shear_building(name, e) for name in ("1-a", "3") for e in ERRORS),
+        *(any_pairing_of_twelve_degrees_of_freedom(e) for e in ERRORS),
+    ]
+
+
+# In the order of modal_classes().
+LOG_EVIDENCES = (1.8121, 0.7980, 0.8716)
+
+
+def problems() -> list[Problem]:
+    references = [
+        as_problem(candidate, log_evidence)
+        for candidate, log_evidence in zip(modal_classes(), LOG_EVIDENCES, strict=False)
+    ]
+    return [razor_ridge(2), razor_ridge(3), *references]
