@@ -17,7 +17,8 @@ from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.inferred_pairing import InferredPairing, infer_pairing
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.paired_modes import PairedModes
-from bayes_ssi.modal import scaled_shapes, shape_signs
+from bayes_ssi.identification.pairings import sample_pairings
+from bayes_ssi.modal import Modes, scaled_shapes, shape_signs
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.response.modal_response import ground_influence
@@ -37,11 +38,13 @@ Interval = tuple[float, float, float]
 class UpdatedMode:
     """One paired mode, at the prior medians and over the posterior.
 
-    Intervals are the lower end, the median and the upper end of the central 95 %.
+    Where the pairing was inferred, every draw has its own, as the order of model modes may change;
+    draws that leave the mode out are left out. Intervals are the lower end, the median and the
+    upper end of the central 95 %.
 
     Attributes:
         label: of the identified mode.
-        model_mode: number of the model mode, from 1.
+        model_mode: number of the model mode, from 1, in the most probable pairing.
         before_hz: frequency at the prior medians.
         after_hz: interval of the frequency.
         mac_before: MAC with the identified shape, at the prior medians; None where none is scored.
@@ -132,35 +135,32 @@ def _updated_modes(
 ) -> UpdatedModes:
     """The paired modes at the prior ``medians`` (1, n_parameters) and at draws ``values``."""
     structure, data = configuration.structure, configuration.data
-    labels = [label for label in data.labels if label in pairing]
-    pairs = PairedModes.of(data, [(label, pairing[label]) for label in labels])
     at = np.concatenate([medians, values[evenly_spaced_indices(len(values), MOST_DRAWS)]])
     modes = likelihood.modes(at)
     seen = likelihood.shapes_at_sensors(modes)
-    scored = (1.0 - pairs.shape_distances(seen)) ** 2
-    macs = dict(zip(pairs.with_shape.tolist(), scored.T, strict=True))
     all_places, places = structure.degrees_of_freedom, structure.degrees_of_freedom
     if len(all_places) > MOST_PLACES:
         places = tuple(sensor for sensor in data.sensors if sensor in all_places)
-    rows = [all_places.index(place) for place in places]
+    shown = [all_places.index(place) for place in places]
     main = [i for i, place in enumerate(all_places) if place not in structure.appendages]
     records = []
-    for i, label in enumerate(labels):
-        number = pairing[label]
-        drawn, of_main = (modes.shapes[:, which, number - 1] for which in (rows, main))
+    for label, (rows, numbers) in _own_modes(likelihood, pairing, at, modes).items():
+        own, own_seen = modes.shapes[rows, :, numbers], seen[rows, :, numbers]
         identified = data.mode(label).unit_shape
-        signs = shape_signs(of_main, seen[:, :, number - 1], identified)
-        shapes = scaled_shapes(drawn * signs[:, None], of_main)
-        frequencies, mac = modes.frequencies_hz[:, number - 1], macs.get(i)
+        signs = shape_signs(own[:, main], own_seen, identified)
+        shapes = scaled_shapes(own[:, shown] * signs[:, None], own[:, main])
+        frequencies = modes.frequencies_hz[rows, numbers]
+        pair = PairedModes.of(data, [(label, 1)])
+        macs = (1.0 - pair.shape_distances(own_seen[:, :, None])) ** 2
         low, median, high = (tuple(part.tolist()) for part in _interval(shapes[1:]))
         records.append(
             UpdatedMode(
                 label=label,
-                model_mode=number,
+                model_mode=pairing[label],
                 before_hz=float(frequencies[0]),
                 after_hz=_numbers(frequencies[1:]),
-                mac_before=None if mac is None else float(mac[0]),
-                mac_after=None if mac is None else _numbers(mac[1:]),
+                mac_before=float(macs[0, 0]) if macs.size else None,
+                mac_after=_numbers(macs[1:, 0]) if macs.size else None,
                 shape_before=tuple(shapes[0].tolist()),
                 shape_after=(low, median, high),
             )
@@ -173,6 +173,33 @@ def _updated_modes(
         moves_sideways(structure),
         tuple(records),
     )
+
+
+def _own_modes(
+    likelihood: ModalLikelihood, pairing: Mapping[str, int], at: FloatArray, modes: Modes
+) -> dict[str, tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Label of a paired mode → rows of ``at``, and the model mode that it is in each, from 0.
+
+    The order of model modes may change from draw to draw, and the pairing with it: where it was
+    inferred, every draw has its own, by its probability. Draws that leave the mode out are left
+    out; the prior medians, the first row, never are.
+    """
+    labels = [label for label in likelihood.data.labels if label in pairing]
+    every = np.arange(len(at))
+    if not isinstance(likelihood, AnyPairing):
+        return {label: (every, np.full(len(at), pairing[label] - 1)) for label in labels}
+    weights = likelihood.pairing_weights(at, likelihood.compared_modes(at, modes))
+    chosen = sample_pairings(weights, np.random.default_rng(0))
+    own_modes = {}
+    for label in labels:
+        numbers = chosen[:, likelihood.data.labels.index(label)]
+        if numbers[0] < 0:
+            numbers[0] = pairing[label] - 1
+        rows = np.flatnonzero(numbers >= 0)
+        if len(rows) == 1:  # the few draws taken here all leave it out
+            rows, numbers = every, np.full(len(at), pairing[label] - 1)
+        own_modes[label] = (rows, numbers[rows])
+    return own_modes
 
 
 def moves_sideways(structure: Structure) -> bool:

@@ -143,3 +143,23 @@ def test_finite_element_models_in_words():
     called = dict(described(bs.FunctionStructure(beam, given, n_modes=2)))
     assert called["function"].endswith("beam")
     assert called["arguments"] == "stiffness: 5 · E; place: 3"
+
+
+def test_every_draw_has_the_pairing_of_its_own():
+    """A light pendulum's mode is below the building's in some draws, and above it in others.
+
+    In all of them the building's mode has its frequency of 1 Hz, to the pendulum's share of the
+    mass of 1e-4, and its shape.
+    """
+    frequency = bs.Parameter("frequency", bs.LogUniform(0.3, 3.0))
+    building = bs.ShearBuilding((1.0,), ((2.0 * np.pi) ** 2,))
+    structure = building.with_element(bs.Pendulum(on=1, mass=1e-4, frequency=frequency))
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0, [1.0]),), (0.0, 2.0), ("floor 1",))
+    candidate = bs.ModelClass("p", structure, data, bs.ErrorModel(0.01, 0.05), pairing="any")
+    values = np.repeat([[0.5], [2.0]], [40, 60], axis=0)
+    (modes,) = configuration_modes(candidate, values)
+    assert modes.pairing == {"1": 1}
+    (mode,) = modes.updated.modes
+    assert mode.model_mode == 1
+    assert mode.after_hz == pytest.approx((1.0, 1.0, 1.0), rel=1e-3)
+    np.testing.assert_allclose(np.array(mode.shape_after)[:, 0], 1.0)
