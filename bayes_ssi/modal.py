@@ -144,11 +144,12 @@ def _scaled_by_mass(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray
         if mass.ndim == 2:
             root = 1.0 / np.sqrt(mass)
             eigenvalues, vectors = _eigh(stiffness * (root[:, :, None] * root[:, None, :]))
-            return eigenvalues, vectors * root[:, :, None]
+            shapes = np.empty(vectors.shape, order="F")
+            return eigenvalues, np.multiply(vectors, root[:, :, None], out=shapes)
         # Products of stacked matrices, each of which is computed on its own.
         inverse = inverse_cholesky(mass)
         transposed = inverse.transpose(0, 2, 1)
-        eigenvalues, vectors = _eigh(inverse @ stiffness @ transposed)
+        eigenvalues, vectors = _eigh(inverse @ np.ascontiguousarray(stiffness) @ transposed)
         return eigenvalues, transposed @ vectors
 
 
@@ -204,21 +205,20 @@ def too_few_modes(n_available: int, n_modes: int) -> NoModesError:
 def inverse_cholesky(matrices: FloatArray) -> FloatArray:
     """L⁻¹ with A = L Lᵀ of a batch of symmetric matrices (B, n, n); NaN where A has no factor.
 
-    Column by column for the whole batch at once: suits small matrices, and one that is not
-    positive definite does not affect the others.
+    By elimination, which turns the rows of [A I] into those of [Lᵀ L⁻¹], for the whole batch at
+    once: suits small matrices, and one that is not positive definite does not affect the others.
     """
     n = matrices.shape[-1]
-    lower = np.zeros(matrices.shape)
-    inverse = np.zeros(matrices.shape)
+    rows = np.zeros((n, 2 * n, len(matrices)))
+    rows[:, :n] = np.moveaxis(matrices, 0, -1)
+    rows[range(n), range(n, 2 * n)] = 1.0
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         for j in range(n):
-            column = matrices[:, j:, j] - np.einsum("bik,bk->bi", lower[:, j:, :j], lower[:, j, :j])
-            pivot = 1.0 / np.sqrt(column[:, 0])
-            lower[:, j:, j] = column * pivot[:, None]
-            inverse[:, j, j] = pivot
-            earlier = np.einsum("bk,bki->bi", lower[:, j, :j], inverse[:, :j, :j])
-            inverse[:, j, :j] = -pivot[:, None] * earlier
-    return inverse
+            end = n + j + 1  # beyond it, L⁻¹ is zero
+            row = rows[j, j:end]
+            row *= 1.0 / np.sqrt(row[0])
+            rows[j + 1 :, j + 1 : end] -= row[1 : n - j, None] * row[1:]
+    return np.ascontiguousarray(np.moveaxis(rows[:, n:], -1, 0))
 
 
 def _eigh(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:

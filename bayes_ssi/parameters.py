@@ -248,8 +248,9 @@ class ProductTable:
 
     def evaluate(self, values: FloatArray) -> FloatArray:
         """The products at ``values`` (B, n_parameters), as an array (B, T)."""
-        table = np.tile(self._scales, (len(values), 1))
+        table = np.empty((len(self.products), len(values)))
+        table[:] = self._scales[:, None]
         for targets, columns, powers in self._rounds:
-            factors = values[:, columns]
-            table[:, targets] *= factors if powers is None else factors**powers
-        return table
+            factors = values.T[columns]
+            table[targets] *= factors if powers is None else factors ** powers[:, None]
+        return table.T

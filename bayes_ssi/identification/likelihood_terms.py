@@ -44,6 +44,12 @@ class ModalTerms(NamedTuple):
 def row_sums(terms: FloatArray) -> FloatArray:
     """The sum over the second axis of (B, m) or (B, m, …), the same for a row in any batch.
 
-    numpy adds in an order that depends on the memory layout, which a batch of one may change.
+    numpy adds in an order that depends on the memory layout, which a batch of one may change; here
+    one term is added after the other, to all rows at once.
     """
-    return np.ascontiguousarray(terms).sum(axis=1)
+    if not terms.shape[1]:
+        return np.zeros((len(terms), *terms.shape[2:]))
+    total = np.copy(terms[:, 0])
+    for j in range(1, terms.shape[1]):
+        total += terms[:, j]
+    return total

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.identification.likelihood_terms import row_sums
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +52,13 @@ class PairedModes:
 
     def frequency_residuals(self, frequencies_hz: FloatArray) -> FloatArray:
         """r_f = f/f_e - 1, (B, P), for model frequencies (B, n_modes)."""
-        return frequencies_hz[:, self.model_modes] / self.frequencies_hz - 1.0
+        return of_modes(frequencies_hz, self.model_modes) / self.frequencies_hz - 1.0
 
     def shape_distances(self, shapes_at_sensors: FloatArray) -> FloatArray:
         """1 - |φ_e·φ| = ½ r_φ², (B, S), for model shapes (B, s, n_modes)."""
-        shapes = np.ascontiguousarray(shapes_at_sensors[:, :, self.model_modes[self.with_shape]])
-        cosine = np.einsum("bsp,sp->bp", shapes, self.unit_shapes)
-        length_sq = np.einsum("bsp,bsp,sp->bp", shapes, shapes, self.measured)
+        shapes = self._of_pairs(shapes_at_sensors)
+        cosine = row_sums(shapes * self.unit_shapes)
+        length_sq = row_sums(shapes * shapes)
         # A model shape that vanishes at every sensor has no direction.
         with np.errstate(divide="ignore", invalid="ignore"):
             aligned = np.where(length_sq == 0.0, 0.0, np.abs(cosine) / np.sqrt(length_sq))
@@ -65,9 +66,9 @@ class PairedModes:
 
     def shape_differences(self, shapes_at_sensors: FloatArray) -> FloatArray:
         """φ - φ_e of unit shapes of matching sign, (B, s, S), whose norm over s is r_φ."""
-        shapes = shapes_at_sensors[:, :, self.model_modes[self.with_shape]] * self.measured
-        length = np.sqrt((shapes * shapes).sum(1, keepdims=True))
-        sign = np.where((shapes * self.unit_shapes).sum(1, keepdims=True) < 0, -1.0, 1.0)
+        shapes = self._of_pairs(shapes_at_sensors)
+        length = np.sqrt(row_sums(shapes * shapes))[:, None]
+        sign = np.where(row_sums(shapes * self.unit_shapes) < 0, -1.0, 1.0)[:, None]
         return shapes * (sign / np.where(length == 0.0, 1.0, length)) - self.unit_shapes
 
     def shape_errors(self, shapes_at_sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -76,9 +77,22 @@ class PairedModes:
         An error is at right angles to φ, towards φ_e, and r_φ long; φ has the sign of φ_e.
         """
         shapes = self.shape_differences(shapes_at_sensors) + self.unit_shapes
-        cosine = (shapes * self.unit_shapes).sum(1, keepdims=True)
+        cosine = row_sums(shapes * self.unit_shapes)[:, None]
         # φ_e - φ cos t is sin t long, and r_φ is 2 sin(t/2).
         return shapes, (self.unit_shapes - cosine * shapes) / np.sqrt(0.5 * (1.0 + cosine))
+
+    def _of_pairs(self, shapes_at_sensors: FloatArray) -> FloatArray:
+        """Model shapes of the pairs, (B, s, S), 0 where not measured."""
+        return of_modes(shapes_at_sensors, self.model_modes[self.with_shape]) * self.measured
+
+
+def of_modes(quantity: FloatArray, modes: NDArray[np.intp]) -> FloatArray:
+    """Some modes' quantity (B, …, m), from that of all, the rows next to each other in memory.
+
+    What is computed from it then runs along whole columns, which are longer than rows.
+    """
+    taken: FloatArray = quantity.T[modes].T
+    return taken
 
 
 def check_pairing(pairing: Mapping[str, int], data: ModalData, n_modes: int) -> None:

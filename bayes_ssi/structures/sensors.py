@@ -94,13 +94,15 @@ class SensorMatrix:
         are read, and terms are added one by one: in a matrix product, a row could depend on the
         size of its batch.
         """
+        before = (slice(None),) * (motions.ndim - 1 - axis)
+        total: FloatArray = motions.T[(*before, self.rows[:, 0])].T
         if self._is_selection:
-            return np.take(motions, self.rows[:, 0], axis)
+            return total
         column = [1] * motions.ndim
         column[axis] = len(self.rows)
-        total: FloatArray = np.asarray(0.0)
-        for rows, weights in zip(self.rows.T, self.weights.T, strict=True):
-            total = total + np.take(motions, rows, axis) * weights.reshape(column)
+        total = total * self.weights[:, 0].reshape(column)
+        for rows, weights in zip(self.rows.T[1:], self.weights.T[1:], strict=True):
+            total += motions.T[(*before, rows)].T * weights.reshape(column)
         return total
 
     def toarray(self) -> FloatArray:

@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.modal import inverse_cholesky
 from bayes_ssi.parameters import (
     Parameter,
     Product,
@@ -181,12 +180,15 @@ class SpaceFrame(RigidFloors):
 def _condensed(stiffness: FloatArray, n_kept: int) -> FloatArray:
     """Static condensation to the first degrees of freedom: K_dd - K_dr K_rr⁻¹ K_rd.
 
-    NaN where the rest is not positive definite.
+    The others are eliminated one by one. NaN where their stiffness is not positive definite.
     """
-    coupling = stiffness[:, n_kept:, :n_kept]
-    with np.errstate(invalid="ignore", over="ignore"):
-        half = inverse_cholesky(stiffness[:, n_kept:, n_kept:]) @ coupling
-        return stiffness[:, :n_kept, :n_kept] - half.transpose(0, 2, 1) @ half
+    rest = np.array(np.moveaxis(stiffness, 0, -1))
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        for last in range(len(rest) - 1, n_kept - 1, -1):
+            row = rest[last, : last + 1]
+            row /= np.sqrt(row[last])
+            rest[:last, :last] -= row[:last, None] * row[:last]
+    return np.moveaxis(rest[:n_kept, :n_kept], -1, 0)
 
 
 def _column(height: float) -> FloatArray:
