@@ -99,12 +99,7 @@ class ModalLikelihood:
                 frequency=self._frequency_terms(modes, error_var[:, :1]),
                 shape=self._shape_terms(modes.shape_distances, error_var[:, 1:]),
                 undetected=row_sums(missed),
-                spurious=-self.identification.expected_spurious_modes
-                + sum(
-                    self._spurious_term(mode)
-                    for mode in self.data.modes
-                    if mode.label not in self.pairing
-                ),
+                spurious=self._unpaired_data,
             )
 
     @property
@@ -153,7 +148,8 @@ class ModalLikelihood:
         distances = np.zeros((len(values), 0))
         if len(self.pairs.with_shape):
             distances = self.pairs.shape_distances(self.shapes_at_sensors(modes))
-        return ComparedModes(modes.frequencies_hz, distances)
+        # In memory the rows of the batch next to each other: columns are longer than rows.
+        return ComparedModes(np.asfortranarray(modes.frequencies_hz), distances)
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised."""
@@ -221,16 +217,20 @@ class ModalLikelihood:
         return near
 
     def _frequency_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
-        variance = prediction_var + self.pairs.frequency_var
+        variance = _sums(prediction_var, self.pairs.frequency_var)
         residuals = self.pairs.frequency_residuals(modes.frequencies_hz)
+        terms = residuals * residuals / variance + np.log(variance)
+        return self._frequency_constants - 0.5 * terms
+
+    @cached_property
+    def _frequency_constants(self) -> FloatArray:
         detected = math.log(self.identification.detection_probability)
-        constant = detected - 0.5 * math.log(2.0 * math.pi) - np.log(self.pairs.frequencies_hz)
-        return constant - 0.5 * (residuals * residuals / variance + np.log(variance))
+        return detected - 0.5 * math.log(2.0 * math.pi) - np.log(self.pairs.frequencies_hz)
 
     def _shape_terms(self, distances: FloatArray, prediction_var: FloatArray) -> FloatArray:
         if not len(self.pairs.with_shape):
             return distances
-        variance = prediction_var + self.pairs.shape_var
+        variance = _sums(prediction_var, self.pairs.shape_var)
         normalisers = self._fixed_normalisers
         if normalisers is None:
             normalisers = _log_normalisers(variance, self.pairs)
@@ -242,17 +242,26 @@ class ModalLikelihood:
         shape_sd = self._error_products[1]
         if shape_sd.parameters:
             return None
-        return _log_normalisers(np.array([[shape_sd.scale**2]]) + self.pairs.shape_var, self.pairs)
+        variance = _sums(np.array([[shape_sd.scale**2]]), self.pairs.shape_var)
+        return _log_normalisers(variance, self.pairs)
 
     def _missed_terms(
         self, modes: ComparedModes, prediction_var: FloatArray, which: list[int]
     ) -> FloatArray:
         """log(1 - p_D P_in), (B, len(which)): log probability that these model modes are missed."""
+        if not which:
+            return np.zeros((len(modes.frequencies_hz), 0))
         low, high = self.data.band_hz
-        frequencies = modes.frequencies_hz[:, which]
+        frequencies = modes.frequencies_hz.T[which].T
         sd = np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
         inside = ndtr((high - frequencies) / sd) - ndtr((low - frequencies) / sd)
         return np.log1p(-self.identification.detection_probability * inside)
+
+    @cached_property
+    def _unpaired_data(self) -> float:
+        """The term of all identified modes that belong to no model mode, and of e^(-ν)."""
+        unpaired = [mode for mode in self.data.modes if mode.label not in self.pairing]
+        return sum(map(self._spurious_term, unpaired)) - self.identification.expected_spurious_modes
 
     def _spurious_term(self, mode: IdentifiedMode) -> float:
         """The log density of an identified mode that belongs to no model mode."""
@@ -285,13 +294,23 @@ class ModalLikelihood:
         return float(np.mean([(mode.frequency_cov or 0.0) ** 2 for mode in self.data.modes]))
 
 
+def _sums(prediction_var: FloatArray, own_var: FloatArray) -> FloatArray:
+    """Variances (B, P), of prediction (B, 1) and of identification (P,) together.
+
+    (B, 1) where all are the same. In memory, the rows of the batch are next to each other.
+    """
+    if len(own_var) and (own_var == own_var[0]).all():
+        return prediction_var + own_var[0]
+    return (prediction_var.T + own_var[:, None]).T
+
+
 def _log_normalisers(variance: FloatArray, pairs: PairedModes) -> FloatArray:
-    """log Z_d(σ), (B, S), for shape variances (B, S) or, where all shapes share σ, (B, 1)."""
-    normalisers = np.empty((len(variance), len(pairs.n_measured)))
+    """log Z_d(σ) for shape variances (B, S) or (B, 1), as many columns as differ."""
+    kinds = list(zip(pairs.shape_var.tolist(), pairs.n_measured, strict=True))
     known: dict[tuple[float, int], FloatArray] = {}
-    for column, (own, d) in enumerate(zip(pairs.shape_var.tolist(), pairs.n_measured, strict=True)):
+    for column, (own, d) in enumerate(kinds):
         if (own, d) not in known:
             shared = variance[:, min(column, variance.shape[1] - 1)]
             known[own, d] = log_shape_normaliser(np.sqrt(shared), d)
-        normalisers[:, column] = known[own, d]
-    return normalisers
+    columns = kinds if len(known) > 1 else kinds[:1]
+    return np.array([known[kind] for kind in columns]).T

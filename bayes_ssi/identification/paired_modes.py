@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.arrays import FloatArray, Places, as_slice
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.likelihood_terms import row_sums
@@ -52,13 +53,18 @@ class PairedModes:
 
     def frequency_residuals(self, frequencies_hz: FloatArray) -> FloatArray:
         """r_f = f/f_e - 1, (B, P), for model frequencies (B, n_modes)."""
-        return of_modes(frequencies_hz, self.model_modes) / self.frequencies_hz - 1.0
+        return of_modes(frequencies_hz, self._modes) / self.frequencies_hz - 1.0
 
     def shape_distances(self, shapes_at_sensors: FloatArray) -> FloatArray:
         """1 - |φ_e·φ| = ½ r_φ², (B, S), for model shapes (B, s, n_modes)."""
-        shapes = self._of_pairs(shapes_at_sensors)
-        cosine = row_sums(shapes * self.unit_shapes)
-        length_sq = row_sums(shapes * shapes)
+        shapes = np.asfortranarray(of_modes(shapes_at_sensors, self._modes_with_shape))
+        cosine, length_sq = np.zeros((2, shapes.shape[2], len(shapes))).transpose(0, 2, 1)
+        # Sensor by sensor, for arrays that stay in the processor's cache.
+        for i, (unit, measured) in enumerate(self._sensors):
+            component = shapes[:, i]
+            cosine += component * unit
+            square = component * component
+            length_sq += square if measured is None else square * measured
         # A model shape that vanishes at every sensor has no direction.
         with np.errstate(divide="ignore", invalid="ignore"):
             aligned = np.where(length_sq == 0.0, 0.0, np.abs(cosine) / np.sqrt(length_sq))
@@ -83,15 +89,26 @@ class PairedModes:
 
     def _of_pairs(self, shapes_at_sensors: FloatArray) -> FloatArray:
         """Model shapes of the pairs, (B, s, S), 0 where not measured."""
-        return of_modes(shapes_at_sensors, self.model_modes[self.with_shape]) * self.measured
+        return of_modes(shapes_at_sensors, self._modes_with_shape) * self.measured
+
+    @cached_property
+    def _sensors(self) -> list[tuple[FloatArray, FloatArray | None]]:
+        """Each sensor's part of the unit shapes, and which of them it measured; None for all."""
+        each = zip(self.unit_shapes, self.measured, strict=True)
+        return [(unit, None if measured.all() else measured) for unit, measured in each]
+
+    @cached_property
+    def _modes(self) -> Places:
+        return as_slice(self.model_modes)
+
+    @cached_property
+    def _modes_with_shape(self) -> Places:
+        return as_slice(self.model_modes[self.with_shape])
 
 
-def of_modes(quantity: FloatArray, modes: NDArray[np.intp]) -> FloatArray:
-    """Some modes' quantity (B, …, m), from that of all, the rows next to each other in memory.
-
-    What is computed from it then runs along whole columns, which are longer than rows.
-    """
-    taken: FloatArray = quantity.T[modes].T
+def of_modes(quantity: FloatArray, modes: Places) -> FloatArray:
+    """Some modes' quantity (B, …, m), from that of all."""
+    taken: FloatArray = quantity.T[modes].T  # rows of the batch remain next to each other
     return taken
 
 

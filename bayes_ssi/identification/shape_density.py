@@ -17,6 +17,10 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 # Terms of the series for small errors, which is used where the last one is negligible.
 TERMS = 12
 NEGLIGIBLE = np.finfo(float).eps / 16.0
+# For other errors, polynomials of log Z in log(1 + κ/√d), as many in a unit of it: Z has no zero
+# within about 0.8 of the real axis, so a term of the polynomials is a 25th of the one before.
+INTERVALS = 8
+DEGREE = 10
 
 
 def log_sphere_area(d: int) -> float:
@@ -28,7 +32,7 @@ def log_shape_normaliser(shape_sd: FloatArray, d: int) -> FloatArray:
     """log Z_d(σ), the normalising constant of the shape's density on the sphere.
 
     ``Z_d(σ) = 2 |S^(d-2)| ∫_0^(π/2) exp(-(1 - cos t)/σ²) sin^(d-2)(t) dt``: by a series where σ is
-    small, by quadrature elsewhere.
+    small, by polynomials through its values by quadrature elsewhere.
 
     Args:
         shape_sd: σ, of any shape, positive.
@@ -46,7 +50,7 @@ def log_shape_normaliser(shape_sd: FloatArray, d: int) -> FloatArray:
         log_caps = math.log(2.0) + 0.5 * (d - 1) * np.log(2.0 * math.pi * variance)
         normaliser = np.array(log_caps + np.log1p(curved * variance))
     if not small.all():
-        normaliser[~small] = _by_quadrature(sd[~small], d)
+        normaliser[~small] = _by_polynomials(sd[~small], d)
     return normaliser
 
 
@@ -109,6 +113,31 @@ def _series(d: int) -> tuple[FloatArray, float]:
     while kappa - 0.5 * (d - 1) * math.log(kappa) < -math.log(NEGLIGIBLE):
         kappa *= 1.05
     return coefficients, 1.0 / kappa
+
+
+def _by_polynomials(shape_sd: FloatArray, d: int) -> FloatArray:
+    """log Z_d(σ) by the polynomial of the interval in which log(1 + κ/√d) lies, κ = 1/σ²."""
+    with np.errstate(divide="ignore", over="ignore"):
+        place = np.log1p(1.0 / (math.sqrt(d) * shape_sd * shape_sd)) * INTERVALS
+    interval = np.nan_to_num(place).astype(np.intp)
+    t = 2.0 * (place - interval) - 1.0
+    polynomials = _polynomials(d)
+    total: FloatArray = polynomials[-1, interval]
+    for coefficients in polynomials[-2::-1]:
+        total = total * t + coefficients[interval]
+    return total
+
+
+@cache
+def _polynomials(d: int) -> FloatArray:
+    """Coefficients (DEGREE + 1, n_intervals) of log Z_d from κ = 0 to where the series is used."""
+    last = math.log1p(1.0 / (math.sqrt(d) * _series(d)[1])) * INTERVALS
+    chebyshev = np.polynomial.chebyshev
+    nodes = chebyshev.chebpts1(DEGREE + 1)
+    place = np.arange(int(last) + 1)[:, None] + 0.5 * (nodes + 1.0)
+    values = _by_quadrature(1.0 / np.sqrt(math.sqrt(d) * np.expm1(place / INTERVALS)), d)
+    series = chebyshev.chebfit(nodes, values.T, DEGREE)
+    return np.array([chebyshev.cheb2poly(each) for each in series.T]).T
 
 
 def _by_quadrature(shape_sd: FloatArray, d: int) -> FloatArray:

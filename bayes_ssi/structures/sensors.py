@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.arrays import FloatArray, Places, as_slice
 
 
 @dataclass(frozen=True)
@@ -95,15 +95,20 @@ class SensorMatrix:
         size of its batch.
         """
         before = (slice(None),) * (motions.ndim - 1 - axis)
-        total: FloatArray = motions.T[(*before, self.rows[:, 0])].T
+        total: FloatArray
+        total, *others = (motions.T[(*before, rows)].T for rows in self._terms)
         if self._is_selection:
             return total
         column = [1] * motions.ndim
         column[axis] = len(self.rows)
         total = total * self.weights[:, 0].reshape(column)
-        for rows, weights in zip(self.rows.T[1:], self.weights.T[1:], strict=True):
-            total += motions.T[(*before, rows)].T * weights.reshape(column)
+        for motion, weights in zip(others, self.weights.T[1:], strict=True):
+            total += motion * weights.reshape(column)
         return total
+
+    @cached_property
+    def _terms(self) -> list[Places]:
+        return [as_slice(rows) for rows in self.rows.T]
 
     def toarray(self) -> FloatArray:
         """The matrix as an array (n_sensors, n_dof)."""

@@ -115,27 +115,25 @@ class SpaceFrame(RigidFloors):
 
     def matrices(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         of_elements, mass = super().matrices(values)
-        of_frame, n = self._condensed_stiffness(values), 3 * self.n_floors
-        total = np.empty((max(len(of_frame), len(of_elements)), *of_elements.shape[1:]))
+        n = self.n_floors
+        planes = [_condensed(plane.evaluate(values), n) for plane in self._planes]
+        n_rows = max(map(len, (of_elements, *planes)))
+        total = np.empty((n_rows, *of_elements.shape[1:]), order="F")
         total[:] = of_elements
-        total[:, :n, :n] += of_frame
+        for lateral, moved in zip(planes, self._moved, strict=True):
+            for i, j in np.argwhere(moved).tolist():
+                total[:, i : 3 * n : 3, j : 3 * n : 3] += moved[i, j] * lateral
         return total, mass
 
-    def _condensed_stiffness(self, values: FloatArray) -> FloatArray:
-        """Stiffness of the floors, (B, 3 n_floors, 3 n_floors): all plane frames together.
+    @cached_property
+    def _moved(self) -> list[FloatArray]:
+        """Stiffness of a floor's motions (3, 3) per stiffness of a plane frame, along x and y.
 
         The frame on the line at y moves by u - y θ, the one on the line at x by v + x θ.
         """
-        along_x = [(1.0, 0.0, -y) for y in self.y_lines]
-        along_y = [(0.0, 1.0, x) for x in self.x_lines]
-        n = self.n_floors
-        total: FloatArray | float = 0.0
-        for plane, lines in zip(self._planes, (along_x, along_y), strict=True):
-            motions = np.array(lines)
-            moved = np.einsum("la,lc->ac", motions, motions)
-            lateral = _condensed(plane.evaluate(values), n)
-            total = total + lateral[:, :, None, :, None] * moved[:, None, :]
-        return np.asarray(total).reshape(-1, 3 * n, 3 * n)
+        along_x = np.array([(1.0, 0.0, -y) for y in self.y_lines])
+        along_y = np.array([(0.0, 1.0, x) for x in self.x_lines])
+        return [np.einsum("la,lc->ac", lines, lines) for lines in (along_x, along_y)]
 
     @cached_property
     def _planes(self) -> tuple[AffineArray, AffineArray]:
