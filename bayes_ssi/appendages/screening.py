@@ -8,6 +8,7 @@ gives the evidence to a few tenths of a nat, in a twentieth of the evaluations o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -141,7 +142,12 @@ def _importance_sample(
     sampler = ImportanceSampler(
         target, rng, BATCH, prior_share=0.05, least_efficiency=0.05, max_draws=10 * BATCH
     )
-    return sampler.refined(sampler.sample(mixture), WANTED_ERROR)
+    trial = sampler.refined(sampler.sample(mixture), math.inf)
+    # Components were added at the heaviest draws, which now weigh too little: new draws only.
+    sample = sampler.sample(trial.mixture.reweighted(trial.z, trial.weights))
+    while sample.estimate.error > WANTED_ERROR and len(sample.z) < sampler.max_draws:
+        sample = sampler.extended(sample, (sample.estimate.error / WANTED_ERROR) ** 2)
+    return sample
 
 
 def _scan(
