@@ -37,9 +37,9 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
     with options.running(loaded, place) as run:
         ranking = rank_study(loaded, options.seed, options.settings, run)
         sensitivity = options.sensitivity_record(ranking, run)
-    averages = averaged_parameters(ranking.posteriors, ranking.comparison)
-    records = {"averaged_parameters.json": averages, **sensitivity}
-    result = options.save(ranking, records, place)
+        averages = averaged_parameters(ranking.posteriors, ranking.comparison)
+        records = {"averaged_parameters.json": averages, **sensitivity}
+        result = options.save(ranking, records, place, run)
 
     where = console()
     say_misfit(where, result)

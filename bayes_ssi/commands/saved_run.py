@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
     from bayes_ssi.execution.checkpoint import Checkpoint
     from bayes_ssi.execution.run import Run
+    from bayes_ssi.execution.workers import Workers
+    from bayes_ssi.model_class.model_class import ModelClass
+    from bayes_ssi.plots.result_figures import ResultFigure
     from bayes_ssi.ranking.sensitivity import Sensitivity
     from bayes_ssi.ranking.study import Ranking, Study
     from bayes_ssi.results.load import StoredResult
@@ -109,25 +112,48 @@ class RunOptions:
         return ResultPlace(study_file, directory, checkpoint, overwrite)
 
     @contextmanager
-    def running(self, study: Study, place: ResultPlace) -> Iterator[Run]:
-        """The workers, the checkpoint and the progress bars to sample a study with."""
-        from bayes_ssi.execution.dask_workers import DaskWorkers
+    def running(
+        self, study: Study, place: ResultPlace, n_classes: int | None = None
+    ) -> Iterator[Run]:
+        """The workers, the checkpoint and the progress bars to sample and save a study with.
+
+        ``n_classes`` is the number of classes that are sampled, at least; the study's by default.
+        """
         from bayes_ssi.execution.run import Run
 
-        if self.workers is not None and self.dask is not None:
-            raise ValueError("--workers and --dask: give one of them")
+        workers = self._workers(study.model_classes, n_classes or len(study.model_classes))
         if not self.economical and not is_quiet():
             _print_performance_hints(study)
-        n_workers = None if self.workers is None else _at_most_usable(self.workers)
-        workers = n_workers if self.dask is None else DaskWorkers(self.dask)
         try:
-            with progress_bars() as progress:
-                run = Run(workers, place.checkpoint, progress)
-                with run.working():
-                    yield run
+            # Workers begin first: the progress bars have a thread of their own.
+            with workers or nullcontext(), progress_bars() as progress:
+                yield Run(workers, place.checkpoint, progress)
         except KeyboardInterrupt:  # below the progress bars, which have ended
             click.echo(f"Interrupted; resume with: {command_line()}", err=True)
             sys.exit(INTERRUPTED)
+
+    def _workers(self, candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
+        from bayes_ssi.execution.dask_workers import DaskWorkers
+        from bayes_ssi.execution.local_workers import usable_cores
+        from bayes_ssi.plots.result_figures import prepare
+        from bayes_ssi.ranking.automatic_workers import automatic_workers, chosen_workers
+
+        if self.workers is not None and self.dask is not None:
+            raise ValueError("--workers and --dask: give one of them")
+        if self.dask is not None:
+            return DaskWorkers(self.dask)
+        if self.workers is None:
+            return automatic_workers(candidates, n_classes, prepare)
+        if self.workers == 1:
+            return None
+        n_cores = usable_cores()
+        if self.workers > n_cores and not is_quiet():
+            click.echo(
+                f"--workers {self.workers}: reduced to {n_cores}, the number of cores that can be "
+                "used; more processes would only wait for one another.",
+                err=True,
+            )
+        return chosen_workers(candidates, self.workers, prepare)
 
     def sensitivity_record(self, ranking: Ranking, run: Run) -> dict[str, Sensitivity]:
         """File name → sensitivity of the ranking to settings, if requested."""
@@ -137,7 +163,7 @@ class RunOptions:
         return {SENSITIVITY: sensitivity(ranking, run=run)} if self.sensitivity else {}
 
     def save(
-        self, ranking: Ranking, records: Mapping[str, Any], place: ResultPlace
+        self, ranking: Ranking, records: Mapping[str, Any], place: ResultPlace, run: Run
     ) -> StoredResult:
         """Save a ranking, further records by file name, and figures; remove the checkpoint."""
         from bayes_ssi.results.load import MARKER
@@ -147,8 +173,8 @@ class RunOptions:
         # Another result may have appeared since the run began.
         require_new(place.directory, marker=MARKER, overwrite=place.overwrite)
         place.checkpoint.begin_saving()
-        with progress_bars() as progress, _reminder_of_checkpoint():
-            progress("saving", "result", 0.0)
+        run.report("saving", "result and figures", 0.0)
+        with _reminder_of_checkpoint():
             result = save_result(
                 ranking,
                 place.directory,
@@ -157,10 +183,10 @@ class RunOptions:
                 accept_failed_checks=self.accept_failed_checks,
                 command=command_line(),
                 extra=records,
+                figures=_figures(ranking, records),
+                run=run,
             )
-            progress("saving", "figures", 0.2)
-            _save_figures(result)
-            progress("saving", "figures", 1.0)
+        run.report("saving", "result and figures", 1.0)
         place.checkpoint.remove(ranking.study.names)
         return result
 
@@ -170,12 +196,13 @@ class RunOptions:
         The exit code says whether a check failed that was not accepted.
         """
         from bayes_ssi.results.answer import answer
+        from bayes_ssi.results.load import FIGURES
         from bayes_ssi.tables import sensitivity_notes, sensitivity_table
 
         if result.sensitivity is not None:
             console().print(sensitivity_table(result.sensitivity))
             say(console(), *sensitivity_notes(result.sensitivity))
-        n_figures = len(list(_figures(result).iterdir()))
+        n_figures = len(list((result.directory / FIGURES).glob("*")))
         say(console(), f"Saved in {result.directory}, with {n_figures} figures.")
         answered = answer(result)
         warnings = [
@@ -198,20 +225,6 @@ def _reminder_of_checkpoint() -> Iterator[None]:
             raise
         advice = f"{error.strerror}; no evaluation is lost, the same command resumes the run"
         raise OSError(error.errno, advice, error.filename) from error
-
-
-def _at_most_usable(n_workers: int) -> int:
-    """The number of workers, at most one for each core that this process may use."""
-    from loky import cpu_count
-
-    n_cores: int = cpu_count()
-    if n_workers > n_cores and not is_quiet():
-        click.echo(
-            f"--workers {n_workers}: reduced to {n_cores}, the number of cores that can be used; "
-            "more processes would only wait for one another.",
-            err=True,
-        )
-    return min(n_workers, n_cores)
 
 
 def _print_performance_hints(study: Study) -> None:
@@ -244,7 +257,10 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
         click.option("--dask", metavar="ADDRESS",
                      help="Sample on a Dask cluster, by its scheduler's address."),
         click.option("--workers", type=click.IntRange(min=1), metavar="N",
-                     help="Sample in N processes on this machine, at most one for each core."),
+                     help="Sample in N processes on this machine, at most one for each core. If "
+                     "not given: one for each core that has a class to sample, but only this "
+                     "process where a model is a user's own function or class of structure, or a "
+                     "single small one."),
         click.option("--sensitivity", is_flag=True,
                      help="Rank again with every setting halved and doubled: missed and spurious "
                      "modes, error sizes, widths of priors."),
@@ -317,17 +333,15 @@ def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:
     return notes
 
 
-def _save_figures(result: StoredResult) -> None:
-    from bayes_ssi.plots.appendage_places import plot_places
-    from bayes_ssi.plots.figure_style import figures_for_files, save_figure
-    from bayes_ssi.plots.result_figures import save_figures
+def _figures(ranking: Ranking, records: Mapping[str, Any]) -> list[ResultFigure]:
+    """The figures of a ranking, and of a search if the records hold one."""
+    from bayes_ssi.plots import result_figures
+    from bayes_ssi.results.load import SEARCH
 
-    figures = _figures(result)
-    save_figures(figures, result.tests, result.ranked_posteriors, result.comparison)
-    if result.search is not None:
-        with figures_for_files():
-            save_figure(plot_places(result.search.place_probabilities), figures / "places.png")
-
-
-def _figures(result: StoredResult) -> Path:
-    return result.directory / "figures"
+    by_name = {posterior.name: posterior for posterior in ranking.posteriors}
+    return result_figures.result_figures(
+        {each.name: each.data for each in ranking.study.model_classes[0].configurations},
+        [by_name[row.name] for row in ranking.comparison.classes],
+        ranking.comparison,
+        records[SEARCH].place_probabilities if SEARCH in records else None,
+    )

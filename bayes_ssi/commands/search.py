@@ -57,7 +57,11 @@ def search(
     modes. Workers sample whole hypotheses side by side.
     """
     from bayes_ssi.appendages.appendage_search import search as search_appendages
-    from bayes_ssi.appendages.hypotheses import SearchSettings
+    from bayes_ssi.appendages.hypotheses import (
+        SearchSettings,
+        places_of,
+        structure_with_floors,
+    )
     from bayes_ssi.priors.families import LogNormal, LogUniform
     from bayes_ssi.results.load import SEARCH
     from bayes_ssi.tables import appendage_table, averaged_table, search_notes, search_table
@@ -71,13 +75,15 @@ def search(
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
     )
     place = options.place(loaded, study, f"{study.stem}_search", "search", search_settings)
-    with options.running(loaded, place) as run:
+    baseline_class = loaded.model_classes[0]
+    n_hypotheses = 1 + len(places_of(structure_with_floors(baseline_class)))  # on the first level
+    with options.running(loaded, place, n_hypotheses) as run:
         appendages = search_appendages(
-            loaded.model_classes[0], search_settings, options.seed, options.settings, run
+            baseline_class, search_settings, options.seed, options.settings, run
         )
         sensitivity = options.sensitivity_record(appendages.ranking, run)
-    records = {SEARCH: appendages.record, **sensitivity}
-    result = options.save(appendages.ranking, records, place)
+        records = {SEARCH: appendages.record, **sensitivity}
+        result = options.save(appendages.ranking, records, place, run)
     place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
 
     where = console()

@@ -2,22 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import multiprocessing
+import os
+import sys
+import threading
+from collections.abc import Callable, Collection
 from concurrent.futures import BrokenExecutor, Executor, Future
 from numbers import Integral
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
-from bayes_ssi.execution.remote import end_with_parent
+from bayes_ssi.execution.remote import (
+    PackedFunction,
+    call_packed,
+    digest_of,
+    end_with_parent,
+    pickled,
+)
 from bayes_ssi.execution.workers import Workers
+
+R = TypeVar("R")
+T = TypeVar("T")
 
 
 class LocalWorkers(Workers):
     """Processes on this machine; they start at the first call and are replaced if they die."""
 
-    def __init__(self, n: int) -> None:
+    def __init__(
+        self, n: int, *, copies: bool = False, when_idle: Callable[[], object] | None = None
+    ) -> None:
         """Prepare ``n`` processes.
+
+        Args:
+            n: their number.
+            copies: whether to start them as copies of this process when they are entered, where
+                that is possible: at once, while a new process takes about a second to import the
+                package. A copy has the state of other threads and libraries as well, so there must
+                be none that it could stumble over.
+            when_idle: called once, by this process, when one of them has nothing left to do: for
+                what will be needed later.
 
         Raises:
             ValueError: ``n`` is not positive.
@@ -25,14 +49,37 @@ class LocalWorkers(Workers):
         if n < 1:
             raise ValueError(f"workers must be at least 1, got {n!r}")
         super().__init__(None, n)
+        self.copies = copies
+        self.when_idle = when_idle
         self._file: IO[bytes] | None = None
 
+    def _start(self) -> None:
+        if self.copies and can_copy():
+            self._executor = self._new_executor(multiprocessing.get_context("fork"))
+            self._executor.submit(int).result()  # now, before a thread of this process begins
+
     def _running(self) -> Executor:
+        if self._executor is None:
+            self._executor = self._new_executor(None)
+        return self._executor
+
+    def begin(self, function: Callable[[T], R], item: T) -> Future[R]:
+        """Begin ``function(item)`` as soon as a process is free.
+
+        Raises:
+            ValueError: one of the two cannot be sent.
+        """
+        data = pickled(function)
+        packed = PackedFunction(digest_of(data), os.getpid(), data)
+        return self._running().submit(call_packed, packed, pickled(item))
+
+    def _new_executor(self, context: Any) -> Executor:
         from loky import ProcessPoolExecutor
 
-        if self._executor is None:
-            self._executor = ProcessPoolExecutor(self.n_workers, initializer=end_with_parent)
-        return self._executor
+        made: Executor = ProcessPoolExecutor(
+            self.n_workers, context=context, initializer=end_with_parent
+        )
+        return made
 
     def _content(self, data: bytes) -> Path:
         """Send a file: models may hold large matrices, and each process reads them only once."""
@@ -57,13 +104,38 @@ class LocalWorkers(Workers):
             # Loky's own argument: otherwise its workers would first finish their tasks.
             executor.shutdown(wait=True, kill_workers=True)  # type: ignore[call-arg]
 
+    def _one_is_idle(self) -> None:
+        when_idle, self.when_idle = self.when_idle, None
+        if when_idle is not None:
+            when_idle()
+
     def _replace(self, death: BrokenExecutor) -> None:
         del death
+        self._stop_processes()
+
+    def abandon(self) -> None:
+        """Stop the processes in the middle of what they do; the next call starts others."""
         self._stop_processes()
 
     def _abandon(self, waiting: Collection[Future[Any]]) -> None:
         self._stop_processes()
         super()._abandon(waiting)
+
+
+def usable_cores() -> int:
+    """Number of cores that this process may use, by its affinity and its share of the machine."""
+    from loky import cpu_count
+
+    n: int = cpu_count()
+    return n
+
+
+def can_copy() -> bool:
+    """Whether this process can be copied: on Linux, and unless it has other threads.
+
+    Apple's libraries do not work in a copy, and Windows makes none.
+    """
+    return sys.platform == "linux" and threading.active_count() == 1
 
 
 def as_workers(workers: int | Executor | Workers | None) -> Workers | None:

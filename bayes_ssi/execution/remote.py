@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import multiprocessing
 import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
+from multiprocessing.connection import wait
 from pathlib import Path
 from threading import Thread
 from time import sleep
@@ -96,10 +98,16 @@ def _unpickled(data: bytes) -> Any:
 def end_with_parent() -> None:
     """End this process when its parent process is gone for any reason."""
     parent = os.getppid()
+    process = multiprocessing.parent_process()
+    # A copy of its parent has a pipe that breaks with it; other processes have to look.
+    pipe: int | None = process.sentinel if process is not None else None
 
     def watch() -> None:
         while os.getppid() == parent:
-            sleep(0.5)
+            if pipe is None:
+                sleep(0.5)
+            else:
+                wait([pipe], timeout=0.5)
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
+from concurrent.futures import CancelledError, Executor
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from bayes_ssi.execution.checkpoint import Checkpoint
-from bayes_ssi.execution.local_workers import as_workers
+from bayes_ssi.execution.local_workers import LocalWorkers, as_workers
 from bayes_ssi.execution.workers import Workers
 
 # Called with the name of what is computed (usually a model class), the name of the step, and the
 # completed share of that step.
 Progress = Callable[[str, str, float], None]
+# Called with a function and its argument.
+Begin = Callable[[Callable[[Any], object], Any], None]
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -28,7 +31,8 @@ class Run:
         checkpoint: keeps every evaluation on disk, so that a run that was interrupted is resumed
             to the same result; nothing is kept if None. The caller removes it.
         progress: called with the name of a model class, the name of the step, and the completed
-            share of the step; for a class sampled in a worker, only at its end.
+            share of the step; for a class sampled in a worker of another machine, only at its
+            end.
     """
 
     workers: Workers | None
@@ -72,3 +76,35 @@ class Run:
         """Report the completed share ``done`` of a ``step`` of the class ``name``."""
         if self.progress is not None:
             self.progress(name, step, done)
+
+    @contextmanager
+    def side_by_side(self) -> Iterator[Begin]:
+        """Within this block, a function begins calls, and the end of the block waits for them.
+
+        The calls are made by processes of this machine, if there are any, while this process goes
+        on; at the end of the block by this one if there are none, or if one died. After an error,
+        of a call or within the block, nothing is left under way.
+        """
+        begun: list[Callable[[], object]] = []
+        try:
+            yield lambda function, item: begun.append(self._begin(function, item))
+            for value in begun:
+                value()
+        except BaseException:
+            if isinstance(self.workers, LocalWorkers):
+                self.workers.abandon()
+            raise
+
+    def _begin(self, function: Callable[[Any], object], item: object) -> Callable[[], object]:
+        """A function that waits for ``function(item)``, which is begun if processes are there."""
+        workers = self.workers
+        begun = workers.begin(function, item) if isinstance(workers, LocalWorkers) else None
+
+        def value() -> object:
+            if begun is not None:
+                # Errors of an executor that broke or was shut down.
+                with suppress(RuntimeError, CancelledError):
+                    return begun.result()
+            return function(item)
+
+        return value

@@ -24,6 +24,8 @@ PARTS_PER_WORKER = 4
 # Lost points are divided into this many groups and evaluated again, down to single points: four
 # isolate the point of a batch of 1024 at which a worker dies after six deaths at most.
 GROUPS = 4
+# Seconds between two looks at the progress of calls.
+LOOK = 0.2
 # Deaths before a run gives up: enough to find some twenty points at which workers die.
 MAX_DEATHS = 100
 
@@ -121,6 +123,7 @@ class Workers:
         function: Callable[[T], R],
         items: Sequence[T],
         done: Callable[[int], object] | None = None,
+        meanwhile: Callable[[], object] | None = None,
     ) -> dict[int, R]:
         """``function`` of every item, each in one worker; items whose worker died are left out.
 
@@ -128,8 +131,10 @@ class Workers:
             function: picklable, as are the items and the answers.
             items: the function's arguments.
             done: called with the number of each item that is ready.
+            meanwhile: called again and again until all are.
 
         Raises:
+            OSError: a file of this machine cannot be read or written by a call.
             ValueError: an item cannot be sent, or workers die again and again.
         """
         answers: dict[int, R] = {}
@@ -141,6 +146,10 @@ class Workers:
             for i, item in enumerate(items):
                 waiting[_submitted(executor, packed, pickled(item))] = i
             while waiting:
+                if meanwhile is not None:
+                    meanwhile()
+                if len(waiting) < self.n_workers:
+                    self._one_is_idle()
                 for future in self._ready(waiting):
                     i = waiting.pop(future)
                     error = future.exception()
@@ -198,8 +207,11 @@ class Workers:
         return data
 
     def _ready(self, waiting: Collection[Future[Any]]) -> Collection[Future[Any]]:
-        """The futures that are ready, at least one."""
-        return wait(waiting, return_when=FIRST_COMPLETED).done
+        """The futures that are ready, of which there may be none yet."""
+        return wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED).done
+
+    def _one_is_idle(self) -> None:
+        """Called where there are fewer calls left than workers."""
 
     def _is_death(self, error: BaseException) -> bool:
         """Whether an error means that a worker died, rather than that the function failed."""
@@ -233,8 +245,12 @@ def _submitted(executor: Executor, function: PackedFunction, item: bytes) -> Fut
 
 
 def _as_input_error(error: BaseException) -> BaseException:
-    """A ValueError in one line for an error from a worker; interruptions are left unchanged."""
-    if isinstance(error, ValueError) or not isinstance(error, Exception):
+    """A ValueError in one line for an error from a worker.
+
+    Interruptions, and errors of files, which name the file, are left unchanged.
+    """
+    is_of_file = isinstance(error, OSError) and type(error).__module__ == "builtins"
+    if isinstance(error, ValueError) or is_of_file or not isinstance(error, Exception):
         return error
     raised = ValueError(f"workers: one cannot work: {type(error).__name__}: {error}")
     raised.__cause__ = error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -49,13 +49,12 @@ def plot_corner(
     values = posterior.values[:, [posterior.parameter_names.index(name) for name in names]]
     n = len(names)
     figure = figure_of(figure, (0.8 + 1.5 * n, 1.4 + 1.5 * n))
-    with warnings.catch_warnings():
-        # At its import arviz 0.23 announces version 1; constrained layout replaces corner's own.
-        warnings.simplefilter("ignore", FutureWarning)
-        warnings.filterwarnings("ignore", "This figure was using a layout engine", UserWarning)
-        import corner
-        from matplotlib.ticker import MaxNLocator
+    corner = import_corner()
+    from matplotlib.ticker import MaxNLocator
 
+    with warnings.catch_warnings():
+        # Constrained layout replaces corner's own.
+        warnings.filterwarnings("ignore", "This figure was using a layout engine", UserWarning)
         corner.corner(
             values, bins=30, range=[SHOWN] * n, fig=figure, color=BLUE, quantiles=QUANTILES,
             smooth=1.0, levels=CONTOURS, plot_datapoints=False, plot_density=False,
@@ -80,3 +79,12 @@ def plot_corner(
     note = "median, 90 % interval" + ("; 1 and 2 sigma" if n > 1 else "")
     figure.suptitle(f"{posterior.name}\n{note}", fontsize=10, parse_math=False)
     return figure
+
+
+def import_corner() -> Any:
+    """The module corner, which imports arviz."""
+    with warnings.catch_warnings():
+        # At its import arviz 0.23 announces version 1.
+        warnings.simplefilter("ignore", FutureWarning)
+        import corner
+    return corner

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.plots.corner_plot import plot_corner
+from bayes_ssi.plots.appendage_places import plot_places
+from bayes_ssi.plots.corner_plot import import_corner, plot_corner
 from bayes_ssi.plots.evidence_plot import plot_evidence
 from bayes_ssi.plots.figure_style import figures_for_files, save_figure
 from bayes_ssi.plots.model_frequencies import plot_frequencies
@@ -17,6 +22,55 @@ from bayes_ssi.ranking.comparison import Comparison
 MOST_CLASSES = 12
 
 
+@dataclass(frozen=True)
+class ResultFigure:
+    """A figure that is drawn when it is called with the directory to write it in.
+
+    Attributes:
+        name: name of the file, without its suffix.
+        draw: draws it.
+    """
+
+    name: str
+    draw: Callable[[], Any]
+
+    def __call__(self, directory: Path) -> Path:
+        with figures_for_files():
+            return save_figure(self.draw(), directory / f"{self.name}.png")
+
+
+def result_figures(
+    tests: Mapping[str, ModalData],
+    ranked: Sequence[Posterior],
+    comparison: Comparison,
+    places: Mapping[AppendagePlace, float] | None = None,
+) -> list[ResultFigure]:
+    """The figures of a result, the one that takes longest first.
+
+    Args:
+        tests: name of a configuration → its identified modes; a single one may have the name "".
+        ranked: the posteriors, the best first; the corner plot is of the best one.
+        comparison: the ranking; the best ``MOST_CLASSES`` are drawn.
+        places: of a search, every place → the probability of an appendage there.
+    """
+    figures = [ResultFigure("corner", partial(plot_corner, ranked[0]))]
+    for i, (configuration, modes) in enumerate(tests.items(), 1):
+        name = f"frequencies_{i}" if len(tests) > 1 else "frequencies"
+        draw = partial(plot_frequencies, modes, ranked[:MOST_CLASSES], configuration=configuration)
+        figures.append(ResultFigure(name, draw))
+    figures.append(ResultFigure("evidence", partial(plot_evidence, comparison, most=MOST_CLASSES)))
+    if places is not None:
+        figures.append(ResultFigure("places", partial(plot_places, places)))
+    return figures
+
+
+def prepare() -> None:
+    """Import what takes long to import, in a process that is to draw figures."""
+    import matplotlib.figure  # noqa: F401
+
+    import_corner()
+
+
 def save_figures(
     directory: Path,
     tests: Mapping[str, ModalData],
@@ -25,24 +79,10 @@ def save_figures(
 ) -> list[Path]:
     """Write the figures of a result as PNG files into ``directory``, which is created.
 
-    Args:
-        directory: where the figures are written.
-        tests: name of a configuration → its identified modes; a single one may have the name "".
-        ranked: the posteriors, the best first; the corner plot is of the best one.
-        comparison: the ranking; the best ``MOST_CLASSES`` are drawn.
+    Arguments are as in :func:`result_figures`.
 
     Raises:
         FileExistsError: the directory exists.
     """
     directory.mkdir()
-    with figures_for_files():
-        figures = {"evidence": plot_evidence(comparison, most=MOST_CLASSES)}
-        for i, (configuration, modes) in enumerate(tests.items(), 1):
-            name = f"frequencies_{i}" if len(tests) > 1 else "frequencies"
-            figures[name] = plot_frequencies(
-                modes, ranked[:MOST_CLASSES], configuration=configuration
-            )
-        return [
-            *(save_figure(ax, directory / f"{name}.png") for name, ax in figures.items()),
-            save_figure(plot_corner(ranked[0]), directory / "corner.png"),
-        ]
+    return [figure(directory) for figure in result_figures(tests, ranked, comparison)]

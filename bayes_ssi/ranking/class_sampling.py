@@ -9,8 +9,14 @@ in less time than it takes to send them. Results do not depend on this choice.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from bayes_ssi.execution.checkpoint import Checkpoint
+from bayes_ssi.execution.local_workers import LocalWorkers
+from bayes_ssi.execution.progress_file import ProgressFile
 from bayes_ssi.execution.run import Run
 from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.model_class.model_class import ModelClass
@@ -18,6 +24,9 @@ from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.sample import sample
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.structures.lumped import LumpedStructure
+
+# The last step of a class, completed.
+END = ("evidence", 1.0)
 
 
 def sample_all(
@@ -33,8 +42,8 @@ def sample_all(
         seed: a class's result follows from it and the class's name.
         settings: how precisely to sample.
         run: workers, checkpoint and progress. Progress of a class sampled as a whole by a worker
-            is reported at its end; if its worker died, its evaluations are shared, so that the
-            points at which workers die are isolated.
+            of another machine is reported at its end. If the worker of a class died, the class's
+            evaluations are shared, so that the points at which workers die are isolated.
 
     Raises:
         ValueError: a class's likelihood is zero everywhere, the model cannot be evaluated by the
@@ -64,14 +73,46 @@ def _side_by_side(
     if checkpoint is not None:
         checkpoint.say_resumed(names)
         checkpoint = checkpoint.silent()
-    for name in names:
-        run.report(name, "in a worker", 0.0)
-    posteriors = run.workers.try_each(
-        partial(sample, seed=seed, settings=settings, run=Run(checkpoint=checkpoint)),
-        [candidates[i] for i in whole],
-        lambda k: run.report(names[k], "evidence", 1.0),
-    )
+    with TemporaryDirectory(prefix="bayes_ssi_") as directory:
+        files = [ProgressFile(Path(directory, str(k))) for k in range(len(whole))]
+        relay = _Relay(run, files)
+        if not isinstance(run.workers, LocalWorkers):
+            for name in names:
+                run.report(name, "in a worker", 0.0)
+        posteriors = run.workers.try_each(
+            partial(_sample_in_worker, seed=seed, settings=settings, checkpoint=checkpoint),
+            [(candidates[i], file) for i, file in zip(whole, files, strict=True)],
+            lambda k: run.report(names[k], *END),
+            relay,
+        )
     return {whole[k]: posterior for k, posterior in posteriors.items()}
+
+
+def _sample_in_worker(
+    item: tuple[ModelClass, ProgressFile],
+    seed: int,
+    settings: SamplingSettings,
+    checkpoint: Checkpoint | None,
+) -> Posterior:
+    candidate, progress = item
+    return sample(candidate, seed, settings, Run(checkpoint=checkpoint, progress=progress))
+
+
+@dataclass(frozen=True)
+class _Relay:
+    """Passes on what workers report, whenever it is called; their end is reported elsewhere."""
+
+    run: Run
+    files: Sequence[ProgressFile]
+    known: dict[ProgressFile, tuple[str, str, float]] = field(default_factory=dict)
+
+    def __call__(self) -> None:
+        for file in self.files:
+            report = file.read()
+            if report is not None and report != self.known.get(file):
+                self.known[file] = report
+                if report[1:] != END:
+                    self.run.report(*report)
 
 
 def is_cheap(candidate: ModelClass) -> bool:

@@ -3,7 +3,8 @@
 A result directory holds ``result.json`` (study, inputs, versions, seed, settings and everything
 but the draws), ``data.csv`` (the identified modes; where there are several configurations, a
 file for each in ``data/``), ``comparison.json`` and ``comparison.csv``, and ``posteriors/*.nc``
-(draws of each class, which arviz opens). ``digests.json`` holds the digests of all these files.
+(draws of each class, which arviz opens). Results of commands have ``figures``. ``digests.json``
+holds the digests of all these files.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from bayes_ssi.results.result_record import FORMAT, ResultRecord
 # The file that every result directory holds.
 MARKER = "result.json"
 COMPARISON = "comparison.json"
+FIGURES = "figures"
 SEARCH, SENSITIVITY = "search.json", "sensitivity.json"
 IN_THE_FILE_OF_DRAWS = (
     "draws",

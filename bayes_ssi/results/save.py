@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,8 +12,10 @@ from typing import Any
 from bayes_ssi.argument_types import checked
 from bayes_ssi.codec import to_record
 from bayes_ssi.data.modal_csv import write_modal_data
+from bayes_ssi.execution.run import Run
 from bayes_ssi.file_names import file_names
 from bayes_ssi.model_class.class_record import class_record
+from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.ranking.study import Ranking, Study
@@ -22,6 +24,7 @@ from bayes_ssi.results.draws import save_draws
 from bayes_ssi.results.json_files import write_json
 from bayes_ssi.results.load import (
     COMPARISON,
+    FIGURES,
     IN_THE_FILE_OF_DRAWS,
     MARKER,
     StoredResult,
@@ -42,6 +45,8 @@ def save_result(
     accept_failed_checks: bool = False,
     command: str = "",
     extra: Mapping[str, Any] | None = None,
+    figures: Sequence[Callable[[Path], object]] = (),
+    run: Run | None = None,
 ) -> StoredResult:
     """Write a ranking to a new directory; nothing is left there if writing fails.
 
@@ -53,10 +58,15 @@ def save_result(
         accept_failed_checks: record that failed checks were accepted.
         command: the command that reproduces the result, for the record.
         extra: name of a further JSON file → the object whose record it holds.
+        figures: functions that write figures into the directory that they are called with, which
+            becomes ``figures`` of the result; this process draws the first one, which should be
+            the one that takes longest.
+        run: processes that write files side by side.
 
     Raises:
         FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
             than a result.
+        OSError: a file cannot be written.
     """
     with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         (partial / "posteriors").mkdir()
@@ -64,16 +74,27 @@ def save_result(
         files = file_names([posterior.name for posterior in ranking.posteriors], "nc")
         draws = {name: f"posteriors/{file}" for name, file in files.items()}
         classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
-        for posterior in ranking.posteriors:
-            save_draws(partial / draws[posterior.name], posterior, classes[posterior.name])
-        record = _record(ranking, draws, data, study_file, command, accept_failed_checks)
-        write_json(partial / MARKER, record)
-        write_json(partial / COMPARISON, ranking.comparison)
-        for name, further in (extra or {}).items():
-            write_json(partial / name, further)
-        _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
+        with (run or Run()).side_by_side() as begin:
+            if figures:
+                (partial / FIGURES).mkdir()
+            for figure in figures[1:]:
+                begin(figure, partial / FIGURES)
+            for each in ranking.posteriors:
+                begin(_save_draws, (partial / draws[each.name], each, classes[each.name]))
+            record = _record(ranking, draws, data, study_file, command, accept_failed_checks)
+            write_json(partial / MARKER, record)
+            write_json(partial / COMPARISON, ranking.comparison)
+            for name, further in (extra or {}).items():
+                write_json(partial / name, further)
+            _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
+            for figure in figures[:1]:
+                figure(partial / FIGURES)
         write_digests(partial)
     return load_result(directory)
+
+
+def _save_draws(arguments: tuple[Path, Posterior, ModelClass]) -> None:
+    save_draws(*arguments)
 
 
 def _save_tests(study: Study, directory: Path) -> dict[str, str]:

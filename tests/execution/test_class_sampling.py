@@ -9,8 +9,9 @@ from pools import spawning
 
 import bayes_ssi as bs
 from bayes_ssi.execution.checkpoint import Checkpoint
+from bayes_ssi.execution.progress_file import ProgressFile
 from bayes_ssi.execution.workers import Workers
-from bayes_ssi.ranking.class_sampling import sample_all
+from bayes_ssi.ranking.class_sampling import _Relay, sample_all
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
@@ -51,8 +52,23 @@ def test_as_many_classes_as_workers_are_sampled_whole(tiny_study, alone, two_wor
     run = bs.Run(two_workers, progress=lambda *call: calls.append(call))
     assert_same(bs.rank(tiny_study, 7, COARSE, run).posteriors, alone)
     assert shared == set()
-    assert sorted(calls[:2]) == [(name, "in a worker", 0.0) for name in sorted(tiny_study.names)]
-    assert sorted(calls[2:]) == [(name, "evidence", 1.0) for name in sorted(tiny_study.names)]
+    for name in tiny_study.names:
+        reports = [call for call in calls if call[0] == name]
+        assert reports.count((name, "evidence", 1.0)) == 1
+        assert reports[-1] == (name, "evidence", 1.0)
+
+
+def test_workers_report_their_progress(tmp_path):
+    """Through files, of which the last report is read; where there is no directory, nothing."""
+    calls, file = [], ProgressFile(tmp_path / "0")
+    assert file.read() is None
+    relay = _Relay(bs.Run(progress=lambda *call: calls.append(call)), [file])
+    for report in (("a", "searches", 0.25), ("a", "ensembles", 0.5), ("a", "evidence", 1.0)):
+        relay()
+        file(*report)
+        relay()
+    assert calls == [("a", "searches", 0.25), ("a", "ensembles", 0.5)], "its end is known anyway"
+    ProgressFile(tmp_path / "nowhere" / "0")("a", "searches", 0.25)
 
 
 def test_fewer_classes_share_their_evaluations_unless_they_are_small(tiny_study, alone, shared):

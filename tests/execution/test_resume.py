@@ -92,9 +92,9 @@ ALL_IS_SAMPLED = {
 SAVING = {
     "some files are written": instead_of("bayes_ssi.results.save.save_draws"),
     "most files are written": instead_of("bayes_ssi.results.save._write_comparison_csv"),
+    "a figure is drawn": instead_of("matplotlib.figure.Figure.savefig"),
     "all files are written": instead_of("pathlib.Path.rename"),
     "the result is in its place": instead_of("bayes_ssi.results.save.load_result"),
-    "a figure is drawn": instead_of("matplotlib.figure.Figure.savefig"),
     "everything is done": instead_of("bayes_ssi.execution.checkpoint.Checkpoint.remove"),
     "the journal is removed": after_the_first_unlink,
 }
@@ -285,7 +285,7 @@ def test_killed_while_an_old_result_is_replaced(sampled_command, uninterrupted, 
 
 
 def test_killed_while_its_own_result_is_replaced(sampled_command, uninterrupted):
-    for moment in ("a figure is drawn", "the old result is half removed"):
+    for moment in ("the result is in its place", "the old result is half removed"):
         sampled_command.dies(moment=moment)
     assert sampled_command.run() == 0
     sampled_command.assert_result_is(uninterrupted)
@@ -339,7 +339,7 @@ def test_a_result_that_appears_in_the_meantime_is_not_overwritten(command, sampl
 
 def test_the_result_of_other_classes_is_not_overwritten(sampled_command):
     """Not even where the run of those was killed after it had written its result."""
-    sampled_command.dies(moment="a figure is drawn")
+    sampled_command.dies(moment="everything is done")
     assert sampled_command.run("--only", "each k") == 2
     sampled_command.assert_one_line_error("exists already and is not overwritten")
     assert load_result(sampled_command.result).comparison.best.name == "one k"

@@ -294,3 +294,33 @@ def test_no_warnings_and_nothing_left_behind():
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.stderr == ""
     assert done.stdout == "0.0 1.0 2.0 nan 4.0\n"
+
+
+COPIES = """
+import os
+import sys
+import numpy as np
+from bayes_ssi.execution.local_workers import LocalWorkers
+
+def function(z):
+    if (z == 3.0).all():
+        os._exit(1)
+    return np.full(len(z), float("a module of this process" in sys.modules))
+
+sys.modules["a module of this process"] = sys
+idle = []
+with LocalWorkers(2, copies=True, when_idle=lambda: idle.append(os.getpid())) as workers:
+    print(*workers.call_each(function, [np.zeros(1), np.ones(1)]))
+    print(*np.isnan(workers.evaluate(function, np.arange(5.0)[:, None]).values))
+    print(*workers.call_each(function, [np.zeros(1), np.ones(1)]))
+assert idle == [os.getpid()]
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are copied on Linux only")
+def test_copies_have_what_this_process_has_imported():
+    """Others, such as those that replace them where one dies, have not."""
+    command = [sys.executable, "-X", "dev", "-W", "error", "-c", COPIES]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout == "[1.] [1.]\nFalse False False True False\n[0.] [0.]\n"

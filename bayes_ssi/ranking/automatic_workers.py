@@ -1,0 +1,49 @@
+"""The workers of a run for which none were chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from bayes_ssi.execution.local_workers import LocalWorkers, can_copy, usable_cores
+from bayes_ssi.execution.own_code import holds_user_code
+from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.ranking.class_sampling import is_cheap
+
+# A new process takes about a second to import the package, the smallest classes half a second to
+# be sampled: two processes save as much as they cost from here on.
+CLASSES_FOR_NEW_PROCESSES = 4
+
+
+def automatic_workers(
+    candidates: Sequence[ModelClass], n_classes: int, when_idle: Callable[[], object]
+) -> LocalWorkers | None:
+    """One process for each core that can be used, as far as they are busy; None if one is enough.
+
+    None, too, where models hold a user's own code (see
+    :func:`~bayes_ssi.execution.own_code.holds_user_code`), or classes are few and every process
+    would have to import the package anew.
+
+    Args:
+        candidates: classes that are sampled, or on which those are built.
+        n_classes: number of classes that are sampled, at least.
+        when_idle: as for :class:`~bayes_ssi.execution.local_workers.LocalWorkers`.
+    """
+    n = usable_cores()
+    if all(map(is_cheap, candidates)):
+        n = min(n, n_classes)
+        if not can_copy() and n_classes < CLASSES_FOR_NEW_PROCESSES:
+            return None
+    if n == 1 or holds_user_code(list(candidates)):
+        return None
+    return LocalWorkers(n, copies=True, when_idle=when_idle)
+
+
+def chosen_workers(
+    candidates: Sequence[ModelClass], n: int, when_idle: Callable[[], object]
+) -> LocalWorkers:
+    """As many processes, but no more than cores that can be used.
+
+    Arguments are as in :func:`automatic_workers`.
+    """
+    copies = not holds_user_code(list(candidates))
+    return LocalWorkers(min(n, usable_cores()), copies=copies, when_idle=when_idle)
