@@ -310,6 +310,12 @@ def coarse_command(monkeypatch):
     monkeypatch.setattr("bayes_ssi.sampling.settings.SamplingSettings", coarse)
 
 
+@pytest.fixture(autouse=True)
+def no_automatic_workers(monkeypatch):
+    """Commands stay in this process, where tests replace parts of them, unless told otherwise."""
+    monkeypatch.setattr("bayes_ssi.ranking.automatic_workers.automatic_workers", lambda *_: None)
+
+
 @pytest.fixture
 def no_figures(monkeypatch):
     """Saves results without their figures, which take longest."""
