@@ -148,15 +148,12 @@ def test_directories_that_cannot_be(run, tiny_study_file, tmp_path, command, out
 def test_no_more_workers_than_cores(run, tiny_study_file, tmp_path, monkeypatch):
     monkeypatch.setattr("loky.cpu_count", lambda: 3)
     chosen = []
-    monkeypatch.setattr(
-        "bayes_ssi.execution.local_workers.LocalWorkers.__init__",
-        lambda _, n: chosen.append(n),
-    )
 
-    def refuse(_):
+    def refuse(n, **_):
+        chosen.append(n)
         raise ValueError("not sampled here")
 
-    monkeypatch.setattr("bayes_ssi.execution.run.Run.working", refuse)
+    monkeypatch.setattr("bayes_ssi.ranking.automatic_workers.LocalWorkers", refuse)
     arguments = ("rank", tiny_study_file, "--out", tmp_path / "r", "--workers")
     assert "reduced" not in run(*arguments, 2).stderr
     assert run(*arguments, 1000).stderr.startswith("--workers 1000: reduced to 3, the number of")
