@@ -6,7 +6,7 @@ Where the posterior is too small for that, the same formula is tested with milde
 import numpy as np
 import pytest
 from catalogue import all_problems
-from problems_modal import razor_ridge
+from problems_modal import error_size_inferred, razor_ridge, repeated_modes
 from problems_regions import eggbox, golf_hole, grid_of_modes, random_modes, spike_in_slab
 from problems_scales import (
     cauchys,
@@ -63,6 +63,8 @@ MILD = (
     fails_in_stripes(),
     razor_ridge(2, 0.03),
     razor_ridge(3, 0.03),
+    repeated_modes(),
+    error_size_inferred(),
 )
 
 
