@@ -5,8 +5,9 @@ There are 13 327 such pairings of 6 by 6 modes, 2·10⁸ of 10 by 10. Their weig
 they are summed by dynamic programming: model mode after model mode, keeping track only of which
 identified modes are taken, which is exact.
 
-The states to keep double with every identified mode. Beyond ``WINDOW`` of them a model mode may
-only be one of the ``WINDOW`` nearest in frequency; :func:`left_out` bounds what that neglects.
+The states to keep double with every identified mode, or with every model mode where these are
+fewer and the other way round. Where there are more than ``WINDOW`` of both, a model mode may only
+be one of the ``WINDOW`` nearest in frequency; :func:`left_out` bounds what that neglects.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.identification.likelihood_terms import row_sums
 
 WINDOW = 10
 _FLOAT = np.finfo(float)
@@ -25,6 +27,8 @@ _FLOAT = np.finfo(float)
 NEGLIGIBLE_LOG_WEIGHT = math.log(_FLOAT.eps)
 # Below this the terms of a sum lose digits, as numbers near the smallest that a float holds.
 SMALLEST_LOG = math.log(_FLOAT.tiny / _FLOAT.eps)
+# Rows are summed so many at a time that their states, as many numbers, stay in the cache.
+CACHED = 2**14
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +40,7 @@ class PairingWeights:
             of j being spurious and i missed.
         frequencies_hz: (J,), of the identified modes.
         model_hz: (B, I), ascending; only for the nearest ones where there are more than
-            ``WINDOW`` identified modes.
+            ``WINDOW`` of both.
     """
 
     log_ratios: FloatArray
@@ -56,26 +60,27 @@ def log_sum(weights: PairingWeights) -> FloatArray:
 
     The pairing of nothing counts one, so it is never below zero. NaN where a ratio is NaN.
     """
+    if not weights.log_ratios.size:
+        return np.zeros(len(weights.log_ratios))
     order = np.argsort(weights.frequencies_hz, kind="stable")
-    log_ratios = weights.log_ratios[:, order]
-    if not log_ratios.size:
-        return np.zeros(len(log_ratios))
-    log_ratios = np.where(log_ratios < NEGLIGIBLE_LOG_WEIGHT, -np.inf, log_ratios)
-    starts = _window_starts(weights.frequencies_hz[order], weights.model_hz)
+    # (I, J, B): whole rows of the batch are next to each other.
+    log_ratios = np.ascontiguousarray(weights.log_ratios[:, order].transpose(2, 1, 0))
+    log_ratios[log_ratios < NEGLIGIBLE_LOG_WEIGHT] = -np.inf
+    starts = _window_starts(weights)
     if starts is not None:
-        log_ratios = np.where(_outside(starts, len(order)), -np.inf, log_ratios)
-    # Every identified mode is scaled by its best pair, so that nothing overflows.
-    scales = np.maximum(log_ratios.max(axis=2), 0.0)
+        log_ratios[_outside(starts, len(order)).transpose(2, 1, 0)] = -np.inf
+    elif len(log_ratios) < len(order):
+        log_ratios = np.ascontiguousarray(log_ratios.transpose(1, 0, 2))
+    # Every mode kept track of is scaled by its best pair, so that nothing overflows.
+    scales = np.maximum(log_ratios.max(axis=0), 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        total = np.log(
-            _sum(np.exp(log_ratios - scales[:, :, None]), np.exp(-scales), starts, _LINEAR)
-        )
+        total = np.log(_sum(np.exp(log_ratios - scales), np.exp(-scales), starts, _LINEAR))
     # Several identified modes near one model mode: too unlikely for plain numbers.
     lost = total < SMALLEST_LOG
-    total = total + np.ascontiguousarray(scales).sum(axis=1)
+    total = total + row_sums(scales.T)
     if lost.any():
         kept = None if starts is None else starts[lost]
-        total[lost] = _sum(log_ratios[lost], np.zeros((int(lost.sum()), len(order))), kept, _LOG)
+        total[lost] = _sum(log_ratios[:, :, lost], np.zeros((len(scales), lost.sum())), kept, _LOG)
     return total
 
 
@@ -84,7 +89,7 @@ def left_out(weights: PairingWeights) -> FloatArray:
 
     A pair that is left out would have added at most its ratio times the whole sum.
     """
-    starts = _window_starts(np.sort(weights.frequencies_hz), weights.model_hz)
+    starts = _window_starts(weights)
     if starts is None:
         return np.zeros(len(weights.log_ratios))
     order = np.argsort(weights.frequencies_hz, kind="stable")
@@ -137,12 +142,16 @@ _LINEAR = _Arithmetic(np.add, np.multiply, 0.0, 1.0)
 _LOG = _Arithmetic(np.logaddexp, np.add, -np.inf, 0.0)
 
 
-def _window_starts(frequencies_hz: FloatArray, model_hz: FloatArray) -> NDArray[np.intp] | None:
-    """The first identified mode (B, I) that each model mode may be; None without a window."""
-    n = len(frequencies_hz)
-    if n <= WINDOW:
+def _window_starts(weights: PairingWeights) -> NDArray[np.intp] | None:
+    """The first identified mode (B, I) that each model mode may be; None without a window.
+
+    Identified modes are counted in the order of their frequencies.
+    """
+    _, n, n_model = weights.log_ratios.shape
+    if min(n, n_model) <= WINDOW:
         return None
-    middle = np.searchsorted(frequencies_hz, np.nan_to_num(model_hz)) - WINDOW // 2
+    frequencies_hz = np.sort(weights.frequencies_hz)
+    middle = np.searchsorted(frequencies_hz, np.nan_to_num(weights.model_hz)) - WINDOW // 2
     # Model modes ascend, so windows only move up.
     return np.maximum.accumulate(np.clip(middle, 0, n - WINDOW), axis=1)
 
@@ -156,39 +165,55 @@ def _outside(starts: NDArray[np.intp], n_data: int) -> NDArray[np.bool_]:
 def _sum(
     pairs: FloatArray, alone: FloatArray, starts: NDArray[np.intp] | None, by: _Arithmetic
 ) -> FloatArray:
-    """Sum (B,) over pairings, for weights of pairs (B, J, I) and of unpaired modes (B, J).
+    """Sum (B,) over pairings, for weights of pairs (I, J, B) and of unpaired modes (J, B)."""
+    n_rows, width = pairs.shape[2], len(alone) if starts is None else WINDOW
+    step = max(CACHED >> width, 1)
+    total = np.empty(n_rows)
+    for first in range(0, n_rows, step):
+        rows = slice(first, first + step)
+        own = None if starts is None else starts[rows]
+        total[rows] = _sum_of_rows(pairs[:, :, rows], alone[:, rows], own, width, by)
+    return total
 
-    ``state[S, b]`` is the sum over pairings of the model modes so far that take exactly the
-    identified modes of the window in S, a set given by bits.
+
+def _sum_of_rows(
+    pairs: FloatArray,
+    alone: FloatArray,
+    starts: NDArray[np.intp] | None,
+    width: int,
+    by: _Arithmetic,
+) -> FloatArray:
+    """The sum (B,) of a few rows.
+
+    ``state[S, b]`` is the sum over pairings of the modes i so far that take exactly the modes j
+    of the window in S, a set given by bits. States that no pairing reaches yet are left out.
     """
-    n_rows, n_data, n_model = pairs.shape
-    width = min(n_data, WINDOW)
+    n_rows = pairs.shape[2]
     state = np.full((2**width, n_rows), by.zero)
     state[0] = by.one
     rows = np.arange(n_rows)
     start = np.zeros(n_rows, dtype=np.intp)
-    of_model = np.ascontiguousarray(pairs.transpose(2, 1, 0))  # (I, J, B)
-    possible = (of_model != by.zero).any(axis=2)  # also where it is NaN
-    for i in range(n_model):
+    n_taken = 0  # only the first of the window are part of a pair so far
+    for i, of_mode in enumerate(pairs):
         if starts is not None:
             while (behind := np.flatnonzero(start < starts[:, i])).size:
-                state[:, behind] = _moved_on(state[:, behind], alone[behind, start[behind]], by)
+                state[:, behind] = _moved_on(state[:, behind], alone[start[behind], behind], by)
                 start[behind] += 1
-        before = state
-        for k in range(width):
-            if starts is None:
-                if not possible[i, k]:
-                    continue
-                pair = of_model[i, k]
-            else:
-                pair = of_model[i, start + k, rows]
-            if state is before:
-                state = before.copy()
-            with_k = state.reshape(-1, 2, 2**k, n_rows)[:, 1]
+            of_mode = of_mode[start + np.arange(width)[:, None], rows]
+        possible = np.flatnonzero((of_mode != by.zero).any(axis=1))  # also where it is NaN
+        if not len(possible):
+            continue
+        n_taken = max(n_taken, int(possible[-1]) + 1)
+        reached = state[: 2**n_taken]
+        before = reached.copy()
+        for k in possible.tolist():
+            with_k = reached.reshape(-1, 2, 2**k, n_rows)[:, 1]
             without_k = before.reshape(-1, 2, 2**k, n_rows)[:, 0]
-            by.add(with_k, by.multiply(without_k, pair), out=with_k)
+            by.add(with_k, by.multiply(without_k, of_mode[k]), out=with_k)
+    state = state[: 2**n_taken]
     for k in range(width):
-        state = by.add(by.multiply(state[::2], alone[rows, start + k]), state[1::2])
+        unpaired = by.multiply(state[::2], alone[start + k, rows])
+        state = by.add(unpaired, state[1::2]) if len(state) > 1 else unpaired
     total: FloatArray = state[0]
     return total
 

@@ -4,13 +4,14 @@
 
 For shear buildings of n = 3, 4 and 7 degrees of freedom and a batch of 512, the time of
 ``ModelClass.log_likelihood`` divided by that of ``numpy.linalg.eigh`` on the same matrices, timed
-in turn; with BLAS's default threads and with a single thread (each in its own process).
+in turn by the processor's time, which others on the machine do not share; with BLAS's default
+threads and with a single thread (each in its own process).
 """
 
 import os
 import subprocess
 import sys
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 
@@ -43,12 +44,12 @@ def measure(n: int) -> tuple[float, float, float]:
     matrices = stiffness / np.sqrt(mass[:, :, None] * mass[:, None, :])
     times = np.empty((REPEATS, 2))
     for i in range(-5, REPEATS):  # the first few warm up
-        begun = perf_counter()
+        begun = process_time()
         candidate.log_likelihood(candidate.values(z))
-        middle = perf_counter()
+        middle = process_time()
         np.linalg.eigh(matrices)
         if i >= 0:
-            times[i] = middle - begun, perf_counter() - middle
+            times[i] = middle - begun, process_time() - middle
     return *np.median(times, axis=0), float(np.median(times[:, 0] / times[:, 1]))
 
 

@@ -141,7 +141,7 @@ def hard_rows(n_data, n_model):
 
 
 @pytest.mark.parametrize("size", [1, 2, 7])
-@pytest.mark.parametrize("shape", [(4, 5), (1, 3), (3, 1), (13, 4)])
+@pytest.mark.parametrize("shape", [(4, 5), (1, 3), (3, 1), (13, 4), (13, 12)])
 def test_a_row_is_the_same_to_the_last_bit_in_any_batch(shape, size):
     whole = hard_rows(*shape)
     parts = [
@@ -157,9 +157,9 @@ def test_a_row_is_the_same_to_the_last_bit_in_any_batch(shape, size):
     assert np.concatenate(parts).tobytes() == log_sum(whole).tobytes()
 
 
-@pytest.mark.parametrize("n_data", [5, 13])
-def test_the_order_of_identified_modes_does_not_matter(n_data):
-    some = random_weights(8, 6, n_data, 4)
+@pytest.mark.parametrize(("n_data", "n_model"), [(5, 4), (13, 4), (12, 11)])
+def test_the_order_of_identified_modes_does_not_matter(n_data, n_model):
+    some = random_weights(8, 6, n_data, n_model)
     order = np.random.default_rng(9).permutation(n_data)
     shuffled = PairingWeights(some.log_ratios[:, order], some.frequencies_hz[order], some.model_hz)
     assert log_sum(shuffled).tolist() == log_sum(some).tolist()
@@ -180,6 +180,26 @@ def test_nothing_is_left_out_of_a_window_that_holds_all():
     assert left_out(random_weights(11, 3, pairings.WINDOW, 4)).tolist() == [0.0, 0.0, 0.0]
 
 
+@pytest.mark.parametrize("shape", [(13, 2), (2, 13)])
+def test_no_window_is_needed_where_there_are_few_of_either(shape):
+    """Any one or two of 13 identified modes are the two model modes, or the other way round."""
+    some = weights(np.full((1, *shape), 1.0), model_hz=[np.arange(1.0, shape[1] + 1.0)])
+    expected = math.log(1.0 + 26.0 * math.e + 13.0 * 12.0 * math.e**2)
+    assert log_sum(some)[0] == pytest.approx(expected, rel=1e-13)
+    assert left_out(some)[0] == 0.0
+
+
+def with_far_model_modes(log_ratios, frequencies_hz, model_hz):
+    """Weights of these modes and of as many others, which pair with nothing, as need a window."""
+    n_rows, n_data, _ = log_ratios.shape
+    further = np.arange(100.0, 101.0 + pairings.WINDOW)
+    return weights(
+        np.append(log_ratios, np.full((n_rows, n_data, len(further)), -np.inf), axis=2),
+        frequencies_hz,
+        np.append(model_hz, np.tile(further, (n_rows, 1)), axis=1),
+    )
+
+
 def near_and_far(seed, n_data, n_model, steepness):
     """Ratios that fall off with the distance of the frequencies, as real ones do."""
     rng = np.random.default_rng(seed)
@@ -190,7 +210,7 @@ def near_and_far(seed, n_data, n_model, steepness):
 
 
 @pytest.mark.parametrize("steepness", [0.05, 0.3, 1.0, 5.0])
-@pytest.mark.parametrize("shape", [(5, 5), (4, 1), (6, 3), (5, 2)])
+@pytest.mark.parametrize("shape", [(5, 5), (4, 4), (6, 4), (5, 2)])
 def test_what_the_window_loses_is_within_its_bound(shape, steepness, monkeypatch):
     monkeypatch.setattr(pairings, "WINDOW", 3)
     some = near_and_far(12, *shape, steepness)
@@ -205,7 +225,7 @@ def test_identified_modes_beyond_every_window_are_spurious_however_good_their_pa
 ):
     ratios = np.full((1, 12, 1), -50.0)
     ratios[0, near, 0], ratios[0, far, 0] = 1.0, 5.0
-    some = weights(ratios, model_hz=[[model_hz]])
+    some = with_far_model_modes(ratios, None, [[model_hz]])
     assert log_sum(some)[0] == pytest.approx(np.logaddexp(0.0, 1.0), rel=1e-12)
     assert left_out(some)[0] == pytest.approx(math.exp(5.0), rel=1e-12)
 
@@ -226,7 +246,7 @@ def test_rows_whose_windows_move_differently():
     model_hz = np.array([[1.0, 2.0, 3.0], [12.0, 13.0, 14.0], [1.0, 8.0, 14.0]])
     ratios = 4.0 - 6.0 * (frequencies_hz[None, :, None] - model_hz[:, None, :]) ** 2
     expected = [np.logaddexp(0.0, 4.0) * 3] * 3
-    computed = log_sum(weights(ratios, frequencies_hz, model_hz))
+    computed = log_sum(with_far_model_modes(ratios, frequencies_hz, model_hz))
     assert computed == pytest.approx(expected, abs=0.15)  # neighbours add a little
     assert computed[0] == pytest.approx(computed[1], rel=1e-12)
 
