@@ -2,7 +2,7 @@
 
     pip install -e ".[benchmarks]"
     python runs/benchmarks/evidence_accuracy.py [--seeds 20] [--part 1/2] [--lines FILE]
-        [--only NAME,…] [--dynesty-seeds 0] [--nautilus-seeds 0] [--time-limit 300]
+        [--only "NAME;…"] [--dynesty-seeds 0] [--nautilus-seeds 0] [--time-limit 300]
     python runs/benchmarks/evidence_table.py FILE …
 
 One line for each problem: the root-mean-square error of the log evidence, the claimed error over
@@ -139,7 +139,7 @@ def part(text: str) -> tuple[int, int]:
 
 def chosen(only: str, one_of: tuple[int, int]) -> list[Problem]:
     problems = all_problems()
-    wanted = [name.strip() for name in only.split(",") if name.strip()]
+    wanted = [name.strip() for name in only.split(";") if name.strip()]
     unknown = set(wanted) - {problem.name for problem in problems}
     if unknown:
         names = ", ".join(problem.name for problem in problems)
@@ -175,7 +175,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--part", type=part, default=(1, 1), help="i/n: every nth problem")
-    parser.add_argument("--only", default="", help="names of problems, separated by commas")
+    parser.add_argument("--only", default="", help="names of problems, separated by semicolons")
     parser.add_argument("--lines", type=Path, help="file for one line of JSON a run")
     parser.add_argument("--dynesty-seeds", type=int, default=0)
     parser.add_argument("--nautilus-seeds", type=int, default=0)

@@ -85,7 +85,7 @@ def sum_of_gaussians(
     heights = np.log(shares) - own - n_dimensions * np.log(sds)
 
     def terms(z: Array) -> Array:
-        squares = ((z[:, None] - centres) ** 2).sum(-1)
+        squares = sum((z[:, [i]] - centres[:, i]) ** 2 for i in range(n_dimensions))
         return heights - 0.5 * squares / sds**2 - 0.5 * n_dimensions * math.log(2.0 * math.pi)
 
     def member(k: int) -> Callable[[Array], Array]:
