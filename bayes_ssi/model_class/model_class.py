@@ -19,6 +19,7 @@ from bayes_ssi.identification.correlated_errors import CorrelatedErrors
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.likelihood_terms import row_sums
+from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.configuration import Configuration, choose_configuration, joint_digest
 from bayes_ssi.parameters import Parameter, checked_values, collect_parameters, values_at
 from bayes_ssi.priors.prior import Prior
@@ -224,17 +225,23 @@ class ModelClass:
         return self._log_density(self.values(z))
 
     def _log_density(self, values: FloatArray) -> FloatArray:
+        return self.log_density_of_modes(values, self.modes(values))
+
+    def modes(self, values: FloatArray) -> list[Modes]:
+        """The modes of each configuration at ``values`` (B, n_parameters)."""
+        return [likelihood.modes(own) for _, likelihood, own in self.parts(values)]
+
+    def log_density_of_modes(self, values: FloatArray, modes: Sequence[Modes]) -> FloatArray:
+        """The log-likelihood (B,) at ``values``, where the modes of each configuration are known.
+
+        NaN where a structure has no modes.
+        """
         total = np.zeros(len(values))
-        if not self.error.is_correlated:
-            for _, likelihood, own in self.parts(values):
-                total += likelihood.log_density(own)
-            return total
-        of_tests = []
-        for _, likelihood, own in self.parts(values):
-            modes = likelihood.modes(own)
-            of_tests.append(modes)
-            total += likelihood.log_density(own, likelihood.compared_modes(own, modes))
-        return total + row_sums(self.correlated_errors.log_ratios(values, of_tests))
+        for (_, likelihood, own), of_test in zip(self.parts(values), modes, strict=True):
+            total += likelihood.log_density(own, likelihood.compared_modes(own, of_test))
+        if self.error.is_correlated:
+            total += row_sums(self.correlated_errors.log_ratios(values, modes))
+        return total
 
     def frequencies_hz(self, values: FloatArray) -> FloatArray:
         """Model frequencies (B, n_modes) at ``values``, of all configurations in turn."""

@@ -9,6 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.calibration.narrow_regions import NarrowRegions
 from bayes_ssi.execution.journal import Journal
 from bayes_ssi.execution.run import Run
 from bayes_ssi.execution.workers import Workers
@@ -43,12 +44,14 @@ def sample_as_it_is(
     Arguments and errors are as in :func:`bayes_ssi.posterior.sample.sample`; ``journal`` recalls
     the evaluations that it holds and records the others.
     """
-    run = run or Run()
+    settings, run = settings or SamplingSettings(), run or Run()
     started = perf_counter()
     model_class.check_structure()
     n = len(model_class.parameters)
     with run.working():
-        target = Target(model_class.log_likelihood_at, n, run.workers, journal)
+        # The economical path has no evaluations to spare for them.
+        starts = None if settings.economical else NarrowRegions(model_class, run.workers)
+        target = Target(model_class.log_likelihood_at, n, run.workers, journal, starts)
         try:
             sampled = sample_target(
                 target,

@@ -218,7 +218,8 @@ def test_searches_climb_from_suggested_starts():
     expected = [SPIKE_SHARE, 1.0 - SPIKE_SHARE]
     np.testing.assert_allclose(np.exp(result.maxima.log_masses), expected, rtol=1e-2)
     assert result.found_by.all()
-    assert target.n_evaluations > alone.n_evaluations + 4 * 7
+    # Beside suggestions, which count, fewer draws suffice.
+    assert 4 * 7 + result.n_draws < target.n_evaluations < alone.n_evaluations
 
 
 def test_the_largest_unseen_mass_is_missed_by_one_search_in_twenty():
