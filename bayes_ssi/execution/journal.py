@@ -1,9 +1,9 @@
 """A journal of evaluations, from which an interrupted run is resumed to the same result.
 
 Everything random follows from the seed, so a run is repeated exactly by giving it the same
-log-likelihoods. The journal keeps every batch of them, in order. A resumed run takes its
-log-likelihoods from the journal while they last: no matter where the first run was interrupted,
-the result is the same to the last digit. Only the algebra between the evaluations is repeated,
+log-likelihoods and suggested starts. The journal keeps every batch of them, in order. A resumed
+run takes them from the journal while they last: no matter where the first run was interrupted, the
+result is the same to the last digit. Only the algebra between the evaluations is repeated,
 which costs little where evaluations are expensive.
 
 The file is an SQLite database. Every batch is a transaction, so that a run that is killed leaves
@@ -26,7 +26,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.codec import to_record
 from bayes_ssi.execution.batch import Evaluated
 
-FORMAT = 2
+FORMAT = 3
 OPEN = (
     "PRAGMA locking_mode = EXCLUSIVE",
     # Written batches survive a crash of the process, if not of the machine.
@@ -34,9 +34,11 @@ OPEN = (
     "BEGIN EXCLUSIVE",
     "CREATE TABLE IF NOT EXISTS run (description TEXT)",
     "CREATE TABLE IF NOT EXISTS batches "
-    "(number INTEGER PRIMARY KEY, coordinates_digest BLOB, log_likelihoods BLOB, failures TEXT, "
-    "digest BLOB)",
+    "(number INTEGER PRIMARY KEY, coordinates_digest BLOB, numbers BLOB, failures TEXT, "
+    "digest BLOB, n_evaluations INTEGER)",
 )
+# In place of the digest of coordinates, where a batch holds starts that were suggested.
+SUGGESTION = b"suggested starts"
 
 
 class OtherRunError(ValueError):
@@ -99,10 +101,9 @@ class Journal:
                 "begin again without it (--overwrite)"
             )
         self._database.execute("COMMIT")
-        self._n_batches, n_bytes = self._database.execute(
-            "SELECT count(*), coalesce(sum(length(log_likelihoods)), 0) FROM batches"
+        self._n_batches, self.n_kept = self._database.execute(
+            "SELECT count(*), coalesce(sum(n_evaluations), 0) FROM batches"
         ).fetchone()
-        self.n_kept = n_bytes // np.dtype(float).itemsize
 
     def close(self) -> None:
         self._database.close()
@@ -121,28 +122,43 @@ class Journal:
         Raises:
             ValueError: the journal's next batch was at other coordinates.
         """
+        batch = self._next(_key(z))
+        if batch is None:
+            return None
+        values, failures, _ = batch
+        return Evaluated(values, {int(row): why for row, why in json.loads(failures).items()})
+
+    def recalled_suggestion(self, n_dimensions: int) -> tuple[FloatArray, int] | None:
+        """The journal's next batch as suggested starts, and the evaluations that they took.
+
+        None, and errors, are as for :meth:`recalled`.
+        """
+        batch = self._next(SUGGESTION)
+        return None if batch is None else (batch[0].reshape(-1, n_dimensions), batch[2])
+
+    def _next(self, key: bytes) -> tuple[FloatArray, str, int] | None:
+        """Numbers, failures and evaluations of the next batch, which must have the key."""
         if self._n_recalled == self._n_batches:
             return None
         number = self._n_recalled + 1
         with self._errors_of_file():
-            coordinates_digest, log_likelihoods, failures, digest = self._database.execute(
-                "SELECT coordinates_digest, log_likelihoods, failures, digest FROM batches "
-                "WHERE number = ?",
+            stored_key, numbers, failures, digest, n_evaluations = self._database.execute(
+                "SELECT coordinates_digest, numbers, failures, digest, n_evaluations "
+                "FROM batches WHERE number = ?",
                 [number],
             ).fetchone()
-            if digest != _digest(log_likelihoods, failures.encode()):
+            if digest != _digest(numbers, failures.encode()):
                 self._database.execute("DELETE FROM batches WHERE number >= ?", [number])
                 self._n_batches = self._n_recalled
                 return None
-        values = np.frombuffer(log_likelihoods)
-        if coordinates_digest != _digest(z.tobytes()) or len(values) != len(z):
+        if stored_key != key:
             raise ValueError(
                 f"{self.path}: batch {number} of this checkpoint is at other coordinates than the "
                 "run asks for: it was made on another machine or with other versions of the "
                 "libraries; remove it to begin again"
             )
         self._n_recalled = number
-        return Evaluated(values, {int(row): why for row, why in json.loads(failures).items()})
+        return np.frombuffer(numbers), failures, n_evaluations
 
     def add(self, z: FloatArray, evaluated: Evaluated) -> None:
         """Write one more batch.
@@ -150,10 +166,18 @@ class Journal:
         Raises:
             OSError: it cannot be written.
         """
-        values, failures = evaluated.values.tobytes(), json.dumps(dict(evaluated.failures))
-        batch = (_digest(z.tobytes()), values, failures, _digest(values, failures.encode()))
+        failures = json.dumps(dict(evaluated.failures))
+        self._write(_key(z), evaluated.values, failures, len(z))
+
+    def add_suggestion(self, starts: FloatArray, n_evaluations: int) -> None:
+        """Write suggested starts (m, d) and the evaluations that they took; errors as above."""
+        self._write(SUGGESTION, starts, "{}", n_evaluations)
+
+    def _write(self, key: bytes, numbers: FloatArray, failures: str, n_evaluations: int) -> None:
+        data = numbers.tobytes()
+        batch = (key, data, failures, _digest(data, failures.encode()), n_evaluations)
         with self._errors_of_file():
-            self._database.execute("INSERT INTO batches VALUES (NULL, ?, ?, ?, ?)", batch)
+            self._database.execute("INSERT INTO batches VALUES (NULL, ?, ?, ?, ?, ?)", batch)
         self.is_empty = False
 
     @contextmanager
@@ -180,6 +204,10 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
 def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _key(z: FloatArray) -> bytes:
+    return _digest(str(z.shape).encode(), z.tobytes())
 
 
 def _digest(*parts: bytes) -> bytes:

@@ -26,9 +26,9 @@ from bayes_ssi.execution.workers import Workers
 from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.modal import mac
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.class_target import class_target
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.sampling.maxima import find_maxima
-from bayes_ssi.sampling.target import Target
 from bayes_ssi.structures.structure import Structure
 
 
@@ -99,13 +99,14 @@ def _near_maxima(
     """Parameter values where a quick search expects the posterior."""
     rng = np.random.default_rng([seed, 1])
     n = len(model_class.parameters)
-    target = Target(model_class.log_likelihood_at, n, workers)
+    target = class_target(model_class, workers)
     z = rng.standard_normal((settings.n_searched, n))
     best = np.argsort(-target.log_likelihood(z), kind="stable")[: settings.n_climbs]
+    starts = np.concatenate([z[best], target.suggested(rng)])
     try:
-        mixture = find_maxima(target, z[best]).as_mixture()
+        mixture = find_maxima(target, starts).as_mixture()
     except ValueError:  # the likelihood is zero everywhere, which sampling reports
-        return model_class.values(z[best])
+        return model_class.values(starts)
     draws = mixture.draw(rng.multinomial(settings.n_certified, mixture.all_weights), rng)
     return model_class.values(draws)
 

@@ -9,13 +9,13 @@ from time import perf_counter
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.calibration.narrow_regions import NarrowRegions
 from bayes_ssi.execution.journal import Journal
 from bayes_ssi.execution.run import Run
 from bayes_ssi.execution.workers import Workers
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.adequacy import N_DRAWS, Adequacy, adequacy
 from bayes_ssi.posterior.checks import failed_checks
+from bayes_ssi.posterior.class_target import class_target
 from bayes_ssi.posterior.configuration_modes import configuration_modes
 from bayes_ssi.posterior.datum_terms import AtDraws, at_draws, compared_modes, datum_terms
 from bayes_ssi.posterior.edges import edges
@@ -49,9 +49,7 @@ def sample_as_it_is(
     model_class.check_structure()
     n = len(model_class.parameters)
     with run.working():
-        # The economical path has no evaluations to spare for them.
-        starts = None if settings.economical else NarrowRegions(model_class, run.workers)
-        target = Target(model_class.log_likelihood_at, n, run.workers, journal, starts)
+        target = class_target(model_class, run.workers, journal, settings.economical)
         try:
             sampled = sample_target(
                 target,

@@ -72,6 +72,11 @@ class SamplingResult:
         return self.importance.estimate
 
     @property
+    def largest_unseen_mass(self) -> float:
+        """See :attr:`~bayes_ssi.sampling.multistart.MultistartSearch.largest_unseen_mass`."""
+        return self.search.largest_unseen_mass
+
+    @property
     def region_shares(self) -> FloatArray:
         """Share of the posterior in each region, (n_regions,)."""
         return self.regions.shares(self.importance.z, self.importance.weights)

@@ -99,7 +99,12 @@ class Target:
         """Suggested starts (m, d) of one search; none where nothing suggests any."""
         if self.suggest_starts is None:
             return np.empty((0, self.n_dimensions))
-        z, n_evaluations = self.suggest_starts(rng)
+        recalled = self.journal and self.journal.recalled_suggestion(self.n_dimensions)
+        # A child: what follows is the same whether they are recalled or not.
+        own_rng = rng.spawn(1)[0]
+        z, n_evaluations = recalled or self.suggest_starts(own_rng)
+        if self.journal and not recalled:
+            self.journal.add_suggestion(z, n_evaluations)
         self.n_evaluations += n_evaluations
         return z
 

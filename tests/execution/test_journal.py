@@ -93,7 +93,7 @@ def test_other_coordinates_are_refused(path, z):
         ({**RUN, "searches": 4}, "searches null there and 4 here"),
         ({"seed": 7}, 'model class "each k" there and null here'),
         ({**RUN, "model class": "x" * 80}, f'"each k" there and "{"x" * 56}... here'),
-        ({**RUN, "format": 99}, "format 2 there and 99 here"),
+        ({**RUN, "format": 99}, "format 3 there and 99 here"),
     ],
 )  # fmt: skip
 def test_the_journal_of_another_run_is_refused(path, run, difference):
@@ -118,12 +118,12 @@ def test_a_damaged_journal_is_refused_and_left_alone(path):
         assert path.read_bytes() == content
 
 
-@pytest.mark.parametrize("column", ["log_likelihoods", "failures"])
+@pytest.mark.parametrize("column", ["numbers", "failures"])
 def test_damaged_log_likelihoods_and_all_that_follow_are_computed_again(path, column):
     write(path)
     with sqlite3.connect(path) as database:
         (stored,) = database.execute(f"SELECT {column} FROM batches WHERE number = 2").fetchone()
-        changed = stored.replace(b"4", b"5") if column == "log_likelihoods" else '{"0": "x"}'
+        changed = stored.replace(b"4", b"5") if column == "numbers" else '{"0": "x"}'
         assert changed != stored
         database.execute(f"UPDATE batches SET {column} = ? WHERE number = 2", [changed])
     database.close()

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from bayes_ssi.execution.journal import Journal
-from bayes_ssi.sampling.target import POINTS_TO_CHECK, Target, log_standard_normal
+from bayes_ssi.sampling.target import POINTS_TO_CHECK, SuggestedStarts, Target, log_standard_normal
 
 
 class Fragile:
@@ -103,6 +103,29 @@ def test_a_repeated_run_counts_what_its_journal_recalls(tmp_path):
     # Only the first points, to see that the model is still the same, in two parts down to the one
     # that raises; and what the journal does not have.
     assert again.asked == [POINTS_TO_CHECK, 1, 2, 1, 1, len(batches[2])]
+
+
+def test_suggested_starts_are_recalled_and_counted(tmp_path):
+    asked = []
+
+    def suggest(rng):
+        asked.append(rng)
+        return SuggestedStarts(rng.standard_normal((3, 2)), 40)
+
+    results = []
+    for _ in range(2):
+        rng = np.random.default_rng(5)
+        with Journal(tmp_path / "x", {}) as journal:
+            assert journal.n_kept == (44 if asked else 0)
+            target = Target(lambda z: -z[:, 0], 2, journal=journal, suggest_starts=suggest)
+            target.log_likelihood(np.zeros((4, 2)))
+            results.append((target.suggested(rng), rng.random()))
+        assert target.n_evaluations == 44
+    assert len(asked) == 1
+    np.testing.assert_array_equal(results[0][0], results[1][0])
+    assert results[0][0].shape == (3, 2)
+    assert results[0][1] == results[1][1]
+    assert Target(lambda z: z[:, 0], 2).suggested(rng).shape == (0, 2)
 
 
 def test_an_empty_batch_does_not_reach_the_function():

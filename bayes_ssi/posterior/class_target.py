@@ -1,0 +1,32 @@
+"""The target that stands for a model class."""
+
+from __future__ import annotations
+
+from bayes_ssi.calibration.narrow_regions import NarrowRegions
+from bayes_ssi.execution.journal import Journal
+from bayes_ssi.execution.workers import Workers
+from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.sampling.target import Target
+
+
+def class_target(
+    model_class: ModelClass,
+    workers: Workers | None = None,
+    journal: Journal | None = None,
+    economical: bool = False,
+) -> Target:
+    """The log-likelihood of a class, which suggests starts in its posterior's narrow regions.
+
+    Args:
+        model_class: the class.
+        workers: where it is evaluated; in this process if None.
+        journal: recalls evaluations and suggestions, and records the new ones.
+        economical: without suggestions, which take a thousand evaluations and more.
+    """
+    return Target(
+        model_class.log_likelihood_at,
+        len(model_class.parameters),
+        workers,
+        journal,
+        None if economical else NarrowRegions(model_class, workers),
+    )
