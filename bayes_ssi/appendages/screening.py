@@ -175,16 +175,15 @@ def _extended(model_class: ModelClass, simpler: Screened) -> StudentMixture:
     """The simpler hypothesis's mixture times the prior of the other parameters."""
     columns, own = _columns(model_class, simpler), simpler.mixture
     k, d = own.n_components, len(model_class.parameters)
-    means, choleskys = np.zeros((k, d)), np.tile(np.eye(d), (k, 1, 1))
+    means, factors = np.zeros((k, d)), np.tile(np.eye(d), (k, 1, 1))
     means[:, columns] = own.means
-    # Columns are in the same order: the factors stay lower triangular.
-    choleskys[np.ix_(range(k), columns, columns)] = own.choleskys
+    factors[np.ix_(range(k), columns, columns)] = own.factors
     weights = own.weights / own.weights.sum()
     return replace(
         own,
         weights=weights,
         means=means,
-        choleskys=choleskys,
+        factors=factors,
         dof=np.full(k, HEAVY_TAILS),
         prior_share=0.0,
     )

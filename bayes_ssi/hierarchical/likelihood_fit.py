@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.sampling.mixture import LIGHT_TAILS, fit_mixture
+from bayes_ssi.sampling.mixture import LIGHT_TAILS
+from bayes_ssi.sampling.mixture_fitting import fit_mixture
 from bayes_ssi.sampling.target import log_standard_normal
 
 # With this root mean square error of the log-likelihood of each of a hundred tests, their sum is
@@ -298,7 +299,7 @@ class _Fitting:
     def mixture(self, count: int, rng: np.random.Generator) -> Bumps:
         """Bumps that have the shape of a mixture fitted to the draws, divided by the prior."""
         mixture = fit_mixture(self.x, count, LIGHT_TAILS, rng)
-        covariances = mixture.choleskys @ mixture.choleskys.transpose(0, 2, 1)
+        covariances = mixture.factors @ mixture.factors.transpose(0, 2, 1)
         precision = self.prior.precisions[0]
         heights = np.log(mixture.weights) - 0.5 * np.linalg.slogdet(covariances)[1]
         bumps = Bumps.at_points(

@@ -22,7 +22,8 @@ from bayes_ssi.sampling.bridge import bridge_sampling
 from bayes_ssi.sampling.estimates import EvidenceEstimate
 from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.sampling.maxima import Maxima
-from bayes_ssi.sampling.mixture import DRAWS_PER_DIMENSION, StudentMixture, choose_mixture
+from bayes_ssi.sampling.mixture import StudentMixture
+from bayes_ssi.sampling.mixture_fitting import DRAWS_PER_DIMENSION, choose_mixture
 from bayes_ssi.sampling.multistart import search_maxima
 from bayes_ssi.sampling.regions import Regions, find_regions
 from bayes_ssi.sampling.result import SamplingResult

@@ -1,4 +1,4 @@
-"""Mixtures of Student-t distributions fitted to draws: proposals shaped like the posterior."""
+"""Mixtures of Student-t distributions, straight or bent along curved ridges."""
 
 from __future__ import annotations
 
@@ -12,17 +12,14 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.sampling.bends import Bend
 
 # Degrees of freedom: the variance of importance weights stays finite where a posterior has tails
-# as heavy as those of five; thirty are nearly normal.
-HEAVY_TAILS, LIGHT_TAILS = 5.0, 30.0
+# as heavy as those of five; thirty are nearly normal; two serve tails like those of Cauchy's.
+LIGHT_TAILS, HEAVY_TAILS, HEAVIEST_TAILS = 30.0, 5.0, 2.0
 # Weight of components added in case a mixture misses a part of the posterior: the importance
 # weights of the other draws rise by a ninth at most.
 DEFENSIVE_SHARE = 0.1
-# More components must raise the mean log density of held-out draws by this much, in nats.
-LEAST_GAIN = 0.01
-# A component needs this many draws per dimension for a meaningful covariance.
-DRAWS_PER_DIMENSION = 10
 # Densities of more points than this are computed in parts, which stay in the processor's cache.
 PART = 2048
 
@@ -34,17 +31,20 @@ class StudentMixture:
     Attributes:
         weights: (K,), adding up to ``1 - prior_share``.
         means: (K, d).
-        choleskys: (K, d, d), lower Cholesky factors of the scale matrices.
+        factors: (K, d, d), F with scale matrices F Fᵀ: z = mean + F w.
         dof: (K,), degrees of freedom.
         prior_share: weight of N(0, I), the defensive component: it bounds every importance
             weight by the greatest likelihood over ``prior_share``.
+        bends: of the components that follow a curved ridge, None for straight ones; empty where
+            all are straight.
     """
 
     weights: FloatArray
     means: FloatArray
-    choleskys: FloatArray
+    factors: FloatArray
     dof: FloatArray
     prior_share: float = 0.0
+    bends: tuple[Bend | None, ...] = ()
 
     @property
     def n_components(self) -> int:
@@ -53,8 +53,8 @@ class StudentMixture:
 
     @cached_property
     def _whitening(self) -> tuple[FloatArray, FloatArray]:
-        """All inverse Cholesky factors as one (K·d, d), and the whitened means (K·d, 1)."""
-        inverses = np.linalg.inv(self.choleskys)
+        """All inverse factors as one (K·d, d), and the whitened means (K·d, 1)."""
+        inverses = np.linalg.inv(self.factors)
         factors: FloatArray = np.concatenate(inverses).astype(float, copy=False)
         return factors, np.einsum("kij,kj->ki", inverses, self.means).reshape(-1, 1)
 
@@ -62,16 +62,22 @@ class StudentMixture:
     def _log_constants(self) -> FloatArray:
         d, dof = self.means.shape[1], self.dof
         of_tails = gammaln((dof + d) / 2) - gammaln(dof / 2) - 0.5 * d * np.log(dof * math.pi)
-        diagonals = np.diagonal(self.choleskys, axis1=1, axis2=2)
-        return of_tails - np.log(diagonals).sum(1)
+        log_determinants: FloatArray = np.linalg.slogdet(self.factors)[1]
+        return of_tails - log_determinants
 
     def squared_distances(self, z: FloatArray) -> FloatArray:
-        """Mahalanobis distances squared of ``z`` (n, d) from every component, (K, n)."""
+        """Mahalanobis distances squared of ``z`` (n, d) from every component, (K, n).
+
+        Those of bent components are along their bends.
+        """
         factors, means = self._whitening
         whitened = factors @ z.T
         whitened -= means
+        whitened = whitened.reshape(*self.means.shape, len(z))
+        for components, bends in self._bends_by_degree:
+            whitened[components] = bends.straightened(whitened[components])
         whitened *= whitened
-        squares: FloatArray = whitened.reshape(*self.means.shape, len(z)).sum(axis=1)
+        squares: FloatArray = whitened.sum(axis=1)
         return squares
 
     def log_components(self, squared_distances: FloatArray) -> FloatArray:
@@ -85,7 +91,7 @@ class StudentMixture:
         """The log density (n,) at ``z`` (n, d), the defensive component included."""
         if len(z) > PART:
             return np.concatenate([self.log_pdf(z[i : i + PART]) for i in range(0, len(z), PART)])
-        total = _log_sum(self.log_components(self.squared_distances(z)))
+        total = log_sum(self.log_components(self.squared_distances(z)))
         if self.prior_share == 0.0:
             return total
         d = z.shape[1]
@@ -95,23 +101,32 @@ class StudentMixture:
     def with_prior_component(self, prior_share: float = DEFENSIVE_SHARE) -> StudentMixture:
         """This mixture with ``prior_share`` of its weight given to the prior N(0, I)."""
         weights = self.weights * ((1.0 - prior_share) / self.weights.sum())
-        return StudentMixture(weights, self.means, self.choleskys, self.dof, prior_share)
+        return replace(self, weights=weights, prior_share=prior_share)
 
     def widened(self) -> StudentMixture:
         """This mixture and, with a defensive share, its components at twice their width.
 
-        They cover what lies just beyond a mixture that was fitted to draws: weights of draws
-        from it then have no heavy tail.
+        They cover what lies just beyond a mixture that was fitted to draws, as the ends of a
+        ridge: weights of draws from it then have no heavy tail. Their own tails are the heaviest.
         """
-        return self.mixed_with(replace(self, choleskys=2.0 * self.choleskys))
+        bends = tuple(bend and bend.widened(2.0) for bend in self.bends)
+        return self.mixed_with(
+            replace(
+                self,
+                factors=2.0 * self.factors,
+                bends=bends,
+                dof=np.minimum(self.dof, HEAVIEST_TAILS),
+            )
+        )
 
     def mixed_with(self, other: StudentMixture, share: float = DEFENSIVE_SHARE) -> StudentMixture:
         """This mixture with ``share`` of its weight given to the components of another."""
         return StudentMixture(
             np.concatenate([self.weights * (1.0 - share), other.weights * share]),
             np.concatenate([self.means, other.means]),
-            np.concatenate([self.choleskys, other.choleskys]),
+            np.concatenate([self.factors, other.factors]),
             np.concatenate([self.dof, other.dof]),
+            bends=self._all_bends + other._all_bends,
         )
 
     def reweighted(self, z: FloatArray, weights: FloatArray) -> StudentMixture:
@@ -121,7 +136,7 @@ class StudentMixture:
         again if its component were hardly ever proposed.
         """
         log_parts = self.log_components(self.squared_distances(z))
-        shares = np.exp(log_parts - _log_sum(log_parts)) @ weights
+        shares = np.exp(log_parts - log_sum(log_parts)) @ weights
         shares = (1.0 - DEFENSIVE_SHARE) * shares / shares.sum() + DEFENSIVE_SHARE / len(shares)
         return replace(self, weights=shares)
 
@@ -139,8 +154,31 @@ class StudentMixture:
         normal = rng.standard_normal((len(component), d))
         dof = self.dof[component]
         scale = np.sqrt(dof / rng.chisquare(dof))
-        steps = np.einsum("nij,nj->ni", self.choleskys[component], normal) * scale[:, None]
+        whitened = normal * scale[:, None]
+        ends = np.cumsum(counts)
+        for k, bend in enumerate(self.bends):
+            if bend is not None:
+                drawn = slice(ends[k] - counts[k], ends[k])
+                whitened[drawn] = bend.bent(whitened[drawn].T).T
+        steps = np.einsum("nij,nj->ni", self.factors[component], whitened)
         return np.concatenate([self.means[component] + steps, rng.standard_normal((counts[-1], d))])
+
+    @property
+    def _all_bends(self) -> tuple[Bend | None, ...]:
+        return self.bends or (None,) * self.n_components
+
+    @cached_property
+    def _bends_by_degree(self) -> list[tuple[list[int], Bend]]:
+        """Components with bends of each degree, and those bends."""
+        degrees = {bend.degree for bend in self.bends if bend is not None}
+        groups = [
+            [k for k, bend in enumerate(self.bends) if bend is not None and bend.degree == degree]
+            for degree in sorted(degrees)
+        ]
+        return [
+            (group, Bend.stacked([bend for k in group if (bend := self.bends[k]) is not None]))
+            for group in groups
+        ]
 
     @property
     def all_weights(self) -> FloatArray:
@@ -161,98 +199,8 @@ class Proposal(NamedTuple):
     share: float = 0.7
 
 
-def fit_mixture(
-    draws: FloatArray, n_components: int, dof: float, rng: np.random.Generator
-) -> StudentMixture:
-    """Fit a Student-t mixture to ``draws`` (n, d) by expectation-maximisation.
-
-    Components that lose their draws are dropped, so fewer than ``n_components`` may come back.
-    """
-    n, d = draws.shape
-    labels = _initial_labels(draws, n_components, rng)
-    responsibilities = (labels == np.arange(labels.max() + 1)[:, None]).astype(float)
-    scale_weights = np.ones_like(responsibilities)
-    floor = 1e-10 * np.eye(d) * max(float(draws.var(axis=0).max()), 1e-300)
-    least = min(n, d + 1.0)
-    last = -math.inf
-    for _ in range(50):  # or until a step gains less than a tenth of LEAST_GAIN
-        totals = responsibilities.sum(1)
-        kept = totals >= least
-        if not kept.all() and kept.any():
-            responsibilities, scale_weights = responsibilities[kept], scale_weights[kept]
-            totals = totals[kept]
-        combined = responsibilities * scale_weights
-        means = combined @ draws / combined.sum(1, keepdims=True)
-        centred = draws.T - means[:, :, None]
-        scatter = np.matmul(centred * combined[:, None], centred.transpose(0, 2, 1))
-        covariances = scatter / totals[:, None, None] + floor
-        mixture = StudentMixture(
-            weights=totals / totals.sum(),
-            means=means,
-            choleskys=np.linalg.cholesky(covariances),
-            dof=np.full(len(means), dof),
-        )
-
-        squared_distances = mixture.squared_distances(draws)
-        log_parts = mixture.log_components(squared_distances)
-        log_total = _log_sum(log_parts)
-        responsibilities = np.exp(log_parts - log_total)
-        scale_weights = (dof + d) / (dof + squared_distances)
-        mean_log_density = float(log_total.mean())
-        if mean_log_density - last < 0.1 * LEAST_GAIN:
-            break
-        last = mean_log_density
-    return mixture
-
-
-def choose_mixture(
-    draws: FloatArray, held_out: FloatArray, rng: np.random.Generator
-) -> StudentMixture:
-    """The mixture, fitted to ``draws``, under which ``held_out`` is most probable.
-
-    It is the nearest to the posterior in the Kullback-Leibler sense. The number of components
-    grows until two larger numbers in turn no longer help, and the weight of the tails is chosen
-    by the held-out draws.
-    """
-    n, d = draws.shape
-    best_count = 1
-    best = fit_mixture(draws, best_count, LIGHT_TAILS, rng)
-    best_score = float(best.log_pdf(held_out).mean())
-    in_vain = 0
-    for count in (2, 3, 4, 6, 8, 12, 16):
-        if in_vain == 2 or count * d * DRAWS_PER_DIMENSION > n:
-            break
-        candidate = fit_mixture(draws, count, LIGHT_TAILS, rng)
-        score = float(candidate.log_pdf(held_out).mean())
-        in_vain += 1
-        if score > best_score + LEAST_GAIN:
-            best, best_count, best_score, in_vain = candidate, count, score, 0
-    heavier = fit_mixture(draws, best_count, HEAVY_TAILS, rng)
-    return heavier if float(heavier.log_pdf(held_out).mean()) > best_score else best
-
-
-def _log_sum(log_parts: FloatArray) -> FloatArray:
+def log_sum(log_parts: FloatArray) -> FloatArray:
     """log Σ exp of finite numbers over the first axis, faster than the general functions."""
     highest = log_parts.max(axis=0)
     total: FloatArray = np.log(np.exp(log_parts - highest).sum(axis=0)) + highest
     return total
-
-
-def _initial_labels(draws: FloatArray, k: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """A first partition of the draws into k groups, by k-means on standardised coordinates."""
-    if k == 1:
-        return np.zeros(len(draws), dtype=np.intp)
-    spread = draws.std(axis=0)
-    scaled = (draws - draws.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
-    centres = scaled[rng.integers(len(scaled))][None]
-    nearest = ((scaled - centres[0]) ** 2).sum(1)
-    while len(centres) < k and nearest.max() > 0:  # far points first: k-means++
-        chosen = rng.choice(len(scaled), p=nearest / nearest.sum())
-        centres = np.vstack([centres, scaled[chosen]])
-        nearest = np.minimum(nearest, ((scaled - scaled[chosen]) ** 2).sum(1))
-    for _ in range(5):
-        distances = ((scaled[:, None] - centres[None]) ** 2).sum(-1)
-        labels = distances.argmin(1)
-        occupied = np.unique(labels)
-        centres = np.array([scaled[labels == group].mean(0) for group in occupied])
-    return np.searchsorted(occupied, labels)

@@ -9,7 +9,8 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.ensembles import Ensemble
 from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.sampling.maxima import Maxima
-from bayes_ssi.sampling.mixture import Proposal, StudentMixture, choose_mixture
+from bayes_ssi.sampling.mixture import Proposal, StudentMixture
+from bayes_ssi.sampling.mixture_fitting import choose_mixture
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.ensembles import Walkers
 from bayes_ssi.sampling.estimates import EvidenceEstimate
 from bayes_ssi.sampling.maxima import Maxima
-from bayes_ssi.sampling.mixture import HEAVY_TAILS, Proposal, fit_mixture
+from bayes_ssi.sampling.mixture import HEAVY_TAILS, Proposal
+from bayes_ssi.sampling.mixture_fitting import fit_mixture
 from bayes_ssi.sampling.resampling import systematic_indices
 from bayes_ssi.sampling.target import Target, log_standard_normal
 

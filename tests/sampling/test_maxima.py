@@ -88,7 +88,7 @@ def test_the_components_of_a_linear_model_at_a_temperature(linear, beta):
     starts = np.random.default_rng(1).standard_normal((8, 3))
     mixture = find_maxima(linear.target, starts).as_mixture(beta)
     covariance = np.linalg.inv(np.eye(3) + beta * linear.precision_of_data)
-    result = mixture.choleskys[0] @ mixture.choleskys[0].T
+    result = mixture.factors[0] @ mixture.factors[0].T
     np.testing.assert_allclose(result, covariance, rtol=2e-3, atol=1e-6)
     tolerance = 0.1 * np.sqrt(np.diag(covariance))
     np.testing.assert_array_less(
