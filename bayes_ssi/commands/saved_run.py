@@ -126,7 +126,7 @@ class RunOptions:
             _print_performance_hints(study)
         try:
             # Workers begin first: the progress bars have a thread of their own.
-            with workers or nullcontext(), progress_bars() as progress:
+            with workers or nullcontext(), progress_bars() as progress, _reminder_of_checkpoint():
                 yield Run(workers, place.checkpoint, progress)
         except KeyboardInterrupt:  # below the progress bars, which have ended
             click.echo(f"Interrupted; resume with: {command_line()}", err=True)
@@ -174,18 +174,17 @@ class RunOptions:
         require_new(place.directory, marker=MARKER, overwrite=place.overwrite)
         place.checkpoint.begin_saving()
         run.report("saving", "result and figures", 0.0)
-        with _reminder_of_checkpoint():
-            result = save_result(
-                ranking,
-                place.directory,
-                study_file=str(_recorded(place)),
-                overwrite=place.overwrite,
-                accept_failed_checks=self.accept_failed_checks,
-                command=command_line(),
-                extra=records,
-                figures=_figures(ranking, records),
-                run=run,
-            )
+        result = save_result(
+            ranking,
+            place.directory,
+            study_file=str(_recorded(place)),
+            overwrite=place.overwrite,
+            accept_failed_checks=self.accept_failed_checks,
+            command=command_line(),
+            extra=records,
+            figures=_figures(ranking, records),
+            run=run,
+        )
         run.report("saving", "result and figures", 1.0)
         place.checkpoint.remove(ranking.study.names)
         return result
@@ -217,7 +216,7 @@ class RunOptions:
 
 @contextmanager
 def _reminder_of_checkpoint() -> Iterator[None]:
-    """Add to an error of writing that the checkpoint is still there."""
+    """Add to an error of a file, such as one on a full disk, that the checkpoint is still there."""
     try:
         yield
     except OSError as error:

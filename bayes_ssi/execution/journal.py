@@ -12,8 +12,10 @@ whole batches, and the lock on the file ends with its process.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
+import os
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -188,6 +190,9 @@ class Journal:
         except sqlite3.OperationalError as error:
             if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
                 raise ValueError(f"{self.path}: another run is using this checkpoint") from None
+            if error.sqlite_errorcode == sqlite3.SQLITE_FULL:
+                full = errno.ENOSPC
+                raise OSError(full, os.strerror(full), str(self.path)) from error
             raise OSError(f"{self.path}: {error}") from error
         except sqlite3.DatabaseError as error:
             raise DamagedJournalError(f"{self.path}: damaged, or not a checkpoint") from error

@@ -85,8 +85,12 @@ class LocalWorkers(Workers):
         """Send a file: models may hold large matrices, and each process reads them only once."""
         self._remove_file()
         self._file = NamedTemporaryFile(prefix="bayes_ssi_")  # noqa: SIM115 - closed by _stop
-        self._file.write(data)
-        self._file.flush()
+        try:
+            self._file.write(data)
+            self._file.flush()
+        except OSError as error:
+            error.filename = self._file.name  # Python names it where opening fails only
+            raise
         return Path(self._file.name)
 
     def _remove_file(self) -> None:

@@ -59,6 +59,17 @@ def fill_the_disk(journal):
     journal._database.execute("PRAGMA max_page_count = 1")
 
 
+def where_files_have_at_most(n_bytes):
+    """As on a full disk, whose moment no other test can choose: file by file."""
+
+    def arrange(_):
+        import resource  # not on Windows
+
+        resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, n_bytes))
+
+    return arrange
+
+
 def after_the_first_unlink(patch):
     unlink = Path.unlink
 
@@ -106,7 +117,10 @@ STOPS = {
     "an interrupt": in_batch(30, interrupt),
     "a full disk": in_batch(30, fill_the_disk),
 }
-MOMENTS = {**WRITING_A_JOURNAL, **ALL_IS_SAMPLED, **SAVING, **REPLACING, **STOPS}
+# Bytes that some files of the result exceed: all records, result.json, figures, draws.
+LIMITS = {n_bytes: where_files_have_at_most(n_bytes) for n_bytes in (700, 17_000, 20_000, 100_000)}
+NOTHING_LOST = "no evaluation is lost, the same command resumes the run"
+MOMENTS = {**LIMITS, **WRITING_A_JOURNAL, **ALL_IS_SAMPLED, **SAVING, **REPLACING, **STOPS}
 
 # Forked from one process that has imported what the command needs: that takes it longest.
 # xarray imports distributed, where that is installed, when it writes a file.
@@ -297,10 +311,24 @@ def test_interrupts_and_full_disks_are_said_in_a_line_and_lose_nothing(command, 
         last = command.stderr.splitlines()[-1]
         assert last.startswith("Interrupted; resume with: bayes-ssi rank ")
         assert command.run(moment="a full disk") == 2
-        assert command.stderr.splitlines()[-1].endswith("database or disk is full")
+        last = command.stderr.splitlines()[-1]
+        assert last.endswith(f".journal: No space left on device; {NOTHING_LOST}")
     assert command.run() == 0
     assert command.stderr.startswith("model class 'one k': resumes after ")
     command.assert_result_is(uninterrupted)
+
+
+@pytest.mark.parametrize("n_bytes", LIMITS)
+def test_files_of_a_result_that_cannot_be_written_lose_nothing(
+    sampled_command, uninterrupted, n_bytes
+):
+    assert sampled_command.run(moment=n_bytes) == 2
+    last = sampled_command.stderr.splitlines()[-1]
+    assert last.startswith(f"Error: {sampled_command.result}")
+    assert last.endswith(f": File too large; {NOTHING_LOST}")
+    assert [path.name for path in sampled_command.place.iterdir()] == [".r.checkpoint"]
+    assert sampled_command.run() == 0
+    sampled_command.assert_result_is(uninterrupted)
 
 
 def test_another_seed_is_refused_and_nothing_is_lost(sampled_command):
