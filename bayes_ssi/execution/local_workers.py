@@ -30,7 +30,7 @@ class LocalWorkers(Workers):
     """Processes on this machine; they start at the first call and are replaced if they die."""
 
     def __init__(
-        self, n: int, *, copies: bool = False, when_idle: Callable[[], object] | None = None
+        self, n: int, *, copies: bool = False, while_busy: Callable[[], object] | None = None
     ) -> None:
         """Prepare ``n`` processes.
 
@@ -40,8 +40,8 @@ class LocalWorkers(Workers):
                 that is possible: at once, while a new process takes about a second to import the
                 package. A copy has the state of other threads and libraries as well, so there must
                 be none that it could stumble over.
-            when_idle: called once, by this process, when one of them has nothing left to do: for
-                what will be needed later.
+            while_busy: called once by this process, which else only waits for them, for what will
+                be needed later.
 
         Raises:
             ValueError: ``n`` is not positive.
@@ -50,7 +50,7 @@ class LocalWorkers(Workers):
             raise ValueError(f"workers must be at least 1, got {n!r}")
         super().__init__(None, n)
         self.copies = copies
-        self.when_idle = when_idle
+        self.while_busy = while_busy
         self._file: IO[bytes] | None = None
 
     def _start(self) -> None:
@@ -108,10 +108,10 @@ class LocalWorkers(Workers):
             # Loky's own argument: otherwise its workers would first finish their tasks.
             executor.shutdown(wait=True, kill_workers=True)  # type: ignore[call-arg]
 
-    def _one_is_idle(self) -> None:
-        when_idle, self.when_idle = self.when_idle, None
-        if when_idle is not None:
-            when_idle()
+    def _while_busy(self) -> None:
+        while_busy, self.while_busy = self.while_busy, None
+        if while_busy is not None:
+            while_busy()
 
     def _replace(self, death: BrokenExecutor) -> None:
         del death

@@ -145,11 +145,11 @@ class Workers:
             executor = self._running()
             for i, item in enumerate(items):
                 waiting[_submitted(executor, packed, pickled(item))] = i
+            if waiting:
+                self._while_busy()
             while waiting:
                 if meanwhile is not None:
                     meanwhile()
-                if len(waiting) < self.n_workers:
-                    self._one_is_idle()
                 for future in self._ready(waiting):
                     i = waiting.pop(future)
                     error = future.exception()
@@ -210,8 +210,8 @@ class Workers:
         """The futures that are ready, of which there may be none yet."""
         return wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED).done
 
-    def _one_is_idle(self) -> None:
-        """Called where there are fewer calls left than workers."""
+    def _while_busy(self) -> None:
+        """Called in this process when its workers have something to do."""
 
     def _is_death(self, error: BaseException) -> bool:
         """Whether an error means that a worker died, rather than that the function failed."""

@@ -65,7 +65,7 @@ def result_figures(
 
 
 def prepare() -> None:
-    """Import what takes long to import, in a process that is to draw figures."""
+    """Import what takes long to import, in the process that is to draw the first figure."""
     import matplotlib.figure  # noqa: F401
 
     import_corner()

@@ -15,7 +15,7 @@ CLASSES_FOR_NEW_PROCESSES = 4
 
 
 def automatic_workers(
-    candidates: Sequence[ModelClass], n_classes: int, when_idle: Callable[[], object]
+    candidates: Sequence[ModelClass], n_classes: int, while_busy: Callable[[], object]
 ) -> LocalWorkers | None:
     """One process for each core that can be used, as far as they are busy; None if one is enough.
 
@@ -26,7 +26,7 @@ def automatic_workers(
     Args:
         candidates: classes that are sampled, or on which those are built.
         n_classes: number of classes that are sampled, at least.
-        when_idle: as for :class:`~bayes_ssi.execution.local_workers.LocalWorkers`.
+        while_busy: as for :class:`~bayes_ssi.execution.local_workers.LocalWorkers`.
     """
     n = usable_cores()
     if all(map(is_cheap, candidates)):
@@ -35,15 +35,15 @@ def automatic_workers(
             return None
     if n == 1 or holds_user_code(list(candidates)):
         return None
-    return LocalWorkers(n, copies=True, when_idle=when_idle)
+    return LocalWorkers(n, copies=True, while_busy=while_busy)
 
 
 def chosen_workers(
-    candidates: Sequence[ModelClass], n: int, when_idle: Callable[[], object]
+    candidates: Sequence[ModelClass], n: int, while_busy: Callable[[], object]
 ) -> LocalWorkers:
     """As many processes, but no more than cores that can be used.
 
     Arguments are as in :func:`automatic_workers`.
     """
     copies = not holds_user_code(list(candidates))
-    return LocalWorkers(min(n, usable_cores()), copies=copies, when_idle=when_idle)
+    return LocalWorkers(min(n, usable_cores()), copies=copies, while_busy=while_busy)
