@@ -1,9 +1,9 @@
 """The search for hidden appendages: is there one, where, how heavy, and at which frequency?
 
-From a baseline model class it builds hypotheses: no appendage; one appendage of each kind at each
-of its places; then one more added to the best of these, as long as the evidence grows. No pairing
-of modes is assumed: every hypothesis is scored over all pairings. All are screened, which gives
-approximate evidences; those on which the answer rests are sampled.
+On each of several baseline classes it builds hypotheses: no appendage; one appendage of each kind
+at each of its places; then one more added to the best of these, as long as the evidence grows. No
+pairing of modes is assumed: every hypothesis is scored over all pairings. All are screened, which
+gives approximate evidences; those on which the answer rests are sampled.
 """
 
 from __future__ import annotations
@@ -11,16 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from bayes_ssi.appendages.hypotheses import (
-    SearchSettings,
-    hypothesis,
-    places_of,
-    structure_with_floors,
-)
+from bayes_ssi.appendages.baselines import Baselines, choose_baselines
+from bayes_ssi.appendages.findings import search_record
+from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis, name_of, places_of
 from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.appendages.sampling_choice import to_sample
+from bayes_ssi.appendages.screened_hypothesis import Key, ScreenedHypothesis
 from bayes_ssi.appendages.screening import Screened, ToScreen, screen_all
-from bayes_ssi.appendages.search_result import AppendageSearch, Hypothesis, search_record
+from bayes_ssi.appendages.search_result import AppendageSearch
 from bayes_ssi.argument_types import checked
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
@@ -28,130 +26,154 @@ from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.study import Study, compare_and_diagnose
 from bayes_ssi.sampling.settings import SamplingSettings
+from bayes_ssi.structures.lumped import LumpedStructure
 
-Places = tuple[AppendagePlace, ...]
+Hypotheses = Mapping[Key, ScreenedHypothesis]
 
 
 @checked
 def search(
-    baseline: ModelClass,
+    baseline: ModelClass | Study,
     search_settings: SearchSettings | None = None,
     seed: int = 0,
     settings: SamplingSettings | None = None,
     run: Run | None = None,
+    *,
+    baselines: Sequence[str] | None = None,
 ) -> AppendageSearch:
-    """Search for hidden appendages on a baseline structure.
+    """Search for hidden appendages on a baseline structure, or on each of several.
 
     Args:
-        baseline: a class whose structure has floors; its pairing is not used.
+        baseline: a class whose structure has floors; its pairing is not used. Of a study, all
+            such classes are baselines, with its prior weights.
         search_settings: what an appendage may be.
         seed: a hypothesis's result follows from it and the hypothesis's name.
         settings: how precisely to sample.
         run: workers, a checkpoint to resume from, and progress; the result does not depend on
             them.
+        baselines: names of the study's classes that appendages are hung on; the others are
+            compared without any.
 
     Raises:
-        ValueError: the structure has no floors to hang an appendage on, there are several
-            configurations, or a hypothesis cannot be sampled.
+        ValueError: no structure has floors to hang an appendage on, there are several
+            configurations, the study has no class of such a name, or a hypothesis cannot be
+            sampled.
     """
     options = search_settings or SearchSettings()
     settings = settings or SamplingSettings()
-    candidates = places_of(structure_with_floors(baseline))
+    if isinstance(baseline, ModelClass):
+        baseline = Study(baseline.name, [baseline])
+    chosen = choose_baselines(baseline, baselines)
+    hidden_in = chosen.classes[0].name if len(chosen.classes) == 1 else baseline.name
     run = run or Run()
     with run.working():
-        hypotheses = _screened(baseline, candidates, options, seed, run)
+        hypotheses = _screened(chosen, options, seed, run)
+        wanted = [ToScreen(rival, None) for rival in chosen.rivals]
+        rivals = screen_all(wanted, seed, run) if wanted else []
         posteriors = _sampled(hypotheses, options, seed, settings, run)
-        sampled = [hypotheses[places] for places in posteriors]
+        sampled = [hypotheses[key] for key in posteriors]
         study = Study(
-            f"Appendages hidden in {baseline.name!r}",
+            f"Appendages hidden in {hidden_in!r}",
             [each.model_class for each in sampled],
             prior_weights={each.model_class.name: each.prior_weight for each in sampled},
         )
         ranking = compare_and_diagnose(study, tuple(posteriors.values()), seed, settings, run)
-    record = search_record(baseline, options, ranking, tuple(hypotheses.values()), candidates)
+    record = search_record(chosen, rivals, options, ranking, tuple(hypotheses.values()))
     return AppendageSearch(ranking, record)
 
 
 def _screened(
-    baseline: ModelClass,
-    candidates: Sequence[AppendagePlace],
-    options: SearchSettings,
-    seed: int,
-    run: Run,
-) -> dict[Places, Hypothesis]:
+    baselines: Baselines, options: SearchSettings, seed: int, run: Run
+) -> dict[Key, ScreenedHypothesis]:
     """All hypotheses with their approximate evidences."""
-    hypotheses: dict[Places, Hypothesis] = {}
-    level: list[Places] = [()]
+    by_name = {each.name: each for each in baselines.classes}
+    candidates = {name: _candidates(each) for name, each in by_name.items()}
+    hypotheses: dict[Key, ScreenedHypothesis] = {}
+    level = [Key(name, ()) for name in by_name]
     while level:
-        classes = [hypothesis(baseline, places, options) for places in level]
+        classes = []
+        for name, places in level:
+            of_one = name_of(places)
+            full_name = of_one if len(by_name) == 1 else f"{name}: {of_one}"
+            classes.append(hypothesis(by_name[name], places, options, full_name))
         wanted = [
-            ToScreen(model_class, _simpler(places, hypotheses))
-            for places, model_class in zip(level, classes, strict=True)
+            ToScreen(model_class, _simpler(key, hypotheses))
+            for key, model_class in zip(level, classes, strict=True)
         ]
-        weight = _prior_weight(len(level[0]), len(candidates), options)
-        for places, model_class, screened in zip(
-            level, classes, screen_all(wanted, seed, run), strict=True
-        ):
-            hypotheses[places] = Hypothesis(places, model_class, weight, screened)
+        results = screen_all(wanted, seed, run)
+        for key, model_class, screened in zip(level, classes, results, strict=True):
+            weight = baselines.prior_probability(by_name[key.baseline]) * _prior_weight(
+                len(key.places), len(candidates[key.baseline]), options
+            )
+            hypotheses[key] = ScreenedHypothesis(key, model_class, weight, screened)
         level = _next_level(hypotheses, candidates, options)
     return hypotheses
 
 
-def _simpler(places: Places, hypotheses: Mapping[Places, Hypothesis]) -> Screened | None:
+def _candidates(baseline: ModelClass) -> tuple[AppendagePlace, ...]:
+    """The places of a baseline at which an appendage may hang."""
+    assert isinstance(baseline.structure, LumpedStructure)
+    return places_of(baseline.structure)
+
+
+def _simpler(key: Key, hypotheses: Hypotheses) -> Screened | None:
     """The best hypothesis with one of these appendages less; None where there is none to leave."""
-    fewer = [tuple(other for other in places if other != place) for place in places]
+    fewer = [
+        Key(key.baseline, tuple(other for other in key.places if other != place))
+        for place in key.places
+    ]
     known = [hypotheses[each].screened for each in fewer if each in hypotheses]
     return max(known, key=lambda each: each.log_evidence) if known else None
 
 
 def _sampled(
-    hypotheses: Mapping[Places, Hypothesis],
+    hypotheses: Hypotheses,
     options: SearchSettings,
     seed: int,
     settings: SamplingSettings,
     run: Run,
-) -> dict[Places, Posterior]:
-    """Posteriors of the baseline, and of the hypotheses on which the answer rests."""
-    approximate = {places: each.approximate_log_mass for places, each in hypotheses.items()}
-    posteriors: dict[Places, Posterior] = {}
-    chosen = to_sample(approximate, {}, options.most_unsampled)
+) -> dict[Key, Posterior]:
+    """Posteriors of the hypotheses on which the answer rests, and of their baselines."""
+    approximate = {key: each.approximate_log_mass for key, each in hypotheses.items()}
+    posteriors: dict[Key, Posterior] = {}
+    chosen = set(to_sample(approximate, {}, options.most_unsampled))
     while chosen:
         # Parameters without any appendage are part of the answer.
-        now = [p for p in hypotheses if p in chosen or (p == () and not posteriors)]
-        posteriors.update(
-            zip(
-                now,
-                sample_all([hypotheses[p].model_class for p in now], seed, settings, run),
-                strict=True,
-            )
-        )
-        log_masses = {p: hypotheses[p].log_mass(each) for p, each in posteriors.items()}
-        chosen = to_sample(approximate, log_masses, options.most_unsampled)
-    return {places: posteriors[places] for places in hypotheses if places in posteriors}
+        chosen |= {Key(key.baseline, ()) for key in chosen}
+        now = [key for key in hypotheses if key in chosen and key not in posteriors]
+        classes = [hypotheses[key].model_class for key in now]
+        posteriors.update(zip(now, sample_all(classes, seed, settings, run), strict=True))
+        log_masses = {key: hypotheses[key].log_mass(each) for key, each in posteriors.items()}
+        chosen = set(to_sample(approximate, log_masses, options.most_unsampled))
+    return {key: posteriors[key] for key in hypotheses if key in posteriors}
 
 
 def _next_level(
-    hypotheses: Mapping[Places, Hypothesis],
-    candidates: Sequence[AppendagePlace],
+    hypotheses: Hypotheses,
+    candidates: Mapping[str, Sequence[AppendagePlace]],
     options: SearchSettings,
-) -> list[Places]:
-    """Hypotheses with one more appendage than the best so far; none if more do not help."""
+) -> list[Key]:
+    """Hypotheses with one more appendage than the best so far; none if more do not help.
 
-    def log_evidence(places: Places) -> float:
-        return hypotheses[places].screened.log_evidence
+    On every baseline, one appendage is tried everywhere.
+    """
 
-    most = max(len(places) for places in hypotheses)
+    def log_evidence(key: Key) -> float:
+        return hypotheses[key].screened.log_evidence
+
+    most = max(len(key.places) for key in hypotheses)
     if most + 1 == len(options.number_weights):
         return []
-    top = [places for places in hypotheses if len(places) == most]
-    fewer = [places for places in hypotheses if len(places) == most - 1]
-    if fewer and max(map(log_evidence, top)) <= max(map(log_evidence, fewer)):
-        return []
-    best = sorted(top, key=log_evidence, reverse=True)[: options.branches]
+    best = [key for key in hypotheses if len(key.places) == most]
+    if most > 0:
+        fewer = [key for key in hypotheses if len(key.places) == most - 1]
+        if max(map(log_evidence, best)) <= max(map(log_evidence, fewer)):
+            return []
+        best = sorted(best, key=log_evidence, reverse=True)[: options.branches]
     extended = [
-        tuple(place for place in candidates if place in (*places, new))
-        for places in best
-        for new in candidates
+        Key(name, tuple(place for place in candidates[name] if place in (*places, new)))
+        for name, places in best
+        for new in candidates[name]
         if new not in places
     ]
     return list(dict.fromkeys(extended))

@@ -79,8 +79,15 @@ def hypothesis(
     baseline: ModelClass,
     places: Sequence[AppendagePlace],
     search_settings: SearchSettings | None = None,
+    name: str | None = None,
 ) -> ModelClass:
     """The baseline with an appendage at each of ``places``, scored over all pairings.
+
+    Args:
+        baseline: the class that has none of these appendages.
+        places: where they are.
+        search_settings: what an appendage may be.
+        name: of the hypothesis; that of the places if None.
 
     Raises:
         ValueError: its structure has no floors, or lacks some of these.
@@ -93,8 +100,13 @@ def hypothesis(
         ratio = Parameter(mass_name(place), options.mass_ratio)
         frequency = Parameter(frequency_name(place), prior, unit="Hz")
         structure = structure.with_element(place.element(scale * ratio, frequency))
-    name = " + ".join(place.name for place in places) or NO_APPENDAGE
-    return baseline.with_any_pairing(baseline.name).with_structure(structure, name)
+    own_name = name or name_of(places)
+    return baseline.with_any_pairing(baseline.name).with_structure(structure, own_name)
+
+
+def name_of(places: Sequence[AppendagePlace]) -> str:
+    """What a hypothesis with these appendages is called, where there is one baseline."""
+    return " + ".join(place.name for place in places) or NO_APPENDAGE
 
 
 def structure_with_floors(baseline: ModelClass) -> LumpedStructure:

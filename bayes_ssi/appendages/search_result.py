@@ -1,31 +1,15 @@
-"""The findings of a search: places, appendages and averaged parameters."""
+"""The findings of a search: places, appendages, baselines and averaged parameters."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass
 
-import numpy as np
-from scipy.special import logsumexp
-
-from bayes_ssi.appendages.hypotheses import (
-    NO_APPENDAGE,
-    SearchSettings,
-    frequency_name,
-    mass_name,
-    mean_mass,
-    structure_with_floors,
-)
+from bayes_ssi.appendages.hypotheses import SearchSettings
 from bayes_ssi.appendages.places import AppendagePlace
-from bayes_ssi.appendages.sampling_choice import most_probability_unsampled
-from bayes_ssi.appendages.screening import Screened
-from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.ranking.averages import AveragedParameter, averaged_parameters
+from bayes_ssi.ranking.averages import AveragedParameter
+from bayes_ssi.ranking.comparison import VERY_STRONG
 from bayes_ssi.ranking.study import Ranking
-from bayes_ssi.sampling.estimates import Estimate
 
 
 @dataclass(frozen=True)
@@ -50,7 +34,7 @@ class AveragedAndNaive(AveragedParameter):
     """A parameter of the baseline, averaged over all hypotheses by their probability.
 
     Attributes:
-        naive_mean, naive_sd: under the hypothesis of no appendage.
+        naive_mean, naive_sd: under the most probable hypothesis of no appendage that infers it.
     """
 
     naive_mean: float
@@ -71,21 +55,45 @@ class HypothesisRecord:
 
     Attributes:
         name: name of its model class.
+        baseline: name of the class that it adds appendages to.
         prior_probability: among all hypotheses, and ``probability`` likewise.
         log_evidence: in nats, with its standard ``error``; approximate where it is not sampled.
         is_sampled: whether it was sampled, and has draws.
-        laplace: Laplace's approximation of the log evidence.
+        screened: the approximate log evidence, and ``laplace``, Laplace's alone.
         appendages: its appendages.
     """
 
     name: str
+    baseline: str
     prior_probability: float
     probability: float
     log_evidence: float
     error: float
     is_sampled: bool
+    screened: float
     laplace: float
     appendages: tuple[AppendageSummary, ...]
+
+
+@dataclass(frozen=True)
+class BaselineRecord:
+    """A class that appendages were hung on, or that was compared with such without appendages.
+
+    Attributes:
+        name: its name; over all pairings, it may represent several classes of the study.
+        classes: the study's classes that it represents.
+        log_evidence: without any appendage, in nats; approximate where that was not sampled.
+        prior_probability: of all hypotheses on it together; zero where no appendage was tried.
+        probability: of the same, after the test.
+        mass_scale: the mean floor mass, in the structure's unit; None where there are no floors.
+    """
+
+    name: str
+    classes: tuple[str, ...]
+    log_evidence: float
+    prior_probability: float
+    probability: float
+    mass_scale: float | None
 
 
 @dataclass(frozen=True)
@@ -93,20 +101,21 @@ class SearchRecord:
     """The findings of a search, stored in addition to its ranking.
 
     Attributes:
-        baseline: name of the model class that the hypotheses were built on.
+        baselines: the classes that appendages were hung on, the most probable first; and those
+            compared with them without appendages.
+        left_out: class of the study on which no appendage can be hung → why.
         search_settings: what an appendage may be.
-        mass_scale: the mean floor mass, in the structure's unit.
         probability_of_any: probability that there is at least one appendage.
         most_probability_unsampled: an upper bound on the probability of all hypotheses together
             whose evidences are approximate.
         places: all places that were considered.
         hypotheses: the most probable first.
-        averaged_parameters: averaged parameters of the baseline.
+        averaged_parameters: averaged parameters of the baselines.
     """
 
-    baseline: str
+    baselines: tuple[BaselineRecord, ...]
+    left_out: Mapping[str, str]
     search_settings: SearchSettings
-    mass_scale: float
     probability_of_any: float
     most_probability_unsampled: float
     places: tuple[PlaceProbability, ...]
@@ -122,6 +131,24 @@ class SearchRecord:
     def n_unsampled(self) -> int:
         """The number of hypotheses whose evidences are approximate."""
         return sum(not each.is_sampled for each in self.hypotheses)
+
+    @property
+    def beaten(self) -> tuple[BaselineRecord, ...]:
+        """Baselines that another class beats without any appendage, by very strong evidence.
+
+        An appendage on such a baseline may stand for what the baseline lacks.
+        """
+        return tuple(
+            each
+            for each in self.baselines
+            if each.prior_probability > 0.0
+            and self.best_without_appendages.log_evidence - each.log_evidence > VERY_STRONG
+        )
+
+    @property
+    def best_without_appendages(self) -> BaselineRecord:
+        """The class that explains the data best without any appendage."""
+        return max(self.baselines, key=lambda each: each.log_evidence)
 
     def hypothesis(self, name: str) -> HypothesisRecord:
         """The hypothesis of that name; KeyError if there is none."""
@@ -148,139 +175,3 @@ class AppendageSearch:
     def appendages(self, name: str) -> tuple[AppendageSummary, ...]:
         """The appendages of one hypothesis."""
         return self.record.hypothesis(name).appendages
-
-
-class Hypothesis(NamedTuple):
-    """A screened hypothesis: the places of its appendages, its class and its prior weight."""
-
-    places: tuple[AppendagePlace, ...]
-    model_class: ModelClass
-    prior_weight: float
-    screened: Screened
-
-    @property
-    def approximate_log_mass(self) -> Estimate:
-        """Log of prior weight times approximate evidence."""
-        weight = math.log(self.prior_weight)
-        return Estimate(weight + self.screened.log_evidence, self.screened.error)
-
-    def log_mass(self, posterior: Posterior) -> float:
-        """Log of prior weight times the evidence that sampling gave."""
-        return math.log(self.prior_weight) + posterior.evidence.log_evidence
-
-
-def search_record(
-    baseline: ModelClass,
-    search_settings: SearchSettings,
-    ranking: Ranking,
-    hypotheses: Sequence[Hypothesis],
-    candidates: Sequence[AppendagePlace],
-) -> SearchRecord:
-    """The record of a search.
-
-    Args:
-        baseline: the model class that the hypotheses were built on.
-        search_settings: what an appendage may be.
-        ranking: ranking of those hypotheses that were sampled.
-        hypotheses: all of them.
-        candidates: all places that were considered.
-    """
-    mass_scale = mean_mass(structure_with_floors(baseline))
-    posteriors = {posterior.name: posterior for posterior in ranking.posteriors}
-    rows = _hypothesis_records(hypotheses, posteriors, mass_scale)
-    approximate = {each.model_class.name: each.approximate_log_mass for each in hypotheses}
-    sampled = {
-        each.model_class.name: each.log_mass(posteriors[each.model_class.name])
-        for each in hypotheses
-        if each.model_class.name in posteriors
-    }
-    probabilities = dict.fromkeys(candidates, 0.0)
-    for row in rows:
-        for appendage in row.appendages:
-            probabilities[appendage.place] += row.probability
-    return SearchRecord(
-        baseline=baseline.name,
-        search_settings=search_settings,
-        mass_scale=mass_scale,
-        probability_of_any=sum(each.probability for each in rows if each.appendages),
-        most_probability_unsampled=most_probability_unsampled(approximate, sampled),
-        places=tuple(PlaceProbability(*each) for each in probabilities.items()),
-        hypotheses=rows,
-        averaged_parameters=_averaged(ranking, posteriors[NO_APPENDAGE]),
-    )
-
-
-def _hypothesis_records(
-    hypotheses: Sequence[Hypothesis], posteriors: Mapping[str, Posterior], mass_scale: float
-) -> tuple[HypothesisRecord, ...]:
-    """The most probable first."""
-    total_weight = sum(each.prior_weight for each in hypotheses)
-    log_masses = [
-        each.log_mass(posteriors[each.model_class.name])
-        if each.model_class.name in posteriors
-        else each.approximate_log_mass.log_evidence
-        for each in hypotheses
-    ]
-    log_total = float(logsumexp(log_masses))
-    rows = []
-    # By the logarithm, which also ranks hypotheses whose probabilities are rounded to zero.
-    for log_mass, each in sorted(
-        zip(log_masses, hypotheses, strict=True), key=lambda item: -item[0]
-    ):
-        name, screened = each.model_class.name, each.screened
-        posterior = posteriors.get(name)
-        evidence = screened if posterior is None else posterior.evidence
-        rows.append(
-            HypothesisRecord(
-                name=name,
-                prior_probability=each.prior_weight / total_weight,
-                probability=math.exp(log_mass - log_total),
-                log_evidence=evidence.log_evidence,
-                error=evidence.error,
-                is_sampled=posterior is not None,
-                laplace=screened.laplace,
-                appendages=tuple(
-                    _summary(each, posterior, place, mass_scale) for place in each.places
-                ),
-            )
-        )
-    return tuple(rows)
-
-
-def _summary(
-    hypothesis: Hypothesis, posterior: Posterior | None, place: AppendagePlace, mass_scale: float
-) -> AppendageSummary:
-    if posterior is None:
-        values = hypothesis.model_class.values(hypothesis.screened.z)
-        weights = hypothesis.screened.weights
-    else:
-        values = posterior.values
-        weights = np.full(len(values), 1.0 / len(values))
-
-    def quantiles(parameter: str, scale: float) -> tuple[float, float, float]:
-        column = scale * values[:, hypothesis.model_class.parameter_names.index(parameter)]
-        low, middle, high = np.quantile(
-            column, [0.05, 0.5, 0.95], weights=weights, method="inverted_cdf"
-        )
-        return float(low), float(middle), float(high)
-
-    return AppendageSummary(
-        place,
-        quantiles(mass_name(place), mass_scale),
-        quantiles(mass_name(place), 1.0),
-        quantiles(frequency_name(place), 1.0),
-    )
-
-
-def _averaged(ranking: Ranking, naive: Posterior) -> tuple[AveragedAndNaive, ...]:
-    """The baseline's parameters averaged over the hypotheses, and without appendages."""
-    averaged = averaged_parameters(ranking.posteriors, ranking.comparison)
-    by_name = {row.name: row for row in averaged}
-    return tuple(
-        AveragedAndNaive(
-            **asdict(by_name[name]),
-            naive_mean=float(naive.values[:, i].mean()),
-            naive_sd=float(naive.values[:, i].std()),
-        )
-        for i, name in enumerate(naive.parameter_names)
-    )

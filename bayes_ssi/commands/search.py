@@ -15,8 +15,11 @@ from bayes_ssi.commands.terminal import console, say
 @study_argument
 @click.option(
     "--baseline",
+    "baselines",
     metavar="NAME",
-    help="Model class to hang appendages on; the study's first if not given.",
+    multiple=True,
+    help="Model class to hang appendages on; may be repeated. Every class of the study with "
+    "floors, averaged over, if not given.",
 )
 @click.option(
     "--mass-ratio",
@@ -44,7 +47,7 @@ from bayes_ssi.commands.terminal import console, say
 @run_options
 def search(
     study: Path,
-    baseline: str | None,
+    baselines: tuple[str, ...],
     mass_ratio: tuple[float, float],
     frequency: tuple[float, float] | None,
     most: int,
@@ -53,33 +56,41 @@ def search(
     """Search for appendages that hide in the identified modes of STUDY.
 
     Hypotheses (no appendage; a pendulum on each floor; an infill in each storey; then two) are
-    built on one model class, which should hold none itself, and ranked over all pairings of
-    modes. Workers sample whole hypotheses side by side.
+    built on the study's model classes and compared over all pairings of modes. All get approximate
+    evidences; those on which the answer rests are sampled. Workers take whole hypotheses.
     """
     from bayes_ssi.appendages.appendage_search import search as search_appendages
-    from bayes_ssi.appendages.hypotheses import (
-        SearchSettings,
-        places_of,
-        structure_with_floors,
-    )
+    from bayes_ssi.appendages.baselines import choose_baselines
+    from bayes_ssi.appendages.hypotheses import SearchSettings
     from bayes_ssi.priors.families import LogNormal, LogUniform
     from bayes_ssi.results.load import SEARCH
-    from bayes_ssi.tables import appendage_table, averaged_table, search_notes, search_table
+    from bayes_ssi.tables import (
+        appendage_table,
+        averaged_table,
+        baseline_notes,
+        baseline_table,
+        search_notes,
+        search_table,
+    )
 
     loaded = load(study)
-    if baseline is not None:
-        loaded = loaded.only([baseline])
     search_settings = SearchSettings(
         mass_ratio=LogNormal(*mass_ratio),
         frequency=None if frequency is None else LogUniform(*frequency),
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
     )
-    place = options.place(loaded, study, f"{study.stem}_search", "search", search_settings)
-    baseline_class = loaded.model_classes[0]
-    n_hypotheses = 1 + len(places_of(structure_with_floors(baseline_class)))  # on the first level
-    with options.running(loaded, place, n_hypotheses) as run:
+    chosen = choose_baselines(loaded, baselines or None)
+    place = options.place(
+        loaded, study, f"{study.stem}_search", "search", search_settings, baselines
+    )
+    with options.running(chosen.study, place, chosen.n_hypotheses_of_one) as run:
         appendages = search_appendages(
-            baseline_class, search_settings, options.seed, options.settings, run
+            loaded,
+            search_settings,
+            options.seed,
+            options.settings,
+            run,
+            baselines=baselines or None,
         )
         sensitivity = options.sensitivity_record(appendages.ranking, run)
         records = {SEARCH: appendages.record, **sensitivity}
@@ -88,6 +99,9 @@ def search(
 
     where = console()
     say_misfit(where, result)
+    if len(appendages.record.baselines) > 1:
+        where.print(baseline_table(appendages.record))
+    say(where, *baseline_notes(appendages.record))
     where.print(search_table(appendages))
     where.print(appendage_table(appendages))
     where.print(averaged_table(appendages))

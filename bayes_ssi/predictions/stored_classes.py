@@ -27,19 +27,23 @@ def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict
     """
     names = [posterior.name for posterior in stored.posteriors]
     search, stands_for = stored.search, stored.record.stands_for
-    places = {each.name: each.appendages for each in search.hypotheses} if search else {}
-    missing = [name for name in names if search and name not in places]
+    hypotheses = {each.name: each for each in search.hypotheses} if search else {}
+    missing = [name for name in names if search and name not in hypotheses]
     if missing:
         raise ValueError(f"{stored.directory / SEARCH}: no hypothesis {missing[0]!r}")
     try:
         if search is not None:
-            baseline = _only(study, search.baseline)
-            return {
-                name: hypothesis(
-                    baseline, [each.place for each in places[name]], search.search_settings
-                )
-                for name in names
-            }
+            classes = {}
+            baselines = {each.name: each for each in search.baselines}
+            for name in names:
+                row = hypotheses[name]
+                if row.baseline not in baselines:
+                    raise ValueError(f"{SEARCH}: no baseline {row.baseline!r}")
+                original = baselines[row.baseline].classes[0]
+                baseline = _only(study, original).with_any_pairing(row.baseline)
+                places = [each.place for each in row.appendages]
+                classes[name] = hypothesis(baseline, places, search.search_settings, name)
+            return classes
         return {
             name: _only(study, stands_for[name][0]).with_any_pairing(name)
             if name in stands_for

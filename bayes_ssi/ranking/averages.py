@@ -54,15 +54,16 @@ def averaged_parameters(
         for name in posterior.parameter_names:
             holders.setdefault(name, []).append(posterior)
     return tuple(
-        _averaged(name, own, [probabilities[posterior.name] for posterior in own])
+        averaged_parameter(name, own, [probabilities[posterior.name] for posterior in own])
         for name, own in holders.items()
         if len(own) > 1 and sum(probabilities[posterior.name] for posterior in own) > 0.0
     )
 
 
-def _averaged(
+def averaged_parameter(
     name: str, posteriors: Sequence[Posterior], probabilities: Sequence[float]
 ) -> AveragedParameter:
+    """A parameter over the classes that infer it, which have these probabilities."""
     total = sum(probabilities)
     draws, weights = [], []
     for posterior, probability in zip(posteriors, probabilities, strict=True):

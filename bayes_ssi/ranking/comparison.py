@@ -20,6 +20,8 @@ SCALE = (
     (10.0, "strong"),
     (math.inf, "very strong"),
 )
+# From this difference in ln B on, evidence is very strong on that scale.
+VERY_STRONG = 0.5 * SCALE[-2][0]
 # A class is distinguishable from the best one if their difference exceeds this multiple of its
 # standard error: about 95 % of a normal distribution lie within two.
 STANDARD_ERRORS = 2.0

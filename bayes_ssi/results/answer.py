@@ -18,7 +18,12 @@ from bayes_ssi.results.claims import (
     why_it_loses,
 )
 from bayes_ssi.results.load import StoredResult
-from bayes_ssi.results.search_answer import hypothesis_in_words, search_sentences, search_verdict
+from bayes_ssi.results.search_answer import (
+    beaten_baselines,
+    hypothesis_in_words,
+    search_sentences,
+    search_verdict,
+)
 from bayes_ssi.results.wording import (
     likelihood_in_words,
     listed,
@@ -62,6 +67,13 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
     misfit = result.comparison.misfit
     if misfit:
         yield "The most probable class does not explain the data.", (misfit,)
+    beaten = beaten_baselines(result.search) if result.search else ()
+    if beaten:
+        yield (
+            "The answer rests on a baseline that another class beats by far. An appendage on it "
+            "may stand for what the baseline itself lacks.",
+            beaten,
+        )
     failed = tuple(each for each in result.comparison.failed_checks if each != misfit)
     if failed:
         several = len(failed) > 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bayes_ssi.appendages.search_result import HypothesisRecord, SearchRecord
-from bayes_ssi.ranking.comparison import Comparison
+from bayes_ssi.ranking.comparison import PROBABLE, Comparison
 from bayes_ssi.results.claims import MOST_LISTED
 from bayes_ssi.results.wording import likelihood_in_words, listed, probability_in_words, quantity
 
@@ -29,10 +29,28 @@ def search_verdict(search: SearchRecord) -> str:
     )
 
 
+def beaten_baselines(search: SearchRecord) -> tuple[str, ...]:
+    """Baselines of a part of the answer that another class beats without any appendage."""
+    best = search.best_without_appendages
+    return tuple(
+        f"{each.name!r}, with probability {probability_in_words(each.probability)}: without any "
+        f"appendage, {best.name!r} beats it by {best.log_evidence - each.log_evidence:.1f} nats"
+        for each in search.beaten
+        if each.probability >= PROBABLE
+    )
+
+
 def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[str]:
     """Where the appendages are, how heavy and at what frequency; the main structure with them."""
+    yield _appendages(search, search.most_probable_with_appendages)
+    tried = [each for each in search.baselines if each.prior_probability > 0.0]
+    if len(tried) > 1:
+        shown = [
+            f"{each.name!r} ({probability_in_words(each.probability)})"
+            for each in tried[:MOST_LISTED]
+        ]
+        yield f"The probabilities of the {len(tried)} baselines are: {listed(shown)}."
     best = search.most_probable_with_appendages
-    yield _appendages(search, best)
     alike = [name for name in comparison.not_distinguishable if name != best.name]
     if alike:
         shown = [

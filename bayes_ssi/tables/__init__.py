@@ -24,6 +24,8 @@ from bayes_ssi.tables.ranking_tables import (
 from bayes_ssi.tables.search_tables import (
     appendage_table,
     averaged_table,
+    baseline_notes,
+    baseline_table,
     search_notes,
     search_table,
     unsampled_note,
@@ -35,6 +37,8 @@ __all__ = [
     "appendage_table",
     "averaged_table",
     "averages_table",
+    "baseline_notes",
+    "baseline_table",
     "calibration_modes_table",
     "calibration_table",
     "changed_parameters_table",

@@ -13,6 +13,38 @@ HYPOTHESES_SHOWN = 8
 APPROXIMATELY = "≈ "
 
 
+def baseline_table(record: SearchRecord) -> Table:
+    """The baselines by the probability of all hypotheses on each; a dash where none was tried."""
+    table = new_table(
+        "Baselines, and classes to compare them with: log evidence without any appendage",
+        ["baseline"],
+        ["prior probability", "probability", "log evidence", "ln B"],
+    )
+    best = record.best_without_appendages.log_evidence
+    for each in record.baselines:
+        tried = each.prior_probability > 0.0
+        add_row(
+            table,
+            f"{each.name} (!)" if each in record.beaten else each.name,
+            probability_text(each.prior_probability) if tried else "-",
+            probability_text(each.probability) if tried else "-",
+            f"{each.log_evidence:.2f}",
+            f"{each.log_evidence - best:.2f}",
+        )
+    return table
+
+
+def baseline_notes(record: SearchRecord) -> list[str]:
+    """Baselines that another class beats without any appendage, and classes left out."""
+    best = record.best_without_appendages
+    notes = [
+        f"(!) {each.name!r}: without any appendage, {best.name!r} beats it by "
+        f"{best.log_evidence - each.log_evidence:.1f} nats."
+        for each in record.beaten
+    ]
+    return notes + [f"Left out: {reason}" for reason in record.left_out.values()]
+
+
 def search_table(search: AppendageSearch) -> Table:
     """Hypotheses of a search by probability; evidences that were not sampled have a sign."""
     table = new_table(
@@ -28,7 +60,7 @@ def search_table(search: AppendageSearch) -> Table:
             table,
             f"{row.name} (!)" if row.name in failed else row.name,
             probability_text(row.prior_probability),
-            f"{sign}{probability_text(row.probability)}",
+            f"{sign}{probability_text(row.probability)}".replace(f"{sign}<", "<"),
             f"{sign}{row.log_evidence:.2f}",
             f"{sign}{row.log_evidence - best:.2f}",
         )

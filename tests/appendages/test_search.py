@@ -61,6 +61,44 @@ def test_a_structure_without_floors_is_refused():
         search(bs.ModelClass("p", Plate(), data, pairing={}))
 
 
+def test_classes_without_floors_are_left_out(bare, fake_sampling):
+    class Wall(Plate):
+        degrees_of_freedom = bare.data.sensors
+
+    plate = bs.ModelClass("plate", Wall(), bare.data, pairing={})
+    fake_sampling(by_count(0.0, 1.0))
+    study = bs.Study("s", [plate, bare])
+    record = search(study, ONE).record
+    assert [each.name for each in record.baselines] == ["bare"]
+    assert record.left_out == {
+        "plate": "model class 'plate': a search needs a structure with floors, such as a "
+        "ShearBuilding, got Wall"
+    }
+    with pytest.raises(ValueError, match="needs a structure with floors"):
+        search(study, ONE, baselines=["plate"])
+    with pytest.raises(ValueError, match="no model class 'tower'"):
+        search(study, ONE, baselines=["tower"])
+
+
+def test_classes_that_differ_in_their_pairing_are_one_baseline(bare, fake_sampling):
+    fake_sampling(by_count(0.0, 1.0))
+    other = replace(bare, name="other", configurations=bare.with_any_pairing("x").configurations)
+    weights = {"bare": 1.0, "other": 2.0}
+    record = search(bs.Study("s", [bare, other], prior_weights=weights), ONE).record
+    (baseline,) = record.baselines
+    assert (baseline.name, baseline.classes) == ("bare or other", ("bare", "other"))
+    assert baseline.prior_probability == pytest.approx(1.0)
+
+
+def test_only_no_appendage_may_matter(bare, fake_sampling):
+    """A single class is sampled, and its parameters are the average."""
+    fake_sampling(by_count(20.0, 0.0))
+    result = search(bare, SearchSettings(number_weights=(1.0, 1.0)))
+    assert len(result.ranking.posteriors) == 1
+    for row in result.record.averaged_parameters:
+        assert (row.mean, row.sd) == pytest.approx((row.naive_mean, row.naive_sd))
+
+
 # Hypotheses
 
 
@@ -134,7 +172,7 @@ def test_the_scale_of_masses_is_the_mean_floor_mass(case_c, fixed_error, fake_sa
     m = bs.Parameter("m", bs.LogNormal(4.0, 0.1))
     structure = bs.ShearBuilding((1.0, 2.5 * m, 1.0), (k, k, k))
     result = search(bs.ModelClass("b", structure, case_c, fixed_error, pairing={}), ONE)
-    assert result.record.mass_scale == pytest.approx(4.0)
+    assert [each.mass_scale for each in result.record.baselines] == [pytest.approx(4.0)]
 
 
 @dataclass(frozen=True)

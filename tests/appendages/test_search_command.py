@@ -1,15 +1,18 @@
 """``bayes-ssi search``: its options, what it saves, and resuming after an interruption."""
 
 import json
+import math
 
 import pytest
 from conftest import assert_one_line_error
 from searches import INFILL_01, INFILL_12, PENDULUM_1, by_count
 
 import bayes_ssi as bs
+from bayes_ssi.appendages.screened_hypothesis import Key
 from bayes_ssi.codec import to_record
 from bayes_ssi.results.load import load_result
 
+ONE_K = ("--baseline", "one k")
 pytestmark = pytest.mark.usefixtures("coarse_command")
 
 
@@ -31,8 +34,10 @@ def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, mo
     )
     levels = fake_sampling(by_count(0.0, 1.0, 2.0))
     out = tmp_path / "r"
-    result = run("search", tiny_study_file, "--out", out, "--seed", 3)
+    result = run("search", tiny_study_file, *ONE_K, "--out", out, "--seed", 3)
     assert result.exit_code == 0, result.output
+    *levels, rivals = levels
+    assert rivals == ["each k"]
     assert len(levels) == 3
     for words in (
         "Appendages hidden in 'one k'",
@@ -55,6 +60,50 @@ def test_where_a_search_goes_by_default(run, tiny_study_file, tmp_path, fake_sam
     fake_sampling(by_count(1.0, 0.0))
     assert run("search", tiny_study_file).exit_code == 0
     assert (tmp_path / "work" / "runs" / "results" / "tiny_search" / "search.json").is_file()
+
+
+@pytest.mark.usefixtures("no_figures", "one_place")
+def test_all_classes_of_a_study_are_baselines(run, tiny_study_file, tmp_path, fake_sampling):
+    def log_evidence(made):
+        return 2.0 * made.name.startswith("each k") - len(made.structure.appendages)
+
+    fake_sampling(log_evidence)
+    result = run("search", tiny_study_file, "--out", tmp_path / "r")
+    assert result.exit_code == 0, result.output
+    text = " ".join(result.stdout.split())
+    assert "Appendages hidden in 'Two storeys'" in text
+    e = math.exp
+    share = e(2.0) / (1.0 + e(2.0))
+    assert f"'each k' ({share:.4f}) and 'one k' ({1.0 - share:.4f})" in text
+    record = json.loads((tmp_path / "r" / "search.json").read_text(encoding="utf-8"))
+    assert {row["name"]: row["probability"] for row in record["hypotheses"]} == pytest.approx(
+        {
+            f"{baseline}: {name}": own * factor / (1.0 + e(-1.0))
+            for baseline, own in (("each k", share), ("one k", 1.0 - share))
+            for name, factor in (("no appendage", 1.0), ("pendulum 1", e(-1.0)))
+        }
+    )
+
+
+@pytest.mark.usefixtures("no_figures", "one_place")
+@pytest.mark.parametrize(
+    ("options", "lead", "warned", "noted"),
+    [
+        (ONE_K, 6.0, True, True),
+        (ONE_K, 4.0, False, False),
+        ((), 6.0, False, True),  # the average has all but 0.002 on the better one
+    ],
+)
+def test_a_baseline_that_another_class_beats_is_said_aloud(
+    run, tiny_study_file, tmp_path, fake_sampling, options, lead, warned, noted
+):
+    fake_sampling(lambda made: lead * made.name.startswith("each k"))
+    result = run("search", tiny_study_file, *options, "--out", tmp_path / "r")
+    text = " ".join(result.stdout.split())
+    assert result.exit_code == 0, result.output
+    assert ("(!) The answer rests on a baseline that another class beats by far." in text) == warned
+    said = f"(!) 'one k': without any appendage, 'each k' beats it by {lead:.1f} nats."
+    assert (said in text) == noted
 
 
 @pytest.mark.usefixtures("no_figures", "one_place")
@@ -95,7 +144,7 @@ def test_bad_options_of_a_search_are_refused(run, tiny_study_file, options, fake
 @pytest.mark.usefixtures("no_figures", "one_place")
 def test_priors_of_the_command_line_are_used(run, tiny_study_file, tmp_path, fake_sampling):
     fake_sampling(by_count(1.0, 0.0))
-    arguments = ("--mass-ratio", 0.2, 0.5, "--frequency", 1.5, 2.5, "--out", tmp_path / "r")
+    arguments = (*ONE_K, "--mass-ratio", 0.2, 0.5, "--frequency", 1.5, 2.5, "--out", tmp_path / "r")
     assert run("search", tiny_study_file, *arguments).exit_code == 0
     text = (tmp_path / "r" / "result.json").read_text(encoding="utf-8")
     classes = json.loads(text)["model_classes"]
@@ -124,7 +173,16 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
 ):
     monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: (INFILL_01,))
     out = tmp_path / "r"
-    arguments = ("search", tiny_study_file, "--error", 0.5, "--accept-failed-checks", "--out", out)
+    arguments = (
+        "search",
+        tiny_study_file,
+        *ONE_K,
+        "--error",
+        0.5,
+        "--accept-failed-checks",
+        "--out",
+        out,
+    )
 
     with monkeypatch.context() as patch:
         patch.setattr("bayes_ssi.appendages.appendage_search.compare_and_diagnose", stop)
@@ -153,12 +211,11 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     monkeypatch.setattr(
         "bayes_ssi.appendages.appendage_search.places_of", lambda _: (PENDULUM_1, INFILL_01)
     )
-    arguments = ("search", tiny_study_file, "--out", out)
+    arguments = ("search", tiny_study_file, *ONE_K, "--out", out)
 
     def one_with_both(hypotheses, *_):
-        return {1: [(PENDULUM_1,), (INFILL_01,)], 3: [(PENDULUM_1, INFILL_01)]}.get(
-            len(hypotheses), []
-        )
+        levels = {1: [(PENDULUM_1,), (INFILL_01,)], 3: [(PENDULUM_1, INFILL_01)]}
+        return [Key("one k", places) for places in levels.get(len(hypotheses), [])]
 
     with monkeypatch.context() as patch:
         patch.setattr("bayes_ssi.appendages.appendage_search._next_level", one_with_both)

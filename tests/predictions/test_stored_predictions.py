@@ -129,11 +129,12 @@ def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda record: record.clear(), "search.json: baseline: missing"),
+        (lambda record: record.clear(), "search.json: baselines: missing"),
         (lambda record: record["hypotheses"].pop(), "search.json: no hypothesis"),
+        (lambda record: record["baselines"][0].update(name="no k"), "search.json: no baseline"),
         (lambda record: record["search_settings"]["mass_ratio"].update(distribution="None"),
          "no distribution 'None'"),
-        (lambda record: record.update(baseline="no k"),
+        (lambda record: record["baselines"][0].update(classes=["no k"]),
          "tiny.py: not the study of .*: no model class 'no k'"),
         (lambda record: [appendage.update(place={"kind": "PendulumPlace", "on": 7})
                          for row in record["hypotheses"] for appendage in row["appendages"]],

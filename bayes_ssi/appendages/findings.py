@@ -1,0 +1,191 @@
+"""What the screened and the sampled hypotheses of a search say together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_ssi.appendages.baselines import Baselines
+from bayes_ssi.appendages.hypotheses import SearchSettings, frequency_name, mass_name, mean_mass
+from bayes_ssi.appendages.places import AppendagePlace
+from bayes_ssi.appendages.sampling_choice import most_probability_unsampled
+from bayes_ssi.appendages.screened_hypothesis import ScreenedHypothesis
+from bayes_ssi.appendages.screening import Screened
+from bayes_ssi.appendages.search_result import (
+    AppendageSummary,
+    AveragedAndNaive,
+    BaselineRecord,
+    HypothesisRecord,
+    PlaceProbability,
+    SearchRecord,
+)
+from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.ranking.averages import averaged_parameter
+from bayes_ssi.ranking.study import Ranking
+from bayes_ssi.structures.lumped import LumpedStructure
+
+
+def search_record(
+    baselines: Baselines,
+    rivals: Sequence[Screened],
+    search_settings: SearchSettings,
+    ranking: Ranking,
+    hypotheses: Sequence[ScreenedHypothesis],
+) -> SearchRecord:
+    """The record of a search.
+
+    Args:
+        baselines: the model classes that the hypotheses were built on.
+        rivals: what screening gave for the classes to compare them with.
+        search_settings: what an appendage may be.
+        ranking: ranking of those hypotheses that were sampled.
+        hypotheses: all of them.
+    """
+    posteriors = {posterior.name: posterior for posterior in ranking.posteriors}
+    rows = _hypothesis_records(baselines, hypotheses, posteriors)
+    approximate = {each.key: each.approximate_log_mass for each in hypotheses}
+    sampled = {
+        each.key: each.log_mass(posteriors[each.model_class.name])
+        for each in hypotheses
+        if each.model_class.name in posteriors
+    }
+    probabilities = dict.fromkeys((place for each in hypotheses for place in each.key.places), 0.0)
+    for row in rows:
+        for appendage in row.appendages:
+            probabilities[appendage.place] += row.probability
+    return SearchRecord(
+        baselines=(*_searched(baselines, rows), *_compared(baselines, rivals)),
+        left_out=dict(baselines.left_out),
+        search_settings=search_settings,
+        probability_of_any=sum(each.probability for each in rows if each.appendages),
+        most_probability_unsampled=most_probability_unsampled(approximate, sampled),
+        places=tuple(PlaceProbability(*each) for each in probabilities.items()),
+        hypotheses=rows,
+        averaged_parameters=tuple(_averaged(ranking, hypotheses)),
+    )
+
+
+def _hypothesis_records(
+    baselines: Baselines,
+    hypotheses: Sequence[ScreenedHypothesis],
+    posteriors: Mapping[str, Posterior],
+) -> tuple[HypothesisRecord, ...]:
+    """The most probable first."""
+    scales = {each.name: _mass_scale(each) for each in baselines.classes}
+    total_weight = sum(each.prior_weight for each in hypotheses)
+    log_masses = [
+        each.log_mass(posteriors[each.model_class.name])
+        if each.model_class.name in posteriors
+        else each.approximate_log_mass.log_evidence
+        for each in hypotheses
+    ]
+    log_total = float(logsumexp(log_masses))
+    rows = []
+    # By the logarithm, which also ranks hypotheses whose probabilities are rounded to zero.
+    for log_mass, each in sorted(
+        zip(log_masses, hypotheses, strict=True), key=lambda item: -item[0]
+    ):
+        name, screened = each.model_class.name, each.screened
+        posterior = posteriors.get(name)
+        evidence = screened if posterior is None else posterior.evidence
+        scale = scales[each.key.baseline] or 1.0
+        rows.append(
+            HypothesisRecord(
+                name=name,
+                baseline=each.key.baseline,
+                prior_probability=each.prior_weight / total_weight,
+                probability=math.exp(log_mass - log_total),
+                log_evidence=evidence.log_evidence,
+                error=evidence.error,
+                is_sampled=posterior is not None,
+                screened=screened.log_evidence,
+                laplace=screened.laplace,
+                appendages=tuple(_summary(each, posterior, p, scale) for p in each.key.places),
+            )
+        )
+    return tuple(rows)
+
+
+def _mass_scale(model_class: ModelClass) -> float | None:
+    structure = model_class.configurations[0].structure
+    return mean_mass(structure) if isinstance(structure, LumpedStructure) else None
+
+
+def _summary(
+    hypothesis: ScreenedHypothesis,
+    posterior: Posterior | None,
+    place: AppendagePlace,
+    mass_scale: float,
+) -> AppendageSummary:
+    if posterior is None:
+        values = hypothesis.model_class.values(hypothesis.screened.z)
+        weights = hypothesis.screened.weights
+    else:
+        values = posterior.values
+        weights = np.full(len(values), 1.0 / len(values))
+
+    def quantiles(parameter: str, scale: float) -> tuple[float, float, float]:
+        column = scale * values[:, hypothesis.model_class.parameter_names.index(parameter)]
+        low, middle, high = np.quantile(
+            column, [0.05, 0.5, 0.95], weights=weights, method="inverted_cdf"
+        )
+        return float(low), float(middle), float(high)
+
+    return AppendageSummary(
+        place,
+        quantiles(mass_name(place), mass_scale),
+        quantiles(mass_name(place), 1.0),
+        quantiles(frequency_name(place), 1.0),
+    )
+
+
+def _searched(baselines: Baselines, rows: Sequence[HypothesisRecord]) -> list[BaselineRecord]:
+    """The baselines that appendages were hung on, the most probable first."""
+    records = []
+    for each in baselines.classes:
+        own = [row for row in rows if row.baseline == each.name]
+        (without,) = [row for row in own if not row.appendages]
+        records.append(
+            BaselineRecord(
+                name=each.name,
+                classes=baselines.original_names(each),
+                log_evidence=without.log_evidence,
+                prior_probability=sum(row.prior_probability for row in own),
+                probability=sum(row.probability for row in own),
+                mass_scale=_mass_scale(each),
+            )
+        )
+    return sorted(records, key=lambda record: -record.probability)
+
+
+def _compared(baselines: Baselines, screened: Sequence[Screened]) -> Iterator[BaselineRecord]:
+    """The classes on which no appendage was tried."""
+    for each, result in zip(baselines.rivals, screened, strict=True):
+        yield BaselineRecord(each.name, (), result.log_evidence, 0.0, 0.0, _mass_scale(each))
+
+
+def _averaged(
+    ranking: Ranking, hypotheses: Sequence[ScreenedHypothesis]
+) -> Iterator[AveragedAndNaive]:
+    """The baselines' parameters averaged over the hypotheses, and without appendages."""
+    without = {each.model_class.name for each in hypotheses if not each.key.places}
+    by_name = {posterior.name: posterior for posterior in ranking.posteriors}
+    ranked = [(by_name[row.name], row.probability) for row in ranking.comparison.classes]
+    naive = [posterior for posterior, _ in ranked if posterior.name in without]
+    for name in dict.fromkeys(name for each in naive for name in each.parameter_names):
+        own = [each for each in ranked if name in each[0].parameter_names]
+        if not any(probability > 0.0 for _, probability in own):
+            continue
+        averaged = averaged_parameter(name, *map(list, zip(*own, strict=True)))
+        first = next(each for each in naive if name in each.parameter_names)
+        values = first.values[:, first.parameter_names.index(name)]
+        yield AveragedAndNaive(
+            **asdict(averaged),
+            naive_mean=float(values.mean()),
+            naive_sd=float(values.std()),
+        )
