@@ -37,6 +37,7 @@ from nested_samplers import SAMPLERS, sample_within
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.posterior.checks import failed_checks
+from bayes_ssi.posterior.class_target import class_target
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.target import Target
 
@@ -51,7 +52,10 @@ STANDARD_ERRORS, LEAST_ERROR = 4.0, 0.05
 
 def ours(problem: Problem, seed: int) -> Run:
     begun = process_time()
-    target = Target(problem.log_likelihood, problem.n_dimensions)
+    if problem.model_class is None:
+        target = Target(problem.log_likelihood, problem.n_dimensions)
+    else:
+        target = class_target(problem.model_class)
     try:
         sampled = sample_target(target, np.random.SeedSequence(seed))
     except ValueError as refusal:
@@ -70,7 +74,7 @@ def ours(problem: Problem, seed: int) -> Run:
         "evaluations": sampled.n_evaluations,
         "seconds": seconds,
         "failed_checks": failed_checks(sampled),
-        "largest_unseen_mass": sampled.search.largest_unseen_mass,
+        "largest_unseen_mass": sampled.largest_unseen_mass,
     }
 
 
