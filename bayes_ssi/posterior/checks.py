@@ -21,6 +21,9 @@ from bayes_ssi.sampling.result import SamplingResult
 R_HAT_LIMIT, LEAST_EFFECTIVE_SAMPLE_SIZE = 1.01, 400
 # The wanted error counts as reached up to this multiple of it.
 REACHED = 1.5
+# Importance draws may miss a share of the posterior up to this multiple of the evidence's error:
+# the evidence is too low by that share, and two standard errors are no surprise.
+MOST_MISSED = 2.0
 # A region with less of the posterior than this need not be found by every part of the sampling.
 SMALL_SHARE = 0.02
 
@@ -74,6 +77,15 @@ def _importance_weights(sampled: SamplingResult) -> Iterator[str]:
         )
 
 
+def _missed_share(sampled: SamplingResult) -> Iterator[str]:
+    missed = sampled.importance.share_beyond(sampled.ensembles)
+    if missed > MOST_MISSED * sampled.evidence.error:
+        yield (
+            f"the importance draws may miss {100 * missed:.1f} % of the posterior: draws of the "
+            "chains weigh more than the heaviest of them"
+        )
+
+
 def _evidence_estimates(sampled: SamplingResult) -> Iterator[str]:
     quoted = sampled.evidence
     for other in sampled.evidence_checks:
@@ -124,6 +136,7 @@ CHECKS = (
     _r_hat,
     _evidence_error,
     _importance_weights,
+    _missed_share,
     _evidence_estimates,
     _regions,
     _searches,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -113,6 +114,17 @@ class ImportanceSample:
         member = groups == np.arange(n_groups)[:, None]
         terms = weights * (member - shares[:, None])
         return np.array([self._error_of_sum(of_group) for of_group in terms])
+
+    def share_beyond(self, ensembles: Sequence[Ensemble]) -> float:
+        """The share of posterior draws that weigh more than the heaviest of these draws.
+
+        What such draws stand for, as the end of a ridge or a far tail, is missing in the evidence.
+        Of importance draws whose weights have a finite variance, hardly any share is.
+        """
+        heaviest = self.log_weights.max()
+        draws = np.concatenate([each.draws for each in ensembles])
+        log_posteriors = np.concatenate([each.log_posteriors.ravel() for each in ensembles])
+        return float(np.mean(log_posteriors - self.mixture.log_pdf(draws) > heaviest))
 
     def split_in_two(self, rng: np.random.Generator) -> list[ImportanceSample]:
         """The draws in two equal parts, at random."""

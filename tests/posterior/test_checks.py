@@ -50,8 +50,13 @@ def spoil_length(s):
 
 
 def spoil_r_hat(s):
+    # One ensemble stays in one of the two regions.
     first, second = s.ensembles
-    return replace(s, ensembles=(first, replace(second, positions=second.positions + 0.7)))
+    kept = second.positions[..., 0] > 0
+    positions = np.resize(second.positions[kept], second.positions.shape)
+    log_posteriors = np.resize(second.log_posteriors[kept], second.log_posteriors.shape)
+    stuck = replace(second, positions=positions, log_posteriors=log_posteriors)
+    return replace(s, ensembles=(first, stuck))
 
 
 def spoil_bridge(s):
@@ -88,6 +93,14 @@ def spoil_tail(s):
     )
 
 
+def spoil_coverage(s):
+    # Three draws of a hundred are where the mixture is e^20 times too low.
+    first, second = s.ensembles
+    higher = first.log_posteriors.copy()
+    higher.ravel()[:: 100 // 6] += 20.0
+    return replace(s, ensembles=(replace(first, log_posteriors=higher), second))
+
+
 def spoil_size(s):
     # The same draws as of two walkers: long chains, and yet only 4 · 51 independent draws.
     ensembles = []
@@ -107,6 +120,7 @@ def spoil_size(s):
         (spoil_tempered, r"importance sampling and tempered starts disagree on the log evidence"),
         (spoil_weights, r"^the standard error of the log evidence is 0\.03\d after \d+ importance"),
         (spoil_tail, r"^a few importance draws may carry .* Pareto k is 0\.[89]\d, above 0\.7$"),
+        (spoil_coverage, r"^the importance draws may miss 3\.\d % of the posterior: draws of the"),
         (spoil_size, r"^effective sample size 204, at least 400 needed$"),
     ],
 )

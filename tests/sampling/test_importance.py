@@ -1,12 +1,14 @@
 """Importance sampling of posteriors whose evidence is known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from bayes_ssi.sampling.diagnostics import PARETO_K_LIMIT
+from bayes_ssi.sampling.ensembles import Ensemble
 from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.sampling.mixture import StudentMixture
 from bayes_ssi.sampling.target import Target, log_standard_normal
@@ -110,6 +112,23 @@ def test_errors_of_shares_with_equal_weights_are_binomial():
     errors = sample.share_errors(groups, 2)
     # 400 / 399 as the variance is estimated from the draws.
     np.testing.assert_allclose(errors, math.sqrt(0.25 * 0.75 / 400 * 400 / 399), rtol=1e-12)
+
+
+def test_posterior_draws_beyond_the_heaviest_importance_draw_are_counted(target):
+    """Weights under a narrower mixture grow outwards: what is beyond its last draw is missed."""
+    narrow = StudentMixture(np.ones(1), MEAN[None], np.diag(0.5 * SD)[None], np.full(1, 1e9))
+    sampler = replace(sampler_of(target), prior_share=0.0)
+    sample = sampler.sample(narrow)
+    radius = np.linalg.norm((sample.z - MEAN) / SD, axis=1).max()
+    draws = MEAN + SD * np.random.default_rng(1).standard_normal((500, 40, 2))
+    log_posteriors = target.log_posterior(draws.reshape(-1, 2)).reshape(500, 40)
+    ensemble = Ensemble(draws, log_posteriors, np.ones(2), 1.0)
+    expected = math.exp(-0.5 * radius**2)
+    missed = sample.share_beyond([ensemble])
+    assert missed == pytest.approx(expected, abs=4.0 * math.sqrt(expected / 20_000))
+    assert missed > 0.05
+    wide = replace(narrow, factors=2.4 * narrow.factors)
+    assert sampler.sample(wide).share_beyond([ensemble]) < 2e-3
 
 
 def test_importance_sampling_reaches_the_wanted_error(target, mixture):
