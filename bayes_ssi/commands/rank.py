@@ -27,7 +27,6 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
     """
     from bayes_ssi.ranking.averages import averaged_parameters
     from bayes_ssi.ranking.study import rank as rank_study
-    from bayes_ssi.tables import averages_table, evidence_table, parameter_table, ranking_table
 
     loaded = load(study, only)
     if any_pairing:
@@ -40,6 +39,9 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
         averages = averaged_parameters(ranking.posteriors, ranking.comparison)
         records = {"averaged_parameters.json": averages, **sensitivity}
         result = options.save(ranking, records, place, run)
+
+    # Imported by now if there are workers, while they were sampling.
+    from bayes_ssi.tables import averages_table, evidence_table, parameter_table, ranking_table
 
     where = console()
     say_misfit(where, result)

@@ -135,7 +135,6 @@ class RunOptions:
     def _workers(self, candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
         from bayes_ssi.execution.dask_workers import DaskWorkers
         from bayes_ssi.execution.local_workers import usable_cores
-        from bayes_ssi.plots.result_figures import prepare
         from bayes_ssi.ranking.automatic_workers import automatic_workers, chosen_workers
 
         if self.workers is not None and self.dask is not None:
@@ -143,7 +142,7 @@ class RunOptions:
         if self.dask is not None:
             return DaskWorkers(self.dask)
         if self.workers is None:
-            return automatic_workers(candidates, n_classes, prepare)
+            return automatic_workers(candidates, n_classes, _prepare_the_end)
         if self.workers == 1:
             return None
         n_cores = usable_cores()
@@ -153,7 +152,7 @@ class RunOptions:
                 "used; more processes would only wait for one another.",
                 err=True,
             )
-        return chosen_workers(candidates, self.workers, prepare)
+        return chosen_workers(candidates, self.workers, _prepare_the_end)
 
     def sensitivity_record(self, ranking: Ranking, run: Run) -> dict[str, Sensitivity]:
         """File name → sensitivity of the ranking to settings, if requested."""
@@ -330,6 +329,15 @@ def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:
             notes += [heading, *(f"  {item}" for item in items)]
         notes += [f"{posterior.name!r}: {remark}." for remark in posterior.remarks]
     return notes
+
+
+def _prepare_the_end() -> None:
+    """Import what the end of a run needs, while workers are still sampling."""
+    import bayes_ssi.results.save
+    import bayes_ssi.tables  # noqa: F401
+    from bayes_ssi.plots.result_figures import prepare
+
+    prepare()
 
 
 def _figures(ranking: Ranking, records: Mapping[str, Any]) -> list[ResultFigure]:

@@ -64,14 +64,6 @@ def search(
     from bayes_ssi.appendages.hypotheses import SearchSettings
     from bayes_ssi.priors.families import LogNormal, LogUniform
     from bayes_ssi.results.load import SEARCH
-    from bayes_ssi.tables import (
-        appendage_table,
-        averaged_table,
-        baseline_notes,
-        baseline_table,
-        search_notes,
-        search_table,
-    )
 
     loaded = load(study)
     search_settings = SearchSettings(
@@ -96,6 +88,16 @@ def search(
         records = {SEARCH: appendages.record, **sensitivity}
         result = options.save(appendages.ranking, records, place, run)
     place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
+
+    # Imported by now if there are workers, while they were sampling.
+    from bayes_ssi.tables import (
+        appendage_table,
+        averaged_table,
+        baseline_notes,
+        baseline_table,
+        search_notes,
+        search_table,
+    )
 
     where = console()
     say_misfit(where, result)
