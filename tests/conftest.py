@@ -177,6 +177,7 @@ def make_posterior():
             "acceptance": 0.5,
             "n_evaluations": 20000,
             "n_searches": 4,
+            "largest_unseen_mass": 7.5e-4,
             "seconds": 0.4,
             "failed_checks": (),
             "edges": (),

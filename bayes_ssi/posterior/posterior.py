@@ -114,6 +114,9 @@ class Posterior:
         acceptance: share of proposals accepted.
         n_evaluations: of the log-likelihood, all steps together.
         n_searches: independent searches for maxima.
+        largest_unseen_mass: prior mass of a region that no prior draw of the searches hit with a
+            probability of 5 %, as in
+            :attr:`~bayes_ssi.sampling.multistart.MultistartSearch.largest_unseen_mass`.
         seconds: wall-clock time.
         failed_checks: what should have agreed and did not, a sentence each.
         edges: settings at whose edge most of it lies, so that it depends on them.
@@ -144,6 +147,7 @@ class Posterior:
     acceptance: float
     n_evaluations: int
     n_searches: int
+    largest_unseen_mass: float
     seconds: float
     failed_checks: tuple[str, ...]
     edges: tuple[AtEdge, ...]

@@ -83,6 +83,7 @@ def sample_as_it_is(
         acceptance=float(np.mean([e.acceptance for e in sampled.draws])),
         n_evaluations=sampled.n_evaluations,
         n_searches=sampled.search.n_searches,
+        largest_unseen_mass=sampled.largest_unseen_mass,
         seconds=perf_counter() - started,
         failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
         edges=tuple(edges(model_class, z.reshape(-1, n), at_values.frequencies_hz)),

@@ -101,7 +101,9 @@ def log_prior(z: Array) -> Array:
     return -0.5 * (z * z).sum(1) - 0.5 * z.shape[1] * math.log(2.0 * math.pi)
 
 
-def reference(candidate: bs.ModelClass, n_draws: int, seed: int) -> tuple[float, float, int]:
+def reference(
+    candidate: bs.ModelClass, n_draws: int, seed: int, n_ascents: int = ASCENTS
+) -> tuple[float, float, int]:
     """Log evidence, its standard error, and the number of maxima that matter."""
     rng = np.random.default_rng(seed)
     d = len(candidate.parameters)
@@ -111,7 +113,7 @@ def reference(candidate: bs.ModelClass, n_draws: int, seed: int) -> tuple[float,
         tried = likely_pairings(candidate, rng.standard_normal((200, d)))
     else:
         tried = list(all_pairings(candidate))
-    starts = rng.standard_normal((min(MOST_STARTS, 1 + ASCENTS // len(tried)), d))
+    starts = rng.standard_normal((min(MOST_STARTS, 1 + n_ascents // len(tried)), d))
     found = [end for pairing in tried for end in ascents(candidate, pairing, starts)]
     laplace = np.array([
         candidate.log_likelihood_at(z[None])[0] + log_prior(z[None])[0]

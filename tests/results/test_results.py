@@ -208,7 +208,7 @@ EVIDENCE = ("posteriors", 0, "evidence")
         (RESULT, cut, "result.json: damaged: "),
         (RESULT, lambda path: path.write_bytes(b"\xff\xfe\0"), "result.json: damaged: "),
         (RESULT, lambda path: path.write_text("[1, 2]"), "result.json: damaged: not a record"),
-        (RESULT, edited("format", value=99), "a result of format 99, this version reads format 12"),
+        (RESULT, edited("format", value=99), "a result of format 99, this version reads format 13"),
         (RESULT, edited("posteriors"), "result.json: posteriors: missing"),
         (RESULT, edited("posteriors", value=["one k"]), "posteriors[0]: expected a record, got"),
         (RESULT, edited("posteriors", value=[]), "not of the same model classes"),
