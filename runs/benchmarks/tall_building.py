@@ -51,15 +51,23 @@ def main() -> None:
     begun = perf_counter()
     result = search(baseline(), SearchSettings(number_weights=weights), run=bs.Run(options.workers))
     seconds = perf_counter() - begun
-    for row in result.ranking.comparison.classes[:6]:
-        print(f"{row.name:16s} {row.log_evidence:8.2f} ± {row.error:.2f}  {row.probability_text}")
+    rows = result.record.hypotheses
+    for row in rows[:6]:
+        print(f"{row.name:16s} {row.log_evidence:8.2f} ± {row.error:.2f}  {row.probability:.4f}")
     checks = result.ranking.comparison.failed_checks
-    n = len(result.ranking.comparison.classes)
-    print(f"{n} hypotheses, {len(checks)} failed checks, {seconds / 60:.1f} minutes")
+    sampled = [row for row in rows if row.is_sampled]
+    print(
+        f"{len(rows)} hypotheses, {len(sampled)} sampled, {len(checks)} failed checks, "
+        f"{seconds:.0f} s"
+    )
     for check in checks:
         print(f"    {check}")
+    for name in ("laplace", "screened"):
+        errors = [getattr(row, name) - row.log_evidence for row in sampled]
+        print(f"{name} less sampled log evidence: {min(errors):.2f} to {max(errors):.2f} nats")
     own = sum(posterior.seconds for posterior in result.ranking.posteriors)
-    print(f"sampling alone {own / 60:.1f} minutes, summed over workers")
+    n = sum(posterior.n_evaluations for posterior in result.ranking.posteriors)
+    print(f"sampling alone {own:.0f} s, summed over workers, and {n} evaluations")
 
 
 if __name__ == "__main__":
