@@ -267,8 +267,8 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
         click.option("--out", type=click.Path(path_type=Path),
                      help="Result directory; in runs/results if not given."),
         click.option("--economical", is_flag=True,
-                     help="Sample with tens of times fewer evaluations, for models that take "
-                     "long and posteriors of a few plain regions."),
+                     help="Emulate the modes of slow models from some hundred solutions, "
+                     "hundreds of times fewer."),
         click.option("--error", "log_evidence_error", type=float, default=0.01,
                      show_default=True,
                      help="Wanted standard error of each log evidence, in nats."),

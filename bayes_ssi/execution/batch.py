@@ -17,10 +17,10 @@ Function = Callable[[FloatArray], FloatArray]
 
 
 class Evaluated(NamedTuple):
-    """Log-likelihoods of a batch.
+    """What a model answers at a batch of points.
 
     Attributes:
-        values: (B,); NaN where the model failed.
+        values: (B,) log-likelihoods, or (B, n_columns); NaN where the model failed.
         failures: row → reason, where one is known beyond that the answer was NaN.
     """
 
@@ -28,15 +28,21 @@ class Evaluated(NamedTuple):
     failures: Mapping[int, str]
 
 
-def evaluate(function: Function, z: FloatArray) -> Evaluated:
+def evaluate(function: Function, z: FloatArray, n_columns: int | None = None) -> Evaluated:
     """``function`` at every row of ``z`` (B, d); rows at which it raises are NaN.
 
     A batch that raises is halved repeatedly, down to the rows at fault.
 
+    Args:
+        function: the model.
+        z: the points.
+        n_columns: number of values that it returns for each row; None if it is one, (B,).
+
     Raises:
-        ValueError: it does not return one value per row.
+        ValueError: it does not return that many values per row.
     """
-    values = np.full(len(z), np.nan)
+    of_row = () if n_columns is None else (n_columns,)
+    values = np.full((len(z), *of_row), np.nan)
     failures: dict[int, str] = {}
     parts = [(0, len(z))] if len(z) else []
     while parts:
@@ -51,9 +57,10 @@ def evaluate(function: Function, z: FloatArray) -> Evaluated:
                 parts += [(middle, end), (begin, middle)]
             continue
         part = np.asarray(answer, dtype=float)
-        if part.shape != (end - begin,):
+        if part.shape != (end - begin, *of_row):
+            expected = "one value" if n_columns is None else f"{n_columns} values"
             raise ValueError(
-                f"log-likelihood: expected one value for each of {end - begin} points, "
+                f"log-likelihood: expected {expected} for each of {end - begin} points, "
                 f"got shape {part.shape}"
             )
         values[begin:end] = part
@@ -65,6 +72,7 @@ class SafeFunction:
     """:func:`evaluate` of one function."""
 
     function: Function
+    n_columns: int | None = None
 
     def __call__(self, z: FloatArray) -> Evaluated:
-        return evaluate(self.function, z)
+        return evaluate(self.function, z, self.n_columns)

@@ -1,7 +1,7 @@
 """A journal of evaluations, from which an interrupted run is resumed to the same result.
 
 Everything random follows from the seed, so a run is repeated exactly by giving it the same
-log-likelihoods and suggested starts. The journal keeps every batch of them, in order. A resumed
+log-likelihoods, solutions and suggested starts. The journal keeps every batch of them, in order. A resumed
 run takes them from the journal while they last: no matter where the first run was interrupted, the
 result is the same to the last digit. Only the algebra between the evaluations is repeated,
 which costs little where evaluations are expensive.
@@ -117,9 +117,9 @@ class Journal:
         self.close()
 
     def recalled(self, z: FloatArray) -> Evaluated | None:
-        """The journal's log-likelihoods of the next batch ``z`` (B, d); None if it holds no more.
+        """The journal's numbers of the next batch ``z`` (B, d), flat; None if it holds no more.
 
-        Damaged log-likelihoods are dropped, with all that follow them, and so computed again.
+        Damaged ones are dropped, with all that follow them, and so computed again.
 
         Raises:
             ValueError: the journal's next batch was at other coordinates.

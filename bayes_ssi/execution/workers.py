@@ -75,8 +75,10 @@ class Workers:
         if not self._n_entered:
             self._stop()
 
-    def evaluate(self, function: Function, z: FloatArray) -> Evaluated:
-        """``function`` at every row of ``z`` (B, d).
+    def evaluate(
+        self, function: Function, z: FloatArray, n_columns: int | None = None
+    ) -> Evaluated:
+        """``function`` at every row of ``z`` (B, d), of ``n_columns`` values or, if None, one.
 
         Points whose worker died are evaluated again in smaller groups, down to single points. A
         single point at which a worker dies again counts as failed.
@@ -85,14 +87,14 @@ class Workers:
             ValueError: the function cannot be sent to a worker, there is no worker left, or
                 workers die again and again.
         """
-        values = np.full(len(z), np.nan)
+        values = np.full((len(z),) if n_columns is None else (len(z), n_columns), np.nan)
         failures: dict[int, str] = {}
         suspect = np.zeros(len(z), dtype=bool)
         groups = _divided(np.arange(len(z)), 1)
         while groups:
             rows = groups.pop()
             parts = _divided(rows, self.n_parts)
-            answers = self.try_each(SafeFunction(function), [z[part] for part in parts])
+            answers = self.try_each(SafeFunction(function, n_columns), [z[part] for part in parts])
             for i, answer in answers.items():
                 values[parts[i]] = answer.values
                 failures.update((int(parts[i][row]), why) for row, why in answer.failures.items())

@@ -36,15 +36,29 @@ class ApproximateStructure(Structure):
         """The structure that this one approximates."""
 
     @abstractmethod
-    def accurate_at(self, values: FloatArray, frequency_error: float, shape_error: float) -> Self:
+    def accurate_at(
+        self,
+        values: FloatArray,
+        frequency_error: float,
+        shape_error: float,
+        n_modes: int | None = None,
+    ) -> Self:
         """This structure if it is accurate enough, otherwise a more accurate one.
 
         Args:
             values: (B, n_parameters), where it must be accurate.
             frequency_error: largest relative error of frequencies.
             shape_error: largest error of shapes at unit length.
+            n_modes: number of lowest modes that must be; all if None.
         """
 
+    def with_solutions_at(self, values: FloatArray) -> Self:  # noqa: ARG002 - for subclasses
+        """This structure with the exact solutions at ``values`` (B, n_parameters) made use of.
+
+        They are known already. Where the error is certified, they are not needed.
+        """
+        return self
+
     @abstractmethod
-    def accuracy(self, values: FloatArray) -> Accuracy:
-        """The largest errors at all of ``values`` (B, n_parameters)."""
+    def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
+        """The largest errors of the lowest ``n_modes`` at all of ``values`` (B, n_parameters)."""

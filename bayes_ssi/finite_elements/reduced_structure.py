@@ -97,7 +97,7 @@ class ReducedStructure(ApproximateStructure):
         """
         if self._basis is None:
             points = np.vstack([self.full.prior_medians(), self._prior_points()])
-            self._train(points, self.frequency_error, self.shape_error)
+            self._train(points, self.frequency_error, self.shape_error, self.n_modes)
         assert self._basis is not None
         return self._basis
 
@@ -131,29 +131,36 @@ class ReducedStructure(ApproximateStructure):
         )
         return {**self.full.description(), "reduced basis": basis}
 
-    def bounds(self, values: FloatArray) -> Bounds:
+    def bounds(self, values: FloatArray, n_modes: int | None = None) -> Bounds:
         """The certified errors at ``values`` (B, n_parameters): arrays (B, n_modes)."""
-        basis, n, reference = self.basis, self.n_modes, self._reference
+        basis, n, reference = self.basis, n_modes or self.n_modes, self._reference
         rows = [basis.bounds(each, n, reference) for each in self.full.coefficients(values)]
         return Bounds(
             np.array([row.frequency for row in rows]).reshape(-1, n),
             np.array([row.shape for row in rows]).reshape(-1, n),
         )
 
-    def accurate_at(self, values: FloatArray, frequency_error: float, shape_error: float) -> Self:
+    def accurate_at(
+        self,
+        values: FloatArray,
+        frequency_error: float,
+        shape_error: float,
+        n_modes: int | None = None,
+    ) -> Self:
         """This structure if it is accurate enough at all ``values``, or one with a larger basis.
 
         ``most_full_solutions`` limits the total of both.
         """
-        bounds = self.bounds(values)
+        n = n_modes or self.n_modes
+        bounds = self.bounds(values, n)
         if not (_excess(bounds, frequency_error, shape_error) > 1.0).any():
             return self
         better = copy(self)
-        better._train(values, frequency_error, shape_error)
+        better._train(values, frequency_error, shape_error, n)
         return better if better.n_full_solutions > self.n_full_solutions else self
 
-    def accuracy(self, values: FloatArray) -> Accuracy:
-        bounds = self.bounds(values)
+    def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
+        bounds = self.bounds(values, n_modes)
         frequency = float(bounds.frequency.max(initial=0.0))
         shape = float(bounds.shape.max(initial=0.0))
         return Accuracy(
@@ -165,7 +172,9 @@ class ReducedStructure(ApproximateStructure):
             f"shapes at the sensors within about {shape:.1g} (at unit length)",
         )
 
-    def _train(self, points: FloatArray, frequency_error: float, shape_error: float) -> None:
+    def _train(
+        self, points: FloatArray, frequency_error: float, shape_error: float, n_modes: int
+    ) -> None:
         """Add full solutions where errors are largest, until they are small at all ``points``."""
         negligible = NEGLIGIBLE * min(math.sqrt(frequency_error), shape_error)
         of_points = self.full.coefficients(points)
@@ -176,7 +185,7 @@ class ReducedStructure(ApproximateStructure):
         while self.n_full_solutions < self.most_full_solutions:
             worst = int(errors.argmax())
             while basis.size and errors[worst] > 1.0:
-                bounds = basis.bounds(of_points[worst], self.n_modes, self._reference)
+                bounds = basis.bounds(of_points[worst], n_modes, self._reference)
                 errors[worst] = _excess(bounds, frequency_error, shape_error).max()
                 if errors[worst] >= errors.max():
                     break

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -118,15 +118,9 @@ class PopulationSampler:
             PopulationLikelihood(population, bumps, self.covariates) for bumps in self._bumps
         )
         target = Target(likelihood.log_likelihood_at, len(population.parameters))
-        # Most posteriors of populations are a plain region, for which a few thousand evaluations
-        # do; where the checks say that they do not, there are many.
-        for economical in (True, False):
-            settings = replace(self.settings, economical=economical)
-            seed = np.random.SeedSequence([*index, economical])
-            result = sample_target(target, seed, settings, progress)
-            failed = failed_checks(result)
-            if not failed:
-                break
+        seed = np.random.SeedSequence(index)
+        result = sample_target(target, seed, self.settings, progress)
+        failed = failed_checks(result)
         rng = np.random.default_rng(index)
         importance = result.importance
         chosen = rng.permutation(systematic_indices(importance.weights, KEPT, rng))

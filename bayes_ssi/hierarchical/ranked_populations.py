@@ -74,8 +74,7 @@ def hierarchy(
             The others are independent from test to test, with their own priors.
         priors: of spreads and slopes.
         seed: determines the result.
-        settings: how precisely to sample the parameters of the populations; economically first,
-            whatever they say, and in full where that fails a check.
+        settings: how precisely to sample the parameters of the populations.
         progress: called with the name of a population, a step and its completed share.
 
     Raises:

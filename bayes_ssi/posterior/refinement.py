@@ -24,12 +24,19 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.workers import Workers
 from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
+from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import mac
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.class_target import class_target
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.sampling.maxima import find_maxima
 from bayes_ssi.structures.structure import Structure
+
+# Largest error of the correction, as a share of the wanted error of the log evidence: the rest is
+# left to sampling.
+CORRECTION_SHARE = 0.5
+# Modes beyond the band by more than this factor can hardly be taken for identified ones.
+NEAR_THE_BAND = 1.05
 
 
 @dataclass(frozen=True)
@@ -43,7 +50,9 @@ class RefinementSettings:
         n_certified: draws at which errors are certified.
         n_searched: prior draws of the quick search that precedes sampling.
         n_climbs: number of local searches, which start from the best of these draws.
-        n_confirmed: draws at which full solutions correct the evidence.
+        n_confirmed: least number of draws at which full solutions correct the evidence.
+        most_confirmed: largest number.
+        most_searches: largest number of quick searches.
         most_rounds: largest number of rounds of sampling and refining.
         largest_correction: largest correction of the log evidence that these draws can support.
     """
@@ -54,6 +63,8 @@ class RefinementSettings:
     n_searched: int = 1000
     n_climbs: int = 16
     n_confirmed: int = 16
+    most_confirmed: int = 64
+    most_searches: int = 50
     most_rounds: int = 4
     largest_correction: float = 0.3
 
@@ -67,6 +78,7 @@ def refined(
     model_class: ModelClass,
     sample_class: Callable[[ModelClass], Posterior],
     seed: int,
+    log_evidence_error: float,
     workers: Workers | None = None,
     settings: RefinementSettings | None = None,
 ) -> Posterior:
@@ -76,21 +88,73 @@ def refined(
         model_class: the class.
         sample_class: samples it with its structures unchanged.
         seed: seed of the quick search.
+        log_evidence_error: wanted standard error of the log evidence.
         workers: where the quick search evaluates the model; in this process if None.
         settings: how accurate structures are made.
     """
     settings = settings or RefinementSettings()
     model_class.check_structure()
-    values = _near_maxima(model_class, seed, workers, settings)
-    model_class = _more_accurate(model_class, values, settings)
+    model_class = _accurate_near_maxima(model_class, seed, workers, settings)
     for _ in range(settings.most_rounds):
         posterior = sample_class(model_class)
         values = _evenly_spaced_draws(posterior, settings.n_certified)
         better = _more_accurate(model_class, values, settings)
         if better is model_class:
+            confirmation = _confirmed(model_class, posterior, log_evidence_error, settings)
+            if confirmation.error <= log_evidence_error:
+                break
+            better = _with_solutions_at(model_class, confirmation.values)
+            if better is model_class:
+                break
+        model_class = better
+    else:
+        confirmation = _confirmed(model_class, posterior, log_evidence_error, settings)
+    certified = _certified(model_class, posterior, settings)
+    return _corrected(certified, confirmation, log_evidence_error, settings)
+
+
+def _accurate_near_maxima(
+    model_class: ModelClass, seed: int, workers: Workers | None, settings: RefinementSettings
+) -> ModelClass:
+    """The class with structures accurate where quick searches expect the posterior.
+
+    The searches count the errors of the approximation as errors of the data, so that no region is
+    lost because its modes are not accurate yet. They narrow as the structures become accurate.
+    """
+    rng = np.random.default_rng([seed, 2])
+    n = len(model_class.parameters)
+    values = model_class.values(rng.standard_normal((settings.n_certified, n)))
+    for _ in range(settings.most_searches):
+        widened = _with_errors_of_approximation(model_class, values)
+        values = _near_maxima(widened, seed, workers, settings)
+        better = _improved(model_class, _requirements(model_class, values, settings))
+        if better is model_class:
             break
         model_class = better
-    return _corrected(model_class, _certified(model_class, posterior, settings), settings)
+    return model_class
+
+
+def _with_errors_of_approximation(model_class: ModelClass, values: FloatArray) -> ModelClass:
+    """The class with the structures' errors at ``values`` added to those of the identification."""
+    widened = []
+    for test, likelihood, own in model_class.parts(values):
+        structure = likelihood.structure
+        if not isinstance(structure, ApproximateStructure):
+            widened.append(test)
+            continue
+        frequency, shape, _ = structure.accuracy(
+            own[:, : len(structure.parameters)], _n_needed(likelihood, own)
+        )
+        modes = tuple(
+            replace(
+                mode,
+                frequency_cov=math.hypot(mode.frequency_cov or 0.0, frequency),
+                shape_sd=None if mode.shape is None else math.hypot(mode.shape_sd or 0.0, shape),
+            )
+            for mode in test.data.modes
+        )
+        widened.append(replace(test, data=replace(test.data, modes=modes)))
+    return replace(model_class, configurations=tuple(widened))
 
 
 def _near_maxima(
@@ -124,11 +188,13 @@ class _Requirement(NamedTuple):
         values: (B, n_parameters), parameter values of the structure.
         frequency: largest relative error of frequencies.
         shape: largest error of shapes at unit length.
+        n_modes: number of lowest modes that must be accurate.
     """
 
     values: FloatArray
     frequency: float
     shape: float
+    n_modes: int
 
 
 def _requirements(
@@ -142,22 +208,54 @@ def _requirements(
             for each in likelihood.least_errors(own)
         )
         of_structure = own[:, : len(configuration.structure.parameters)]
-        requirements.append(_Requirement(of_structure, frequency, shape))
+        n_modes = _n_needed(likelihood, own)
+        requirements.append(_Requirement(of_structure, frequency, shape, n_modes))
     return requirements
+
+
+def _n_needed(likelihood: ModalLikelihood, values: FloatArray) -> int:
+    """Number of lowest model modes that are paired, or lie in or near the band, at ``values``."""
+    paired = int(likelihood.pairs.model_modes.max(initial=0)) + 1
+    frequencies = likelihood.modes(values).frequencies_hz
+    reached = frequencies < NEAR_THE_BAND * likelihood.data.band_hz[1]
+    return max(paired, int(reached.sum(axis=1).max(initial=0)))
 
 
 def _more_accurate(
     model_class: ModelClass, values: FloatArray, settings: RefinementSettings
 ) -> ModelClass:
-    """The class with structures accurate enough at all ``values``; unchanged if they are."""
-    requirements = _requirements(model_class, values, settings)
+    """The class with structures accurate enough at all ``values``; unchanged if they are.
 
-    def accurate(structure: Structure, i: int) -> Structure:
+    Structures that cannot be made so accurate are as accurate as they become.
+    """
+    while True:
+        better = _improved(model_class, _requirements(model_class, values, settings))
+        if better is model_class:
+            return model_class
+        model_class = better
+
+
+def _improved(model_class: ModelClass, requirements: list[_Requirement]) -> ModelClass:
+    """The class with structures that are accurate enough, or more accurate than they were."""
+
+    def improved(structure: Structure, i: int) -> Structure:
         if not isinstance(structure, ApproximateStructure):
             return structure
         return structure.accurate_at(*requirements[i])
 
-    return model_class.with_structures(accurate)
+    return model_class.with_structures(improved)
+
+
+def _with_solutions_at(model_class: ModelClass, values: FloatArray) -> ModelClass:
+    """The class with its approximate structures making use of the exact ones at ``values``."""
+    own = [part for _, _, part in model_class.parts(values)]
+
+    def better(structure: Structure, i: int) -> Structure:
+        if not isinstance(structure, ApproximateStructure):
+            return structure
+        return structure.with_solutions_at(own[i][:, : len(structure.parameters)])
+
+    return model_class.with_structures(better)
 
 
 def _certified(
@@ -171,7 +269,7 @@ def _certified(
         if not isinstance(configuration.structure, ApproximateStructure):
             continue
         where = f"configuration {configuration.name!r}: " if configuration.name else ""
-        accuracy = configuration.structure.accuracy(required.values)
+        accuracy = configuration.structure.accuracy(required.values, required.n_modes)
         remarks.append(where + accuracy.statement)
         # Inferred errors differ a little from round to round, and tolerances with them.
         if accuracy.frequency > 2.0 * required.frequency or accuracy.shape > 2.0 * required.shape:
@@ -188,21 +286,64 @@ def _certified(
     )
 
 
-def _corrected(
-    model_class: ModelClass, posterior: Posterior, settings: RefinementSettings
-) -> Posterior:
-    """The posterior with its evidence corrected by full solutions at some draws."""
+class _Confirmation(NamedTuple):
+    """Exact solutions at draws, and what they change.
+
+    Attributes:
+        values: (n, n_parameters), the draws.
+        correction, error: of the log evidence.
+        change: of the mean log-likelihood.
+        differences: largest relative difference of frequencies, and least MAC at the sensors.
+    """
+
+    values: FloatArray
+    correction: float
+    error: float
+    change: float
+    differences: tuple[float, float]
+
+
+def _confirmed(
+    model_class: ModelClass,
+    posterior: Posterior,
+    log_evidence_error: float,
+    settings: RefinementSettings,
+) -> _Confirmation:
+    """Exact solutions at as many draws as the wanted error of the log evidence needs."""
     exact = model_class.with_structures(
         lambda s, _: s.exact if isinstance(s, ApproximateStructure) else s
     )
-    values = _evenly_spaced_draws(posterior, settings.n_confirmed)
-    change = exact.log_likelihood(values) - model_class.log_likelihood(values)
-    weights = np.exp(change - change.max())
-    correction = float(change.max() + math.log(weights.mean()))
-    error = float(weights.std(ddof=1) / weights.mean() / math.sqrt(len(weights)))
-    frequency, least_mac = _differences(model_class, exact, values)
+    n = settings.n_confirmed
+    while True:
+        values = _evenly_spaced_draws(posterior, n)
+        change = exact.log_likelihood(values) - model_class.log_likelihood(values)
+        weights = np.exp(change - change.max())
+        error = float(weights.std(ddof=1) / weights.mean() / math.sqrt(n))
+        needed = n * (error / (CORRECTION_SHARE * log_evidence_error)) ** 2
+        if needed <= n or n >= settings.most_confirmed:
+            break
+        n = min(settings.most_confirmed, max(2 * n, math.ceil(needed)))
+    possible = np.isfinite(change)
+    return _Confirmation(
+        values,
+        float(change.max() + math.log(weights.mean())),
+        error,
+        float(change[possible].mean()),
+        _differences(model_class, exact, values[possible]),
+    )
+
+
+def _corrected(
+    posterior: Posterior,
+    confirmation: _Confirmation,
+    log_evidence_error: float,
+    settings: RefinementSettings,
+) -> Posterior:
+    """The posterior with its evidence corrected by exact solutions at some draws."""
+    correction, error = confirmation.correction, confirmation.error
+    frequency, least_mac = confirmation.differences
     remark = (
-        f"confirmed by {len(values)} full solutions at draws: frequencies differ by "
+        f"confirmed by {len(confirmation.values)} full solutions at draws: frequencies differ by "
         f"{frequency:.1g} at most, MAC is {_just_below_one(least_mac)} or more, and the log "
         f"evidence was corrected by {correction:+.4f} ± {error:.4f}"
     )
@@ -213,6 +354,13 @@ def _corrected(
             f"full solutions at draws change the log evidence by {correction:+.2f}: the "
             "approximate structure is too coarse where the posterior lies",
         )
+    if error > log_evidence_error:
+        failed = (
+            *failed,
+            f"{len(confirmation.values)} full solutions at draws leave an error of {error:.2g} in "
+            f"the log evidence, more than the {log_evidence_error:g} wanted: the structure's modes "
+            "do not follow the approximation, as where a model jumps or fails",
+        )
     evidence = posterior.evidence
     return replace(
         posterior,
@@ -220,7 +368,7 @@ def _corrected(
             evidence,
             log_evidence=evidence.log_evidence + correction,
             error=math.hypot(evidence.error, error),
-            mean_log_likelihood=evidence.mean_log_likelihood + float(change.mean()),
+            mean_log_likelihood=evidence.mean_log_likelihood + confirmation.change,
             checks=tuple(check.shifted(correction, error) for check in evidence.checks),
         ),
         failed_checks=failed,

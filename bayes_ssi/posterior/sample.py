@@ -8,6 +8,7 @@ from functools import partial
 from bayes_ssi.argument_types import checked
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.emulation import sample_emulated, with_emulated_structures
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.refinement import RefinementSettings, is_approximate, refined
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
@@ -43,11 +44,24 @@ def sample(
     settings, run = settings or SamplingSettings(), run or Run()
     checkpoint = run.checkpoint
     journal = checkpoint.journal(model_class, seed, settings) if checkpoint else None
-    sample_class = partial(sample_as_it_is, seed=seed, settings=settings, run=run, journal=journal)
     try:
         with run.working(), journal or nullcontext():
+            if settings.economical:
+                emulated = with_emulated_structures(model_class, run.workers, journal)
+                if emulated is not model_class:
+                    return sample_emulated(emulated, seed, settings, run, refinement)
+            sample_class = partial(
+                sample_as_it_is, seed=seed, settings=settings, run=run, journal=journal
+            )
             if is_approximate(model_class):
-                return refined(model_class, sample_class, seed, run.workers, refinement)
+                return refined(
+                    model_class,
+                    sample_class,
+                    seed,
+                    settings.log_evidence_error,
+                    run.workers,
+                    refinement,
+                )
             return sample_class(model_class)
     except ValueError:
         if checkpoint and journal and journal.is_empty:

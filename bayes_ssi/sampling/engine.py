@@ -9,9 +9,6 @@
 4. Mixture importance sampling gives the evidence and the share of the posterior in each region;
    bridge sampling with the draws of an ensemble checks it.
 5. Everything that should agree is compared; disagreement is a warning in the result.
-
-Where evaluations are expensive, :mod:`bayes_ssi.sampling.economical` does without the particles
-and ensembles.
 """
 
 from __future__ import annotations
@@ -24,7 +21,6 @@ from threadpoolctl import threadpool_limits
 
 from bayes_ssi.sampling.bridge import bridge_sampling
 from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, PARETO_K_LIMIT
-from bayes_ssi.sampling.economical import sample_economically
 from bayes_ssi.sampling.ensembles import Ensemble, Walkers, run_ensemble
 from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.sampling.maxima import find_maxima
@@ -74,8 +70,7 @@ def sample_target(
     settings = settings or SamplingSettings()
     # The matrices are small: threads inside BLAS would only wait for one another.
     with threadpool_limits(limits=1, user_api="blas"):
-        sample = sample_economically if settings.economical else _sample
-        return sample(target, seed, settings, progress)
+        return _sample(target, seed, settings, progress)
 
 
 def _sample(

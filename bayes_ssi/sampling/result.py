@@ -24,7 +24,7 @@ class SamplingResult:
 
     Attributes:
         search: independent searches for maxima.
-        starts: the tempered starts; none on the economical path.
+        starts: the tempered starts.
         maxima: all known maxima of the posterior.
         ensembles: posterior draws.
         resampled: posterior draws resampled from the importance draws, where ensembles mix too

@@ -19,8 +19,8 @@ class SamplingSettings:
         particles: number in each tempered start; None chooses it by the number of parameters.
         searches: least number of independent searches for maxima.
         max_steps: longest chain of an ensemble, in steps.
-        economical: by importance sampling around the maxima alone, with tens of times fewer
-            evaluations; for slow models whose posteriors have a few simple regions.
+        economical: with emulators of slow structures in their place, which need some hundred
+            solutions; structures with small matrices are sampled as they are.
 
     Raises:
         ValueError: a setting is not positive, or there are fewer than 4 particles per parameter.

@@ -1,0 +1,78 @@
+"""Sampling of classes whose structures take long, with emulators in their place.
+
+The structures are solved at some hundred points; all else is sampled as any class with approximate
+structures is (:mod:`bayes_ssi.posterior.refinement`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+from bayes_ssi.execution.journal import Journal
+from bayes_ssi.execution.recorded_structure import RecordedStructure
+from bayes_ssi.execution.run import Run
+from bayes_ssi.execution.workers import Workers
+from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
+from bayes_ssi.finite_elements.emulated_structure import EmulatedStructure
+from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.posterior.refinement import RefinementSettings, refined
+from bayes_ssi.posterior.to_posterior import sample_as_it_is
+from bayes_ssi.sampling.settings import SamplingSettings
+from bayes_ssi.structures.lumped import LumpedStructure
+from bayes_ssi.structures.structure import Structure
+
+
+def with_emulated_structures(
+    model_class: ModelClass, workers: Workers | None = None, journal: Journal | None = None
+) -> ModelClass:
+    """The class with an emulator in place of every structure that takes long.
+
+    Those with small matrices, and those that are approximate already, stay.
+
+    Args:
+        model_class: the class.
+        workers: solve the structures; in this process if None.
+        journal: recalls solutions that it holds, and records the others.
+    """
+    emulators: dict[int, EmulatedStructure] = {}
+
+    def emulated(structure: Structure, _: int) -> Structure:
+        if isinstance(structure, (LumpedStructure, ApproximateStructure)):
+            return structure
+        if not structure.parameters:
+            return structure
+        if id(structure) not in emulators:
+            recorded = RecordedStructure(structure, workers, journal)
+            emulators[id(structure)] = EmulatedStructure(recorded)
+        return emulators[id(structure)]
+
+    return model_class.with_structures(emulated)
+
+
+def sample_emulated(
+    emulated: ModelClass,
+    seed: int,
+    settings: SamplingSettings,
+    run: Run,
+    refinement: RefinementSettings | None = None,
+) -> Posterior:
+    """The posterior of a class with emulated structures; ``n_evaluations`` counts solutions.
+
+    Arguments and errors are as in :func:`bayes_ssi.posterior.sample.sample`.
+    """
+    in_process = Run(progress=run.progress)  # emulators are faster than sending them
+    sample_class = partial(sample_as_it_is, seed=seed, settings=settings, run=in_process)
+    posterior = refined(
+        emulated, sample_class, seed, settings.log_evidence_error, settings=refinement
+    )
+    recorded = {
+        id(test.structure.exact): test.structure.exact
+        for test in emulated.configurations
+        if isinstance(test.structure, EmulatedStructure)
+    }
+    n_solved = sum(
+        each.n_solved for each in recorded.values() if isinstance(each, RecordedStructure)
+    )
+    return replace(posterior, n_evaluations=n_solved)

@@ -1,0 +1,115 @@
+"""Emulated modes: what is exact, what is estimated, and how well."""
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.finite_elements.emulated_structure import EmulatedStructure, mode_errors
+from bayes_ssi.finite_elements.failing_points import FailingPoints
+from bayes_ssi.finite_elements.gaussian_process import GaussianProcess
+from bayes_ssi.finite_elements.mode_representations import ModalOperator, TrackedModes
+from bayes_ssi.modal import Modes
+
+
+def uncoupled(x):
+    """Two oscillators, whose frequencies cross at x = 0: modes in ascending order, (B, ...)."""
+    frequencies = np.column_stack([2.0 * np.exp(0.3 * x), 2.0 * np.exp(-0.2 * x)])
+    order = np.argsort(frequencies, axis=1)
+    shapes = np.tile(np.eye(2), (len(x), 1, 1))
+    return Modes(
+        np.take_along_axis(frequencies, order, axis=1),
+        np.take_along_axis(shapes, order[:, None, :], axis=2),
+    )
+
+
+@pytest.mark.parametrize("representation", [ModalOperator(2, 2), TrackedModes(2, 2)])
+def test_modes_that_cross_are_emulated_exactly(representation):
+    """The logarithms of their frequencies are linear, whichever comes first."""
+    x, between = np.linspace(-2.0, 2.0, 21), np.linspace(-1.93, 1.93, 40)
+    vectors = representation.encoded(x[:, None], uncoupled(x))
+    process = GaussianProcess.fitted(x[:, None], vectors)
+    modes = representation.decoded(process.mean(between[:, None]))
+    assert mode_errors(modes, uncoupled(between), 2).max() < 1e-6
+
+
+def test_modes_that_veer_are_emulated_by_their_operator():
+    """Two coupled oscillators exchange their shapes within 0.02 of x = 0."""
+
+    def modes(x):
+        k = np.zeros((len(x), 2, 2))
+        k[:, 0, 0], k[:, 1, 1] = 1.0 + 0.3 * x, 1.0 - 0.3 * x
+        k[:, 0, 1] = k[:, 1, 0] = 0.003
+        eigenvalues, shapes = np.linalg.eigh(k)
+        return Modes(np.sqrt(eigenvalues), shapes)
+
+    x, between = np.linspace(-1.0, 1.0, 13), np.linspace(-0.9, 0.9, 50)
+    errors = []
+    for representation in (ModalOperator(2, 2), TrackedModes(2, 2)):
+        vectors = representation.encoded(x[:, None], modes(x))
+        process = GaussianProcess.fitted(x[:, None], vectors)
+        decoded = representation.decoded(process.mean(between[:, None]))
+        errors.append(mode_errors(decoded, modes(between), 2).max())
+    assert errors[0] < 1e-3 < errors[1]
+
+
+def test_errors_of_points_left_out_are_those_of_fits_without_them():
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal((30, 2))
+    y = np.column_stack([np.sin(x).sum(axis=1), x[:, 0] * x[:, 1] ** 2])
+    whole = GaussianProcess(x, y, np.array([1.5, 2.0]), 1e-6)
+    left_out, spreads = whole.left_out
+    for row in (0, 7, 29):
+        rest = np.delete(np.arange(30), row)
+        without = GaussianProcess(x[rest], y[rest], whole.lengths, whole.noise)
+        np.testing.assert_allclose(left_out[row], without.mean(x[[row]])[0], rtol=1e-6)
+        assert spreads[row] == pytest.approx(float(without.spreads(x[[row]])[0]), rel=1e-6)
+
+
+def test_a_polynomial_of_second_degree_is_exact():
+    rng = np.random.default_rng(1)
+    x, new = rng.standard_normal((40, 3)), rng.standard_normal((10, 3))
+    y = (1.0 + x[:, 0] - 2.0 * x[:, 1] * x[:, 2])[:, None]
+    process = GaussianProcess.fitted(x, y)
+    exact = 1.0 + new[:, 0] - 2.0 * new[:, 1] * new[:, 2]
+    np.testing.assert_allclose(process.mean(new)[:, 0], exact, atol=1e-6)
+
+
+def test_a_row_of_a_batch_does_not_depend_on_the_others():
+    structure = EmulatedStructure(building())
+    values = np.exp(0.3 * np.random.default_rng(4).standard_normal((600, 3)))
+    whole = structure.modes(values)
+    for row in (0, 17, 256, 599):
+        alone = structure.modes(values[[row]])
+        np.testing.assert_array_equal(alone.frequencies_hz[0], whole.frequencies_hz[row])
+        np.testing.assert_array_equal(alone.shapes[0], whole.shapes[row])
+
+
+def test_claimed_errors_are_those_of_points_never_seen():
+    """At 300 draws of the prior, within a factor of two."""
+    exact = building()
+    emulated = EmulatedStructure(exact)
+    values = np.exp(0.3 * np.random.default_rng(3).standard_normal((300, 3)))
+    errors = mode_errors(emulated.modes(values), exact.modes(values), exact.n_modes)
+    claimed = np.array(emulated.accuracy(values)[:2])
+    np.testing.assert_array_less(np.median(errors, axis=0) / 2.0, claimed)
+    better = emulated
+    for _ in range(3):
+        better = better.accurate_at(values, *(0.1 * claimed))
+    errors_after = mode_errors(better.modes(values), exact.modes(values), exact.n_modes)
+    assert (np.median(errors_after, axis=0) < np.median(errors, axis=0)).all()
+
+
+def test_a_half_space_that_fails_is_recognised():
+    rng = np.random.default_rng(2)
+    x, new = rng.standard_normal((200, 3)), rng.standard_normal((500, 3))
+    failed = x[:, 0] + x[:, 1] > 1.0
+    failing = FailingPoints.fitted(x[failed], x[failed], x[~failed])
+    sums = new[:, 0] + new[:, 1]
+    assert failing.is_open(new).mean() < 0.2
+    wrong = (failing.expected(new) != (sums > 1.0)) & ~failing.is_open(new)
+    assert wrong.mean() < 0.01
+
+
+def building():
+    factors = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.3)) for i in (1, 2, 3)]
+    return bs.ShearBuilding((1.0,) * 3, [4000.0 * k for k in factors])

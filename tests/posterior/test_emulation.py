@@ -1,0 +1,160 @@
+"""Slow structures sampled by emulators of their modes: evidence, cost, and when it is not safe."""
+
+import math
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from delegating import DelegatingStructure
+
+import bayes_ssi as bs
+from bayes_ssi.cli import main
+from bayes_ssi.execution.checkpoint import Checkpoint
+from bayes_ssi.modal import Modes
+from bayes_ssi.results.load import load_result
+
+ECONOMICAL = bs.SamplingSettings(log_evidence_error=0.05, economical=True)
+STOREYS = 3
+TRUTH = (1.1, 0.9, 1.05)
+
+
+class BlackBox(DelegatingStructure):
+    """A shear building that shows the lowest modes at two floors, and counts its solutions."""
+
+    def __init__(self, building, n_modes=2):
+        super().__init__(building)
+        self.n_asked, self._n_modes = 0, n_modes
+
+    @property
+    def degrees_of_freedom(self):
+        return ("floor 1", "floor 3")
+
+    @property
+    def n_modes(self):
+        return self._n_modes
+
+    def modes(self, values):
+        self.n_asked += len(values)
+        frequencies, shapes = self.structure.modes(values)
+        return Modes(frequencies[:, : self.n_modes], shapes[:, [0, 2], : self.n_modes])
+
+
+class FailsWhereSoft(BlackBox):
+    """The program stops where the second storey is soft, at some of the posterior."""
+
+    def modes(self, values):
+        self.n_asked += len(values)
+        if (values[:, 1] < 0.8).any():
+            raise ArithmeticError("no equilibrium")
+        return super().modes(values)
+
+
+class Jumps(BlackBox):
+    """The first storey stiffens within the posterior, and changes all modes by much."""
+
+    def modes(self, values):
+        values = np.array(values)
+        values[:, 2] *= np.where(values[:, 0] > 1.1, 1.3, 1.0)
+        return super().modes(values)
+
+
+def of_class(structure, name="black box", **options):
+    factors = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.3)) for i in range(1, STOREYS + 1)]
+    building = bs.ShearBuilding((1.0,) * STOREYS, [4000.0 * k for k in factors])
+    frequencies, shapes = building.modes(np.array([TRUTH]))
+    modes = tuple(
+        bs.IdentifiedMode(str(j + 1), float(frequencies[0, j]), shapes[0, [0, 2], j])
+        for j in range(2)
+    )
+    data = bs.ModalData(modes, (0.0, float(frequencies[0, 1:].mean())), ("floor 1", "floor 3"))
+    settings = {"pairing": {"1": 1, "2": 2}, **options}
+    return bs.ModelClass(name, structure(building), data, bs.ErrorModel(0.02, 0.1), **settings)
+
+
+@pytest.mark.parametrize("pairing", [{"1": 1, "2": 2}, "any"])
+def test_the_evidence_is_that_of_the_structure_itself_in_some_hundred_solutions(pairing):
+    exact = bs.sample(of_class(BlackBox, pairing=pairing))
+    candidate = of_class(BlackBox, pairing=pairing)
+    result = bs.sample(candidate, settings=ECONOMICAL)
+    # The check of the class before it is sampled counts among the solutions.
+    assert candidate.structure.n_asked == result.n_evaluations <= 150
+    assert result.failed_checks == ()
+    assert result.evidence.error <= 0.05
+    error = math.hypot(result.evidence.error, exact.evidence.error)
+    assert result.evidence.log_evidence == pytest.approx(exact.evidence.log_evidence, abs=3 * error)
+    for row, other in zip(result.summary, exact.summary, strict=True):
+        error = math.hypot(row.mean_error, other.mean_error)
+        # The draws themselves are not corrected: a twentieth of their spread is allowed for.
+        assert row.mean == pytest.approx(other.mean, abs=4.0 * error + 0.05 * other.sd)
+
+
+def test_points_that_fail_have_no_likelihood_and_are_named():
+    exact, result = (
+        bs.sample(of_class(FailsWhereSoft), settings=settings)
+        for settings in (bs.SamplingSettings(log_evidence_error=0.02), ECONOMICAL)
+    )
+    error = math.hypot(result.evidence.error, exact.evidence.error)
+    assert result.evidence.log_evidence == pytest.approx(exact.evidence.log_evidence, abs=3 * error)
+    assert any("no equilibrium" in check for check in result.failed_checks)
+
+
+def test_a_model_that_jumps_within_the_posterior_is_right_or_flagged():
+    exact = bs.sample(of_class(Jumps))
+    result = bs.sample(of_class(Jumps), settings=ECONOMICAL)
+    off = abs(result.evidence.log_evidence - exact.evidence.log_evidence)
+    assert off <= 3.0 * math.hypot(result.evidence.error, exact.evidence.error) or (
+        result.failed_checks
+    )
+    assert result.n_evaluations <= 500
+
+
+def test_structures_with_small_matrices_are_sampled_as_they_are(tiny_study):
+    candidate = tiny_study.model_classes[0]
+    one, other = (
+        bs.sample(candidate, settings=bs.SamplingSettings(0.05, economical=economical))
+        for economical in (True, False)
+    )
+    np.testing.assert_array_equal(one.draws, other.draws)
+
+
+def test_an_interrupted_run_solves_nothing_twice(tmp_path):
+    """Ended after some batches, it is resumed to the same result."""
+
+    class Interrupted(BlackBox):
+        left = math.inf
+
+        def modes(self, values):
+            self.left -= len(values)
+            if self.left < 0:
+                raise KeyboardInterrupt
+            return super().modes(values)
+
+    whole = bs.sample(of_class(Interrupted), settings=ECONOMICAL)
+    candidate, messages = of_class(Interrupted), []
+    run = bs.Run(checkpoint=Checkpoint(tmp_path / "c", say=messages.append))
+    candidate.structure.left = 35
+    with pytest.raises(KeyboardInterrupt):
+        bs.sample(candidate, settings=ECONOMICAL, run=run)
+    first = candidate.structure.n_asked
+    candidate.structure.left = math.inf
+    resumed = bs.sample(candidate, settings=ECONOMICAL, run=run)
+    assert messages == [f"model class 'black box': resumes after {first} evaluations"]
+    assert candidate.structure.n_asked == whole.n_evaluations == resumed.n_evaluations
+    np.testing.assert_array_equal(resumed.draws, whole.draws)
+    assert resumed.evidence == whole.evidence
+
+
+def test_workers_share_the_solutions_and_change_nothing():
+    one, two = (
+        bs.sample(of_class(BlackBox), settings=ECONOMICAL, run=bs.Run(workers=workers))
+        for workers in (None, 2)
+    )
+    np.testing.assert_array_equal(one.draws, two.draws)
+    assert one.evidence == two.evidence
+
+
+def test_from_the_command_line(tmp_path, tiny_study_file):
+    arguments = ["rank", str(tiny_study_file), "--economical", "--error", "0.05"]
+    invoked = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "r")])
+    assert invoked.exit_code == 0, invoked.output
+    assert load_result(tmp_path / "r").posteriors
