@@ -95,19 +95,20 @@ def refined(
     settings = settings or RefinementSettings()
     model_class.check_structure()
     model_class = _accurate_near_maxima(model_class, seed, workers, settings)
+    better = model_class
     for _ in range(settings.most_rounds):
+        model_class = better
         posterior = sample_class(model_class)
         values = _evenly_spaced_draws(posterior, settings.n_certified)
+        confirmation = None
         better = _more_accurate(model_class, values, settings)
         if better is model_class:
             confirmation = _confirmed(model_class, posterior, log_evidence_error, settings)
-            if confirmation.error <= log_evidence_error:
-                break
-            better = _with_solutions_at(model_class, confirmation.values)
-            if better is model_class:
-                break
-        model_class = better
-    else:
+            if confirmation.error > log_evidence_error:
+                better = _with_solutions_at(model_class, confirmation.values)
+        if better is model_class:
+            break
+    if confirmation is None:
         confirmation = _confirmed(model_class, posterior, log_evidence_error, settings)
     certified = _certified(model_class, posterior, settings)
     return _corrected(certified, confirmation, log_evidence_error, settings)
@@ -148,8 +149,9 @@ def _with_errors_of_approximation(model_class: ModelClass, values: FloatArray) -
         modes = tuple(
             replace(
                 mode,
-                frequency_cov=math.hypot(mode.frequency_cov or 0.0, frequency),
-                shape_sd=None if mode.shape is None else math.hypot(mode.shape_sd or 0.0, shape),
+                frequency_cov=math.hypot(mode.frequency_cov or 0.0, frequency) or None,
+                shape_sd=(mode.shape is not None and math.hypot(mode.shape_sd or 0.0, shape))
+                or None,
             )
             for mode in test.data.modes
         )
