@@ -1,10 +1,10 @@
 """A journal of evaluations, from which an interrupted run is resumed to the same result.
 
 Everything random follows from the seed, so a run is repeated exactly by giving it the same
-log-likelihoods, solutions and suggested starts. The journal keeps every batch of them, in order. A resumed
-run takes them from the journal while they last: no matter where the first run was interrupted, the
-result is the same to the last digit. Only the algebra between the evaluations is repeated,
-which costs little where evaluations are expensive.
+log-likelihoods, solutions and suggested starts. The journal keeps every batch of them, in order. A
+resumed run takes them from the journal while they last: no matter where the first run was
+interrupted, the result is the same to the last digit. Only the algebra between the evaluations is
+repeated, which costs little where evaluations are expensive.
 
 The file is an SQLite database. Every batch is a transaction, so that a run that is killed leaves
 whole batches, and the lock on the file ends with its process.
