@@ -13,7 +13,6 @@ def class_target(
     model_class: ModelClass,
     workers: Workers | None = None,
     journal: Journal | None = None,
-    economical: bool = False,
 ) -> Target:
     """The log-likelihood of a class, which suggests starts in its posterior's narrow regions.
 
@@ -21,12 +20,11 @@ def class_target(
         model_class: the class.
         workers: where it is evaluated; in this process if None.
         journal: recalls evaluations and suggestions, and records the new ones.
-        economical: without suggestions, which take a thousand evaluations and more.
     """
     return Target(
         model_class.log_likelihood_at,
         len(model_class.parameters),
         workers,
         journal,
-        None if economical else NarrowRegions(model_class, workers),
+        NarrowRegions(model_class, workers),
     )

@@ -49,7 +49,7 @@ def sample_as_it_is(
     model_class.check_structure()
     n = len(model_class.parameters)
     with run.working():
-        target = class_target(model_class, run.workers, journal, settings.economical)
+        target = class_target(model_class, run.workers, journal)
         try:
             sampled = sample_target(
                 target,
