@@ -131,6 +131,8 @@ class Posterior:
             back from a stored result, whose files of draws hold them.
         adequacy: how far the data are from what the class says they should be.
         remarks: further remarks on how it was computed, a sentence each.
+        frequency_error: largest error of ``frequencies_hz``, as a fraction, at the draws at which
+            approximate structures were solved exactly; zero where no structure is approximate.
     """
 
     name: str
@@ -158,6 +160,7 @@ class Posterior:
     datum_terms: DatumTerms | None = None
     adequacy: Adequacy | None = None
     remarks: tuple[str, ...] = ()
+    frequency_error: float = 0.0
 
     @property
     def configuration_names(self) -> tuple[str, ...]:

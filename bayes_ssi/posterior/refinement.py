@@ -376,6 +376,7 @@ def _corrected(
         ),
         failed_checks=failed,
         remarks=(*posterior.remarks, remark),
+        frequency_error=frequency,
     )
 
 

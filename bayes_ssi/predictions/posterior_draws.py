@@ -23,6 +23,8 @@ DRAWS = 1000
 ARRAY_SIZE = 20_000_000
 # Wanted accuracy of an approximate structure at the draws: of frequencies, and of shapes.
 ACCURATE = 1e-4, 0.01
+# Largest error of stored frequencies, relative to the largest at the few draws where it is known.
+EMULATED = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +130,7 @@ def thinned_draws(
     test.check_structure()
     # Another machine reproduces frequencies up to rounding errors. Sampling made an approximate
     # structure accurate at its draws; the same is done here.
-    tolerance = 1e-6
+    tolerance = max(1e-6, EMULATED * posterior.frequency_error)
     if isinstance(structure, ApproximateStructure):
         structure = structure.accurate_at(values, *ACCURATE)
         tolerance = ACCURATE[0]

@@ -1,6 +1,7 @@
 """Slow structures sampled by emulators of their modes: evidence, cost, and when it is not safe."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from bayes_ssi.cli import main
 from bayes_ssi.execution.checkpoint import Checkpoint
 from bayes_ssi.modal import Modes
 from bayes_ssi.posterior.refinement import RefinementSettings
+from bayes_ssi.predictions.posterior_draws import thinned_draws
 from bayes_ssi.results.load import load_result
 
 ECONOMICAL = bs.SamplingSettings(log_evidence_error=0.05, economical=True)
@@ -108,6 +110,20 @@ def test_a_model_that_jumps_within_the_posterior_is_right_or_flagged():
         result.failed_checks
     )
     assert result.n_evaluations <= 500
+
+
+def test_predictions_take_the_structure_itself(tmp_path):
+    """Stored frequencies are emulated, and the structure's are not quite the same."""
+    candidate = of_class(BlackBox)
+    ranking = bs.rank(bs.Study("s", [candidate]), settings=ECONOMICAL)
+    bs.save_result(ranking, tmp_path / "r")
+    (stored,) = load_result(tmp_path / "r").posteriors
+    assert 1e-9 < stored.frequency_error == ranking.posteriors[0].frequency_error < 0.02
+    draws = thinned_draws(stored, candidate, n_draws=200)
+    assert draws.structure is candidate.structure
+    other = replace(candidate.structure.structure, masses=(1.5, 1.5, 1.5))
+    with pytest.raises(ValueError, match="is not the one that was sampled"):
+        thinned_draws(stored, candidate.with_structure(BlackBox(other), "black box"))
 
 
 def test_structures_with_small_matrices_are_sampled_as_they_are(tiny_study):
