@@ -98,7 +98,7 @@ def _sample(
     fitting = ProposalFitting(sampler, maxima)
     trial = fitting.fitted(starts[0].positions, starts[1].positions)
     ensembles, trial = _run_ensembles(
-        target, walkers, fitting, trial, settings.max_steps, seeds[2:4], progress
+        target, walkers, fitting, trial, settings, seeds[2:4], progress
     )
     importance = sampler.refined(trial, settings.log_evidence_error)
     regions = find_regions(target, *importance.typical_draws)
@@ -133,14 +133,15 @@ def _run_ensembles(
     walkers: Sequence[Walkers],
     fitting: ProposalFitting,
     trial: ImportanceSample,
-    max_steps: int,
+    settings: SamplingSettings,
     seeds: Sequence[np.random.SeedSequence],
     progress: StepProgress,
 ) -> tuple[list[Ensemble], ImportanceSample]:
     """Independent ensembles, and importance draws from a mixture that suits the posterior.
 
     The mixture of ``trial`` proposes the ensembles' moves. Walkers that mix slowly with it are
-    stopped, and continue from their positions with a mixture fitted to their draws.
+    stopped, and continue from their positions with a mixture fitted to their draws; so do walkers
+    that went where importance draws from the mixture do not.
     """
     seeds_of_attempts = zip(*(seed.spawn(MAX_REFITS + 1) for seed in seeds), strict=True)
     settled = False
@@ -148,7 +149,7 @@ def _run_ensembles(
         settled = settled or attempt == MAX_REFITS
         slowest = math.inf if settled else SLOW
         efficient = trial.efficiency >= LEAST_EFFICIENCY
-        longest = min(max_steps, FEW_STEPS) if efficient else max_steps
+        longest = min(settings.max_steps, FEW_STEPS) if efficient else settings.max_steps
         proposal = fitting.proposal(trial)
         ensembles = [
             run_ensemble(
@@ -156,7 +157,8 @@ def _run_ensembles(
             )
             for i, (start, seed) in enumerate(zip(walkers, attempt_seeds, strict=True))
         ]
-        if settled or all(each.autocorrelation_times.max() <= slowest for each in ensembles):
+        fast = all(each.autocorrelation_times.max() <= slowest for each in ensembles)
+        if settled or (fast and trial.share_beyond(ensembles) <= settings.log_evidence_error):
             break
         walkers = [each.walkers for each in ensembles]
         before = trial.efficiency
