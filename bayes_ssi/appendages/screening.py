@@ -25,7 +25,8 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.to_posterior import seed_of
 from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.sampling.mixture import HEAVY_TAILS, StudentMixture
-from bayes_ssi.sampling.multistart import local_maxima, search_maxima
+from bayes_ssi.sampling.multistart import search_maxima
+from bayes_ssi.sampling.regions import local_maxima
 from bayes_ssi.sampling.resampling import systematic_indices
 from bayes_ssi.sampling.target import SuggestedStarts, Target
 

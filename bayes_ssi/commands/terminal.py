@@ -38,7 +38,7 @@ RECORD = f"{META}.record"
 # Share of a class's time at which each step of the sampling begins and ends.
 STEPS = {
     "searches": (0.0, 0.1),
-    "tempered start": (0.1, 0.45),
+    "compression of the prior": (0.1, 0.45),
     "ensembles": (0.45, 0.9),
     "evidence": (0.9, 1.0),
 }

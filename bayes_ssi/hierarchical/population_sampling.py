@@ -15,7 +15,7 @@ from bayes_ssi.hierarchical.coverage import Coverage, coverage
 from bayes_ssi.hierarchical.likelihood_fit import Bumps, LikelihoodFit, fit_likelihood
 from bayes_ssi.hierarchical.populations import Population, PopulationLikelihood
 from bayes_ssi.hierarchical.single_tests import SingleTest
-from bayes_ssi.posterior.checks import failed_checks
+from bayes_ssi.sampling.checks import failed_checks
 from bayes_ssi.sampling.diagnostics import LARGEST_WEIGHT
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.estimates import EvidenceEstimate

@@ -61,14 +61,15 @@ class Region:
         share: probability of the region, by importance sampling.
         error: its standard error.
         n_searches: number of independent searches for maxima that found one in it.
-        shares_of_starts: share of each tempered start's particles.
+        shares_of_compressions: share of the particles of each compression of the prior; none where
+            the maxima sufficed.
         mean: posterior mean of every parameter within the region.
     """
 
     share: float
     error: float
     n_searches: int
-    shares_of_starts: tuple[float, ...]
+    shares_of_compressions: tuple[float, ...]
     mean: tuple[float, ...]
 
 

@@ -14,13 +14,13 @@ from bayes_ssi.execution.run import Run
 from bayes_ssi.execution.workers import Workers
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.adequacy import N_DRAWS, Adequacy, adequacy
-from bayes_ssi.posterior.checks import failed_checks
 from bayes_ssi.posterior.class_target import class_target
 from bayes_ssi.posterior.configuration_modes import configuration_modes
 from bayes_ssi.posterior.datum_terms import AtDraws, at_draws, compared_modes, datum_terms
 from bayes_ssi.posterior.edges import edges
 from bayes_ssi.posterior.known_modes import draws_with_shapes
 from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
+from bayes_ssi.sampling.checks import failed_checks
 from bayes_ssi.sampling.diagnostics import r_hat
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.resampling import evenly_spaced_indices, systematic_indices
@@ -185,7 +185,7 @@ def _corrected_draws(
 def _regions(sampled: SamplingResult, z: FloatArray, values: FloatArray) -> tuple[Region, ...]:
     regions = sampled.regions
     shares, errors = sampled.region_shares, sampled.region_errors
-    of_starts = [regions.shares(start.positions) for start in sampled.starts]
+    of_compressions = [regions.shares(each.positions) for each in sampled.compressions]
     labels = regions.assign(z.reshape(-1, z.shape[-1]))
     flat = values.reshape(-1, values.shape[-1])
     records = [
@@ -193,7 +193,7 @@ def _regions(sampled: SamplingResult, z: FloatArray, values: FloatArray) -> tupl
             share=float(shares[k]),
             error=float(errors[k]),
             n_searches=int(sampled.searches_of_regions[k]),
-            shares_of_starts=tuple(float(shares[k]) for shares in of_starts),
+            shares_of_compressions=tuple(float(shares[k]) for shares in of_compressions),
             mean=tuple(float(mean) for mean in flat[labels == k].mean(0)),
         )
         for k in range(regions.n_regions)

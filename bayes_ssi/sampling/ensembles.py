@@ -12,7 +12,7 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, autocorrelation_times
 from bayes_ssi.sampling.mixture import Proposal
-from bayes_ssi.sampling.target import Target
+from bayes_ssi.sampling.target import Target, log_standard_normal
 
 
 class Walkers(NamedTuple):
@@ -97,9 +97,15 @@ def run_ensemble(
     """
     from bayes_ssi.sampling.moves import ensemble_sampler, initial_state
 
-    n_walkers, d = walkers.positions.shape
-    sampler = ensemble_sampler(target.log_posterior, n_walkers, d, proposal)
-    state = initial_state(*walkers, np.random.default_rng(seed))
+    def log_density(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        values = target.log_likelihood(z)
+        return values + log_standard_normal(z), values
+
+    positions, log_posteriors = walkers
+    log_likelihoods = log_posteriors - log_standard_normal(positions)
+    n_walkers, d = positions.shape
+    sampler = ensemble_sampler(log_density, n_walkers, d, proposal)
+    state = initial_state(positions, log_posteriors, log_likelihoods, np.random.default_rng(seed))
     wanted = first = min(2 * LENGTH_IN_AUTOCORRELATION_TIMES, max_steps)
     while True:
         state = sampler.run_mcmc(state, wanted - sampler.iteration, skip_initial_state_check=True)

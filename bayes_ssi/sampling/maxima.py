@@ -31,8 +31,6 @@ LONGEST_STEP = 2.0  # prior standard deviations
 # Step lengths tried together, as shares of the BFGS step.
 STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])
 RISE_TO_GO_ON = 1e-3  # nats
-# Each costs a Hessian of 2 d² evaluations.
-MAX_MAXIMA = 24
 # A maximum with less than e^-12, 6 in a million, of the mass is left out.
 NEGLIGIBLE_LOG_MASS = -12.0
 
@@ -74,67 +72,90 @@ class Maxima:
         """Laplace's approximation of the log evidence, summed over the maxima."""
         return EvidenceEstimate("Laplace", float(logsumexp(self.log_masses)))
 
-    def as_mixture(self, beta: float = 1.0) -> StudentMixture:
-        """One component per maximum, weighted by its mass, for likelihood^beta · prior.
+    def as_mixture(self) -> StudentMixture:
+        """One component per maximum, weighted by its mass."""
+        return _mixture(self.z, self.covariances, self.log_masses)
 
-        The likelihood's share of the precision, the excess over the prior's 1, is scaled by
-        ``beta``, and the component sits at the maximum of the tempered quadratic.
+    def above(self, log_likelihood: float) -> StudentMixture | None:
+        """Components like the prior above a level of the likelihood; None if no maximum is.
+
+        A quadratic log-likelihood is above the level within an ellipsoid of squared radius
+        r² = 2 (highest - level), times whose uniform distribution has the covariance
+        r²/(d + 2) · (precision of the likelihood)⁻¹: that of likelihood^((d + 2)/r²), for which
+        the prior is accounted for as for the posterior.
         """
-        d = self.z.shape[1]
+        heights = self.log_posteriors - log_standard_normal(self.z) - log_likelihood
+        above = heights > 0
+        if not above.any():
+            return None
+        z, precisions = self.z[above], self.precisions[above]
+        d = z.shape[1]
         identity = np.eye(d)
-        of_likelihood = self.precisions - identity
-        covariances = _inverse(beta * self.precisions + (1.0 - beta) * identity)
+        powers = 0.5 * (d + 2) / heights[above]
+        covariances = _inverse(powers[:, None, None] * (precisions - identity) + identity)
         # The likelihood alone, as a quadratic, has slope z at the posterior's maximum z.
-        slopes = np.einsum("mij,mj->mi", self.precisions, self.z)
-        means = beta * np.einsum("mij,mj->mi", covariances, slopes)
-        log_likelihoods = self.log_posteriors - log_standard_normal(self.z)
-        steps = means - self.z
-        log_maxima = beta * (
-            log_likelihoods
-            + np.einsum("mi,mi->m", self.z, steps)
-            - 0.5 * np.einsum("mi,mij,mj->m", steps, of_likelihood, steps)
-        ) - 0.5 * (means**2).sum(1)
-        log_masses = log_maxima + 0.5 * np.linalg.slogdet(covariances)[1]
-        log_weights = log_masses - logsumexp(log_masses)
-        weights = np.asarray(np.exp(log_weights), dtype=float)
-        choleskys = np.asarray(np.linalg.cholesky(covariances), dtype=float)
-        kept = log_weights > NEGLIGIBLE_LOG_MASS
-        return StudentMixture(
-            weights[kept] / weights[kept].sum(),
-            means[kept],
-            choleskys[kept],
-            np.full(int(kept.sum()), HEAVY_TAILS),
-        )
+        slopes = np.einsum("mij,mj->mi", precisions, z)
+        means = powers[:, None] * np.einsum("mij,mj->mi", covariances, slopes)
+        log_masses = 0.5 * np.linalg.slogdet(covariances)[1] - 0.5 * (means**2).sum(1)
+        return _mixture(means, covariances, log_masses)
 
 
-def find_maxima(target: Target, starts: FloatArray) -> Maxima:
+def _mixture(means: FloatArray, covariances: FloatArray, log_masses: FloatArray) -> StudentMixture:
+    """A component for each mean (m, d), but those of negligible mass."""
+    log_weights = log_masses - logsumexp(log_masses)
+    kept = log_weights > NEGLIGIBLE_LOG_MASS
+    weights = np.asarray(np.exp(log_weights[kept]), dtype=float)
+    choleskys = np.asarray(np.linalg.cholesky(covariances[kept]), dtype=float)
+    dof = np.full(len(weights), HEAVY_TAILS)
+    return StudentMixture(weights / weights.sum(), means[kept], choleskys, dof)
+
+
+def find_maxima(target: Target, starts: FloatArray, known: Maxima | None = None) -> Maxima:
     """Climb from every row of ``starts`` (S, d) and collect the distinct maxima reached.
+
+    Args:
+        target: whose log-likelihood times prior density is climbed.
+        starts: where ascents begin.
+        known: maxima that the result holds as well.
 
     Raises:
         ValueError: the likelihood is zero at every start.
     """
-    unit = np.tile(np.eye(target.n_dimensions), (len(starts), 1, 1))
-    rough = _distinct(target, *ascend(target, starts, unit))
+    d = target.n_dimensions
+    if known is None:
+        known = Maxima(np.empty((0, d)), np.empty(0), np.empty((0, d, d)))
+    unit = np.tile(np.eye(d), (len(starts), 1, 1))
+    rough = _distinct(target, *ascend(target, starts, unit), known)
     # Ascents along a curved ridge can stop short of its top: continue with the curvature known.
-    maxima = _distinct(target, *ascend(target, rough.z, rough.covariances))
+    new = _distinct(target, *ascend(target, rough.z, rough.covariances), known)
+    log_posteriors = np.concatenate([known.log_posteriors, new.log_posteriors])
+    if not len(log_posteriors):
+        raise ValueError("find_maxima: the likelihood is zero at every start")
+    order = np.argsort(-log_posteriors, kind="stable")
+    maxima = Maxima(
+        np.concatenate([known.z, new.z])[order],
+        log_posteriors[order],
+        np.concatenate([known.precisions, new.precisions])[order],
+    )
     log_masses = maxima.log_masses
     kept = np.flatnonzero(log_masses > log_masses.max() + NEGLIGIBLE_LOG_MASS)
     return Maxima(maxima.z[kept], maxima.log_posteriors[kept], maxima.precisions[kept])
 
 
-def _distinct(target: Target, ends: FloatArray, log_posteriors: FloatArray) -> Maxima:
-    """The highest of every group of ascents that ended at the same maximum."""
-    reached = np.isfinite(log_posteriors)
-    if not reached.any():
-        raise ValueError("find_maxima: the likelihood is zero at every start")
-    left = np.argsort(-np.where(reached, log_posteriors, -np.inf))[: reached.sum()]
+def _distinct(
+    target: Target, ends: FloatArray, log_posteriors: FloatArray, known: Maxima
+) -> Maxima:
+    """The highest of every group of ascents that ended at the same maximum, but at none known."""
+    d = target.n_dimensions
+    new = np.flatnonzero(np.isfinite(log_posteriors) & ~known.are_at(ends).any(axis=0))
+    left = new[np.argsort(-log_posteriors[new], kind="stable")]
     # A narrow maximum may be high and have little mass: what a low one could have, were it as wide
     # as the prior, decides.
-    widest = 0.5 * target.n_dimensions * math.log(2.0 * math.pi)
-    largest = -np.inf
-    highest: list[int] = []
+    widest = 0.5 * d * math.log(2.0 * math.pi)
+    largest = float(known.log_masses.max(initial=-math.inf))
+    highest: list[np.intp] = []
     precisions: list[FloatArray] = []
-    while len(left) and len(highest) < MAX_MAXIMA:
+    while len(left):
         top, left = left[0], left[1:]
         if log_posteriors[top] + widest < largest + NEGLIGIBLE_LOG_MASS:
             break
@@ -144,7 +165,8 @@ def _distinct(target: Target, ends: FloatArray, log_posteriors: FloatArray) -> M
         highest.append(top)
         precisions.append(precision)
         left = left[~maximum.are_at(ends[left])[0]]
-    return Maxima(ends[highest], log_posteriors[highest], np.array(precisions))
+    chosen = np.array(highest, dtype=np.intp)
+    return Maxima(ends[chosen], log_posteriors[chosen], np.reshape(precisions, (-1, d, d)))
 
 
 def ascend(

@@ -18,6 +18,8 @@ from bayes_ssi.sampling.mixture import Proposal, StudentMixture
 
 # Proposals that need not wait for one another are evaluated in batches of this size.
 DRAWN_AT_ONCE = 512
+# Positions (n, d) → log density and log-likelihood, (n,) each.
+LogDensity = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 class _BatchAcceptance(RedBlueMove):
@@ -32,11 +34,12 @@ class _BatchAcceptance(RedBlueMove):
             moving = np.flatnonzero(halves == half)
             others = [state.coords[halves != half]]
             proposed, log_factors = self.get_proposal(state.coords[moving], others, model.random)
-            log_density, _ = model.compute_log_prob_fn(proposed)
+            log_density, log_likelihoods = model.compute_log_prob_fn(proposed)
             log_ratio = log_factors + log_density - state.log_prob[moving]
             taken = log_ratio > np.log(model.random.rand(len(moving)))
             moved = moving[taken]
             state.coords[moved], state.log_prob[moved] = proposed[taken], log_density[taken]
+            state.blobs[moved] = log_likelihoods[taken]
             accepted[moved] = True
         return state, accepted
 
@@ -54,37 +57,50 @@ class _FromMixture(emcee.moves.Move):
 
     def __init__(self, mixture: StudentMixture) -> None:
         self.mixture = mixture
-        # Positions, their log densities, and log density over the mixture's, for steps to come.
-        self._ahead: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        # For steps to come: positions, log densities, log-likelihoods, and log density over the
+        # mixture's.
+        self._ahead: list[tuple[FloatArray, ...]] = []
 
     def propose(self, model: Any, state: emcee.State) -> tuple[emcee.State, np.ndarray]:
         if not self._ahead:
             self._ahead = self._drawn(model, len(state.coords))
-        proposed, log_density, log_weights = self._ahead.pop()
+        proposed, log_density, log_likelihoods, log_weights = self._ahead.pop()
         current_weights = state.log_prob - self.mixture.log_pdf(state.coords)
         taken = log_weights - current_weights > np.log(model.random.rand(len(proposed)))
         state.coords[taken] = proposed[taken]
         state.log_prob[taken] = log_density[taken]
+        state.blobs[taken] = log_likelihoods[taken]
         return state, taken
 
-    def _drawn(self, model: Any, n_walkers: int) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    def _drawn(self, model: Any, n_walkers: int) -> list[tuple[FloatArray, ...]]:
         rng = np.random.default_rng(model.random.randint(0, 2**32, size=4, dtype=np.uint32))
         n_steps = max(1, DRAWN_AT_ONCE // n_walkers)
         counts = rng.multinomial(n_steps * n_walkers, self.mixture.all_weights)
         proposed = rng.permutation(self.mixture.draw(counts, rng))
-        log_density, _ = model.compute_log_prob_fn(proposed)
+        log_density, log_likelihoods = model.compute_log_prob_fn(proposed)
         log_weights = log_density - self.mixture.log_pdf(proposed)
-        steps = (np.split(each, n_steps) for each in (proposed, log_density, log_weights))
-        return list(zip(*steps, strict=True))
+        drawn = (proposed, log_density, log_likelihoods, log_weights)
+        return list(zip(*(np.split(each, n_steps) for each in drawn), strict=True))
+
+
+class _BatchSampler(emcee.EnsembleSampler):
+    """emcee's sampler without its loop over the rows of a batch.
+
+    Its wrapper would print an error, with all positions and a traceback, before raising it.
+    """
+
+    def __init__(self, n_walkers: int, n_dimensions: int, log_density: LogDensity, moves: Any):
+        super().__init__(n_walkers, n_dimensions, log_density, moves=moves, vectorize=True)
+        self.log_density = log_density
+
+    def compute_log_prob(self, coords: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return self.log_density(coords)
 
 
 def ensemble_sampler(
-    log_density: Callable[[FloatArray], FloatArray],
-    n_walkers: int,
-    n_dimensions: int,
-    proposal: Proposal,
+    log_density: LogDensity, n_walkers: int, n_dimensions: int, proposal: Proposal
 ) -> emcee.EnsembleSampler:
-    """A vectorised emcee sampler.
+    """A vectorised emcee sampler, whose blobs are log-likelihoods.
 
     emcee's snooker move is not used: it divides by zero on the duplicate walkers that resampling
     makes.
@@ -95,19 +111,23 @@ def ensemble_sampler(
         (_DifferentialEvolution(), others * 2 / 3),
         (_Stretch(), others / 3),
     ]
-    sampler = emcee.EnsembleSampler(
-        n_walkers, n_dimensions, log_density, moves=moves, vectorize=True
-    )
-    # emcee's wrapper would print an error, with all positions and a traceback, before raising it.
-    sampler.log_prob_fn = log_density
-    return sampler
+    return _BatchSampler(n_walkers, n_dimensions, log_density, moves)
 
 
 def initial_state(
-    positions: FloatArray, log_density: FloatArray, rng: np.random.Generator
+    positions: FloatArray,
+    log_density: FloatArray,
+    log_likelihoods: FloatArray,
+    rng: np.random.Generator,
 ) -> emcee.State:
     """Walkers at ``positions`` (n, d) with a random state that follows from ``rng``."""
     # Assigning a RandomState object to a sampler does nothing; its state tuple does.
     seeds = rng.integers(0, 2**32, size=8, dtype=np.uint32)
     random_state = np.random.RandomState(seeds).get_state()
-    return emcee.State(positions, log_prob=log_density, random_state=random_state, copy=True)
+    return emcee.State(
+        positions,
+        log_prob=log_density,
+        blobs=log_likelihoods,
+        random_state=random_state,
+        copy=True,
+    )

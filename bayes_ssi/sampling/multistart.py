@@ -21,7 +21,7 @@ from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.maxima import Maxima, find_maxima
-from bayes_ssi.sampling.regions import nearest_neighbours
+from bayes_ssi.sampling.regions import local_maxima
 from bayes_ssi.sampling.target import Target
 
 # Searches are repeated, up to this multiple of the wanted number, while a maximum with more than
@@ -129,10 +129,3 @@ def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generat
         highest = local_maxima(draws[possible], log_likelihoods[possible])
         starts = np.concatenate([highest[:n_ascents], starts])
     return find_maxima(target, starts).z if len(starts) else starts
-
-
-def local_maxima(draws: FloatArray, log_likelihoods: FloatArray) -> FloatArray:
-    """The draws (k, d) higher than all their neighbours, the highest first."""
-    highest = log_likelihoods[nearest_neighbours(draws)].max(axis=1)
-    chosen = np.flatnonzero(log_likelihoods >= highest)
-    return draws[chosen[np.argsort(-log_likelihoods[chosen], kind="stable")]]

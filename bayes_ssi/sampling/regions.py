@@ -44,6 +44,12 @@ def nearest_neighbours(points: FloatArray) -> NDArray[np.intp]:
     return np.reshape(nearest, (len(points), -1)).astype(np.intp)
 
 
+def local_maxima(draws: FloatArray, heights: FloatArray) -> FloatArray:
+    """The draws (k, d) higher than all their neighbours, the highest first."""
+    chosen = np.flatnonzero(heights >= heights[nearest_neighbours(draws)].max(axis=1))
+    return draws[chosen[np.argsort(-heights[chosen], kind="stable")]]
+
+
 @dataclass(frozen=True, eq=False)
 class Regions:
     """Draws that represent the regions of a posterior.

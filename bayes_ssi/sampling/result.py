@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.sampling.compression import Compression
 from bayes_ssi.sampling.diagnostics import r_hat
 from bayes_ssi.sampling.ensembles import Ensemble
 from bayes_ssi.sampling.estimates import Estimate, EvidenceEstimate
@@ -15,7 +16,6 @@ from bayes_ssi.sampling.importance import ImportanceSample
 from bayes_ssi.sampling.maxima import Maxima
 from bayes_ssi.sampling.multistart import MultistartSearch
 from bayes_ssi.sampling.regions import Regions
-from bayes_ssi.sampling.tempering import TemperedStart
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class SamplingResult:
 
     Attributes:
         search: independent searches for maxima.
-        starts: the tempered starts.
+        compressions: of the prior; none where the maxima sufficed.
         maxima: all known maxima of the posterior.
         ensembles: posterior draws.
         resampled: posterior draws resampled from the importance draws, where ensembles mix too
@@ -37,7 +37,7 @@ class SamplingResult:
     """
 
     search: MultistartSearch
-    starts: tuple[TemperedStart, ...]
+    compressions: tuple[Compression, ...]
     maxima: Maxima
     ensembles: tuple[Ensemble, ...]
     importance: ImportanceSample

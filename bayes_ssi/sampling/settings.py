@@ -9,6 +9,17 @@ from dataclasses import dataclass
 # Called with the name of a step and the completed share of it.
 StepProgress = Callable[[str, float], None]
 
+# A quarter of the particles survives a level; to half of those, as many as there are
+# dimensions, the proposals of the others are fitted.
+LEAST_PER_DIMENSION = 8
+
+
+def part(
+    progress: StepProgress, step: str, index: int = 0, count: int = 1
+) -> Callable[[float], None]:
+    """Progress of one of ``count`` parts as progress of the whole step."""
+    return lambda done: progress(step, (index + done) / count)
+
 
 @dataclass(frozen=True)
 class SamplingSettings:
@@ -16,14 +27,15 @@ class SamplingSettings:
 
     Attributes:
         log_evidence_error: wanted standard error of the log evidence, in nats.
-        particles: number in each tempered start; None chooses it by the number of parameters.
+        particles: number in each compression of the prior; None chooses it by the number of
+            parameters.
         searches: least number of independent searches for maxima.
         max_steps: longest chain of an ensemble, in steps.
         economical: with emulators of slow structures in their place, which need some hundred
             solutions; structures with small matrices are sampled as they are.
 
     Raises:
-        ValueError: a setting is not positive, or there are fewer than 4 particles per parameter.
+        ValueError: a setting is not positive, or there are fewer than 8 particles per parameter.
     """
 
     log_evidence_error: float = 0.01
@@ -47,10 +59,11 @@ class SamplingSettings:
             ValueError: fewer were requested than these need.
         """
         if self.particles is None:
-            return max(500, 100 * n_dimensions)
-        if self.particles < 4 * n_dimensions:
+            return max(256, 50 * n_dimensions)
+        least = LEAST_PER_DIMENSION * n_dimensions
+        if self.particles < least:
             raise ValueError(
-                f"SamplingSettings: particles must be at least {4 * n_dimensions} for "
+                f"SamplingSettings: particles must be at least {least} for "
                 f"{n_dimensions} parameters, got {self.particles!r}"
             )
         return self.particles

@@ -36,8 +36,8 @@ from known_evidence import Problem
 from nested_samplers import SAMPLERS, sample_within
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.posterior.checks import failed_checks
 from bayes_ssi.posterior.class_target import class_target
+from bayes_ssi.sampling.checks import failed_checks
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.target import Target
 

@@ -17,7 +17,7 @@ from problems import (
 )
 from scipy.special import ndtr
 
-from bayes_ssi.posterior.checks import failed_checks
+from bayes_ssi.sampling.checks import failed_checks
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.target import Target
 

@@ -249,5 +249,5 @@ def test_a_class_that_pairs_nothing_is_sampled():
     data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
     for seed in range(4):
         posterior = bs.sample(bs.ModelClass("none", building, data, pairing={}), seed)
-        assert np.isfinite(posterior.evidence.check("tempered starts").error)
+        assert np.isfinite(posterior.evidence.check("bridge sampling").error)
         assert posterior.failed_checks == ()

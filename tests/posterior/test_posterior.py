@@ -47,9 +47,9 @@ def test_evidence_and_summary_are_those_of_quadrature(posterior):
     log_evidence, mean, sd, quantiles, fit = by_quadrature()
     result, (row,) = posterior.evidence, posterior.summary
     assert result.log_evidence == pytest.approx(log_evidence, abs=4.0 * result.error)
-    bridge, tempered, laplace = result.checks
+    bridge, other, laplace = result.checks
     assert bridge.log_evidence == pytest.approx(log_evidence, abs=4.0 * bridge.error)
-    assert tempered.log_evidence == pytest.approx(log_evidence, abs=0.3)
+    assert other.log_evidence == pytest.approx(log_evidence, abs=4.0 * other.error)
     assert laplace.log_evidence == pytest.approx(log_evidence, abs=0.02)
     assert result.mean_log_likelihood == pytest.approx(fit, abs=0.03)
     assert result.information_gained == pytest.approx(fit - log_evidence, abs=0.03)
@@ -87,7 +87,7 @@ def test_the_other_fields_of_a_posterior(posterior):
     assert 300 < posterior.effective_sample_sizes[0] <= posterior.values.size
     np.testing.assert_allclose(posterior.maxima[0], 1.1**2, rtol=0.02)
     (region,) = posterior.regions
-    assert (region.share, region.shares_of_starts) == (1.0, (1.0, 1.0))
+    assert (region.share, region.shares_of_compressions) == (1.0, ())
     assert region.mean == pytest.approx((posterior.summary[0].mean,))
 
 

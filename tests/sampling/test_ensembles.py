@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from bayes_ssi.sampling.ensembles import Ensemble, Walkers, run_ensemble
-from bayes_ssi.sampling.maxima import find_maxima
 from bayes_ssi.sampling.mixture import Proposal, StudentMixture
 from bayes_ssi.sampling.target import Target
-from bayes_ssi.sampling.tempering import tempered_start
 
 
 def ensemble(positions, times=None):
@@ -41,13 +39,12 @@ def gaussian(z):
 
 def run(function=gaussian, proposal=None, seed=0, max_steps=5000, n_walkers=32, **kwargs):
     target = Target(function, 2)
-    maxima = find_maxima(target, np.zeros((1, 2)))
-    start = tempered_start(target, 300, maxima, np.random.SeedSequence(9))
     if proposal is None:
         proposal = StudentMixture(
             np.ones(1), MEAN[None] + 0.1, 0.4 * np.eye(2)[None], np.full(1, 5.0)
         )
-    walkers = start.walkers(n_walkers, np.random.default_rng(seed))
+    positions = np.random.default_rng([seed, 9]).multivariate_normal(MEAN, COVARIANCE, n_walkers)
+    walkers = Walkers(positions, target.log_posterior(positions))
     return run_ensemble(
         target, walkers, Proposal(proposal, 0.7), max_steps, np.random.SeedSequence(seed), **kwargs
     )
@@ -107,7 +104,7 @@ def test_an_error_of_the_model_is_raised_as_it_is_and_nothing_printed(capsys):
     proposal = Proposal(StudentMixture(np.ones(1), MEAN[None], np.eye(2)[None], np.full(1, 5.0)))
     walkers = Walkers(np.random.default_rng(1).standard_normal((8, 2)), np.zeros(8))
     target = Target(gaussian, 2)
-    target.log_posterior = broken
+    target.log_likelihood = broken
     with pytest.raises(ArithmeticError, match="no equilibrium"):
         run_ensemble(target, walkers, proposal, 20, np.random.SeedSequence(0))
     assert capsys.readouterr() == ("", "")

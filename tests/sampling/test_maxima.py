@@ -82,11 +82,14 @@ def test_laplace_is_exact_for_a_linear_model(linear):
     assert maxima.laplace_estimate.log_evidence == pytest.approx(linear.log_evidence, abs=3e-3)
 
 
-@pytest.mark.parametrize("beta", [1.0, 0.3, 0.01])
-def test_the_components_of_a_linear_model_at_a_temperature(linear, beta):
-    """likelihood^β · prior is normal: precision I + β AᵀA/s², mean β C Aᵀy/s²."""
+@pytest.mark.parametrize("beta", [3.0, 0.3, 0.01])
+def test_the_components_of_a_linear_model_above_a_level(linear, beta):
+    """Like likelihood^β · prior with β = (d + 2) / (2 · height): precision I + β AᵀA/s²."""
     starts = np.random.default_rng(1).standard_normal((8, 3))
-    mixture = find_maxima(linear.target, starts).as_mixture(beta)
+    maxima = find_maxima(linear.target, starts)
+    highest = linear.target.log_likelihood(maxima.z)[0]
+    assert maxima.above(highest + 1e-6) is None
+    mixture = maxima.above(highest - (3 + 2) / (2.0 * beta))
     covariance = np.linalg.inv(np.eye(3) + beta * linear.precision_of_data)
     result = mixture.factors[0] @ mixture.factors[0].T
     np.testing.assert_allclose(result, covariance, rtol=2e-3, atol=1e-6)

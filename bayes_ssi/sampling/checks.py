@@ -101,7 +101,7 @@ def _regions(sampled: SamplingResult) -> Iterator[str]:
     regions, shares = sampled.regions, sampled.region_shares
     if regions.n_regions == 1:
         return
-    shares_of_starts = [regions.shares(start.positions) for start in sampled.starts]
+    shares_of_compressions = [regions.shares(each.positions) for each in sampled.compressions]
     shares_of_chains = regions.shares(np.concatenate([e.draws for e in sampled.draws]))
     n_searches = sampled.searches_of_regions
     for region in np.flatnonzero(shares > SMALL_SHARE):
@@ -111,11 +111,11 @@ def _regions(sampled: SamplingResult) -> Iterator[str]:
                 f"{name} was found by {n_searches[region]} of {sampled.search.n_searches} "
                 "independent searches; there may be others"
             )
-        missed = sum(start[region] == 0 for start in shares_of_starts)
+        missed = sum(each[region] == 0 for each in shares_of_compressions)
         if missed:
             yield (
-                f"{name} was missed by {missed} of {len(shares_of_starts)} tempered starts; there "
-                "may be others"
+                f"{name} was missed by {missed} of {len(shares_of_compressions)} compressions of "
+                "the prior; there may be others"
             )
         if shares_of_chains[region] == 0:
             yield f"{name} was never visited by the chains"
@@ -123,7 +123,7 @@ def _regions(sampled: SamplingResult) -> Iterator[str]:
 
 def _searches(sampled: SamplingResult) -> Iterator[str]:
     """Maxima that only one search found, where there are no particles as a second check."""
-    if not (sampled.starts or sampled.search.converged):
+    if not (sampled.compressions or sampled.search.converged):
         yield (
             f"{sampled.search.n_searches} independent searches found different maxima; there may "
             "be others"

@@ -9,8 +9,8 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 import bayes_ssi as bs
-from bayes_ssi.posterior.checks import failed_checks
 from bayes_ssi.posterior.edges import edges
+from bayes_ssi.sampling.checks import failed_checks
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.regions import Regions
 from bayes_ssi.sampling.target import Target
@@ -66,10 +66,10 @@ def spoil_bridge(s):
     return replace(s, evidence_checks=(bridge, *others))
 
 
-def spoil_tempered(s):
-    bridge, tempered, laplace = s.evidence_checks
-    tempered = replace(tempered, log_evidence=tempered.log_evidence + 4.0)
-    return replace(s, evidence_checks=(bridge, tempered, laplace))
+def spoil_compression(s):
+    bridge, compression, laplace = s.evidence_checks
+    compression = replace(compression, log_evidence=compression.log_evidence + 4.0)
+    return replace(s, evidence_checks=(bridge, compression, laplace))
 
 
 def spoil_weights(s):
@@ -117,7 +117,10 @@ def spoil_size(s):
         (spoil_length, r"^a chain of \d+ steps is shorter than 50 autocorrelation times of \d+"),
         (spoil_r_hat, r"^the ensembles differ: R-hat between them is 1\.\d{3}, above 1\.01"),
         (spoil_bridge, r"and bridge sampling disagree on the log evidence: -?0\.\d+ ± 0\.\d+ and "),
-        (spoil_tempered, r"importance sampling and tempered starts disagree on the log evidence"),
+        (
+            spoil_compression,
+            r"importance sampling and compression of the prior disagree on the",
+        ),
         (spoil_weights, r"^the standard error of the log evidence is 0\.03\d after \d+ importance"),
         (spoil_tail, r"^a few importance draws may carry .* Pareto k is 0\.[89]\d, above 0\.7$"),
         (spoil_coverage, r"^the importance draws may miss 3\.\d % of the posterior: draws of the"),
@@ -141,16 +144,16 @@ def in_first_region(sampled, z):
     return sampled.regions.assign(z) == 0
 
 
-def test_a_region_that_the_tempered_starts_missed_is_reported(sampled):
-    starts = []
-    for start in sampled.starts:
-        kept = start.positions[in_first_region(sampled, start.positions)]
-        starts.append(replace(start, positions=np.resize(kept, start.positions.shape)))
-    (check,) = failed_checks(replace(sampled, starts=tuple(starts)))
+def test_a_region_that_the_compressions_missed_is_reported(sampled):
+    missing = []
+    for each in sampled.compressions:
+        kept = each.positions[in_first_region(sampled, each.positions)]
+        missing.append(replace(each, positions=np.resize(kept, each.positions.shape)))
+    (check,) = failed_checks(replace(sampled, compressions=tuple(missing)))
     assert check.startswith(
         f"a region with {100 * sampled.region_shares[1]:.1f} % of the posterior"
     )
-    assert "tempered start" in check
+    assert "missed by 2 of 2 compressions of the prior" in check
 
 
 def test_a_region_that_the_chains_never_visited_is_reported(sampled):
@@ -174,9 +177,9 @@ def test_a_small_region_may_be_missed(sampled):
     small = replace(
         sampled,
         importance=replace(sampled.importance, log_likelihoods=log_likelihoods),
-        starts=tuple(
+        compressions=tuple(
             replace(s, positions=np.resize(s.positions[in_first_region(sampled, s.positions)],
-                                           s.positions.shape)) for s in sampled.starts
+                                           s.positions.shape)) for s in sampled.compressions
         ),
     )  # fmt: skip
     assert small.region_shares[1] < 0.02

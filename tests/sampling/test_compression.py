@@ -1,0 +1,174 @@
+"""Compression of the prior on targets whose posterior and evidence are known."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, norm
+
+from bayes_ssi.sampling.compression import Compression, compress_prior, compression_estimate
+from bayes_ssi.sampling.maxima import find_maxima
+from bayes_ssi.sampling.target import Target
+
+OBSERVED, SD = np.array([1.0, -0.5, 2.0]), np.array([0.1, 0.3, 1.0])
+# Prior N(0, I), one observation of each coordinate.
+LOG_EVIDENCE = float(
+    np.sum(-0.5 * OBSERVED**2 / (1.0 + SD**2) - 0.5 * np.log(2.0 * math.pi * (1.0 + SD**2)))
+)
+MEAN, POSTERIOR_SD = OBSERVED / (1.0 + SD**2), SD / np.sqrt(1.0 + SD**2)
+
+
+def gaussian(z):
+    return (-0.5 * ((OBSERVED - z) / SD) ** 2 - np.log(SD * math.sqrt(2.0 * math.pi))).sum(1)
+
+
+def compressed(function=gaussian, d=3, seed=0, n_particles=256, climbers=None, **kwargs):
+    target = Target(function, d)
+    if climbers is None:
+        climbers = np.random.default_rng(seed).standard_normal((32, d))
+    maxima = find_maxima(target, climbers)
+    return compress_prior(target, n_particles, maxima, np.random.SeedSequence(seed), **kwargs)
+
+
+def off_and_errors(log_evidence, n, **kwargs):
+    """Errors of ``n`` independent estimates, and those that they claim."""
+    each = [compressed(seed=seed, **kwargs) for seed in range(n)]
+    off = np.array([c.log_evidence for c in each]) - log_evidence
+    return off, np.array([c.log_evidence_error for c in each])
+
+
+def test_the_evidence_is_within_its_error():
+    off, errors = off_and_errors(LOG_EVIDENCE, 20)
+    assert (np.abs(off) < 4.0 * errors).all()
+    assert abs(off.mean()) < 4.0 * off.std(ddof=1) / math.sqrt(len(off))
+    assert 0.5 < off.std(ddof=1) / errors.mean() < 2.0
+    assert errors.max() < 0.5
+
+
+def test_the_particles_are_distributed_as_the_posterior():
+    particles = compressed(n_particles=2000)
+    tolerance = 6.0 / math.sqrt(2000)  # they are correlated a little
+    np.testing.assert_array_less(
+        np.abs(particles.positions.mean(0) - MEAN) / POSTERIOR_SD, tolerance
+    )
+    np.testing.assert_allclose(particles.positions.std(0), POSTERIOR_SD, rtol=tolerance)
+    np.testing.assert_array_equal(particles.log_likelihoods, gaussian(particles.positions))
+    np.testing.assert_array_equal(particles.log_likelihoods_passed, gaussian(particles.passed))
+
+
+def test_the_first_level_keeps_the_highest_quarter_of_the_prior():
+    particles = compressed(seed=5, n_particles=400)
+    # Its first particles are the first draws of the seed's generator.
+    z = np.random.default_rng(np.random.SeedSequence(5)).standard_normal((400, 3))
+    lowest = np.argsort(gaussian(z))[:300]
+    np.testing.assert_array_equal(particles.passed[:300], z[lowest])
+    assert gaussian(particles.passed[300:]).min() > gaussian(z[lowest]).max()
+
+
+def test_a_likelihood_that_is_the_same_everywhere():
+    """Equal likelihoods are neither lost nor counted twice."""
+    particles = compressed(lambda z: np.full(len(z), 3.0), d=2)
+    assert particles.log_evidence == pytest.approx(3.0, abs=1e-9)
+    np.testing.assert_allclose(particles.positions.std(0), 1.0, rtol=0.25)
+
+
+def test_plateaus():
+    """Rings of equal likelihood e^0, e^1, … around the origin, the highest a disc."""
+    radii = np.array([2.0, 1.5, 1.0, 0.5, 0.1])
+    off, errors = off_and_errors(
+        math.log(1.0 + np.sum(chi2.cdf(radii**2, 2) * np.exp(np.arange(1, 6)) * (1 - 1 / math.e))),
+        10,
+        function=lambda z: (np.linalg.norm(z, axis=1)[:, None] < radii).sum(1).astype(float),
+        d=2,
+    )
+    assert (np.abs(off) < 4.0 * errors).all()
+    assert np.abs(off).max() < 0.3
+
+
+def test_a_likelihood_that_is_positive_in_a_ten_thousandth_of_the_prior():
+    """None of the first particles is possible; one possible point is known."""
+    radius = math.sqrt(chi2.ppf(1e-4, 3))
+    off, errors = off_and_errors(
+        math.log(1e-4),
+        10,
+        function=lambda z: np.where(np.linalg.norm(z, axis=1) < radius, 0.0, -np.inf),
+        climbers=np.zeros((1, 3)),
+    )
+    assert (np.abs(off) < 4.0 * errors).all()
+    assert errors.max() < 1.0
+
+
+def test_a_likelihood_that_is_zero_in_places():
+    off, errors = off_and_errors(
+        0.5 + math.log(norm.sf(1.0)),  # e^(1/2) P(normal > 1)
+        5,
+        function=lambda z: np.where(z[:, 0] > 0, -z[:, 0], -np.inf),
+        d=2,
+    )
+    assert (np.abs(off) < 4.0 * errors).all()
+
+
+def test_an_impossible_likelihood_is_refused():
+    maxima = find_maxima(Target(gaussian, 3), np.zeros((1, 3)))
+    nowhere = Target(lambda z: np.full(len(z), -np.inf), 3)
+    with pytest.raises(ValueError, match="positive at 0 of 128000 draws from the prior, too few"):
+        compress_prior(nowhere, 256, maxima, np.random.SeedSequence(0))
+
+
+def test_regions_keep_their_shares():
+    """A ninth of the posterior far from the rest is neither lost nor inflated."""
+
+    def two_regions(z):
+        near = -0.5 * (((z - 1.0) / 0.1) ** 2).sum(1) + math.log(8.0)
+        far = -0.5 * (((z + 1.0) / 0.1) ** 2).sum(1)
+        return np.logaddexp(near, far)
+
+    each = [compressed(two_regions, 2, seed) for seed in range(8)]
+    shares = [np.mean(c.positions[:, 0] < 0) for c in each]
+    assert np.mean(shares) == pytest.approx(1.0 / 9.0, abs=0.04)
+    assert min(shares) > 0.02
+
+
+def spike_in_slab(z):
+    """Likelihood times prior in 8 dimensions: N(0, 0.01²) with 99 %, N(0, 0.3²) with the rest."""
+    squares = (z**2).sum(1)
+    parts = [
+        math.log(share) - 8.0 * math.log(sd * math.sqrt(2.0 * math.pi)) - 0.5 * squares / sd**2
+        for share, sd in ((0.99, 0.01), (0.01, 0.3))
+    ]
+    return np.logaddexp(*parts) + 0.5 * squares + 4.0 * math.log(2.0 * math.pi)
+
+
+def test_a_spike_within_a_slab_is_passed_into():
+    """Powers of the likelihood never lead from the slab into the spike in its midst."""
+    for seed in range(3):
+        particles = compressed(spike_in_slab, 8, seed, 400, climbers=np.full((1, 8), 0.01))
+        assert abs(particles.log_evidence) < 4.0 * particles.log_evidence_error
+        assert particles.log_evidence_error < 1.0
+        assert np.mean(np.abs(particles.positions).max(1) < 0.05) > 0.9
+
+
+def test_progress_rises_to_one():
+    seen = []
+    compressed(progress=seen.append)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+    assert len(set(seen)) > 3
+
+
+def compression(log_evidence, error):
+    return Compression(
+        np.zeros((4, 1)), np.zeros(4), np.zeros((4, 1)), np.zeros(4), log_evidence, error
+    )
+
+
+@pytest.mark.parametrize(
+    ("each", "log_evidence", "error"),
+    [
+        ([(2.0, 0.3), (2.0, 0.4)], 2.0, 0.25),  # √(0.09 + 0.16) / 2
+        ([(math.log(1.0), 0.01), (math.log(3.0), 0.01)], math.log(2.0), math.log(3.0) / 2.0),
+    ],
+)
+def test_estimates_are_averaged_with_the_larger_error(each, log_evidence, error):
+    result = compression_estimate([compression(*one) for one in each])
+    assert (result.log_evidence, result.error) == pytest.approx((log_evidence, error))
