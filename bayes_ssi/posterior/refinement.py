@@ -27,9 +27,9 @@ from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import mac
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.posterior.checks import REACHED
 from bayes_ssi.posterior.class_target import class_target
 from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.sampling.checks import REACHED
 from bayes_ssi.sampling.maxima import find_maxima
 from bayes_ssi.structures.structure import Structure
 
