@@ -54,16 +54,23 @@ class EmulatedStructure(ApproximateStructure):
     Solutions of an emulated structure never change: adding some makes a new structure.
     """
 
-    def __init__(self, exact: Structure, *, most_solutions: int | None = None) -> None:
+    def __init__(
+        self,
+        exact: Structure,
+        *,
+        most_solutions: int | None = None,
+        fit: EmulatorFit | None = None,
+    ) -> None:
         """Choose the structure; nothing is computed yet.
 
         Args:
             exact: the structure; rows of its modes may be NaN, or raise, where it has none.
             most_solutions: largest number of its solutions; 70 for each parameter if None.
+            fit: of an emulator of the same structure.
         """
         self._exact = exact
         self.most_solutions = most_solutions or 70 * max(len(exact.parameters), 2)
-        self._fit: _Fit | None = None
+        self._fit = fit
 
     @property
     def exact(self) -> Structure:
@@ -106,7 +113,7 @@ class EmulatedStructure(ApproximateStructure):
             ValueError: the only row is expected to fail; the message says why the structure failed
                 at the nearest point, if it raised there.
         """
-        fit = self._fitted
+        fit = self.fitted
         x = self._coordinates(values)
         modes = fit.representation.decoded(fit.process.mean(x))
         failing = fit.failing.expected(x)
@@ -142,7 +149,7 @@ class EmulatedStructure(ApproximateStructure):
 
     def with_solutions_at(self, values: FloatArray) -> Self:
         """The structure with more solutions, at ``values`` (B, n_parameters)."""
-        return self._of_fit(self._with(self._fitted, values))
+        return self._of_fit(self._with(self.fitted, values))
 
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
         fit, x = self._fit_for(n_modes), self._coordinates(values)
@@ -156,20 +163,21 @@ class EmulatedStructure(ApproximateStructure):
             f"sensors by {shape:.1g} (at unit length) at a typical draw",
         )
 
-    def _of_fit(self, fit: _Fit) -> Self:
+    def _of_fit(self, fit: EmulatorFit) -> Self:
         better = copy(self)
         better._fit = fit
         return better
 
-    def _fit_for(self, n_modes: int | None) -> _Fit:
+    def _fit_for(self, n_modes: int | None) -> EmulatorFit:
         """The fit in which the lowest ``n_modes`` decide."""
-        fit, n_needed = self._fitted, n_modes or self.n_modes
+        fit, n_needed = self.fitted, n_modes or self.n_modes
         if n_needed == fit.n_needed:
             return fit
-        return _Fit.best(fit.x, fit.modes, fit.failing, n_needed, fit)
+        return EmulatorFit.best(fit.x, fit.modes, fit.failing, n_needed, fit)
 
     @property
-    def _fitted(self) -> _Fit:
+    def fitted(self) -> EmulatorFit:
+        """The solutions and what is fitted to them; the first are made when they are needed."""
         if self._fit is None:
             self._fit = self._with(None, self._first_values())
         return self._fit
@@ -186,7 +194,7 @@ class EmulatedStructure(ApproximateStructure):
         z = ndtri(np.clip(uniform[:n], 1e-3, 1.0 - 1e-3))
         return np.vstack([self.prior_medians(), values_at(self.parameters, z)])
 
-    def _with(self, fit: _Fit | None, values: FloatArray) -> _Fit:
+    def _with(self, fit: EmulatorFit | None, values: FloatArray) -> EmulatorFit:
         """The fit to the solutions of ``fit`` and those at ``values``."""
         failures: tuple[FloatArray, ...]
         x, modes = self._coordinates(values), solved(self._exact, values)
@@ -207,9 +215,9 @@ class EmulatedStructure(ApproximateStructure):
             )
         n_needed = self.n_modes if fit is None else fit.n_needed
         failing = FailingPoints.fitted(failures[0], failures[1], of_all)
-        return _Fit.best(of_all, Modes(*modes_of_all), failing, n_needed, fit)
+        return EmulatorFit.best(of_all, Modes(*modes_of_all), failing, n_needed, fit)
 
-    def _worst(self, fit: _Fit, x: FloatArray, allowed: float) -> NDArray[np.intp]:
+    def _worst(self, fit: EmulatorFit, x: FloatArray, allowed: float) -> NDArray[np.intp]:
         """Rows of ``x`` where the spread is largest, each given that those before are known."""
         chosen: list[int] = []
         for _ in range(BATCH_PER_PARAMETER * len(self.parameters)):
@@ -239,7 +247,7 @@ class EmulatedStructure(ApproximateStructure):
         return f"EmulatedStructure({self._exact!r}, most_solutions={self.most_solutions})"
 
 
-class _Fit(NamedTuple):
+class EmulatorFit(NamedTuple):
     """Solutions and what is fitted to them.
 
     Attributes:
@@ -268,8 +276,8 @@ class _Fit(NamedTuple):
         modes: Modes,
         failing: FailingPoints,
         n_needed: int,
-        before: _Fit | None,
-    ) -> _Fit:
+        before: EmulatorFit | None,
+    ) -> EmulatorFit:
         """The fit by the representation that predicts the last half of the solutions best."""
         _, n_dof, n_modes = modes.shapes.shape
         fits, scores = [], []

@@ -5,6 +5,8 @@ frequencies, the pairing. Each class that results is fitted in two steps. Its li
 where the model's modes are computed once, for all mistakes, selects the few that are fitted by an
 ascent to the maximum of likelihood times prior. The gain is the rise of this maximum, in nats.
 
+Where structures are approximate, they are fitted to, and the fitted ones are solved exactly.
+
 Inferred error sizes can absorb a mistake, which the p-values of the class then hardly show; the
 gain does. The density of data without a mistake is a density of the data themselves. If the class
 is right, its ratio to the class's own density is 1 on average, so that, of n mistakes, one gains
@@ -29,7 +31,9 @@ from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.adequacy import LIMIT, Hint, adequacy
+from bayes_ssi.posterior.emulation import emulated_again
 from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.posterior.refinement import with_exact_structures
 from bayes_ssi.posterior.repairs import (
     Repair,
     common_factor,
@@ -60,9 +64,11 @@ def diagnose(
 
     Args:
         model_class: a class.
-        posterior: its posterior.
+        posterior: its posterior; where structures were emulated for it, the emulators serve here.
         workers: where the model is evaluated; in this process if None.
     """
+    if posterior.emulators:
+        model_class, workers = emulated_again(model_class, posterior), None
     points = _points(model_class, posterior, workers)
     best = _log_maximum(model_class, posterior)
     kinds = [
@@ -182,6 +188,10 @@ def _fitted(
     target = Target(changed.log_likelihood_at, z.shape[1], workers)
     z, log_posteriors = ascend(target, z, np.eye(z.shape[1])[None])
     values = changed.values(z)
+    exact = with_exact_structures(changed)
+    if exact is not changed:  # the approximation may be coarse there
+        changed = exact
+        log_posteriors = changed.log_likelihood(values) + log_standard_normal(z)
     modes = [likelihood.compared_modes(own) for _, likelihood, own in changed.parts(values)]
     return Hint(
         repair.mistake or _other_pairing(repair, values),

@@ -51,6 +51,17 @@ def with_emulated_structures(
     return model_class.with_structures(emulated)
 
 
+def emulated_again(model_class: ModelClass, posterior: Posterior) -> ModelClass:
+    """The class with the emulators with which it was sampled; unchanged if there were none."""
+    fits = posterior.emulators
+
+    def emulated(structure: Structure, i: int) -> Structure:
+        fit = fits[i] if fits else None
+        return structure if fit is None else EmulatedStructure(structure, fit=fit)
+
+    return model_class.with_structures(emulated)
+
+
 def sample_emulated(
     emulated: ModelClass,
     seed: int,

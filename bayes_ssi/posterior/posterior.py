@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.finite_elements.emulated_structure import EmulatorFit
 from bayes_ssi.identification.inferred_pairing import InferredPairing
 from bayes_ssi.model_class.configuration import choose_configuration
 from bayes_ssi.posterior.adequacy import Adequacy
@@ -134,6 +135,8 @@ class Posterior:
         remarks: further remarks on how it was computed, a sentence each.
         frequency_error: largest error of ``frequencies_hz``, as a fraction, at the draws at which
             approximate structures were solved exactly; zero where no structure is approximate.
+        emulators: what was emulated, configuration by configuration, None for other structures;
+            not stored.
     """
 
     name: str
@@ -162,6 +165,7 @@ class Posterior:
     adequacy: Adequacy | None = None
     remarks: tuple[str, ...] = ()
     frequency_error: float = 0.0
+    emulators: tuple[EmulatorFit | None, ...] = ()
 
     @property
     def configuration_names(self) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.workers import Workers
 from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
+from bayes_ssi.finite_elements.emulated_structure import EmulatedStructure
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import mac
 from bayes_ssi.model_class.model_class import ModelClass
@@ -70,6 +71,13 @@ class RefinementSettings:
     largest_correction: float = 0.3
 
 
+def with_exact_structures(model_class: ModelClass) -> ModelClass:
+    """The class with the structures that its own approximate; the class itself if none does."""
+    return model_class.with_structures(
+        lambda s, _: s.exact if isinstance(s, ApproximateStructure) else s
+    )
+
+
 def is_approximate(model_class: ModelClass) -> bool:
     """Whether any structure of the class approximates another."""
     return any(isinstance(c.structure, ApproximateStructure) for c in model_class.configurations)
@@ -112,7 +120,12 @@ def refined(
     if confirmation is None:
         confirmation = _confirmed(model_class, posterior, log_evidence_error, settings)
     certified = _certified(model_class, posterior, settings)
-    return _corrected(certified, confirmation, log_evidence_error, settings)
+    structures = [test.structure for test in model_class.configurations]
+    emulators = [s.fitted if isinstance(s, EmulatedStructure) else None for s in structures]
+    return replace(
+        _corrected(certified, confirmation, log_evidence_error, settings),
+        emulators=tuple(emulators) if any(emulators) else (),
+    )
 
 
 def _accurate_near_maxima(
@@ -313,9 +326,7 @@ def _confirmed(
     settings: RefinementSettings,
 ) -> _Confirmation:
     """Exact solutions at as many draws as the wanted error of the log evidence needs."""
-    exact = model_class.with_structures(
-        lambda s, _: s.exact if isinstance(s, ApproximateStructure) else s
-    )
+    exact = with_exact_structures(model_class)
     n = settings.n_confirmed
     while True:
         values = _evenly_spaced_draws(posterior, n)

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -153,7 +153,8 @@ def load_result(directory: str | Path) -> StoredResult:
 
 
 def _posterior(directory: Path, record: ResultRecord, i: int) -> Posterior:
-    not_here = dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0)) | {"datum_terms": None}
+    not_here: dict[str, Any] = dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0))
+    not_here |= {"datum_terms": None, "emulators": ()}
     try:
         posterior = from_record(Posterior, record.posteriors[i], f"posteriors[{i}]", **not_here)
         if posterior.name not in record.draws:

@@ -141,7 +141,7 @@ def _record(
 
 def _without_draws(posterior: Posterior) -> dict[str, Any]:
     """The record of a posterior without its draws, but with its summary for other programs."""
-    record: dict[str, Any] = to_record(posterior, without=IN_THE_FILE_OF_DRAWS)
+    record: dict[str, Any] = to_record(posterior, without=(*IN_THE_FILE_OF_DRAWS, "emulators"))
     return record | {"summary": to_record(posterior.summary)}
 
 

@@ -12,6 +12,7 @@ import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.execution.checkpoint import Checkpoint
 from bayes_ssi.modal import Modes
+from bayes_ssi.posterior.diagnosis import diagnose
 from bayes_ssi.posterior.refinement import RefinementSettings
 from bayes_ssi.predictions.posterior_draws import thinned_draws
 from bayes_ssi.results.load import load_result
@@ -124,6 +125,20 @@ def test_predictions_take_the_structure_itself(tmp_path):
     other = replace(candidate.structure.structure, masses=(1.5, 1.5, 1.5))
     with pytest.raises(ValueError, match="is not the one that was sampled"):
         thinned_draws(stored, candidate.with_structure(BlackBox(other), "black box"))
+
+
+def test_a_mistake_in_the_data_is_named_by_the_emulator():
+    """Two channels exchanged; every repair that is fitted is solved once."""
+    candidate = of_class(BlackBox)
+    test = candidate.configurations[0]
+    modes = tuple(replace(mode, shape=mode.shape[::-1]) for mode in test.data.modes)
+    exchanged = replace(test, data=replace(test.data, modes=modes))
+    candidate = replace(candidate, configurations=(exchanged,), error=bs.ErrorModel(0.02, 0.05))
+    posterior = bs.sample(candidate, settings=ECONOMICAL)
+    candidate.structure.n_asked = 0
+    hint, *_ = diagnose(candidate, posterior)
+    assert "channels 'floor 1' and 'floor 3' seem to be exchanged" in hint.mistake
+    assert candidate.structure.n_asked < 20
 
 
 def test_structures_with_small_matrices_are_sampled_as_they_are(tiny_study):
