@@ -148,7 +148,9 @@ class EmulatedStructure(ApproximateStructure):
         return self._of_fit(self._with(fit, values[self._worst(fit, x, allowed)]))
 
     def with_solutions_at(self, values: FloatArray) -> Self:
-        """The structure with more solutions, at ``values`` (B, n_parameters)."""
+        """The structure with solutions at ``values`` (B, n_parameters), if it may have more."""
+        if self.fitted.n_solutions >= self.most_solutions:
+            return self
         return self._of_fit(self._with(self.fitted, values))
 
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
