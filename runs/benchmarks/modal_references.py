@@ -120,7 +120,9 @@ def reference(
         + 0.5 * np.linalg.slogdet(2.0 * math.pi * covariance)[1]
         for z, covariance in found
     ])  # fmt: skip
-    kept = [i for i in np.argsort(-laplace) if laplace[i] > laplace.max() - NEGLIGIBLE]
+    kept = np.flatnonzero(laplace > laplace.max() - NEGLIGIBLE)
+    # Where pairings have one maximum in common, the most pairs make it the narrowest.
+    kept = sorted(kept, key=lambda i: np.linalg.slogdet(found[i][1])[1])
     maxima: list[int] = []
     for i in kept:
         if all(np.linalg.norm(found[i][0] - found[j][0]) > 1e-5 for j in maxima):
