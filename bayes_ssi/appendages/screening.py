@@ -1,9 +1,10 @@
 """Approximate evidences of hypotheses: which of them matter, and which need no sampling?
 
-The maxima of a hypothesis follow from ascents from draws of its prior, and from draws of a
-hypothesis with one appendage less, next to which the new appendage's mass and frequency scan their
-priors evenly. Laplace's approximation at the maxima, corrected by some hundred importance draws,
-gives the evidence to a few tenths of a nat, in a twentieth of the evaluations of sampling.
+The maxima of a hypothesis follow from ascents from draws of its prior, from least squares in the
+residuals of plausible pairings, and from draws of a hypothesis with one appendage less, next to
+which the new appendage's mass and frequency scan their priors evenly. Laplace's approximation at
+the maxima, corrected by some hundred importance draws, gives the evidence to a few tenths of a nat,
+in a tenth of the evaluations of sampling.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.batch import evaluate
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.class_target import class_target
 from bayes_ssi.posterior.to_posterior import seed_of
 from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.sampling.mixture import HEAVY_TAILS, StudentMixture
@@ -30,10 +32,9 @@ from bayes_ssi.sampling.regions import local_maxima
 from bayes_ssi.sampling.resampling import systematic_indices
 from bayes_ssi.sampling.target import SuggestedStarts, Target
 
-# Per search: draws of the prior, and as many that scan; a region with half a hundredth of the
-# prior of mass and frequency is hit by five of them. Ascents from each of the two.
-N_DRAWS, N_ASCENTS = 1000, 4
-N_SEARCHES = 2
+# In each of two or three searches: draws of the prior, and as many that scan, of which a region
+# with half a hundredth of the prior of mass and frequency is hit by five; ascents from each.
+N_DRAWS, N_ASCENTS = 500, 4
 # Importance draws of a batch, and the wanted error of the log evidence: below that, what decides
 # is whether a hypothesis has a hundredth or a thousandth of the probability.
 BATCH, WANTED_ERROR = 600, 0.1
@@ -107,17 +108,16 @@ def screen(hypothesis: ToScreen, seed: int) -> Screened:
     """The approximate evidence of one hypothesis; arguments and errors as in :func:`screen_all`."""
     model_class, simpler = hypothesis
     # Not the seed of its sampling, whose errors are to be independent.
-    seed_of_searches, seed_of_draws = seed_of(f"screening of {model_class.name}", seed).spawn(2)
-    target = Target(
-        model_class.log_likelihood_at,
-        len(model_class.parameters),
-        suggest_starts=None if simpler is None else _scan(model_class, simpler),
-    )
+    own_seed = seed_of(f"screening of {model_class.name}", seed)
+    seed_of_starts, seed_of_searches, seed_of_draws = own_seed.spawn(3)
+    target = class_target(model_class)
     with threadpool_limits(limits=1, user_api="blas"):
+        if simpler is not None:
+            # They take as many evaluations as all else: once is enough.
+            narrow = target.suggested(np.random.default_rng(seed_of_starts))
+            target.suggest_starts = _scan(model_class, simpler, narrow)
         try:
-            found = search_maxima(
-                target, N_SEARCHES, seed_of_searches, n_draws=N_DRAWS, n_ascents=N_ASCENTS
-            )
+            found = search_maxima(target, 1, seed_of_searches, n_draws=N_DRAWS, n_ascents=N_ASCENTS)
         except ValueError as error:
             raise type(error)(f"model class {model_class.name!r}: {error}") from error
         mixture = found.maxima.as_mixture().widened()
@@ -152,11 +152,11 @@ def _importance_sample(
 
 
 def _scan(
-    model_class: ModelClass, simpler: Screened
+    model_class: ModelClass, simpler: Screened, narrow: FloatArray
 ) -> Callable[[np.random.Generator], SuggestedStarts]:
     """Starts from the simpler hypothesis's posterior, the other parameters all over their priors.
 
-    Evenly, so that no part of the band is left out.
+    Evenly, so that no part of the band is left out. ``narrow`` (m, d) are further starts.
     """
     columns = _columns(model_class, simpler)
 
@@ -166,8 +166,8 @@ def _scan(
         z[:, columns] = simpler.z[rows]
         log_likelihoods = evaluate(model_class.log_likelihood_at, z).values
         possible = np.isfinite(log_likelihoods)
-        highest = local_maxima(z[possible], log_likelihoods[possible])
-        return SuggestedStarts(highest[:N_ASCENTS], N_DRAWS)
+        scanned = local_maxima(z[possible], log_likelihoods[possible])[:N_ASCENTS]
+        return SuggestedStarts(np.concatenate([scanned, narrow]), N_DRAWS)
 
     return starts
 
