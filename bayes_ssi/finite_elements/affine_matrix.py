@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,7 +23,7 @@ class AffineMatrix:
     """A matrix that depends on parameters.
 
     Attributes:
-        products: the coefficients c_t, no two with the same powers of parameters.
+        products: the coefficients c_t.
         matrices: A_t, all of one size.
     """
 
@@ -111,6 +112,24 @@ class AffineMatrix:
         positions = _positions(self.pattern)
         return [np.searchsorted(positions, _positions(matrix)) for matrix in self.matrices]
 
+    def with_terms(
+        self, size: int, terms: Iterable[tuple[Product, Mapping[int, float]]]
+    ) -> AffineMatrix:
+        """This matrix, enlarged to ``size`` by zeros, and terms c v vᵀ.
+
+        Args:
+            size: number of rows, no fewer than now.
+            terms: coefficients c, and vectors v by their entries: row → component.
+        """
+        products, matrices = list(self.products), [_enlarged(m, size) for m in self.matrices]
+        for coefficient, vector in terms:
+            rows, components = np.array(list(vector), dtype=np.intp), np.array([*vector.values()])
+            column = sp.csc_array((components, (rows, 0 * rows)), shape=(size, 1))
+            products.append(Product(1.0, coefficient.powers))
+            matrices.append(sp.csc_array(coefficient.scale * (column @ column.T)))
+            matrices[-1].sort_indices()
+        return AffineMatrix(tuple(products), tuple(matrices))
+
     def formula(self, symbol: str) -> str:
         """The sum in symbols: K0 + k1·K1 + k2·K2, beginning with the term without parameters."""
         terms, number = [], 0
@@ -126,6 +145,13 @@ class AffineMatrix:
             f"{product!r} * <{_digest(matrix)}>" if product.powers else f"<{_digest(matrix)}>"
             for product, matrix in each
         )
+
+
+def _enlarged(matrix: Matrix, size: int) -> Matrix:
+    """The matrix with further rows and columns of zeros."""
+    ends = np.full(size - matrix.shape[0], matrix.indptr[-1], dtype=matrix.indptr.dtype)
+    whole = np.concatenate([matrix.indptr, ends])
+    return sp.csc_array((matrix.data, matrix.indices, whole), shape=(size, size))
 
 
 def _coefficient_and_matrix(term: Any, where: str) -> tuple[Value, Any]:

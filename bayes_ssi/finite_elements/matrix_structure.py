@@ -73,7 +73,8 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
             m = AffineMatrix.of(mass, "mass", k.size)
             rows = sensor_rows(k.size, labels, sensors)
             own_modes, self._up_to_hz = _checked_n_modes(n_modes, up_to_hz, k.size)
-            super().__init__(k, m, rows, own_modes, _checked_influence(influence, k.size))
+            labels = None if labels is None else tuple(labels)
+            super().__init__(k, m, rows, own_modes, _checked_influence(influence, k.size), labels)
         except (TypeError, ValueError) as error:
             raise type(error)(f"MatrixStructure: {error}") from None
 
@@ -93,6 +94,8 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
         Raises:
             ValueError: there is no mode below.
         """
+        if self._main is not None:
+            return self._main.n_modes + len(self.appendages)
         if self._n_modes is not None:
             return self._n_modes
         assert self._up_to_hz is not None
@@ -134,12 +137,14 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
         return frequencies, shapes[rows], shapes.T @ (mass @ self.system.influence)
 
     def description(self) -> Mapping[str, Any]:
+        main = self.without_elements
         up_to = f", those up to {self._up_to_hz:g} Hz and a margin" if self._up_to_hz else ""
         return {
             "size": f"{self.size} degrees of freedom, {len(self._names)} of them observed",
-            "stiffness": self._stiffness.formula("K"),
-            "mass": self._mass.formula("M"),
+            "stiffness": main._stiffness.formula("K"),
+            "mass": main._mass.formula("M"),
             "modes": f"the lowest {self.n_modes}{up_to}",
+            **{element.label: element for element in self.elements},
         }
 
     def modal_model(self, values: FloatArray) -> ModalModel:

@@ -23,6 +23,7 @@ is their mean square, so that small matrices give it too (Balabanov and Nouy 201
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +65,7 @@ class Reference:
         sketch: (n, SKETCH_SIZE + d), S and, for the d sensors, K_r⁻¹ E.
         sensors: rows of the sensors.
         coefficients: coefficients at the reference values.
+        factor: of the stiffness, which solves K_r x = f.
         definite: whether every K_t is positive semi-definite.
     """
 
@@ -73,10 +75,10 @@ class Reference:
         Raises:
             NoModesError: it is not positive definite.
         """
-        self.stiffness, self.mass, self.sensors, _ = system
+        self.stiffness, self.mass, self.sensors = system.stiffness, system.mass, system.sensor_rows
         self.coefficients = coefficients
         self.matrix = self.stiffness.at(coefficients.stiffness)
-        factor = stiffness_factor(self.matrix)
+        self.factor = factor = stiffness_factor(self.matrix)
         n = self.matrix.shape[0]
         normal = np.random.default_rng(0).standard_normal((n, SKETCH_SIZE)) / np.sqrt(SKETCH_SIZE)
         unit_loads = np.zeros((n, len(self.sensors)))
@@ -86,48 +88,124 @@ class Reference:
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedBasis:
-    """A basis of N vectors, and the matrices of small problems in it.
+class SmallProblem:
+    """The matrices of a model in N coordinates, and of its residuals.
 
     Attributes:
-        vectors: V (n, N).
-        stiffness: Vᵀ K_t V (T, N, N).
-        mass: Vᵀ M_u V (U, N, N).
-        residual_stiffness: the reference's sketch of K_t V (T, SKETCH_SIZE + d, N).
-        residual_mass: the reference's sketch of M_u V (U, SKETCH_SIZE + d, N).
-        at_sensors: Eᵀ V (d, N).
+        stiffness: (T, N, N), of each term of the stiffness.
+        mass: (U, N, N).
+        residual_stiffness: (T, SKETCH_SIZE + d, N), the reference's sketch of each term times the
+            coordinates.
+        residual_mass: (U, SKETCH_SIZE + d, N).
+        at_sensors: (d, N), motions of the sensors.
     """
 
-    vectors: FloatArray
     stiffness: FloatArray
     mass: FloatArray
     residual_stiffness: FloatArray
     residual_mass: FloatArray
     at_sensors: FloatArray
 
+    @property
+    def size(self) -> int:
+        return int(self.stiffness.shape[1])
+
+    @property
+    @abstractmethod
+    def is_whole(self) -> bool:
+        """Whether the coordinates span all motions of the model."""
+
+    @property
+    @abstractmethod
+    def main_size(self) -> int:
+        """How many coordinates, the first ones, are motions of the model without elements."""
+
+    @abstractmethod
+    def loads(self, forces: FloatArray) -> FloatArray:
+        """The forces (N,) on the coordinates, of forces on all degrees of freedom."""
+
+    def bounds(self, at: Coefficients, n_modes: int, reference: Reference) -> Bounds:
+        """Bounds on errors of the first ``n_modes`` reduced modes; infinite where unknown."""
+        unknown = Bounds(np.full(n_modes, np.inf), np.full(n_modes, np.inf))
+        if self.is_whole:
+            return Bounds(np.zeros(n_modes), np.zeros(n_modes))
+        if self.size < n_modes:
+            return unknown
+        stiffness, mass = _sum(at.stiffness, self.stiffness), _sum(at.mass, self.mass)
+        alpha = self._least_ratio(at, reference)
+        if not alpha > 0.0:
+            return unknown
+        try:
+            eigenvalues, y = lowest_eigenpairs(stiffness, mass, n_modes, extra=1)
+        except NoModesError:
+            return unknown
+        y = y / np.sqrt(eigenvalues)  # at unit energy, not unit mass
+        residuals = _sum(at.stiffness, self.residual_stiffness) @ y
+        residuals -= (_sum(at.mass, self.residual_mass) @ y) * eigenvalues
+        eta = np.linalg.norm(residuals[:SKETCH_SIZE], axis=0) * math.sqrt(SKETCH_MARGIN / alpha)
+        moved = np.linalg.norm(residuals[SKETCH_SIZE:], axis=0) / alpha
+        moves = np.linalg.norm(self.at_sensors[: len(reference.sensors)] @ y, axis=0)
+        return Bounds(
+            _frequency_bounds(eigenvalues, eta)[:n_modes],
+            _shape_errors(eigenvalues, eta, moves, moved, n_modes),
+        )
+
+    def _least_ratio(self, at: Coefficients, reference: Reference) -> float:
+        """α with K - α K_r positive semi-definite, for the model without elements."""
+        of_main = at.stiffness[: len(reference.stiffness.matrices)]
+        if reference.definite:
+            return float((of_main / reference.coefficients.stiffness).min())
+        # Otherwise the ratio of energies in the basis, where K_r is the identity, is an estimate.
+        whole = _sum(of_main, self.stiffness[: len(of_main)])
+        return float(np.linalg.eigvalsh(whole[: self.main_size, : self.main_size])[0])
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBasis(SmallProblem):
+    """A basis of N vectors, and the matrices of small problems in it.
+
+    Attributes:
+        vectors: V (n, N); the matrices are Vᵀ K_t V and Vᵀ M_u V, and at the sensors Eᵀ V.
+    """
+
+    vectors: FloatArray
+
     @classmethod
     def empty(cls, reference: Reference) -> ReducedBasis:
-        n = reference.matrix.shape[0]
+        n, n_sketch = reference.sketch.shape
         n_k, n_m = len(reference.stiffness.matrices), len(reference.mass.matrices)
         return cls(
-            np.zeros((n, 0)),
             np.zeros((n_k, 0, 0)),
             np.zeros((n_m, 0, 0)),
-            np.zeros((n_k, reference.sketch.shape[1], 0)),
-            np.zeros((n_m, reference.sketch.shape[1], 0)),
+            np.zeros((n_k, n_sketch, 0)),
+            np.zeros((n_m, n_sketch, 0)),
             np.zeros((len(reference.sensors), 0)),
+            np.zeros((n, 0)),
         )
 
     @property
-    def size(self) -> int:
-        return int(self.vectors.shape[1])
+    def is_whole(self) -> bool:
+        return self.size == len(self.vectors)
+
+    @property
+    def main_size(self) -> int:
+        return self.size
+
+    def loads(self, forces: FloatArray) -> FloatArray:
+        return self.vectors.T @ forces
 
     def enriched(self, modes: Eigenpairs, negligible: float, reference: Reference) -> ReducedBasis:
         """The basis extended by the parts of some modes of the full model that lie outside it.
 
-        Directions that add less than ``negligible`` to a mode, in energy, are left out.
+        Directions that add less than ``negligible`` to a mode, in energy, are left out. Of a model
+        with elements only the motion of the model itself counts.
         """
-        new = modes.vectors / np.sqrt(modes.eigenvalues)
+        new = modes.vectors[: len(self.vectors)] / np.sqrt(modes.eigenvalues)
+        energies = np.einsum("nm,nm->m", new, reference.matrix @ new)
+        return self.spanning(new[:, energies > negligible**2], negligible, reference)
+
+    def spanning(self, new: FloatArray, negligible: float, reference: Reference) -> ReducedBasis:
+        """The basis extended by vectors (n, k), but for what is ``negligible`` in energy."""
         new = new / np.sqrt(np.einsum("nm,nm->m", new, reference.matrix @ new))
         for _ in range(2):  # once leaves rounding errors
             new = new - self.vectors @ (self.vectors.T @ (reference.matrix @ new))
@@ -150,32 +228,6 @@ class ReducedBasis:
             ),
             residual_mass=np.dstack([self.residual_mass, reference.sketch.T @ by_mass]),
             at_sensors=vectors[reference.sensors],
-        )
-
-    def bounds(self, at: Coefficients, n_modes: int, reference: Reference) -> Bounds:
-        """Bounds on errors of the first ``n_modes`` reduced modes; infinite where unknown."""
-        unknown = Bounds(np.full(n_modes, np.inf), np.full(n_modes, np.inf))
-        if self.size == len(self.vectors):  # the basis spans the whole space
-            return Bounds(np.zeros(n_modes), np.zeros(n_modes))
-        if self.size < n_modes:
-            return unknown
-        stiffness, mass = _sum(at.stiffness, self.stiffness), _sum(at.mass, self.mass)
-        alpha = _least_ratio(at, stiffness, reference)
-        if not alpha > 0.0:
-            return unknown
-        try:
-            eigenvalues, y = lowest_eigenpairs(stiffness, mass, n_modes, extra=1)
-        except NoModesError:
-            return unknown
-        y = y / np.sqrt(eigenvalues)  # at unit energy, not unit mass
-        residuals = _sum(at.stiffness, self.residual_stiffness) @ y
-        residuals -= (_sum(at.mass, self.residual_mass) @ y) * eigenvalues
-        eta = np.linalg.norm(residuals[:SKETCH_SIZE], axis=0) * math.sqrt(SKETCH_MARGIN / alpha)
-        moved = np.linalg.norm(residuals[SKETCH_SIZE:], axis=0) / alpha
-        moves = np.linalg.norm(self.at_sensors @ y, axis=0)
-        return Bounds(
-            _frequency_bounds(eigenvalues, eta)[:n_modes],
-            _shape_errors(eigenvalues, eta, moves, moved, n_modes),
         )
 
 
@@ -219,14 +271,6 @@ def _shape_errors(
     visible = VISIBLE * at_unit_mass.max() / np.sqrt(eigenvalues[own])
     errors: FloatArray = (outside + mixed @ moves) / np.maximum(moves[own], visible)
     return np.nan_to_num(errors, nan=0.0, posinf=np.inf)  # without sensors there is no shape
-
-
-def _least_ratio(at: Coefficients, stiffness: FloatArray, reference: Reference) -> float:
-    """α with K - α K_r positive semi-definite."""
-    if reference.definite:
-        return float((at.stiffness / reference.coefficients.stiffness).min())
-    # Otherwise the ratio of energies in the basis, where K_r is the identity, is an estimate.
-    return float(np.linalg.eigvalsh(stiffness)[0])
 
 
 def _sum(coefficients: FloatArray, matrices: FloatArray) -> FloatArray:

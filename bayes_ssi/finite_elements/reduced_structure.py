@@ -10,13 +10,16 @@ from typing import Any, Self
 
 import numpy as np
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.approximate_structure import Accuracy, ApproximateStructure
-from bayes_ssi.finite_elements.reduced_basis import Bounds, ReducedBasis, Reference
+from bayes_ssi.finite_elements.carrying_basis import CarryingBasis
+from bayes_ssi.finite_elements.reduced_basis import Bounds, ReducedBasis, Reference, SmallProblem
 from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 from bayes_ssi.modal import ModalModel, Modes, NoModesError, lowest_eigenpairs, solve_modes
 from bayes_ssi.parameters import Parameter, values_at
 from bayes_ssi.structures.affine_array import AffineArray
+from bayes_ssi.structures.elements import Element
 
 # Directions that add less than this share of the required accuracy to a mode are left out, some of
 # which together remain below it.
@@ -71,6 +74,25 @@ class ReducedStructure(ApproximateStructure):
                 raise ValueError(f"ReducedStructure: {name} must be positive, got {value!r}")
         self.n_full_solutions = 0
         self._basis: ReducedBasis | None = None
+        self._problem: SmallProblem | None = None
+
+    @checked
+    def with_element(self, element: Element) -> Self:
+        """This structure with one more element on it, in the same basis.
+
+        The basis is extended by a static solution for every place of the element and by the
+        element's own degree of freedom; no mode is solved for. The error is certified as before,
+        and :meth:`accurate_at` adds full solutions of the model with the element where they are
+        needed.
+
+        Raises:
+            ValueError: the element's place is not on the structure, or its label is taken.
+        """
+        whole = self._copied()
+        whole.full = self.full.with_element(element)
+        whole._basis = self._main_basis
+        whole._problem = whole._in_coordinates(whole._basis)
+        return whole
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -85,21 +107,43 @@ class ReducedStructure(ApproximateStructure):
         return self.full.n_modes
 
     @property
+    def appendages(self) -> tuple[str, ...]:
+        return self.full.appendages
+
+    @property
     def exact(self) -> ReducibleStructure:
         return self.full
 
     @property
-    def basis(self) -> ReducedBasis:
-        """The basis, computed when it is first needed.
+    def basis(self) -> SmallProblem:
+        """The basis with the elements that it carries, computed when it is first needed.
 
         Raises:
             NoModesError: the full model has no solution at the prior medians.
         """
+        _ = self._main_basis
+        assert self._problem is not None
+        return self._problem
+
+    @property
+    def _main_basis(self) -> ReducedBasis:
+        """The basis of the model without elements."""
         if self._basis is None:
             points = np.vstack([self.full.prior_medians(), self._prior_points()])
             self._train(points, self.frequency_error, self.shape_error, self.n_modes)
         assert self._basis is not None
         return self._basis
+
+    def _in_coordinates(self, basis: ReducedBasis) -> SmallProblem:
+        """The small problem in a basis of the model without elements."""
+        if not self.full.elements:
+            return basis
+        negligible = self._negligible(self.frequency_error, self.shape_error)
+        return CarryingBasis.of(basis, self.full.carried, negligible, self._reference)
+
+    @staticmethod
+    def _negligible(frequency_error: float, shape_error: float) -> float:
+        return NEGLIGIBLE * min(math.sqrt(frequency_error), shape_error)
 
     def modes(self, values: FloatArray) -> Modes:
         """See :meth:`Structure.modes`; rows without modes are NaN.
@@ -114,7 +158,7 @@ class ReducedStructure(ApproximateStructure):
         influence = self.full.require_influence()
         frequencies_hz, y = self._modes_in_basis(values)
         mass = self.full.system.mass
-        loads = np.array([self.basis.vectors.T @ (each @ influence) for each in mass.matrices])
+        loads = np.array([self.basis.loads(each @ influence) for each in mass.matrices])
         of_batch = mass.projected(loads, self.parameters).evaluate(values)
         return ModalModel(
             frequencies_hz,
@@ -155,7 +199,7 @@ class ReducedStructure(ApproximateStructure):
         bounds = self.bounds(values, n)
         if not (_excess(bounds, frequency_error, shape_error) > 1.0).any():
             return self
-        better = copy(self)
+        better = self._copied()
         better._train(values, frequency_error, shape_error, n)
         return better if better.n_full_solutions > self.n_full_solutions else self
 
@@ -176,16 +220,17 @@ class ReducedStructure(ApproximateStructure):
         self, points: FloatArray, frequency_error: float, shape_error: float, n_modes: int
     ) -> None:
         """Add full solutions where errors are largest, until they are small at all ``points``."""
-        negligible = NEGLIGIBLE * min(math.sqrt(frequency_error), shape_error)
+        negligible = self._negligible(frequency_error, shape_error)
         of_points = self.full.coefficients(points)
         basis = self._basis or ReducedBasis.empty(self._reference)
+        problem = self._problem or basis
         # In units of what is required, at most: errors shrink as the basis grows, so only that of
         # the worst point is computed again, until it stays the worst.
         errors = np.full(len(points), np.inf)
         while self.n_full_solutions < self.most_full_solutions:
             worst = int(errors.argmax())
             while basis.size and errors[worst] > 1.0:
-                bounds = basis.bounds(of_points[worst], n_modes, self._reference)
+                bounds = problem.bounds(of_points[worst], n_modes, self._reference)
                 errors[worst] = _excess(bounds, frequency_error, shape_error).max()
                 if errors[worst] >= errors.max():
                     break
@@ -199,10 +244,11 @@ class ReducedStructure(ApproximateStructure):
                     raise
             else:
                 basis = basis.enriched(modes, negligible, self._reference)
+                problem = self._in_coordinates(basis)
                 self.n_full_solutions += 1
             # No point is solved twice, whatever rounding makes of its bound.
             errors[worst] = 0.0
-        self._basis = basis
+        self._basis, self._problem = basis, problem
 
     def _modes_in_basis(self, values: FloatArray) -> Modes:
         """Modes of the small problem: shapes are y (B, N, n_modes); NaN in rows without modes."""
@@ -228,8 +274,15 @@ class ReducedStructure(ApproximateStructure):
 
     @cached_property
     def _reference(self) -> Reference:
-        (medians,) = self.full.coefficients(self.full.prior_medians())
-        return Reference(self.full.system, medians)
+        main = self.full.without_elements
+        (medians,) = main.coefficients(main.prior_medians())
+        return Reference(main.system, medians)
+
+    def _copied(self) -> Self:
+        """A copy for another basis, with the same reference."""
+        other = copy(self)
+        other.__dict__["_reference"] = self._reference
+        return other
 
     def _prior_points(self) -> FloatArray:
         """Points (training_points, n_parameters) that fill the prior evenly."""

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.affine_matrix import AffineMatrix
+from bayes_ssi.finite_elements.elements_on_rows import ElementsOnRows
 from bayes_ssi.finite_elements.matrix_files import Matrix
 from bayes_ssi.finite_elements.sparse_factors import fill_reducing_order, is_semidefinite
 from bayes_ssi.finite_elements.sparse_modes import DENSE_UP_TO, lowest_modes
 from bayes_ssi.modal import Eigenpairs, NoModesError
 from bayes_ssi.parameters import Parameter, collect_parameters
-from bayes_ssi.structures.structure import Structure
+from bayes_ssi.structures.elements import Element
+from bayes_ssi.structures.motion import SinglePlace
+from bayes_ssi.structures.structure import Structure, listed
 
 
 class Coefficients(NamedTuple):
@@ -32,17 +37,22 @@ class System(NamedTuple):
     Attributes:
         stiffness, mass: the matrices, with reordered rows.
         sensor_rows: rows of the sensors.
+        rows: the row here of every degree of freedom, as they were given.
         influence: (n,), displacements when the ground moves by 1; None if not known.
     """
 
     stiffness: AffineMatrix
     mass: AffineMatrix
     sensor_rows: NDArray[np.intp]
+    rows: NDArray[np.intp]
     influence: FloatArray | None
 
 
 class ReducibleStructure(Structure):
-    """A model whose matrices are sums of fixed ones times products of parameters."""
+    """A model whose matrices are sums of fixed ones times products of parameters.
+
+    Elements on it add terms k v vᵀ and m v vᵀ, and a row for each degree of freedom of their own.
+    """
 
     def __init__(
         self,
@@ -51,12 +61,20 @@ class ReducibleStructure(Structure):
         sensors: tuple[tuple[str, ...], NDArray[np.intp]],
         n_modes: int | None,
         influence: FloatArray | None,
+        labels: tuple[str, ...] | None = None,
     ) -> None:
-        """Keep the matrices; ``sensors`` are names and rows, ``n_modes`` None if not known yet."""
+        """Keep the matrices; ``sensors`` are names and rows, ``n_modes`` None if not known yet.
+
+        ``labels`` are those of all degrees of freedom, ``"dof 0"`` upwards if None.
+        """
+        self._labels = labels
+        self._main: ReducibleStructure | None = None
+        self.elements: tuple[Element, ...] = ()
         self._stiffness, self._mass, self._influence = stiffness, mass, influence
         self._names, self._rows = sensors
         self._n_modes = n_modes
         self._parameters = collect_parameters([*stiffness.parameters, *mass.parameters])
+        self._carried = ElementsOnRows((), (), (), self.size)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -72,13 +90,93 @@ class ReducibleStructure(Structure):
         """Number of degrees of freedom of the matrices."""
         return self._stiffness.size
 
+    @checked
+    def with_element(self, element: Element) -> Self:
+        """This model with one more element on it.
+
+        Its places are sensors and labels of degrees of freedom (``"dof 0"`` upwards where these
+        have none, unless sensors are named so in another order), combinations of them, and 0, the
+        ground. A degree of freedom of its own is one
+        more sensor, and one more mode is computed for it: no more modes can move below a
+        frequency.
+
+        Raises:
+            ValueError: the element's place is not on the structure, or its label is taken.
+        """
+        main = self._main or self
+        carried = ElementsOnRows.of((*self.elements, element), main.row_of, main.size)
+        names, rows = main._names, main._rows
+        taken = {*names, *(main._labels or ())}
+        for i, label in enumerate(carried.labels):
+            if label in taken or label in carried.labels[:i]:
+                raise ValueError(
+                    f"element {label!r}: the structure has a degree of freedom of that label "
+                    "already; give the element a label of its own"
+                )
+        whole = copy(self)
+        for name in list(vars(whole)):
+            if isinstance(getattr(type(self), name, None), cached_property):
+                del whole.__dict__[name]
+        whole._main, whole.elements = main, (*self.elements, element)
+        size = main.size + len(carried.labels)
+        whole._carried = carried
+        whole._stiffness = main._stiffness.with_terms(size, carried.springs)
+        whole._mass = main._mass.with_terms(size, carried.masses)
+        whole._names = (*names, *carried.labels)
+        whole._rows = np.append(rows, np.arange(main.size, size))
+        if main._influence is not None:
+            whole._influence = carried.influence(main._influence)
+        whole._parameters = collect_parameters(
+            [*whole._stiffness.parameters, *whole._mass.parameters]
+        )
+        return whole
+
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        return self._carried.labels
+
+    def row_of(self, place: SinglePlace, label: str) -> int | None:
+        """The degree of freedom, from 0, at a place of an element; None for the ground.
+
+        Raises:
+            ValueError: there is no such place; the message begins with ``label``.
+        """
+        if place == 0:
+            return None
+        row = self._row_of_label.get(place)
+        if row is not None:
+            return row
+        last = f"dof {self.size - 1}"
+        unnamed = ("dof 0", "...", last) if last in self._row_of_label else ()
+        choices = (*self._names, *(self._labels or unnamed))
+        raise ValueError(
+            f"{label}: the structure has no degree of freedom or sensor {place!r}; choose from "
+            f"{listed(tuple(dict.fromkeys(choices)))}, or 0 for the ground"
+        )
+
+    @cached_property
+    def _row_of_label(self) -> dict[SinglePlace, int]:
+        labels = self._labels or tuple(f"dof {i}" for i in range(self.size))
+        of_labels: dict[SinglePlace, int] = {label: i for i, label in enumerate(labels)}
+        each = zip(self._names, self._rows.tolist(), strict=True)
+        of_sensors: dict[SinglePlace, int] = {name: int(row) for name, row in each}
+        if self._labels is None and any(
+            of_labels.get(s, row) != row for s, row in of_sensors.items()
+        ):
+            return of_sensors  # which count from another number
+        return of_labels | of_sensors
+
     @cached_property
     def system(self) -> System:
         """The matrices in a good order, checked at the prior medians.
 
+        Elements add their rows at the end of the model's own order.
+
         Raises:
             NoModesError: M is not positive semi-definite, or has mass at too few places.
         """
+        if self._main is not None:
+            return self._with_elements(self._main.system)
         pattern = self._stiffness.pattern + self._mass.pattern
         # From a diagonally dominant matrix with this pattern, which is positive definite.
         row_sums = np.asarray(pattern.sum(axis=1)).ravel()
@@ -87,6 +185,7 @@ class ReducibleStructure(Structure):
             self._stiffness.ordered(order),
             self._mass.ordered(order),
             np.argsort(order)[self._rows],
+            np.argsort(order),
             None if self._influence is None else self._influence[order],
         )
         mass = system.mass
@@ -101,6 +200,26 @@ class ReducibleStructure(Structure):
                 f"modes than the {required} asked for"
             )
         return system
+
+    @property
+    def without_elements(self) -> ReducibleStructure:
+        """The model alone, with the modes that were asked of it."""
+        return self._main or self
+
+    @property
+    def carried(self) -> ElementsOnRows:
+        """The elements, with rows as in :attr:`system`."""
+        return self._carried.ordered(self.system.rows)
+
+    def _with_elements(self, main: System) -> System:
+        rows = np.append(main.rows, np.arange(len(main.rows), self.size))
+        carried = self._carried.ordered(rows)
+        stiffness = main.stiffness.with_terms(self.size, carried.springs)
+        mass = main.mass.with_terms(self.size, carried.masses)
+        influence = self._influence
+        if influence is not None:
+            influence = influence[np.argsort(rows)]
+        return System(stiffness, mass, rows[self._rows], rows, influence)
 
     def coefficients(self, values: FloatArray) -> list[Coefficients]:
         """Coefficients of the matrices at every row of ``values`` (B, n_parameters)."""

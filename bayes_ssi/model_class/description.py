@@ -24,14 +24,14 @@ def described(structure: Structure) -> list[tuple[str, str]]:
     first = (_words(type(structure).__name__), _first_paragraph(structure))
     if not is_dataclass(structure):
         own = {**structure.description(), "degrees of freedom": [*structure.degrees_of_freedom]}
-        return [first, *((name, _cut(in_words(value))) for name, value in own.items())]
+        return [first, *((name, _in_a_line(value)) for name, value in own.items())]
     plain, items = [], []
     for field in fields(structure):
         name, value = field.name.replace("_", " "), getattr(structure, field.name)
         if isinstance(value, (tuple, list)) and value and all(map(_has_fields, value)):
             items += [(_words(type(item).__name__), _items(item)) for item in value]
         elif _has_fields(value):
-            items.append((name, f"{_words(type(value).__name__)}: {_items(value)}"))
+            items.append((name, _in_a_line(value)))
         elif text := _cut(in_words(value)):
             plain.append((name, text))
     return [first, *plain, *items]
@@ -39,6 +39,12 @@ def described(structure: Structure) -> list[tuple[str, str]]:
 
 def _has_fields(value: Any) -> bool:
     return is_dataclass(value) and not isinstance(value, (Parameter, Product))
+
+
+def _in_a_line(value: Any) -> str:
+    if _has_fields(value):
+        return f"{_words(type(value).__name__)}: {_items(value)}"
+    return _cut(in_words(value))
 
 
 def _items(item: Any) -> str:

@@ -1,7 +1,9 @@
 """Non-structural elements: in parallel (P-NSE), in series (S-NSE), or as mass only.
 
-An element is placed on floors, counted from 1; 0 is the ground. It contributes springs and
-masses to its host structure, and an element in series adds one degree of freedom of its own.
+An element is placed on floors, counted from 1; 0 is the ground. On any structure it may also be
+placed on a degree of freedom or a sensor by its label, and on a combination of these, such as a
+direction at a node: ``{"node 7 x": 0.6, "node 7 y": 0.8}``. It contributes springs and masses to
+its host structure, and an element in series adds one degree of freedom of its own.
 """
 
 from __future__ import annotations
@@ -13,9 +15,7 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 from bayes_ssi.parameters import Product, Value, as_product, positive_product
-
-# Where a spring or a mass acts: a floor (0 is the ground), or a degree of freedom by its label.
-Place = int | str
+from bayes_ssi.structures.motion import Motion, Place, checked_place, motion_of, place_name
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Spring:
     """Stiffness ``k v vᵀ``: a spring that resists the displacement ``Σ component · x(place)``."""
 
     stiffness: Product
-    direction: tuple[tuple[Place, float], ...]
+    direction: Motion
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,12 @@ class PointMass:
     """Inertia ``m v vᵀ`` of a mass whose displacement is ``Σ component · x(place)``."""
 
     mass: Product
-    direction: tuple[tuple[Place, float], ...]
+    direction: Motion
 
     @classmethod
     def on(cls, place: Place, mass: Product) -> PointMass:
         """A mass that moves with one place."""
-        return cls(mass, ((place, 1.0),))
+        return cls(mass, motion_of(place))
 
 
 class Element(ABC):
@@ -87,8 +87,8 @@ class AddedMass(Element):
 
     Attributes:
         mass: total mass, in the structure's unit.
-        shares: (place, share) pairs: a floor (from 1) or the label of a degree of freedom, and the
-            share of the mass that moves with it; they add up to 1.
+        shares: (place, share) pairs: a floor (from 1) or another place, and the share of the mass
+            that moves with it; they add up to 1.
         label: names the element in messages and reports.
 
     Raises:
@@ -102,11 +102,13 @@ class AddedMass(Element):
     def __post_init__(self) -> None:
         self._check("added mass")
         shares = [share for _, share in self.shares]
+        places = [checked_place(place, f"{self.label}: a place") for place, _ in self.shares]
         if any(not share > 0 for share in shares) or not math.isclose(sum(shares), 1.0):
             raise ValueError(
                 f"{self.label}: shares must be places with positive shares of the mass that add "
                 f"up to 1, got {self.shares!r}"
             )
+        object.__setattr__(self, "shares", tuple(zip(places, shares, strict=True)))
 
     def masses(self) -> Sequence[PointMass]:
         mass = as_product(self.mass)
@@ -134,7 +136,8 @@ class Pendulum(_InSeries):
     """A pendulous mass on one floor (S-NSE): a chimney, parapet, tank or suspended mass.
 
     Attributes:
-        on: the floor, or the label of a degree of freedom.
+        on: the floor, or another place: the label of a degree of freedom or sensor, or shares of
+            several, such as the cosines of a direction at a node.
         mass: mass of the appendage, in the structure's unit.
         frequency: natural frequency of the appendage on a fixed floor, in Hz.
         stiffness_factor: multiplies the spring's stiffness ``m (2πf)²``.
@@ -151,8 +154,10 @@ class Pendulum(_InSeries):
     label: str = ""
 
     def __post_init__(self) -> None:
-        self._check(f"pendulum {self.on}")
-        if self.on == 0 or self.on == self.label:
+        on = checked_place(self.on, f"{self.label or 'pendulum'}: on")
+        object.__setattr__(self, "on", on)
+        self._check(f"pendulum {place_name(on)}")
+        if {0, self.label} & {single for single, _ in motion_of(on)}:
             raise ValueError(
                 f"{self.label}: an appendage must stand on a floor or another degree of freedom, "
                 f"got on={self.on!r}"
@@ -160,7 +165,7 @@ class Pendulum(_InSeries):
 
     def springs(self) -> Sequence[Spring]:
         stiffness = self._stiffness(as_product(self.mass))
-        return [Spring(stiffness, ((self.on, -1.0), (self.label, 1.0)))]
+        return [Spring(stiffness, (*motion_of(self.on, -1.0), (self.label, 1.0)))]
 
     def masses(self) -> Sequence[PointMass]:
         return [PointMass.on(self.label, as_product(self.mass))]
@@ -171,28 +176,27 @@ class Pendulum(_InSeries):
 
 @dataclass(frozen=True)
 class _Infill(Element):
-    """An element between two floors."""
+    """An element between two floors, or other places."""
 
-    between: tuple[int, int]
+    between: tuple[Place, Place]
     mass: Value
     kind: ClassVar[str] = "infill"
 
     def __post_init__(self) -> None:
-        floors = self.between
-        valid = (
-            isinstance(floors, (tuple, list))
-            and len(floors) == 2
-            and all(isinstance(floor, int) and not isinstance(floor, bool) for floor in floors)
-            and min(floors) >= 0
-            and floors[0] != floors[1]
-        )
-        if not valid:
-            raise ValueError(
-                f"{self.label or self.kind}: between must be two different floors such as (1, 2), "
-                f"0 being the ground, got {floors!r}"
-            )
-        object.__setattr__(self, "between", tuple(floors))
-        self._check(f"{self.kind} {floors[0]}-{floors[1]}")
+        given, where = self.between, f"{self.label or self.kind}: between"
+        two = isinstance(given, (tuple, list)) and len(given) == 2
+        try:
+            ends = tuple(checked_place(place, "one of them") for place in given) if two else ()
+        except ValueError as error:
+            raise ValueError(f"{where} {self._expected}: {error}") from None
+        if len(set(ends)) != 2 or any(isinstance(end, int) and end < 0 for end in ends):
+            raise ValueError(f"{where} {self._expected}, got {given!r}")
+        object.__setattr__(self, "between", ends)
+        self._check(f"{self.kind} {place_name(ends[0])}-{place_name(ends[1])}")
+
+    _expected: ClassVar[str] = (
+        "must be two different floors such as (1, 2), 0 being the ground, or other places"
+    )
 
     def as_mass(self) -> AddedMass:
         """Half of the mass on each of the two floors."""
@@ -202,12 +206,12 @@ class _Infill(Element):
 
 @dataclass(frozen=True)
 class InPlaneInfill(_Infill):
-    """An infill in parallel with the structure (P-NSE): a spring between two floors.
+    """An infill in parallel with the structure (P-NSE): a spring between two floors or places.
 
     Half of its mass goes to each of the two floors.
 
     Attributes:
-        between: the two floors, 0 being the ground.
+        between: the two floors, 0 being the ground, or other places, as those of a pendulum.
         mass: total mass, in the structure's unit.
         stiffness: stiffness of the spring, in the structure's unit.
         label: names the element in messages and reports; made from its place if not given.
@@ -219,7 +223,7 @@ class InPlaneInfill(_Infill):
 
     def springs(self) -> Sequence[Spring]:
         low, high = self.between
-        return [Spring(as_product(self.stiffness), ((low, -1.0), (high, 1.0)))]
+        return [Spring(as_product(self.stiffness), (*motion_of(low, -1.0), *motion_of(high)))]
 
     def masses(self) -> Sequence[PointMass]:
         return self.as_mass().masses()
@@ -233,7 +237,7 @@ class OutOfPlaneInfill(_Infill, _InSeries):
     with each floor.
 
     Attributes:
-        between: the two floors, 0 being the ground.
+        between: the two floors, 0 being the ground, or other places, as those of a pendulum.
         mass: total mass of the infill, in the structure's unit.
         frequency: its natural frequency between fixed floors, in Hz.
         stiffness_factor: multiplies the spring's stiffness ``(m/2) (2πf)²``.
@@ -247,7 +251,8 @@ class OutOfPlaneInfill(_Infill, _InSeries):
     def springs(self) -> Sequence[Spring]:
         low, high = self.between
         stiffness = self._stiffness(as_product(self.mass) * 0.5)
-        return [Spring(stiffness, ((low, -0.5), (high, -0.5), (self.label, 1.0)))]
+        direction = (*motion_of(low, -0.5), *motion_of(high, -0.5), (self.label, 1.0))
+        return [Spring(stiffness, direction)]
 
     def masses(self) -> Sequence[PointMass]:
         low, high = self.between

@@ -20,7 +20,8 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.parameters import Parameter, collect_parameters, positive_product
 from bayes_ssi.structures.affine_array import AffineArray
-from bayes_ssi.structures.elements import Element, Place, PointMass, Spring
+from bayes_ssi.structures.elements import Element, PointMass, Spring
+from bayes_ssi.structures.motion import Motion, SinglePlace
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 
@@ -82,7 +83,7 @@ class LumpedStructure(Structure):
             )
         for element in self.elements:
             parts: list[Spring | PointMass] = [*element.springs(), *element.masses()]
-            for place in (place for part in parts for place, _ in part.direction):
+            for place, _ in self._of_single(m for part in parts for m in part.direction):
                 self._index(place, element.label)
         labels = Counter((*dofs, *(sensor.label for sensor in self.sensors)))
         for sensor in self.sensors:
@@ -151,7 +152,7 @@ class LumpedStructure(Structure):
             rows = [
                 self._index(place)
                 for spring in element.springs()
-                for place, _ in spring.direction
+                for place, _ in self._of_single(spring.direction)
                 if place != own
             ]
             places = [None if row is None else self.degrees_of_freedom[row] for row in rows]
@@ -185,9 +186,9 @@ class LumpedStructure(Structure):
         influence = [*self.main_influence(), *(0.0 for _ in self.appendages)]
         for element, own in self._in_series:
             for spring in element.springs():
-                components = dict(spring.direction)
-                own_component = components.pop(own)
-                rows = ((self._index(place), c) for place, c in components.items())
+                parts = self._of_single(spring.direction)
+                own_component = sum(c for place, c in parts if place == own)
+                rows = ((self._index(place), c) for place, c in parts if place != own)
                 moved = sum(c * (1.0 if row is None else influence[row]) for row, c in rows)
                 influence[self.degrees_of_freedom.index(own)] = -moved / own_component
         return np.array(influence)
@@ -226,16 +227,25 @@ class LumpedStructure(Structure):
             [(mass, array.diagonal()) for mass, array in terms], self.parameters, (n,)
         )
 
-    def _outer(self, direction: Sequence[tuple[Place, float]]) -> FloatArray:
+    def _of_single(self, motion: Iterable[tuple[SinglePlace, float]]) -> Motion:
+        """A motion as a combination of floors and degrees of freedom, without sensors."""
+        sensors = {sensor.label: sensor.motion for sensor in self.sensors}
+        return tuple(
+            (dof, share * own)
+            for place, share in motion
+            for dof, own in sensors.get(str(place), ((place, 1.0),))
+        )
+
+    def _outer(self, direction: Motion) -> FloatArray:
         """``v vᵀ``, (n, n), of the displacement ``Σ component · x(place)``."""
         vector = np.zeros(len(self.degrees_of_freedom))
-        for place, component in direction:
+        for place, component in self._of_single(direction):
             index = self._index(place)
             if index is not None:
                 vector[index] += component
         return np.outer(vector, vector)
 
-    def _index(self, place: Place, label: str = "element") -> int | None:
+    def _index(self, place: SinglePlace, label: str = "element") -> int | None:
         """The degree of freedom at a place; None for the ground, which does not move."""
         if place == 0:
             return None

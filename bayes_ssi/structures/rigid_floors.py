@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 
 from bayes_ssi.argument_types import checked
 from bayes_ssi.parameters import Product, Value, as_product
-from bayes_ssi.structures.elements import Element, Place, PointMass
+from bayes_ssi.structures.elements import Element, PointMass
 from bayes_ssi.structures.lumped import LumpedStructure
+from bayes_ssi.structures.motion import SinglePlace
 from bayes_ssi.structures.sensors import Sensor
 
 DIRECTIONS = ("x", "y", "torsion")
@@ -58,7 +59,7 @@ class RigidFloors(LumpedStructure):
     def main_influence(self) -> Sequence[float]:
         return [float(d == self.ground_motion) for d in DIRECTIONS] * self.n_floors
 
-    def _index(self, place: Place, label: str = "element") -> int | None:
+    def _index(self, place: SinglePlace, label: str = "element") -> int | None:
         if place != 0 and place not in self.degrees_of_freedom:
             raise ValueError(
                 f"{label}: the structure has no degree of freedom {place!r}; choose from "

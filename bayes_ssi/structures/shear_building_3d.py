@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bayes_ssi.parameters import Value, as_product
-from bayes_ssi.structures.elements import Place, PointMass, Spring
+from bayes_ssi.structures.elements import PointMass, Spring
+from bayes_ssi.structures.motion import SinglePlace
 from bayes_ssi.structures.rigid_floors import RigidFloors, floor_label, rigid_masses
 
 
@@ -66,7 +67,7 @@ class ShearBuilding3D(RigidFloors):
                 (self.stiffnesses_y, {"y": 1.0, "torsion": x}),
                 (self.torsional_stiffnesses, {"torsion": 1.0}),
             ):
-                drift: list[tuple[Place, float]] = [
+                drift: list[tuple[SinglePlace, float]] = [
                     (floor_label(floor, direction), sign * component)
                     for floor, sign in ((storey - 1, -1.0), (storey, 1.0))
                     for direction, component in motion.items()

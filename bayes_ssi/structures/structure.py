@@ -123,7 +123,10 @@ class Structure(ABC):
         return {label: float(i) for i, label in enumerate(self.degrees_of_freedom, 1)}
 
     def description(self) -> Mapping[str, Any]:
-        """Description for reports if it is not a dataclass: name → numbers, products or text."""
+        """Description for reports if it is not a dataclass.
+
+        Name → numbers, products, text or elements.
+        """
         return {}
 
     def prior_medians(self) -> FloatArray:

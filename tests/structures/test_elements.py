@@ -89,6 +89,24 @@ def test_as_mass(building, element, added):
     assert structure.degrees_of_freedom == ("floor 1", "floor 2", "floor 3")
 
 
+@pytest.mark.parametrize(
+    ("element", "springs", "masses"),
+    [
+        (
+            bs.Pendulum({1: 0.6, "floor 3": -0.8}, 0.2, 2.2),
+            [(PENDULUM, [-0.6, 0, 0.8, 1])],
+            [0, 0, 0, 0.2],
+        ),
+        (bs.InPlaneInfill((0, {1: 0.6, 3: 0.8}), 1e-12, 250.0), [(250.0, [0.6, 0, 0.8])], []),
+    ],
+)
+def test_a_place_may_be_a_combination(building, element, springs, masses):
+    stiffness, mass = bare_matrices(len(springs[0][1]) - 3)
+    for k, direction in springs:
+        stiffness += k * np.outer(direction, direction)
+    check(building.with_element(element), stiffness, mass + (masses or 0.0))
+
+
 @pytest.mark.parametrize("mu", [0.01, 0.05, 0.3])
 def test_a_tuned_absorber_splits_the_frequency(mu):
     # Equal frequencies: (f/f0)^2 = 1 + mu/2 -+ sqrt(mu + mu^2/4).
@@ -160,6 +178,12 @@ def test_infills_between_impossible_floors_are_refused(kind, between):
         (lambda: bs.InPlaneInfill((1, 2), -1.0, 1.0), "in-plane infill 1-2: mass must be"),
         (lambda: bs.InPlaneInfill((1, 2), 1.0, 0.0), "in-plane infill 1-2: stiffness must be"),
         (lambda: bs.AddedMass(-1.0, ((1, 1.0),)), "added mass: mass must be positive .* -1.0"),
+        (lambda: bs.Pendulum({"a": 0.0}, 0.1, 1.0), "pendulum: on is a direction of zeros"),
+        (lambda: bs.Pendulum({}, 0.1, 1.0), "pendulum: on must be a floor, the label of a degree"),
+        (lambda: bs.Pendulum({"a": math.inf}, 0.1, 1.0), "pendulum: on must be a floor, .* inf"),
+        (lambda: bs.Pendulum(" ", 0.1, 1.0), "pendulum: on must be a floor, the label"),
+        (lambda: bs.InPlaneInfill(("a", {"b": 0.0}), 1.0, 1.0), "infill: between .* of zeros"),
+        (lambda: bs.AddedMass(1.0, (({"a": 0.0}, 1.0),)), "a place is a direction of zeros"),
     ],
 )
 def test_impossible_elements_are_refused(build, message):

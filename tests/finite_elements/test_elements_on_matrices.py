@@ -1,0 +1,261 @@
+"""Elements on models given by matrices, against hand-assembled ones and the same building."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+import bayes_ssi as bs
+from bayes_ssi.modal import mac
+from bayes_ssi.model_class.description import described
+
+MASSES, STIFFNESSES = (3.0, 2.0, 1.5), (900.0, 700.0, 400.0)
+FLOORS = [f"floor {i}" for i in (1, 2, 3)]
+k, m = bs.Parameter("k", bs.LogNormal(1.0, 0.3)), bs.Parameter("m", bs.LogNormal(0.2, 0.5))
+f = bs.Parameter("f", bs.LogNormal(2.0, 0.5))
+VALUES = np.random.default_rng(0).lognormal(0.0, 0.2, (7, 3)) * [1.0, 0.2, 2.0]
+DIRECTION = {"floor 1": 0.6, "floor 3": -0.8}
+
+
+def building():
+    first, *others = STIFFNESSES
+    return bs.ShearBuilding(MASSES, (k * first, *others))
+
+
+def as_matrices(**options):
+    """The same building by its matrices; the rows are the floors."""
+    first = np.zeros((3, 3))
+    first[0, 0] = STIFFNESSES[0]
+    _, k2, k3 = STIFFNESSES
+    others = np.array([[k2, -k2, 0.0], [-k2, k2 + k3, -k3], [0.0, -k3, k3]])
+    options = {"labels": FLOORS, "n_modes": 3, "influence": np.ones(3), **options}
+    return bs.MatrixStructure([(k, first), others], np.diag(MASSES), **options)
+
+
+TANK = bs.Pendulum("floor 2", m, f, label="tank")
+CARRIED = {
+    "pendulum": [TANK],
+    "pendulum in a direction": [bs.Pendulum(DIRECTION, m, f)],
+    "pendulum on a pendulum": [TANK, bs.Pendulum("tank", 0.1, 1.2)],
+    "two pendulums": [TANK, bs.Pendulum("floor 3", 0.1, f)],
+    "added mass": [bs.AddedMass(m * f, (("floor 1", 0.25), ("floor 3", 0.75)))],
+    "mass in a direction": [bs.AddedMass(m * f, ((DIRECTION, 1.0),))],
+    "spring": [bs.InPlaneInfill(("floor 2", "floor 3"), m, 250.0 * f)],
+    "spring to the ground": [bs.InPlaneInfill((0, DIRECTION), m, 250.0 * f)],
+    "vibrating infill": [bs.OutOfPlaneInfill(("floor 1", "floor 3"), m, f)],
+    "between a tank and a floor": [TANK, bs.InPlaneInfill(("tank", "floor 3"), 0.1, 9.0)],
+}
+
+
+def carrying(structure, elements):
+    for element in elements:
+        structure = structure.with_element(element)
+    return structure
+
+
+def assert_same(structure, other, values, tolerance=1e-10):
+    modes, expected = structure.modes(values), other.modes(values)
+    assert structure.degrees_of_freedom == other.degrees_of_freedom
+    np.testing.assert_allclose(modes.frequencies_hz, expected.frequencies_hz, rtol=tolerance)
+    np.testing.assert_allclose(np.abs(modes.shapes), np.abs(expected.shapes), atol=tolerance)
+    driven = [each.modal_model(values) for each in (structure, other)]
+    products = [each.shapes * each.participation[:, None, :] for each in driven]
+    np.testing.assert_allclose(products[0], products[1], atol=tolerance)
+    np.testing.assert_allclose(driven[0].influence, driven[1].influence, atol=1e-14)
+
+
+@pytest.mark.parametrize("elements", CARRIED.values(), ids=CARRIED)
+def test_elements_are_those_of_a_building(elements):
+    expected = carrying(building(), elements)
+    structure = carrying(as_matrices(), elements)
+    values = VALUES[:, : len(expected.parameters)]
+    order = [structure.parameters.index(each) for each in expected.parameters]
+    assert order == list(range(len(order)))
+    assert structure.appendages == expected.appendages
+    assert_same(structure, expected, values)
+
+
+def test_a_pendulum_in_a_direction_adds_a_row_and_a_column():
+    """K gains k v vᵀ with v = (-c, 1), and M the mass."""
+    structure = as_matrices().with_element(bs.Pendulum(DIRECTION, 0.2, 2.2, label="tank"))
+    stiffness = 0.2 * (math.tau * 2.2) ** 2
+    v = np.array([-0.6, 0.0, 0.8, 1.0])
+    whole = np.zeros((4, 4))
+    k1, k2, k3 = STIFFNESSES
+    whole[:3, :3] = [[k1 + k2, -k2, 0.0], [-k2, k2 + k3, -k3], [0.0, -k3, k3]]
+    squares, vectors = eigh(whole + stiffness * np.outer(v, v), np.diag([*MASSES, 0.2]))
+    modes = structure.modes(np.ones((1, 1)))
+    np.testing.assert_allclose(modes.frequencies_hz[0], np.sqrt(squares) / math.tau, rtol=1e-10)
+    np.testing.assert_allclose(np.abs(modes.shapes[0]), np.abs(vectors), atol=1e-10)
+
+
+def test_a_sensor_is_a_place_too():
+    """At a point of a rigid floor, and by the name of a row of a model."""
+    floor = bs.ShearBuilding3D((2.0,), (1.5,), (800.0,), (600.0,), (900.0,)).with_sensors(
+        [bs.floor_sensor("corner", 1, (2.0, 1.0), "x")]
+    )
+    by_shares = {"floor 1 x": 1.0, "floor 1 torsion": -1.0}
+    at_corner, at_point = (
+        floor.with_element(bs.Pendulum(place, 0.2, 2.0, label="tank"))
+        for place in ("corner", by_shares)
+    )
+    assert_same(at_corner, at_point, np.empty((1, 0)), 1e-14)
+    assert at_corner.heights()["tank"] > 1.0
+    named = as_matrices(labels=None, sensors={"roof": 2, "first": 0})
+    of_sensor, of_row = (
+        named.with_element(bs.Pendulum(place, 0.2, 2.0, label="tank"))
+        for place in ("roof", "dof 2")
+    )
+    assert_same(of_sensor, of_row, np.ones((1, 1)), 1e-14)
+    assert of_sensor.degrees_of_freedom == ("roof", "first", "tank")
+
+
+def test_a_report_describes_the_elements():
+    lines = dict(described(as_matrices().with_element(TANK)))
+    assert lines["tank"] == "pendulum: tank; on floor 2; mass = m; frequency = f"
+
+
+def test_names_of_sensors_that_count_from_one_are_no_rows():
+    structure = as_matrices(labels=None, sensors={"dof 1": 0, "dof 3": 2})
+    at_first = structure.with_element(bs.Pendulum("dof 1", 0.1, 1.0, label="tank"))
+    expected = as_matrices().with_element(bs.Pendulum("floor 1", 0.1, 1.0, label="tank"))
+    frequencies = (each.modes(np.ones((1, 1))).frequencies_hz for each in (at_first, expected))
+    np.testing.assert_allclose(*frequencies, rtol=1e-12)
+    with pytest.raises(ValueError, match=r"'dof 2'; choose from 'dof 1', 'dof 3', or 0 for the gr"):
+        structure.with_element(bs.Pendulum("dof 2", 0.1, 1.0))
+
+
+N = 120
+
+
+def chain():
+    """A chain with two stiffnesses and a few sensors, too large to be solved in batches."""
+    stiffness = 2.0 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1)
+    stiffness[-1, -1] = 1.0
+    left = np.zeros((N, N))
+    for spring in range(N // 2):
+        at = [spring - 1, spring] if spring else [spring]
+        left[np.ix_(at, at)] += [[1.0, -1.0], [-1.0, 1.0]] if spring else [[1.0]]
+    right = stiffness - left
+    kl, kr = (bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in ("left", "right"))
+    return bs.MatrixStructure(
+        [(kl * N**2, left), (kr * N**2, right)],
+        np.eye(N),
+        sensors={f"s{i}": i for i in range(9, N, 10)},
+        n_modes=4,
+        influence=np.ones(N),
+    ), (left * N**2, right * N**2)
+
+
+@pytest.fixture(scope="module")
+def reduced():
+    structure, _ = chain()
+    made = structure.reduced()
+    assert made.basis.size
+    return made
+
+
+F1 = 0.25  # about the first frequency of the chain
+IN_CHAIN = {
+    "resonant pendulum": bs.Pendulum("s59", 5.0 * m, F1 * f, label="tank"),
+    "pendulum between sensors": bs.Pendulum("dof 33", 5.0 * m, F1 * f, label="tank"),
+    "pendulum in a direction": bs.Pendulum({"dof 33": 0.6, "s79": 0.8}, 5.0 * m, F1 * f),
+    "mass": bs.AddedMass(10.0 * m * f, (("dof 44", 0.5), ("s99", 0.5))),
+    "spring": bs.InPlaneInfill(("dof 20", "s59"), m, 20.0 * f),
+    "vibrating infill": bs.OutOfPlaneInfill(("dof 20", "s59"), 5.0 * m, F1 * f),
+}
+IN_CHAIN_VALUES = np.random.default_rng(1).lognormal(0.0, 0.25, (25, 4)) * [1.0, 1.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize("element", IN_CHAIN.values(), ids=IN_CHAIN)
+def test_a_large_model_is_that_of_dense_matrices(element):
+    structure, (left, right) = chain()
+    whole = structure.with_element(element)
+    row = dict(zip((p.name for p in whole.parameters), IN_CHAIN_VALUES[0], strict=True))
+    own = [element.own_degree_of_freedom] if element.own_degree_of_freedom else []
+    size = N + len(own)
+    stiffness, mass = np.zeros((size, size)), np.zeros((size, size))
+    stiffness[:N, :N] = row["left"] * left + row["right"] * right
+    mass[:N, :N] = np.eye(N)
+
+    def value(product):
+        return product.scale * math.prod(row[p.name] ** power for p, power in product.powers)
+
+    def vector(direction):
+        v = np.zeros(size)
+        for place, component in direction:
+            v[N if place in own else int(place.removeprefix("dof ").removeprefix("s"))] += component
+        return v
+
+    for spring in element.springs():
+        v = vector(spring.direction)
+        stiffness += value(spring.stiffness) * np.outer(v, v)
+    for each in element.masses():
+        v = vector(each.direction)
+        mass += value(each.mass) * np.outer(v, v)
+    n = whole.n_modes
+    assert n == 4 + len(own)
+    squares, vectors = eigh(stiffness, mass, subset_by_index=[0, n - 1])
+    modes = whole.modes(IN_CHAIN_VALUES[:1])
+    np.testing.assert_allclose(modes.frequencies_hz[0], np.sqrt(squares) / math.tau, rtol=1e-10)
+    rows = [*range(9, N, 10), *range(N, size)]
+    np.testing.assert_allclose(np.abs(modes.shapes[0]), np.abs(vectors[rows]), atol=1e-8)
+
+
+@pytest.mark.parametrize("element", IN_CHAIN.values(), ids=IN_CHAIN)
+def test_a_reduced_basis_carries_elements_without_a_full_solution(reduced, element, monkeypatch):
+    full = reduced.full.with_element(element)
+    exact = full.modes(IN_CHAIN_VALUES)
+
+    def refuse(*_):
+        raise AssertionError("a full solution")
+
+    with monkeypatch.context() as context:
+        context.setattr(bs.MatrixStructure, "full_modes", refuse)
+        whole = reduced.with_element(element)
+        modes, bounds = whole.modes(IN_CHAIN_VALUES), whole.bounds(IN_CHAIN_VALUES)
+    assert whole.n_full_solutions == reduced.n_full_solutions
+    assert whole.basis.size <= reduced.basis.size + 3
+    off = np.abs(modes.frequencies_hz / exact.frequencies_hz - 1.0)
+    assert off.max() < 2e-3
+    assert np.all(bounds.frequency >= off - 1e-12)
+    assert np.median(bounds.frequency / np.maximum(off, 1e-12)) < 100.0
+    sensors = len(reduced.degrees_of_freedom)
+    alike = [
+        np.diag(mac(a[:sensors], b[:sensors]))
+        for a, b in zip(exact.shapes, modes.shapes, strict=True)
+    ]
+    assert np.min(alike) > 0.999
+    assert np.mean(bounds.shape >= np.sqrt(np.maximum(1.0 - np.array(alike), 0.0)) - 1e-7) > 0.95
+    assert full.degrees_of_freedom == whole.degrees_of_freedom
+    copied = pickle.loads(pickle.dumps(whole)).modes(IN_CHAIN_VALUES[:3])
+    np.testing.assert_array_equal(copied.frequencies_hz, modes.frequencies_hz[:3])
+
+
+@pytest.mark.parametrize("name", ["pendulum in a direction", "spring"])
+def test_full_solutions_with_the_element_are_added_where_needed(reduced, name):
+    whole = reduced.with_element(IN_CHAIN[name])
+    better = whole.accurate_at(IN_CHAIN_VALUES, 1e-7, 1e-3)
+    assert better.n_full_solutions > whole.n_full_solutions
+    assert better.bounds(IN_CHAIN_VALUES).frequency.max() <= 1e-7
+    assert_same(better, better.exact, IN_CHAIN_VALUES, 1e-4)
+    frequencies = better.modes(IN_CHAIN_VALUES).frequencies_hz
+    exact = better.exact.modes(IN_CHAIN_VALUES).frequencies_hz
+    np.testing.assert_allclose(frequencies, exact, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("element", "message"),
+    [
+        (bs.Pendulum("floor 9", 0.1, 1.0), r"pendulum floor 9: .* no degree of .* 'floor 9'; ch"),
+        (bs.Pendulum(2, 0.1, 1.0), "pendulum 2: the structure has no degree of freedom .* 2; ch"),
+        (bs.Pendulum("floor 1", 0.1, 1.0, label="floor 2"), "element 'floor 2': the structure has"),
+        (bs.FloorMass(1, 0.1, 1.0), "mass on floor 1: .* 'floor 1 x'"),
+    ],
+)
+@pytest.mark.parametrize("make", [as_matrices, lambda: as_matrices().reduced()])
+def test_places_that_do_not_exist_are_refused(make, element, message):
+    with pytest.raises(ValueError, match=message):
+        make().with_element(element)
