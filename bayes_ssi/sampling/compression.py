@@ -19,6 +19,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
@@ -46,6 +47,8 @@ CORRELATION_LEFT = 0.5
 MAX_STEPS = 25
 # Particles per dimension that one component of the proposals' mixture is fitted to.
 FITTED_PER_DIMENSION = 30
+# Families of particles that became smaller than this share are mixed and parted again.
+LEAST_FAMILY = 0.25
 # Shares of the maxima's components and of the prior in the proposals.
 MAXIMA_SHARE, PRIOR_SHARE = 0.3, 0.02
 
@@ -122,10 +125,13 @@ def compress_prior(
     log_prior_left, memory, log_evidence = math.log(possible), 1.0, -math.inf
     variance = (1.0 - possible) / len(positions)
     if possible < 1.0:
-        positions, log_likelihoods, left = _moved(
-            target, maxima, positions, log_likelihoods, (-math.inf, 1.0), n_particles, rng
+        families = np.arange(len(positions)) % 2
+        positions, log_likelihoods, families, left = _moved(
+            target, maxima, positions, log_likelihoods, families, (-math.inf, 1.0), n_particles, rng
         )
         memory = _memory(left)
+    else:
+        families = np.arange(n_particles) % 2
     ranks_of_equals = rng.random(n_particles)
     highest = float((maxima.log_posteriors - log_standard_normal(maxima.z)).max())
     levels: list[_Level] = []
@@ -142,8 +148,15 @@ def compress_prior(
         log_evidence = float(np.logaddexp(log_evidence, added))
         log_prior_left += math.log(n_surviving / n_particles)
         level = (float(log_likelihoods[lost[-1]]), float(ranks_of_equals[lost[-1]]))
-        positions, log_likelihoods, left = _moved(
-            target, maxima, positions[kept], log_likelihoods[kept], level, n_particles, rng
+        positions, log_likelihoods, families, left = _moved(
+            target,
+            maxima,
+            positions[kept],
+            log_likelihoods[kept],
+            families[kept],
+            level,
+            n_particles,
+            rng,
         )
         memory = _memory(left)
         # Given that it is above the level, the number drawn for a particle is uniform.
@@ -203,26 +216,28 @@ def _moved(
     maxima: Maxima,
     positions: FloatArray,
     log_likelihoods: FloatArray,
+    families: NDArray[np.intp],
     level: tuple[float, float],
     n_particles: int,
     rng: np.random.Generator,
-) -> tuple[FloatArray, FloatArray, float]:
+) -> tuple[FloatArray, FloatArray, NDArray[np.intp], float]:
     """Copies of survivors, moved under the prior above a level.
 
-    Proposals fitted to the very particles that they move would hold them together: those of each
-    half of the survivors are fitted to the other half.
+    Proposals fitted to the very particles that they move, or to their relatives, would hold them
+    together: there are two families, and those of each are fitted to the other.
 
     Args:
         target: what is sampled.
         maxima: the known maxima.
         positions: (m, d), the survivors.
         log_likelihoods: (m,).
+        families: (m,), 0 or 1.
         level: a log-likelihood and a rank of equals.
         n_particles: number of copies.
         rng: everything random follows from it.
 
     Returns:
-        Positions, log-likelihoods and the correlation left with where they began.
+        Positions, log-likelihoods, families and the correlation left with where they began.
     """
 
     def log_density(z: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -231,17 +246,19 @@ def _moved(
         return np.where(above, log_standard_normal(z), -np.inf), values
 
     around_maxima = maxima.above(level[0])
-    first, second = np.array_split(rng.permutation(len(positions)), 2)
-    # The second half's proposals are fitted to where the first half has moved: one after the
-    # other, as in emcee's own moves, leaves their joint distribution as it should be.
-    others, moved = positions[second], []
-    for half, n in ((first, n_particles - n_particles // 2), (second, n_particles // 2)):
+    if np.bincount(families, minlength=2).min() < LEAST_FAMILY * len(families):
+        families = rng.permutation(np.arange(len(families)) % 2)
+    copies = np.resize(rng.permutation(len(positions)), n_particles)
+    # The second family's proposals are fitted to where the first has moved: one after the other,
+    # as in emcee's own moves, leaves their joint distribution as it should be.
+    others, moved = positions[families == 1], []
+    for family in (0, 1):
+        own = copies[families[copies] == family]
         proposal = _proposal(others, around_maxima, rng)
-        copies = np.resize(half, n)
-        moved.append(_move(log_density, positions[copies], log_likelihoods[copies], proposal, rng))
+        moved.append(_move(log_density, positions[own], log_likelihoods[own], proposal, rng))
         others = moved[0][0]
     at, values, left = zip(*moved, strict=True)
-    return np.concatenate(at), np.concatenate(values), max(left)
+    return np.concatenate(at), np.concatenate(values), np.repeat((0, 1), [*map(len, at)]), max(left)
 
 
 def _proposal(
