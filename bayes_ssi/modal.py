@@ -144,13 +144,14 @@ def _scaled_by_mass(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray
         if mass.ndim == 2:
             root = 1.0 / np.sqrt(mass)
             eigenvalues, vectors = _eigh(stiffness * (root[:, :, None] * root[:, None, :]))
-            shapes = np.empty(vectors.shape, order="F")
-            return eigenvalues, np.multiply(vectors, root[:, :, None], out=shapes)
+            shapes = np.asfortranarray(vectors)  # the rows of the batch next to each other
+            shapes *= root[:, :, None]
+            return eigenvalues, shapes
         # Products of stacked matrices, each of which is computed on its own.
         inverse = inverse_cholesky(mass)
         transposed = inverse.transpose(0, 2, 1)
         eigenvalues, vectors = _eigh(inverse @ np.ascontiguousarray(stiffness) @ transposed)
-        return eigenvalues, transposed @ vectors
+        return eigenvalues, np.asfortranarray(transposed @ vectors)
 
 
 def lowest_eigenpairs(
@@ -210,7 +211,7 @@ def inverse_cholesky(matrices: FloatArray) -> FloatArray:
     """
     n = matrices.shape[-1]
     rows = np.zeros((n, 2 * n, len(matrices)))
-    rows[:, :n] = np.moveaxis(matrices, 0, -1)
+    rows[:, :n] = matrices.transpose(1, 2, 0)
     rows[range(n), range(n, 2 * n)] = 1.0
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         for j in range(n):
@@ -218,7 +219,7 @@ def inverse_cholesky(matrices: FloatArray) -> FloatArray:
             row = rows[j, j:end]
             row *= 1.0 / np.sqrt(row[0])
             rows[j + 1 :, j + 1 : end] -= row[1 : n - j, None] * row[1:]
-    return np.ascontiguousarray(np.moveaxis(rows[:, n:], -1, 0))
+    return np.ascontiguousarray(rows[:, n:].transpose(2, 0, 1))
 
 
 def _eigh(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:

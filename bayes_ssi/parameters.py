@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.arrays import FloatArray, Places, as_slice
 from bayes_ssi.file_names import require_printable
 from bayes_ssi.priors.prior import Prior
 
@@ -234,16 +234,17 @@ class ProductTable:
         return np.array([product.scale for product in self.products])
 
     @cached_property
-    def _rounds(self) -> list[tuple[Sequence[int], list[int], FloatArray | None]]:
+    def _rounds(self) -> list[tuple[Places, Places, FloatArray | None]]:
         """Round r multiplies by the r-th factor of every product that has one."""
         column = {parameter: i for i, parameter in enumerate(self.parameters)}
-        rounds: list[tuple[Sequence[int], list[int], FloatArray | None]] = []
+        rounds: list[tuple[Places, Places, FloatArray | None]] = []
         for r in range(max((len(product.powers) for product in self.products), default=0)):
             targets = [t for t, product in enumerate(self.products) if len(product.powers) > r]
             factors = [self.products[t].powers[r] for t in targets]
             powers = np.array([power for _, power in factors])
-            columns = [column[parameter] for parameter, _ in factors]
-            rounds.append((targets, columns, None if np.all(powers == 1.0) else powers))
+            columns = np.array([column[parameter] for parameter, _ in factors])
+            own = None if np.all(powers == 1.0) else powers[:, None]
+            rounds.append((as_slice(np.array(targets)), as_slice(columns), own))
         return rounds
 
     def evaluate(self, values: FloatArray) -> FloatArray:
@@ -252,5 +253,5 @@ class ProductTable:
         table[:] = self._scales[:, None]
         for targets, columns, powers in self._rounds:
             factors = values.T[columns]
-            table[targets] *= factors if powers is None else factors ** powers[:, None]
+            table[targets] *= factors if powers is None else factors**powers
         return table.T

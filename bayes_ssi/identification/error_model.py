@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 
 from bayes_ssi.parameters import (
     Parameter,
@@ -67,7 +68,7 @@ class ErrorModel:
         """``between_tests`` and ``between_modes``."""
         return as_product(self.between_tests), as_product(self.between_modes)
 
-    @property
+    @cached_property
     def is_correlated(self) -> bool:
         """Whether any correlation is not fixed at zero."""
         return any(not is_zero(product) for product in self.correlations)

@@ -217,7 +217,7 @@ class ModalLikelihood:
         return near
 
     def _frequency_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
-        variance = _sums(prediction_var, self.pairs.frequency_var)
+        variance = (prediction_var.T + self._own_var[0]).T
         residuals = self.pairs.frequency_residuals(modes.frequencies_hz)
         terms = residuals * residuals / variance + np.log(variance)
         return self._frequency_constants - 0.5 * terms
@@ -230,7 +230,7 @@ class ModalLikelihood:
     def _shape_terms(self, distances: FloatArray, prediction_var: FloatArray) -> FloatArray:
         if not len(self.pairs.with_shape):
             return distances
-        variance = _sums(prediction_var, self.pairs.shape_var)
+        variance = (prediction_var.T + self._own_var[1]).T
         normalisers = self._fixed_normalisers
         if normalisers is None:
             normalisers = _log_normalisers(variance, self.pairs)
@@ -242,7 +242,7 @@ class ModalLikelihood:
         shape_sd = self._error_products[1]
         if shape_sd.parameters:
             return None
-        variance = _sums(np.array([[shape_sd.scale**2]]), self.pairs.shape_var)
+        variance = (np.array([[shape_sd.scale**2]]) + self._own_var[1]).T
         return _log_normalisers(variance, self.pairs)
 
     def _missed_terms(
@@ -270,6 +270,14 @@ class ModalLikelihood:
         return density - (log_sphere_area(mode.n_measured) if mode.scored_shape is not None else 0)
 
     @cached_property
+    def _own_var(self) -> tuple[FloatArray, FloatArray]:
+        """Squared identification errors of the pairs' frequencies and shapes, as columns.
+
+        With those of prediction (1, B) they make (P, B), which lets operations run along the batch.
+        """
+        return _column(self.pairs.frequency_var), _column(self.pairs.shape_var)
+
+    @cached_property
     def _error_products(self) -> list[Product]:
         products = [as_product(self.error.frequency_cov)]
         if len(self.pairs.with_shape):
@@ -294,14 +302,10 @@ class ModalLikelihood:
         return float(np.mean([(mode.frequency_cov or 0.0) ** 2 for mode in self.data.modes]))
 
 
-def _sums(prediction_var: FloatArray, own_var: FloatArray) -> FloatArray:
-    """Variances (B, P), of prediction (B, 1) and of identification (P,) together.
-
-    (B, 1) where all are the same. In memory, the rows of the batch are next to each other.
-    """
-    if len(own_var) and (own_var == own_var[0]).all():
-        return prediction_var + own_var[0]
-    return (prediction_var.T + own_var[:, None]).T
+def _column(variances: FloatArray) -> FloatArray:
+    """Variances (P, 1), or (1, 1) where all are the same."""
+    differ = not len(variances) or bool((variances != variances[0]).any())
+    return variances[:, None] if differ else variances[:1, None]
 
 
 def _log_normalisers(variance: FloatArray, pairs: PairedModes) -> FloatArray:

@@ -119,9 +119,9 @@ def _by_polynomials(shape_sd: FloatArray, d: int) -> FloatArray:
     """log Z_d(σ) by the polynomial of the interval in which log(1 + κ/√d) lies, κ = 1/σ²."""
     with np.errstate(divide="ignore", over="ignore"):
         place = np.log1p(1.0 / (math.sqrt(d) * shape_sd * shape_sd)) * INTERVALS
-    interval = np.nan_to_num(place).astype(np.intp)
-    t = 2.0 * (place - interval) - 1.0
     polynomials = _polynomials(d)
+    interval = np.fmin(place, polynomials.shape[1] - 1).astype(np.intp)  # the last one for NaN
+    t = 2.0 * (place - interval) - 1.0
     total: FloatArray = polynomials[-1, interval]
     for coefficients in polynomials[-2::-1]:
         total = total * t + coefficients[interval]

@@ -51,7 +51,8 @@ class AffineArray:
             # A matrix product would round a row differently in a batch of another size.
             total[entries] = np.einsum("bt,tk->kb", coefficients, arrays)
         # A matrix's entries are far apart, and those of the batch next to each other.
-        return np.moveaxis(total.reshape(*self.arrays.shape[1:], -1), -1, 0)
+        shape = self.arrays.shape[1:]
+        return total.reshape(*shape, -1).transpose(-1, *range(len(shape)))
 
     @cached_property
     def _fixed(self) -> FloatArray | None:

@@ -95,15 +95,18 @@ class SensorMatrix:
         size of its batch.
         """
         before = (slice(None),) * (motions.ndim - 1 - axis)
-        total: FloatArray
-        total, *others = (motions.T[(*before, rows)].T for rows in self._terms)
         if self._is_selection:
-            return total
+            chosen: FloatArray = motions.T[(*before, self._terms[0])].T
+            return chosen
         column = [1] * motions.ndim
         column[axis] = len(self.rows)
-        total = total * self.weights[:, 0].reshape(column)
-        for motion, weights in zip(others, self.weights.T[1:], strict=True):
-            total += motion * weights.reshape(column)
+        total: FloatArray | None = None
+        for rows, weights in zip(self._terms, self.weights.T, strict=True):
+            motion: FloatArray = motions.T[(*before, rows)].T
+            own = None if isinstance(rows, slice) else motion  # a slice does not copy
+            part = np.multiply(motion, weights.reshape(column), out=own)
+            total = part if total is None else np.add(total, part, out=total)
+        assert total is not None  # a sensor has one term or more
         return total
 
     @cached_property

@@ -121,19 +121,20 @@ class SpaceFrame(RigidFloors):
         total = np.empty((n_rows, *of_elements.shape[1:]), order="F")
         total[:] = of_elements
         for lateral, moved in zip(planes, self._moved, strict=True):
-            for i, j in np.argwhere(moved).tolist():
-                total[:, i : 3 * n : 3, j : 3 * n : 3] += moved[i, j] * lateral
+            for (i, j), share in moved.items():
+                total[:, i : 3 * n : 3, j : 3 * n : 3] += share * lateral
         return total, mass
 
     @cached_property
-    def _moved(self) -> list[FloatArray]:
-        """Stiffness of a floor's motions (3, 3) per stiffness of a plane frame, along x and y.
+    def _moved(self) -> list[dict[tuple[int, int], float]]:
+        """Stiffness between two motions of a floor per stiffness of plane frames along x, and y.
 
         The frame on the line at y moves by u - y θ, the one on the line at x by v + x θ.
         """
         along_x = np.array([(1.0, 0.0, -y) for y in self.y_lines])
         along_y = np.array([(0.0, 1.0, x) for x in self.x_lines])
-        return [np.einsum("la,lc->ac", lines, lines) for lines in (along_x, along_y)]
+        products = [np.einsum("la,lc->ac", lines, lines) for lines in (along_x, along_y)]
+        return [{(i, j): float(p[i, j]) for i, j in np.argwhere(p).tolist()} for p in products]
 
     @cached_property
     def _planes(self) -> tuple[AffineArray, AffineArray]:
@@ -180,13 +181,13 @@ def _condensed(stiffness: FloatArray, n_kept: int) -> FloatArray:
 
     The others are eliminated one by one. NaN where their stiffness is not positive definite.
     """
-    rest = np.array(np.moveaxis(stiffness, 0, -1))
+    rest = stiffness.transpose(1, 2, 0).copy()
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         for last in range(len(rest) - 1, n_kept - 1, -1):
             row = rest[last, : last + 1]
             row /= np.sqrt(row[last])
             rest[:last, :last] -= row[:last, None] * row[:last]
-    return np.moveaxis(rest[:n_kept, :n_kept], -1, 0)
+    return rest[:n_kept, :n_kept].transpose(2, 0, 1)
 
 
 def _column(height: float) -> FloatArray:
