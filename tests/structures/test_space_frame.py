@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 import bayes_ssi as bs
 from bayes_ssi.structures.space_frame import SpaceFrame
@@ -252,3 +253,18 @@ def test_elements_stand_on_degrees_of_freedom():
         bs.FloorBlock(1, 1.0, 3)
     block = bs.FloorBlock(1, 1.0, (0.0, 1.0))
     assert block.as_mass() is block
+
+
+def test_a_pendulum_in_a_direction_of_a_floor():
+    """K gains k v vᵀ and M the mass, also where the frame's own stiffness is condensed."""
+    frame, mass, hz = portal(), 30.0, 4.0
+    direction = {"floor 1 x": 0.6, "floor 1 y": 0.8, "floor 1 torsion": 0.5}
+    stiffness, masses = (each[0] for each in frame.matrices(NONE))
+    n = len(stiffness)
+    v = np.zeros(n + 1)
+    v[[*range(3), n]] = [-0.6, -0.8, -0.5, 1.0]
+    whole = np.pad(stiffness, (0, 1)) + mass * (math.tau * hz) ** 2 * np.outer(v, v)
+    squares = eigh(whole, np.diag([*masses, mass]), eigvals_only=True)
+    carrying = frame.with_element(bs.Pendulum(direction, mass, hz))
+    frequencies = carrying.modes(NONE).frequencies_hz[0]
+    np.testing.assert_allclose(frequencies, np.sqrt(squares) / math.tau, rtol=1e-10)
