@@ -80,13 +80,18 @@ def _draw_class(
     marker: str,
 ) -> None:
     modes, frequencies_hz = posterior.configuration(configuration)
+    updated = {each.label: each for each in modes.updated.modes}
     name: str | None = posterior.name  # for the legend, once
     for i, mode in enumerate(data.modes):
         number = modes.pairing.get(mode.label)
         if number is None:
             ax.plot(i + offset, 0.0, "x", color=colour, markersize=6)
             continue
-        hz = np.quantile(frequencies_hz[..., number - 1], [0.025, 0.5, 0.975])
+        if modes.inferred_pairing is not None:
+            # The number of the mode may change from draw to draw.
+            hz = np.array(updated[mode.label].after_hz)
+        else:
+            hz = np.quantile(frequencies_hz[..., number - 1], [0.025, 0.5, 0.975])
         low, median, high = 100.0 * (hz / mode.frequency_hz - 1.0)
         point = ax.errorbar(i + offset, median, yerr=[[median - low], [high - median]], fmt=marker,
                             color=colour, markersize=4, capsize=2, label=name)  # fmt: skip

@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
 from bayes_ssi.plots.corner_plot import plot_corner
 from bayes_ssi.plots.evidence_plot import plot_evidence
 from bayes_ssi.plots.figure_style import figures_for_files, style
 from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.plots.result_figures import save_figures
+from bayes_ssi.posterior.configuration_modes import (
+    ConfigurationModes,
+    UpdatedMode,
+    UpdatedModes,
+)
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 
@@ -179,3 +185,20 @@ def test_many_classes(data, make_posterior):
     evidence = plot_evidence(bs.compare(posteriors))
     evidence.figure.canvas.draw()
     assert [tick.get_text().split("\n")[0] for tick in evidence.get_yticklabels()] == names
+
+
+def test_frequencies_under_an_inferred_pairing_are_those_of_each_draw(make_posterior):
+    """The first model mode is another one in some draws; the paired one is at 1 Hz in all."""
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 3.0))
+    inferred = InferredPairing((PairingShare({"1": 1}, 1.0),), {"1": {1: 0.6, 2: 0.4}})
+    own = UpdatedMode("1", 1, 1.1, (0.99, 1.0, 1.01), None, None, (1.0,), ((1.0,),) * 3)
+    modes = UpdatedModes(("floor 1",), (1.0,), (), True, (own,))
+    frequencies = np.tile([0.5, 1.0], (4, 250, 1))
+    posterior = make_posterior(
+        "a",
+        frequencies_hz=frequencies,
+        configurations=(ConfigurationModes("", 2, {"1": 1}, inferred, modes),),
+    )
+    (bar,) = plot_frequencies(data, [posterior]).containers
+    (ends,) = bar.lines[2][0].get_segments()
+    assert ends[:, 1] == pytest.approx([-1.0, 1.0])
