@@ -143,7 +143,9 @@ def _scaled_by_mass(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         if mass.ndim == 2:
             root = 1.0 / np.sqrt(mass)
-            eigenvalues, vectors = _eigh(stiffness * (root[:, :, None] * root[:, None, :]))
+            scaled = stiffness * root[:, :, None]
+            scaled *= root[:, None, :]
+            eigenvalues, vectors = _eigh(scaled)
             shapes = np.asfortranarray(vectors)  # the rows of the batch next to each other
             shapes *= root[:, :, None]
             return eigenvalues, shapes

@@ -57,7 +57,9 @@ class PairedModes:
 
     def shape_distances(self, shapes_at_sensors: FloatArray) -> FloatArray:
         """1 - |φ_e·φ| = ½ r_φ², (B, S), for model shapes (B, s, n_modes)."""
-        shapes = np.asfortranarray(of_modes(shapes_at_sensors, self._modes_with_shape))
+        shapes = of_modes(shapes_at_sensors, self._modes_with_shape)
+        if shapes.strides[0] > shapes.itemsize:  # rows of the batch are not next to each other
+            shapes = np.asfortranarray(shapes)
         cosine, length_sq = np.zeros((2, shapes.shape[2], len(shapes))).transpose(0, 2, 1)
         # Sensor by sensor, for arrays that stay in the processor's cache.
         for i, (unit, measured) in enumerate(self._sensors):
