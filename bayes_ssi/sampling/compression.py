@@ -37,6 +37,9 @@ SURVIVING = 0.25
 # Compression ends where the largest likelihood, in all the prior left, would add no more than this
 # share of the evidence: little beside the error of the estimate.
 NEGLIGIBLE = 1e-2
+# And where all particles are within this many nats of the highest: the prior left around the top of
+# a broad region is so small that particles come upon a narrow one on its slope.
+TOP = 0.2
 # Where most of the prior is impossible, at most this many draws are made for each particle.
 MOST_DRAWN = 500
 # Proposals for one half of the possible draws are fitted to the other: enough for a covariance.
@@ -138,7 +141,8 @@ def compress_prior(
     while True:
         log_mass = log_prior_left - math.log(n_particles)
         highest = max(highest, float(log_likelihoods.max()))
-        if highest + log_prior_left < log_evidence + math.log(NEGLIGIBLE):
+        negligible = highest + log_prior_left < log_evidence + math.log(NEGLIGIBLE)
+        if negligible and np.ptp(log_likelihoods) < TOP:
             levels.append(_Level(positions, log_likelihoods, log_mass, memory))
             break
         order = np.lexsort((ranks_of_equals, log_likelihoods))

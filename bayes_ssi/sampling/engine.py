@@ -40,6 +40,7 @@ from bayes_ssi.sampling.mixture_fitting import DRAWS_PER_DIMENSION
 from bayes_ssi.sampling.multistart import MultistartSearch, search_maxima
 from bayes_ssi.sampling.proposals import ProposalFitting
 from bayes_ssi.sampling.regions import Regions, find_regions, local_maxima
+from bayes_ssi.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.sampling.result import SamplingResult
 from bayes_ssi.sampling.settings import SamplingSettings, StepProgress, part
 from bayes_ssi.sampling.target import Target
@@ -50,8 +51,9 @@ WALKERS = 32
 SUFFICIENT = 2000
 # Wanted standard error of the regions' shares, relative to that of the log evidence.
 SHARE_ERROR = 0.3
-# Most particles from which further ascents begin.
-MAX_CLIMBERS = 32
+# Most particles from which further ascents begin, and of how many they are the local maxima: the
+# time to find neighbours in many dimensions rises with the square of that.
+MAX_CLIMBERS, MAX_COMPARED = 32, 4000
 
 
 def sample_target(
@@ -239,7 +241,8 @@ class _Sampling:
 
 def _climbers(compression: Compression, maxima: Maxima) -> FloatArray:
     """Particles (m, d) higher than all their neighbours on all levels, but at no known maximum."""
-    highest = local_maxima(compression.passed, compression.log_likelihoods_passed)
+    among = evenly_spaced_indices(len(compression.passed), MAX_COMPARED)
+    highest = local_maxima(compression.passed[among], compression.log_likelihoods_passed[among])
     return highest[~maxima.are_at(highest).any(axis=0)][:MAX_CLIMBERS]
 
 
