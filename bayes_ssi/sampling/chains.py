@@ -1,29 +1,51 @@
-"""Two independent ensembles, with proposals that are refitted while walkers mix slowly."""
+"""Two independent ensembles: the posterior's draws, or a check of importance draws that suffice."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES
+from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, PARETO_K_LIMIT
 from bayes_ssi.sampling.ensembles import Ensemble, Walkers, run_ensemble
 from bayes_ssi.sampling.importance import ImportanceSample
 from bayes_ssi.sampling.proposals import ProposalFitting
 from bayes_ssi.sampling.settings import SamplingSettings, StepProgress, part
 from bayes_ssi.sampling.target import Target
 
-# Longer chains are not worth their cost where importance draws serve as well. An ensemble that
-# needs more steps mixes slowly, and starts again with a better mixture.
+# An ensemble that needs more steps than this mixes slowly, and starts again with a better mixture.
 FEW_STEPS = 1000
 SLOW = FEW_STEPS / LENGTH_IN_AUTOCORRELATION_TIMES
-# Most refits of the mixture; they end earlier where importance draws are good enough and a refit
-# raises their efficiency by less than this factor.
+# Steps of a chain that only checks importance draws. Half of them are local moves, which go where
+# the mixture does not: as many as in a thousand steps of which the mixture proposes nine tenths.
+STEPS_OF_A_CHECK, SHARE_IN_A_CHECK = 200, 0.5
+# Most refits of the mixture; they end earlier where a refit raises the efficiency of importance
+# draws by less than this factor.
 MAX_REFITS, WORTH_REFITTING = 4, 1.2
 # Below this efficiency importance draws are poor: chains are run to their full length, and the
 # mixture is finally fitted to their draws.
 LEAST_EFFICIENCY = 0.1
+# A fit of a mixture takes as long as some ten thousand evaluations of a small structure: it pays
+# only where more batches of importance draws than this would be needed without it.
+MOST_BATCHES = 8
+
+
+def serves(sample: ImportanceSample) -> bool:
+    """Whether importance draws can take the place of long chains.
+
+    A heavy tail of few weights is left to components that are added there.
+    """
+    return sample.efficiency >= LEAST_EFFICIENCY
+
+
+def is_worth_refitting(
+    sample: ImportanceSample, settings: SamplingSettings, fitting: ProposalFitting
+) -> bool:
+    """Whether importance draws are poor, or need so many more that a trial of others may pay."""
+    needed = len(sample.z) * (sample.estimate.error / settings.log_evidence_error) ** 2
+    return not serves(sample) or needed - len(sample.z) > MOST_BATCHES * fitting.sampler.batch
 
 
 def run_ensembles(
@@ -37,18 +59,21 @@ def run_ensembles(
 ) -> tuple[list[Ensemble], ImportanceSample]:
     """Independent ensembles, and importance draws from a mixture that suits the posterior.
 
-    The mixture of ``trial`` proposes the ensembles' moves. Walkers that mix slowly with it are
-    stopped, and continue from their positions with a mixture fitted to their draws; so do walkers
-    that went where importance draws from the mixture do not.
+    The mixture of ``trial`` proposes the ensembles' moves. Where its importance draws serve as
+    posterior draws, short chains check them: walkers may go where those draws do not. Otherwise
+    chains become as long as they should, but walkers that mix slowly are stopped. In both cases of
+    doubt, they continue from their positions with a mixture fitted to their draws.
     """
     seeds_of_attempts = zip(*(seed.spawn(MAX_REFITS + 1) for seed in seeds), strict=True)
     settled = False
     for attempt, attempt_seeds in enumerate(seeds_of_attempts):
         settled = settled or attempt == MAX_REFITS
-        slowest = math.inf if settled else SLOW
-        efficient = trial.efficiency >= LEAST_EFFICIENCY
-        longest = min(settings.max_steps, FEW_STEPS) if efficient else settings.max_steps
         proposal = fitting.proposal(trial)
+        checked = serves(trial)
+        if checked:
+            proposal = proposal._replace(share=SHARE_IN_A_CHECK)
+        longest = min(settings.max_steps, STEPS_OF_A_CHECK) if checked else settings.max_steps
+        slowest = math.inf if settled or checked else SLOW
         ensembles = [
             run_ensemble(
                 target, start, proposal, longest, seed, part(progress, "ensembles", i, 2), slowest
@@ -56,26 +81,24 @@ def run_ensembles(
             for i, (start, seed) in enumerate(zip(walkers, attempt_seeds, strict=True))
         ]
         fast = all(each.autocorrelation_times.max() <= slowest for each in ensembles)
-        if settled or (fast and trial.share_beyond(ensembles) <= settings.log_evidence_error):
+        if not is_worth_refitting(trial, settings, fitting):
+            # As many draws as the evidence needs, some of them where walkers went.
+            sampler = replace(fitting.sampler, max_draws=MOST_BATCHES * fitting.sampler.batch)
+            trial = sampler.refined(trial, settings.log_evidence_error, ensembles)
+        missed = trial.share_beyond(ensembles)
+        agree = trial.pareto_k <= PARETO_K_LIMIT and missed <= settings.log_evidence_error
+        if settled or (fast and agree):
             break
         walkers = [each.walkers for each in ensembles]
         before = trial.efficiency
         trial = fitting.refitted(ensembles, trial)
         # Mixtures hardly fit this posterior, but well enough for importance draws.
-        settled = efficient and trial.efficiency < WORTH_REFITTING * before
-    if _is_worth_refitting(trial, settings, fitting):
+        settled = checked and trial.efficiency < WORTH_REFITTING * before
+    if is_worth_refitting(trial, settings, fitting):
         trial = fitting.refitted(ensembles, trial)
     return ensembles, trial
 
 
-def _is_worth_refitting(
-    trial: ImportanceSample, settings: SamplingSettings, fitting: ProposalFitting
-) -> bool:
-    """Whether importance draws are poor, or so many are needed that a trial of others may pay."""
-    needed = len(trial.z) * (trial.estimate.error / settings.log_evidence_error) ** 2
-    return trial.efficiency < LEAST_EFFICIENCY or needed > 2 * fitting.sampler.batch
-
-
 def are_cut_short(ensembles: Sequence[Ensemble], settings: SamplingSettings) -> bool:
     """Whether longer chains than these were allowed, and needed."""
-    return settings.max_steps > FEW_STEPS and not all(each.is_long_enough for each in ensembles)
+    return settings.max_steps > STEPS_OF_A_CHECK and not all(e.is_long_enough for e in ensembles)

@@ -5,7 +5,8 @@
    where the target knows its problem, its searches agree, and the draws are good. Else two
    independent compressions of the prior carry particles to the regions around the maxima and to
    others, from which further ascents begin, and the mixture is fitted to the particles.
-3. Two independent emcee ensembles sample the posterior, with proposals from that mixture.
+3. Two independent emcee ensembles sample the posterior, with proposals from that mixture. Where
+   importance draws from it serve as posterior draws, short ones check where these do not go.
 4. Mixture importance sampling gives the evidence and the share of the posterior in each region.
 5. Everything that should agree is compared: bridge sampling with the draws of an ensemble, the
    compressions, the searches, the regions. Disagreement without particles begins again with them
@@ -25,9 +26,12 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.bridge import bridge_sampling
 from bayes_ssi.sampling.chains import (
     LEAST_EFFICIENCY,
+    MAX_REFITS,
     WORTH_REFITTING,
     are_cut_short,
+    is_worth_refitting,
     run_ensembles,
+    serves,
 )
 from bayes_ssi.sampling.checks import failed_checks
 from bayes_ssi.sampling.compression import Compression, compress_prior, compression_estimate
@@ -123,20 +127,23 @@ class _Sampling:
     def _from_maxima(self, search: MultistartSearch) -> SamplingResult | None:
         """The result without particles; None where Laplace's approximation does not suffice.
 
-        A mixture is fitted to the importance draws, and again while that makes them better.
+        Mixtures are fitted to the importance draws until these serve, and are few enough.
         """
         fitting = ProposalFitting(self.sampler, search.maxima)
-        before = first = self.sampler.sample(search.maxima.as_mixture().widened())
-        while True:
+        trial = first = self.sampler.sample(search.maxima.as_mixture().widened())
+        enough = DRAWS_PER_DIMENSION * self.target.n_dimensions
+        for _ in range(MAX_REFITS):
+            before = trial
+            if not serves(before):  # more draws that matter give a better fit
+                before = self.sampler.extended(before, 4.0)
             halves = before.split_in_two(self.rng)
-            enough = DRAWS_PER_DIMENSION * self.target.n_dimensions
             if min(half.effective_sample_size for half in halves) < enough:
                 return None
             starts = [half.resampled(self.rng) for half in halves]
             trial = fitting.fitted(starts[0].draws, starts[1].draws)
-            if trial.efficiency < WORTH_REFITTING * before.efficiency:
+            in_vain = trial.efficiency < WORTH_REFITTING * before.efficiency
+            if serves(trial) and (in_vain or not is_worth_refitting(trial, self.settings, fitting)):
                 break
-            before = trial
         walkers = [
             Walkers(start.draws[: self.n_walkers], start.log_posteriors[: self.n_walkers, 0])
             for start in starts
@@ -198,7 +205,7 @@ class _Sampling:
             self.seeds[2:4],
             self.progress,
         )
-        importance, regions = self._importance(trial)
+        importance, regions = self._importance(trial, ensembles)
         resampled: tuple[Ensemble, ...] = ()
         if are_cut_short(ensembles, self.settings):
             importance = _with_enough_draws(self.sampler, importance)
@@ -224,10 +231,12 @@ class _Sampling:
             resampled=resampled,
         )
 
-    def _importance(self, trial: ImportanceSample) -> tuple[ImportanceSample, Regions]:
+    def _importance(
+        self, trial: ImportanceSample, ensembles: Sequence[Ensemble]
+    ) -> tuple[ImportanceSample, Regions]:
         """Importance draws that give evidence and regions' shares as precisely as wanted."""
         wanted_error = self.settings.log_evidence_error
-        sample = self.sampler.refined(trial, wanted_error)
+        sample = self.sampler.refined(trial, wanted_error, ensembles)
         regions = find_regions(self.target, *sample.typical_draws)
         if regions.n_regions == 1:
             return sample, regions
@@ -235,7 +244,8 @@ class _Sampling:
         factor = float(errors.max() / (SHARE_ERROR * wanted_error)) ** 2
         if factor > 1.0:
             # More draws can show a heavier tail.
-            sample = self.sampler.refined(self.sampler.extended(sample, factor), wanted_error)
+            sample = self.sampler.extended(sample, factor)
+            sample = self.sampler.refined(sample, wanted_error, ensembles)
         return sample, regions
 
 

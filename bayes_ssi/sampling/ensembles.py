@@ -93,7 +93,7 @@ def run_ensemble(
         max_steps: where to stop if the autocorrelation time stays too long.
         seed: everything random follows from it.
         progress: called with the completed share of the necessary length.
-        slowest: autocorrelation time in steps above which sampling ends after a first, short run.
+        slowest: autocorrelation time in steps above which sampling ends, as soon as that shows.
     """
     from bayes_ssi.sampling.moves import ensemble_sampler, initial_state
 
@@ -106,7 +106,7 @@ def run_ensemble(
     n_walkers, d = positions.shape
     sampler = ensemble_sampler(log_density, n_walkers, d, proposal)
     state = initial_state(positions, log_posteriors, log_likelihoods, np.random.default_rng(seed))
-    wanted = first = min(2 * LENGTH_IN_AUTOCORRELATION_TIMES, max_steps)
+    wanted = min(2 * LENGTH_IN_AUTOCORRELATION_TIMES, max_steps)
     while True:
         state = sampler.run_mcmc(state, wanted - sampler.iteration, skip_initial_state_check=True)
         chain = sampler.get_chain()
@@ -116,10 +116,8 @@ def run_ensemble(
             autocorrelation_times=autocorrelation_times(chain),
             acceptance=float(np.mean(sampler.acceptance_fraction)),
         )
-        if wanted == first and ensemble.autocorrelation_times.max() > slowest:
-            return ensemble
         enough = min(ensemble.needed_steps, max_steps)
         progress(min(wanted / enough, 1.0))
-        if wanted >= enough:
+        if wanted >= enough or ensemble.autocorrelation_times.max() > slowest:
             return ensemble
         wanted = min(max_steps, int(1.1 * ensemble.needed_steps))

@@ -121,10 +121,20 @@ class ImportanceSample:
         What such draws stand for, as the end of a ridge or a far tail, is missing in the evidence.
         Of importance draws whose weights have a finite variance, hardly any share is.
         """
-        heaviest = self.log_weights.max()
+        _, log_weights = self._weighted(ensembles)
+        return float(np.mean(log_weights > self.log_weights.max()))
+
+    def heaviest_of(self, ensembles: Sequence[Ensemble]) -> FloatArray:
+        """The posterior draw (d,) that as an importance draw would weigh most."""
+        draws, log_weights = self._weighted(ensembles)
+        heaviest: FloatArray = draws[log_weights.argmax()]
+        return heaviest
+
+    def _weighted(self, ensembles: Sequence[Ensemble]) -> tuple[FloatArray, FloatArray]:
+        """All draws (n, d) of ``ensembles``, and their log weights (n,) as importance draws."""
         draws = np.concatenate([each.draws for each in ensembles])
         log_posteriors = np.concatenate([each.log_posteriors.ravel() for each in ensembles])
-        return float(np.mean(log_posteriors - self.mixture.log_pdf(draws) > heaviest))
+        return draws, log_posteriors - self.mixture.log_pdf(draws)
 
     def split_in_two(self, rng: np.random.Generator) -> list[ImportanceSample]:
         """The draws in two equal parts, at random."""
@@ -183,18 +193,28 @@ class ImportanceSampler:
         """A batch of draws from ``mixture``, to which the prior component is added."""
         return self._draw(mixture.with_prior_component(self.prior_share), self.batch)
 
-    def refined(self, sample: ImportanceSample, wanted_error: float) -> ImportanceSample:
+    def refined(
+        self,
+        sample: ImportanceSample,
+        wanted_error: float,
+        ensembles: Sequence[Ensemble] = (),
+    ) -> ImportanceSample:
         """``sample`` and more draws, until the log evidence's error is ``wanted_error``.
 
         The number of draws follows from the present error. Where the weights have a heavy tail,
         a single one is heavy, or the efficiency is too low, components are first
         added at the heaviest draws (incremental mixture importance sampling, Raftery and Bao
-        2010).
+        2010). So they are at the heaviest draws of ``ensembles`` where these weigh more: a walker
+        that stays where no importance draw goes may be stuck, or stand for a part of the
+        posterior, which the draws from such a component decide.
         """
         left_to_add = MAX_ADDED_COMPONENTS
         while True:
             if left_to_add and self._is_poor(sample):
-                sample = self._with_component(sample)
+                sample = self._with_component(sample, sample.z[sample.weights.argmax()])
+                left_to_add -= 1
+            elif left_to_add and ensembles and sample.share_beyond(ensembles) > wanted_error:
+                sample = self._with_component(sample, sample.heaviest_of(ensembles))
                 left_to_add -= 1
             elif sample.estimate.error > wanted_error and len(sample.z) < self.max_draws:
                 sample = self.extended(sample, (sample.estimate.error / wanted_error) ** 2)
@@ -233,15 +253,15 @@ class ImportanceSampler:
             mixture, z, self.target.log_likelihood(z), mixture.log_pdf(z), strata
         )
 
-    def _with_component(self, sample: ImportanceSample) -> ImportanceSample:
-        """The sample with one more component, and draws from it, at its heaviest draw.
+    def _with_component(self, sample: ImportanceSample, centre: FloatArray) -> ImportanceSample:
+        """The sample with one more component, and draws from it, at ``centre`` (d,).
 
         All draws are reweighted by the larger mixture, in which every component has the share of
         the draws that it gave.
         """
         n = len(sample.z)
         more = max(self.batch, n) // 6
-        component = _around_heaviest_draw(sample)
+        component = _around(centre, sample)
         mixture = sample.mixture.mixed_with(component, more / (n + more))
         mixture = replace(mixture, prior_share=sample.mixture.prior_share * n / (n + more))
         drawn = component.draw(np.array([more, 0]), self.rng)
@@ -258,10 +278,9 @@ class ImportanceSampler:
         )
 
 
-def _around_heaviest_draw(sample: ImportanceSample) -> StudentMixture:
-    """One component with the spread of the heaviest draw's neighbours."""
+def _around(centre: FloatArray, sample: ImportanceSample) -> StudentMixture:
+    """One component at ``centre`` (d,) with the spread of the draws near it."""
     n, d = sample.z.shape
-    centre = sample.z[sample.weights.argmax()]
     weights = 0.5 * (sample.weights + 1.0 / n)
     spread = np.sqrt(np.maximum(sample.weights @ (sample.z - centre) ** 2, 1e-300))
     distances = (((sample.z - centre) / spread) ** 2).sum(1)

@@ -10,6 +10,7 @@ from scipy.special import ndtr, ndtri
 
 import bayes_ssi as bs
 from bayes_ssi.posterior.edges import edges
+from bayes_ssi.sampling import chains
 from bayes_ssi.sampling.checks import failed_checks
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.regions import Regions
@@ -34,8 +35,10 @@ def two_bumps(z):
 
 @pytest.fixture(scope="module")
 def sampled():
-    """A result in which all is well, to be spoilt one thing at a time; two regions."""
-    return sample_target(Target(two_bumps, 2), np.random.SeedSequence(4))
+    """A result in which all is well, to be spoilt one thing at a time; two regions, long chains."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(chains, "STEPS_OF_A_CHECK", 1000)
+        return sample_target(Target(two_bumps, 2), np.random.SeedSequence(4))
 
 
 def test_nothing_fails_where_all_is_well(sampled):

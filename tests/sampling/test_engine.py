@@ -204,7 +204,7 @@ def test_importance_draws_take_the_place_of_chains_that_are_too_short(monkeypatc
     """N(0.9, 0.1²) from a prior N(0, 1) and one datum; chains of 20 steps never suffice."""
     variance = 1.0 / 99.0
     target = Target(lambda z: -0.5 * (z[:, 0] - 0.909) ** 2 / variance, 1)
-    monkeypatch.setattr(chains, "FEW_STEPS", 20)
+    monkeypatch.setattr(chains, "STEPS_OF_A_CHECK", 20)
     result = sample_target(target, np.random.SeedSequence(3))
     assert not any(ensemble.is_long_enough for ensemble in result.ensembles)
     assert result.draws == result.resampled
@@ -270,25 +270,31 @@ def test_a_refit_to_draws_that_lost_a_region_is_not_taken():
     assert again is trial
 
 
-def test_proposals_are_refitted_only_while_that_pays(monkeypatch):
-    """A refit that does not raise the efficiency by the factor asked for is the last."""
-
+@pytest.mark.parametrize("least", [0.1, 1.1])
+def test_slow_chains_are_refitted_only_where_importance_draws_do_not_serve(least, monkeypatch):
     def shell(z):
-        return -0.5 * ((np.linalg.norm(z, axis=1) - 2.0) / 0.08) ** 2
+        return -0.5 * ((np.linalg.norm(z, axis=1) - 2.0) / 0.2) ** 2
 
     runs = []
 
     def counted(*arguments):
-        runs.append(arguments[-1])
-        return run_ensemble(*arguments)
+        ensemble = run_ensemble(*arguments)
+        runs.append((arguments[-1], ensemble.n_steps))
+        return ensemble
 
     monkeypatch.setattr(chains, "run_ensemble", counted)
     monkeypatch.setattr(chains, "SLOW", 2.0)
-    monkeypatch.setattr(chains, "WORTH_REFITTING", 100.0)
-    target = Target(shell, 4)
+    monkeypatch.setattr(chains, "LEAST_EFFICIENCY", least)
+    monkeypatch.setattr(chains, "MAX_REFITS", 1)
+    target = Target(shell, 3)
     result = sample_target(target, np.random.SeedSequence(0), SamplingSettings(0.05))
     assert not failed_checks(result)
-    assert runs == [chains.SLOW] * 2 + [math.inf] * 2
+    slowest = [slow for slow, _ in runs]
+    if least < 1.0:
+        assert slowest == [math.inf] * 2
+        assert all(n_steps <= chains.STEPS_OF_A_CHECK for _, n_steps in runs)
+    else:
+        assert slowest == [chains.SLOW] * 2 + [math.inf] * 2
 
 
 def test_a_thin_curved_ridge_is_followed_to_its_ends():

@@ -225,3 +225,35 @@ def test_evidence_is_unbiased_and_its_error_honest_where_components_were_added(f
     assert ratios.mean() == pytest.approx(1.0, abs=3.0 * ratios.std(ddof=1) / 10.0)
     assert (np.abs(off) < 4.0 * errors).all()
     assert 0.7 < off.std(ddof=1) / errors.mean() < 1.5
+
+
+@pytest.mark.parametrize("share_there", [0.0, 0.03])
+def test_importance_draws_decide_what_a_walker_stands_for(share_there):
+    """One of 32 walkers stays far out: stuck in the tail of N(0, I), or in a bump there.
+
+    The mixture is too narrow to reach the place.
+    """
+    place, width = np.array([5.0, 0.0]), 0.2
+
+    def log_likelihood(z):
+        if not share_there:
+            return np.zeros(len(z))
+        bump = -0.5 * ((z - place) ** 2).sum(1) / width**2 - math.log(2.0 * math.pi * width**2)
+        return np.logaddexp(0.0, math.log(share_there) + bump - log_standard_normal(z))
+
+    target = Target(log_likelihood, 2)
+    sampler = replace(sampler_of(target), prior_share=0.0)
+    narrow = StudentMixture(np.ones(1), np.zeros((1, 2)), 0.8 * np.eye(2)[None], np.full(1, 1e9))
+    sample = sampler.sample(narrow)
+    draws = 0.5 * np.random.default_rng(1).standard_normal((100, 32, 2))
+    draws[:, 0] = place
+    log_posteriors = target.log_posterior(draws.reshape(-1, 2)).reshape(100, 32)
+    ensemble = Ensemble(draws, log_posteriors, np.ones(2), 1.0)
+    assert sample.share_beyond([ensemble]) == pytest.approx(1 / 32)
+    refined = sampler.refined(sample, 0.01, [ensemble])
+    assert refined.share_beyond([ensemble]) <= 0.01
+    assert refined.mixture.n_components > 1
+    estimate = refined.estimate
+    assert estimate.error <= 0.01
+    expected = math.log1p(share_there)
+    assert estimate.log_evidence == pytest.approx(expected, abs=4.0 * estimate.error)
