@@ -91,7 +91,9 @@ def modal_model(
         influence: (n_dof,); ones if None, all degrees of freedom then being displacements in the
             direction of the ground motion.
     """
-    frequencies_hz, shapes = modes
+    frequencies_hz = modes.frequencies_hz
+    # How a sum is ordered depends on the layout in memory, which may depend on the batch's size.
+    shapes, mass_times_shapes = map(np.ascontiguousarray, (modes.shapes, mass_times_shapes))
     if influence is None:
         influence = np.ones(shapes.shape[1])
     scale = 1.0 / np.sqrt(np.einsum("bdm,bdm->bm", shapes, mass_times_shapes))

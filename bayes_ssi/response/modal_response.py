@@ -96,7 +96,7 @@ def transfer_functions(
         driven = -model.participation
     else:
         driven = structure.sensor_matrix([force_at], "place").apply(model.shapes)[:, 0, :]
-    at_places = output.at_places(structure, model.shapes, axis=1)
+    at_places = np.ascontiguousarray(output.at_places(structure, model.shapes, axis=1))
     response = ((at_places * driven[:, None, :]) @ receptance).astype(np.complex128, copy=False)
     if output.quantity == "acceleration":
         response *= -(omega**2)
@@ -189,7 +189,7 @@ def _each_history(
     omega = 2.0 * np.pi * model.frequencies_hz
     damped = omega * np.sqrt(1.0 - ratios**2)
     poles = -ratios * omega + 1j * damped
-    at_places = output.at_places(structure, model.shapes, axis=1)
+    at_places = np.ascontiguousarray(output.at_places(structure, model.shapes, axis=1))
     # With s' = λ s + a_g: q = -Γ Im(s)/ω_d and q̈ = -Γ (Im(λ² s)/ω_d + a_g).
     factors = (-model.participation / damped).astype(np.complex128)
     of_ground = np.zeros((*at_places.shape[:2], 1))

@@ -174,7 +174,9 @@ class LumpedStructure(Structure):
         if mass.ndim == 2:
             product = mass[:, :, None] * modes.shapes
         else:
-            product = np.einsum("bij,bjm->bim", mass, modes.shapes)
+            # As in the modal model, sums are not to depend on the layout of a batch.
+            mass, shapes = map(np.ascontiguousarray, (mass, modes.shapes))
+            product = np.einsum("bij,bjm->bim", mass, shapes)
         return modal_model(modes, product, self.influence())
 
     def main_influence(self) -> Sequence[float]:

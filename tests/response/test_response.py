@@ -133,9 +133,10 @@ def test_time_histories_cost_little_more_than_filtering(augmented, values):
 def test_a_draw_does_not_depend_on_its_batch(augmented, values, n_places):
     motion = GroundMotion(np.random.default_rng(5).standard_normal(150), 0.02)
     output = Output("acceleration", FLOORS[:n_places])
-    alone = [time_histories(augmented, row[None], motion, output, RATIOS)[0] for row in values]
-    together = time_histories(augmented, values, motion, output, RATIOS)
-    np.testing.assert_array_equal(together, alone)
+    for response, given in ((time_histories, motion), (transfer_functions, np.arange(0.1, 9.0))):
+        alone = [response(augmented, row[None], given, output, RATIOS)[0] for row in values]
+        together = response(augmented, values, given, output, RATIOS)
+        np.testing.assert_array_equal(together, alone)
 
 
 @pytest.mark.parametrize("dt", [0.3, 0.01, 0.0004])
