@@ -16,6 +16,7 @@ from bayes_ssi.sampling.diagnostics import (
     PARETO_K_LIMIT,
 )
 from bayes_ssi.sampling.result import SamplingResult
+from bayes_ssi.sampling.target import FARTHEST
 
 # Vehtari et al. (2021) ask for both.
 R_HAT_LIMIT, LEAST_EFFECTIVE_SAMPLE_SIZE = 1.01, 400
@@ -121,6 +122,18 @@ def _regions(sampled: SamplingResult) -> Iterator[str]:
             yield f"{name} was never visited by the chains"
 
 
+def _reach(sampled: SamplingResult) -> Iterator[str]:
+    """A posterior so far from the prior that coordinates may have cut it off."""
+    z = sampled.importance.z
+    share = float(sampled.importance.weights @ (np.abs(z).max(axis=1) > FARTHEST - 1.0))
+    if share > SMALL_SHARE:
+        yield (
+            f"{100 * share:.0f} % of the posterior is {FARTHEST - 1.0:g} prior standard deviations "
+            "or more from the prior's median, where what is farther is left out: does a prior "
+            "contradict the data?"
+        )
+
+
 def _searches(sampled: SamplingResult) -> Iterator[str]:
     """Maxima that only one search found, where there are no particles as a second check."""
     if not (sampled.compressions or sampled.search.converged):
@@ -139,5 +152,6 @@ CHECKS = (
     _missed_share,
     _evidence_estimates,
     _regions,
+    _reach,
     _searches,
 )

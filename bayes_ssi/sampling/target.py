@@ -16,6 +16,9 @@ from bayes_ssi.execution.workers import Workers
 # Points of a journal that are evaluated again, to see that the model is still the same: a change
 # of the model would hardly spare all of them.
 POINTS_TO_CHECK = 3
+# Coordinates end here: farther out the prior's density, and the probability that the mapping to
+# parameters begins with, vanish in double precision. Proposals with heavy tails go there.
+FARTHEST = 38.0
 
 
 def log_standard_normal(z: FloatArray) -> FloatArray:
@@ -64,10 +67,17 @@ class Target:
     def log_likelihood(self, z: FloatArray) -> FloatArray:
         """The log-likelihood (B,) at ``z`` (B, d); -inf where the function failed.
 
+        It counts as -inf, and is not evaluated, where a coordinate is beyond ``±FARTHEST``.
+
         Raises:
             ValueError: the function returned the wrong shape, or infinite likelihood; or the
                 journal is of another function.
         """
+        beyond = (np.abs(z) > FARTHEST).any(axis=1)
+        if beyond.any():
+            values = np.full(len(z), -np.inf)
+            values[~beyond] = self.log_likelihood(z[~beyond])
+            return values
         if not len(z):
             return np.empty(0)
         values, reasons = self._evaluate(z) if self.journal is None else self._recall(z)

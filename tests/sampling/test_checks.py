@@ -14,7 +14,7 @@ from bayes_ssi.sampling import chains
 from bayes_ssi.sampling.checks import failed_checks
 from bayes_ssi.sampling.engine import sample_target
 from bayes_ssi.sampling.regions import Regions
-from bayes_ssi.sampling.target import Target
+from bayes_ssi.sampling.target import Target, log_standard_normal
 
 STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz
 PHI = (1.0 + math.sqrt(5.0)) / 2.0
@@ -104,6 +104,15 @@ def spoil_coverage(s):
     return replace(s, ensembles=(replace(first, log_posteriors=higher), second))
 
 
+def spoil_reach(s):
+    # All importance draws lie far out in one coordinate, and weigh what they weighed.
+    z = s.importance.z.copy()
+    z[:, 1] = 37.5
+    away = log_standard_normal(s.importance.z) - log_standard_normal(z)
+    sample = replace(s.importance, z=z, log_likelihoods=s.importance.log_likelihoods + away)
+    return replace(s, importance=sample)
+
+
 def spoil_size(s):
     # The same draws as of two walkers: long chains, and yet only 4 · 51 independent draws.
     ensembles = []
@@ -127,6 +136,7 @@ def spoil_size(s):
         (spoil_weights, r"^the standard error of the log evidence is 0\.03\d after \d+ importance"),
         (spoil_tail, r"^a few importance draws may carry .* Pareto k is 0\.[89]\d, above 0\.7$"),
         (spoil_coverage, r"^the importance draws may miss 3\.\d % of the posterior: draws of the"),
+        (spoil_reach, r"^100 % of the posterior is 37 prior standard deviations or more from the"),
         (spoil_size, r"^effective sample size 204, at least 400 needed$"),
     ],
 )

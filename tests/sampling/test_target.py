@@ -5,7 +5,14 @@ import pytest
 from scipy import stats
 
 from bayes_ssi.execution.journal import Journal
-from bayes_ssi.sampling.target import POINTS_TO_CHECK, SuggestedStarts, Target, log_standard_normal
+from bayes_ssi.priors.families import LogNormal
+from bayes_ssi.sampling.target import (
+    FARTHEST,
+    POINTS_TO_CHECK,
+    SuggestedStarts,
+    Target,
+    log_standard_normal,
+)
 
 
 class Fragile:
@@ -56,9 +63,21 @@ def test_likelihood_zero_is_no_failure():
     assert target.n_failed == 0
 
 
+def test_parameters_never_overflow_however_heavy_the_tails_of_proposals():
+    """Mixtures propose points a thousand prior standard deviations out; warnings are errors."""
+    size = LogNormal(1.0, 1.0)
+    target = Target(lambda z: -(size.from_normal(z[:, 0]) ** 2), 2)
+    far = np.array([[0.5, -2000.0], [1000.0, 0.0], [0.5, 0.0]])
+    values = target.log_likelihood(far)
+    np.testing.assert_array_equal(values, [-np.inf, -np.inf, target.log_likelihood(far[2:])[0]])
+    assert np.isfinite(values[2])
+    assert (target.n_evaluations, target.n_failed) == (2, 0)
+    assert stats.norm.pdf(FARTHEST + 1.0) == 0.0
+
+
 @pytest.mark.parametrize(
     ("first", "reason"),
-    [(-2.0, NO_EQUILIBRIUM), (40.0, "the answer is NaN")],
+    [(-2.0, NO_EQUILIBRIUM), (30.0, "the answer is NaN")],
 )
 def test_the_first_failure_is_kept_with_its_reason(first, reason):
     target = Target(Fragile(), 1)
