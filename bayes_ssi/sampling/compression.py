@@ -138,11 +138,13 @@ def compress_prior(
     ranks_of_equals = rng.random(n_particles)
     highest = float((maxima.log_posteriors - log_standard_normal(maxima.z)).max())
     levels: list[_Level] = []
+    most_levels = levels_left = _levels_to_top(target.n_dimensions)
     while True:
         log_mass = log_prior_left - math.log(n_particles)
         highest = max(highest, float(log_likelihoods.max()))
-        negligible = highest + log_prior_left < log_evidence + math.log(NEGLIGIBLE)
-        if negligible and np.ptp(log_likelihoods) < TOP:
+        if highest + log_prior_left < log_evidence + math.log(NEGLIGIBLE):
+            levels_left -= 1
+        if levels_left < 0 or (levels_left < most_levels and np.ptp(log_likelihoods) < TOP):
             levels.append(_Level(positions, log_likelihoods, log_mass, memory))
             break
         order = np.lexsort((ranks_of_equals, log_likelihoods))
@@ -200,6 +202,16 @@ def _possible(
         positions = np.concatenate([positions, drawn[np.isfinite(of_drawn)]])
         values = np.concatenate([values, of_drawn[np.isfinite(of_drawn)]])
     return positions, values, len(values) / n_drawn
+
+
+def _levels_to_top(n_dimensions: int) -> int:
+    """How many levels lead from the bulk of a normal density to its top.
+
+    The likelihood falls by about half of d nats from the top to the bulk, and the mass of a ball
+    within TOP nats of the top is smaller by the ratio of these to the power of d / 2.
+    """
+    ratio = max(0.5 * n_dimensions / TOP, 1.0)
+    return math.ceil(0.5 * n_dimensions * math.log(ratio) / -math.log(SURVIVING))
 
 
 def _memory(left: float) -> float:
