@@ -39,7 +39,9 @@ def simulated(configuration: bs.Configuration, rng: np.random.Generator) -> bs.M
     modes = []
     for i, label in enumerate(LABELS):
         unit = at_sensors[:, i] / np.linalg.norm(at_sensors[:, i])
-        unit *= np.sign(unit[np.abs(unit).argmax()])
+        # In torsion, components at opposite corners are equal but for rounding: the first counts.
+        sizes = np.abs(unit)
+        unit *= np.sign(unit[(sizes > (1.0 - 1e-6) * sizes.max()).argmax()])
         modes.append(
             bs.IdentifiedMode(
                 label,
