@@ -118,11 +118,13 @@ class _Sampling:
             self.seeds[4],
             part(self.progress, "searches"),
         )
+        result = None
         if self.target.suggest_starts is not None and search.converged:
             result = self._from_maxima(search)
-            if result is not None and not failed_checks(result):
-                return result
-        return self._from_particles(search)
+        if result is None or failed_checks(result):
+            result = self._from_particles(search)
+        self.progress("evidence", 1.0)
+        return result
 
     def _from_maxima(self, search: MultistartSearch) -> SamplingResult | None:
         """The result without particles; None where Laplace's approximation does not suffice.
@@ -213,7 +215,6 @@ class _Sampling:
             if importance.pareto_k <= PARETO_K_LIMIT and size >= SUFFICIENT:
                 halves = importance.split_in_two(self.rng)
                 resampled = tuple(half.resampled(self.rng) for half in halves)
-        self.progress("evidence", 1.0)
         return SamplingResult(
             search=search,
             compressions=compressions,
