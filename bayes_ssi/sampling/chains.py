@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, PARETO_K_LIMIT
 from bayes_ssi.sampling.ensembles import Ensemble, Walkers, run_ensemble
-from bayes_ssi.sampling.importance import ImportanceSample
+from bayes_ssi.sampling.importance import ImportanceSample, PosteriorDraws
 from bayes_ssi.sampling.proposals import ProposalFitting
 from bayes_ssi.sampling.settings import SamplingSettings, StepProgress, part
 from bayes_ssi.sampling.target import Target
@@ -56,23 +56,27 @@ def run_ensembles(
     settings: SamplingSettings,
     seeds: Sequence[np.random.SeedSequence],
     progress: StepProgress,
+    particles: Sequence[PosteriorDraws] = (),
 ) -> tuple[list[Ensemble], ImportanceSample]:
     """Independent ensembles, and importance draws from a mixture that suits the posterior.
 
     The mixture of ``trial`` proposes the ensembles' moves. Where its importance draws serve as
-    posterior draws, short chains check them: walkers may go where those draws do not. Otherwise
-    chains become as long as they should, but walkers that mix slowly are stopped. In both cases of
-    doubt, they continue from their positions with a mixture fitted to their draws.
+    posterior draws, and there was no doubt that called for ``particles`` of compressions, short
+    chains check them. Otherwise chains become as long as they should, but walkers that mix slowly
+    are stopped. Where chains or particles are where importance draws are not, chains continue from
+    their positions with a mixture fitted to their draws.
     """
     seeds_of_attempts = zip(*(seed.spawn(MAX_REFITS + 1) for seed in seeds), strict=True)
     settled = False
     for attempt, attempt_seeds in enumerate(seeds_of_attempts):
         settled = settled or attempt == MAX_REFITS
         proposal = fitting.proposal(trial)
-        checked = serves(trial)
+        efficient = serves(trial)
+        checked = efficient and not particles
         if checked:
             proposal = proposal._replace(share=SHARE_IN_A_CHECK)
-        longest = min(settings.max_steps, STEPS_OF_A_CHECK) if checked else settings.max_steps
+        enough = STEPS_OF_A_CHECK if checked else FEW_STEPS if efficient else settings.max_steps
+        longest = min(settings.max_steps, enough)
         slowest = math.inf if settled or checked else SLOW
         ensembles = [
             run_ensemble(
@@ -84,8 +88,8 @@ def run_ensembles(
         if not is_worth_refitting(trial, settings, fitting):
             # As many draws as the evidence needs, some of them where walkers went.
             sampler = replace(fitting.sampler, max_draws=MOST_BATCHES * fitting.sampler.batch)
-            trial = sampler.refined(trial, settings.log_evidence_error, ensembles)
-        missed = trial.share_beyond(ensembles)
+            trial = sampler.refined(trial, settings.log_evidence_error, (*ensembles, *particles))
+        missed = trial.share_beyond((*ensembles, *particles))
         agree = trial.pareto_k <= PARETO_K_LIMIT and missed <= settings.log_evidence_error
         if settled or (fast and agree):
             break
@@ -93,7 +97,7 @@ def run_ensembles(
         before = trial.efficiency
         trial = fitting.refitted(ensembles, trial)
         # Mixtures hardly fit this posterior, but well enough for importance draws.
-        settled = checked and trial.efficiency < WORTH_REFITTING * before
+        settled = efficient and trial.efficiency < WORTH_REFITTING * before
     if is_worth_refitting(trial, settings, fitting):
         trial = fitting.refitted(ensembles, trial)
     return ensembles, trial

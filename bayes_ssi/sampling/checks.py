@@ -79,11 +79,11 @@ def _importance_weights(sampled: SamplingResult) -> Iterator[str]:
 
 
 def _missed_share(sampled: SamplingResult) -> Iterator[str]:
-    missed = sampled.importance.share_beyond(sampled.ensembles)
+    missed = sampled.importance.share_beyond((*sampled.ensembles, *sampled.compressions))
     if missed > MOST_MISSED * sampled.evidence.error:
         yield (
             f"the importance draws may miss {100 * missed:.1f} % of the posterior: draws of the "
-            "chains weigh more than the heaviest of them"
+            "chains or particles weigh more than the heaviest of them"
         )
 
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,11 +78,19 @@ class Compression:
     log_evidence: float
     log_evidence_error: float
 
+    @property
+    def draws(self) -> FloatArray:
+        return self.positions
+
+    @cached_property
+    def log_posteriors(self) -> FloatArray:
+        """Likelihood times prior density, (n_particles,)."""
+        return self.log_likelihoods + log_standard_normal(self.positions)
+
     def walkers(self, n: int, rng: np.random.Generator) -> Walkers:
         """``n`` of the particles at random, with repetition only where there are fewer."""
         chosen = rng.choice(len(self.positions), n, replace=len(self.positions) < n)
-        positions = self.positions[chosen]
-        return Walkers(positions, self.log_likelihoods[chosen] + log_standard_normal(positions))
+        return Walkers(self.positions[chosen], self.log_posteriors[chosen])
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,7 @@ from bayes_ssi.sampling.compression import Compression, compress_prior, compress
 from bayes_ssi.sampling.diagnostics import PARETO_K_LIMIT
 from bayes_ssi.sampling.ensembles import Ensemble, Walkers
 from bayes_ssi.sampling.estimates import EvidenceEstimate
-from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
+from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler, PosteriorDraws
 from bayes_ssi.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.sampling.mixture_fitting import DRAWS_PER_DIMENSION
 from bayes_ssi.sampling.multistart import MultistartSearch, search_maxima
@@ -206,8 +206,9 @@ class _Sampling:
             self.settings,
             self.seeds[2:4],
             self.progress,
+            compressions,
         )
-        importance, regions = self._importance(trial, ensembles)
+        importance, regions = self._importance(trial, (*ensembles, *compressions))
         resampled: tuple[Ensemble, ...] = ()
         if are_cut_short(ensembles, self.settings):
             importance = _with_enough_draws(self.sampler, importance)
@@ -233,11 +234,11 @@ class _Sampling:
         )
 
     def _importance(
-        self, trial: ImportanceSample, ensembles: Sequence[Ensemble]
+        self, trial: ImportanceSample, others: Sequence[PosteriorDraws]
     ) -> tuple[ImportanceSample, Regions]:
         """Importance draws that give evidence and regions' shares as precisely as wanted."""
         wanted_error = self.settings.log_evidence_error
-        sample = self.sampler.refined(trial, wanted_error, ensembles)
+        sample = self.sampler.refined(trial, wanted_error, others)
         regions = find_regions(self.target, *sample.typical_draws)
         if regions.n_regions == 1:
             return sample, regions
@@ -246,7 +247,7 @@ class _Sampling:
         if factor > 1.0:
             # More draws can show a heavier tail.
             sample = self.sampler.extended(sample, factor)
-            sample = self.sampler.refined(sample, wanted_error, ensembles)
+            sample = self.sampler.refined(sample, wanted_error, others)
         return sample, regions
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,20 @@ from bayes_ssi.sampling.target import Target, log_standard_normal
 MAX_RESAMPLED = 5000
 # Each adds a sixth to the draws, all of them together a factor of six.
 MAX_ADDED_COMPONENTS = 12
+
+
+class PosteriorDraws(Protocol):
+    """Draws of an ensemble, or particles of a compression."""
+
+    @property
+    def draws(self) -> FloatArray:
+        """(n, d), in standard-normal coordinates."""
+        ...
+
+    @property
+    def log_posteriors(self) -> FloatArray:
+        """Likelihood times prior density, n values."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,26 +130,25 @@ class ImportanceSample:
         terms = weights * (member - shares[:, None])
         return np.array([self._error_of_sum(of_group) for of_group in terms])
 
-    def share_beyond(self, ensembles: Sequence[Ensemble]) -> float:
-        """The share of posterior draws that weigh more than the heaviest of these draws.
+    def share_beyond(self, others: Sequence[PosteriorDraws]) -> float:
+        """The largest share of other posterior draws that weigh more than any of these draws.
 
         What such draws stand for, as the end of a ridge or a far tail, is missing in the evidence.
         Of importance draws whose weights have a finite variance, hardly any share is.
         """
-        _, log_weights = self._weighted(ensembles)
-        return float(np.mean(log_weights > self.log_weights.max()))
+        heaviest = self.log_weights.max()
+        return max(float(np.mean(self._log_weights_of(each) > heaviest)) for each in others)
 
-    def heaviest_of(self, ensembles: Sequence[Ensemble]) -> FloatArray:
+    def heaviest_of(self, others: Sequence[PosteriorDraws]) -> FloatArray:
         """The posterior draw (d,) that as an importance draw would weigh most."""
-        draws, log_weights = self._weighted(ensembles)
-        heaviest: FloatArray = draws[log_weights.argmax()]
+        log_weights = np.concatenate([self._log_weights_of(each) for each in others])
+        heaviest: FloatArray = np.concatenate([each.draws for each in others])[log_weights.argmax()]
         return heaviest
 
-    def _weighted(self, ensembles: Sequence[Ensemble]) -> tuple[FloatArray, FloatArray]:
-        """All draws (n, d) of ``ensembles``, and their log weights (n,) as importance draws."""
-        draws = np.concatenate([each.draws for each in ensembles])
-        log_posteriors = np.concatenate([each.log_posteriors.ravel() for each in ensembles])
-        return draws, log_posteriors - self.mixture.log_pdf(draws)
+    def _log_weights_of(self, other: PosteriorDraws) -> FloatArray:
+        """Log weights (n,) of posterior draws, as importance draws."""
+        log_weights: FloatArray = other.log_posteriors.ravel() - self.mixture.log_pdf(other.draws)
+        return log_weights
 
     def split_in_two(self, rng: np.random.Generator) -> list[ImportanceSample]:
         """The draws in two equal parts, at random."""
@@ -197,15 +211,15 @@ class ImportanceSampler:
         self,
         sample: ImportanceSample,
         wanted_error: float,
-        ensembles: Sequence[Ensemble] = (),
+        others: Sequence[PosteriorDraws] = (),
     ) -> ImportanceSample:
         """``sample`` and more draws, until the log evidence's error is ``wanted_error``.
 
         The number of draws follows from the present error. Where the weights have a heavy tail,
         a single one is heavy, or the efficiency is too low, components are first
         added at the heaviest draws (incremental mixture importance sampling, Raftery and Bao
-        2010). So they are at the heaviest draws of ``ensembles`` where these weigh more: a walker
-        that stays where no importance draw goes may be stuck, or stand for a part of the
+        2010). So they are at the heaviest of ``others`` where these weigh more: a walker or
+        particle that stays where no importance draw goes may be stuck, or stand for a part of the
         posterior, which the draws from such a component decide.
         """
         left_to_add = MAX_ADDED_COMPONENTS
@@ -213,8 +227,8 @@ class ImportanceSampler:
             if left_to_add and self._is_poor(sample):
                 sample = self._with_component(sample, sample.z[sample.weights.argmax()])
                 left_to_add -= 1
-            elif left_to_add and ensembles and sample.share_beyond(ensembles) > wanted_error:
-                sample = self._with_component(sample, sample.heaviest_of(ensembles))
+            elif left_to_add and others and sample.share_beyond(others) > wanted_error:
+                sample = self._with_component(sample, sample.heaviest_of(others))
                 left_to_add -= 1
             elif sample.estimate.error > wanted_error and len(sample.z) < self.max_draws:
                 sample = self.extended(sample, (sample.estimate.error / wanted_error) ** 2)

@@ -59,7 +59,8 @@ class SamplingSettings:
             ValueError: fewer were requested than these need.
         """
         if self.particles is None:
-            return max(256, 50 * n_dimensions)
+            # Of fewer, those at the ends of a thin ridge are lost by chance, level after level.
+            return max(1000, 50 * n_dimensions)
         least = LEAST_PER_DIMENSION * n_dimensions
         if self.particles < least:
             raise ValueError(

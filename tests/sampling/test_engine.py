@@ -176,7 +176,7 @@ def test_settings_that_are_not_positive_and_finite_are_refused(name, value):
 
 
 def test_particles_follow_the_number_of_parameters():
-    assert SamplingSettings().n_particles(20) > SamplingSettings().n_particles(2) > 100
+    assert SamplingSettings().n_particles(40) > SamplingSettings().n_particles(2) > 100
     assert SamplingSettings(particles=64).n_particles(2) == 64
 
 
@@ -205,6 +205,7 @@ def test_importance_draws_take_the_place_of_chains_that_are_too_short(monkeypatc
     variance = 1.0 / 99.0
     target = Target(lambda z: -0.5 * (z[:, 0] - 0.909) ** 2 / variance, 1)
     monkeypatch.setattr(chains, "STEPS_OF_A_CHECK", 20)
+    monkeypatch.setattr(chains, "FEW_STEPS", 20)
     result = sample_target(target, np.random.SeedSequence(3))
     assert not any(ensemble.is_long_enough for ensemble in result.ensembles)
     assert result.draws == result.resampled
@@ -270,11 +271,8 @@ def test_a_refit_to_draws_that_lost_a_region_is_not_taken():
     assert again is trial
 
 
-@pytest.mark.parametrize("least", [0.1, 1.1])
-def test_slow_chains_are_refitted_only_where_importance_draws_do_not_serve(least, monkeypatch):
-    def shell(z):
-        return -0.5 * ((np.linalg.norm(z, axis=1) - 2.0) / 0.2) ** 2
-
+def counted_ensembles(monkeypatch):
+    """Autocorrelation time above which each ensemble that is run stops, and its steps."""
     runs = []
 
     def counted(*arguments):
@@ -283,18 +281,31 @@ def test_slow_chains_are_refitted_only_where_importance_draws_do_not_serve(least
         return ensemble
 
     monkeypatch.setattr(chains, "run_ensemble", counted)
-    monkeypatch.setattr(chains, "SLOW", 2.0)
-    monkeypatch.setattr(chains, "LEAST_EFFICIENCY", least)
-    monkeypatch.setattr(chains, "MAX_REFITS", 1)
-    target = Target(shell, 3)
-    result = sample_target(target, np.random.SeedSequence(0), SamplingSettings(0.05))
+    return runs
+
+
+def test_short_chains_check_importance_draws_that_serve(monkeypatch):
+    runs = counted_ensembles(monkeypatch)
+    monkeypatch.setattr(chains, "SLOW", 0.5)  # all chains would count as slow
+    starts = SuggestedStarts(np.array([[1.0]]), 0)
+    target = Target(one_observation, 1, suggest_starts=lambda _rng: starts)
+    result = sample_target(target, np.random.SeedSequence(0))
     assert not failed_checks(result)
-    slowest = [slow for slow, _ in runs]
-    if least < 1.0:
-        assert slowest == [math.inf] * 2
-        assert all(n_steps <= chains.STEPS_OF_A_CHECK for _, n_steps in runs)
-    else:
-        assert slowest == [chains.SLOW] * 2 + [math.inf] * 2
+    assert not result.compressions
+    assert [slowest for slowest, _ in runs] == [math.inf] * 2
+    assert all(n_steps <= chains.STEPS_OF_A_CHECK for _, n_steps in runs)
+
+
+def test_slow_chains_from_particles_are_refitted(monkeypatch):
+    def shell(z):
+        return -0.5 * ((np.linalg.norm(z, axis=1) - 2.0) / 0.2) ** 2
+
+    runs = counted_ensembles(monkeypatch)
+    monkeypatch.setattr(chains, "SLOW", 2.0)
+    monkeypatch.setattr(chains, "MAX_REFITS", 1)
+    result = sample_target(Target(shell, 3), np.random.SeedSequence(0), SamplingSettings(0.05))
+    assert not failed_checks(result)
+    assert [slowest for slowest, _ in runs] == [2.0] * 2 + [math.inf] * 2
 
 
 def test_a_thin_curved_ridge_is_followed_to_its_ends():
