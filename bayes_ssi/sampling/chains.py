@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_ssi.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, PARETO_K_LIMIT
 from bayes_ssi.sampling.ensembles import Ensemble, Walkers, run_ensemble
-from bayes_ssi.sampling.importance import ImportanceSample, PosteriorDraws
+from bayes_ssi.sampling.importance import ImportanceSample, ScoredDraws
 from bayes_ssi.sampling.proposals import ProposalFitting
 from bayes_ssi.sampling.settings import SamplingSettings, StepProgress, part
 from bayes_ssi.sampling.target import Target
@@ -56,7 +56,7 @@ def run_ensembles(
     settings: SamplingSettings,
     seeds: Sequence[np.random.SeedSequence],
     progress: StepProgress,
-    particles: Sequence[PosteriorDraws] = (),
+    particles: Sequence[ScoredDraws] = (),
 ) -> tuple[list[Ensemble], ImportanceSample]:
     """Independent ensembles, and importance draws from a mixture that suits the posterior.
 

@@ -38,7 +38,7 @@ from bayes_ssi.sampling.compression import Compression, compress_prior, compress
 from bayes_ssi.sampling.diagnostics import PARETO_K_LIMIT
 from bayes_ssi.sampling.ensembles import Ensemble, Walkers
 from bayes_ssi.sampling.estimates import EvidenceEstimate
-from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler, PosteriorDraws
+from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler, ScoredDraws
 from bayes_ssi.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.sampling.mixture_fitting import DRAWS_PER_DIMENSION
 from bayes_ssi.sampling.multistart import MultistartSearch, search_maxima
@@ -234,7 +234,7 @@ class _Sampling:
         )
 
     def _importance(
-        self, trial: ImportanceSample, others: Sequence[PosteriorDraws]
+        self, trial: ImportanceSample, others: Sequence[ScoredDraws]
     ) -> tuple[ImportanceSample, Regions]:
         """Importance draws that give evidence and regions' shares as precisely as wanted."""
         wanted_error = self.settings.log_evidence_error

@@ -26,7 +26,7 @@ MAX_RESAMPLED = 5000
 MAX_ADDED_COMPONENTS = 12
 
 
-class PosteriorDraws(Protocol):
+class ScoredDraws(Protocol):
     """Draws of an ensemble, or particles of a compression."""
 
     @property
@@ -130,7 +130,7 @@ class ImportanceSample:
         terms = weights * (member - shares[:, None])
         return np.array([self._error_of_sum(of_group) for of_group in terms])
 
-    def share_beyond(self, others: Sequence[PosteriorDraws]) -> float:
+    def share_beyond(self, others: Sequence[ScoredDraws]) -> float:
         """The largest share of other posterior draws that weigh more than any of these draws.
 
         What such draws stand for, as the end of a ridge or a far tail, is missing in the evidence.
@@ -139,13 +139,13 @@ class ImportanceSample:
         heaviest = self.log_weights.max()
         return max(float(np.mean(self._log_weights_of(each) > heaviest)) for each in others)
 
-    def heaviest_of(self, others: Sequence[PosteriorDraws]) -> FloatArray:
+    def heaviest_of(self, others: Sequence[ScoredDraws]) -> FloatArray:
         """The posterior draw (d,) that as an importance draw would weigh most."""
         log_weights = np.concatenate([self._log_weights_of(each) for each in others])
         heaviest: FloatArray = np.concatenate([each.draws for each in others])[log_weights.argmax()]
         return heaviest
 
-    def _log_weights_of(self, other: PosteriorDraws) -> FloatArray:
+    def _log_weights_of(self, other: ScoredDraws) -> FloatArray:
         """Log weights (n,) of posterior draws, as importance draws."""
         log_weights: FloatArray = other.log_posteriors.ravel() - self.mixture.log_pdf(other.draws)
         return log_weights
@@ -211,7 +211,7 @@ class ImportanceSampler:
         self,
         sample: ImportanceSample,
         wanted_error: float,
-        others: Sequence[PosteriorDraws] = (),
+        others: Sequence[ScoredDraws] = (),
     ) -> ImportanceSample:
         """``sample`` and more draws, until the log evidence's error is ``wanted_error``.
 

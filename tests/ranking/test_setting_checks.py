@@ -111,6 +111,10 @@ def test_the_edge_of_a_prior_by_what_a_wider_one_does(cov, prior, fails, words):
 def test_the_size_of_an_error_is_no_answer(monkeypatch):
     """Frequencies off by 2.5 times the error that is expected: a wider prior moves its size."""
     monkeypatch.setattr("bayes_ssi.posterior.edges.EDGE", 1.0)
+    # Weights for a prior wider by a factor of f have a tail of Pareto k near 1 - 1/f²: 0.75 for two
+    # (0.755 by rejection), more than reweighting trusts; so a smaller change, judged as strictly.
+    monkeypatch.setattr("bayes_ssi.ranking.setting_checks.FACTOR", 1.3)
+    monkeypatch.setattr("bayes_ssi.ranking.setting_checks.PARAMETER_MOVED", 0.5)
     size = bs.Parameter("size", bs.LogNormal(0.004, 0.2))
     modes = tuple(
         bs.IdentifiedMode(str(i), off * f)
@@ -125,10 +129,10 @@ def test_the_size_of_an_error_is_no_answer(monkeypatch):
     assert result.comparison.failed_checks == ()
     (remark,) = result.comparison.remarks
     assert "parameter 'size'" in remark
-    wider = bs.ChangedSettings(priors={"size": size.prior.widened(2.0)})
+    wider = bs.ChangedSettings(priors={"size": size.prior.widened(1.3)})
     (row,) = bs.what_if(result, wider).classes
     shifts = [(p.after.mean - p.before.mean) / p.before.sd for p in row.parameters]
-    assert shifts[1] > 1.0 > abs(shifts[0])
+    assert shifts[1] > 0.5 > abs(shifts[0])
 
 
 def test_no_prior_reaches_beyond_zero():
