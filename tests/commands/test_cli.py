@@ -184,7 +184,7 @@ def test_data_that_no_class_explains(run, study_file, tmp_path):
     result = run("rank", path, "--economical", "--error", 0.1, "--out", tmp_path / "result")
     assert result.exit_code == 3
     first = " ".join(result.stdout.split("model class")[0].split())
-    assert first.startswith("(!) 'each k': the data are not explained: mode '1': 5.8 % off where 2 %")
+    assert first.startswith("(!) 'each k': the data are not explained: mode '1': 5.8 % off where")
     words = "No other class explains them. Likely cause: channels 'floor 2' and 'floor 1' seem"
     assert words in first
     options = ("--economical", "--error", 0.1, "--overwrite", "--out", tmp_path / "result")
