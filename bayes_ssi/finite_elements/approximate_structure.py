@@ -6,6 +6,7 @@ from abc import abstractmethod
 from typing import NamedTuple, Self
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.parameters import Parameter
 from bayes_ssi.structures.structure import Structure
 
 
@@ -34,6 +35,18 @@ class ApproximateStructure(Structure):
     @abstractmethod
     def exact(self) -> Structure:
         """The structure that this one approximates."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.exact.parameters
+
+    @property
+    def degrees_of_freedom(self) -> tuple[str, ...]:
+        return self.exact.degrees_of_freedom
+
+    @property
+    def n_modes(self) -> int:
+        return self.exact.n_modes
 
     @abstractmethod
     def accurate_at(

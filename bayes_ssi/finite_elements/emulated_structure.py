@@ -21,7 +21,7 @@ from bayes_ssi.finite_elements.mode_representations import (
     unit_shapes,
 )
 from bayes_ssi.modal import ModalModel, Modes, NoModesError
-from bayes_ssi.parameters import Parameter, values_at
+from bayes_ssi.parameters import values_at
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 
@@ -75,18 +75,6 @@ class EmulatedStructure(ApproximateStructure):
     @property
     def exact(self) -> Structure:
         return self._exact
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self._exact.parameters
-
-    @property
-    def degrees_of_freedom(self) -> tuple[str, ...]:
-        return self._exact.degrees_of_freedom
-
-    @property
-    def n_modes(self) -> int:
-        return self._exact.n_modes
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:

@@ -17,7 +17,7 @@ from bayes_ssi.finite_elements.carrying_basis import CarryingBasis
 from bayes_ssi.finite_elements.reduced_basis import Bounds, ReducedBasis, Reference, SmallProblem
 from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 from bayes_ssi.modal import ModalModel, Modes, NoModesError, lowest_eigenpairs, solve_modes
-from bayes_ssi.parameters import Parameter, values_at
+from bayes_ssi.parameters import values_at
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
 
@@ -93,18 +93,6 @@ class ReducedStructure(ApproximateStructure):
         whole._basis = self._main_basis
         whole._problem = whole._in_coordinates(whole._basis)
         return whole
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.full.parameters
-
-    @property
-    def degrees_of_freedom(self) -> tuple[str, ...]:
-        return self.full.degrees_of_freedom
-
-    @property
-    def n_modes(self) -> int:
-        return self.full.n_modes
 
     @property
     def appendages(self) -> tuple[str, ...]:
