@@ -47,6 +47,7 @@ from bayes_ssi.results.save import save_result
 from bayes_ssi.results.stored_what_if import what_if
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.structures.elements import AddedMass, InPlaneInfill, OutOfPlaneInfill, Pendulum
+from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.rigid_floors import FloorBlock, FloorMass, floor_sensor
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.shear_building import ShearBuilding
@@ -62,6 +63,7 @@ __all__ = [
     "FloorBlock",
     "FloorMass",
     "FunctionStructure",
+    "Geometry",
     "GroundMotion",
     "HalfNormal",
     "Hierarchy",

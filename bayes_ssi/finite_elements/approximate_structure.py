@@ -7,6 +7,8 @@ from typing import NamedTuple, Self
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.parameters import Parameter
+from bayes_ssi.structures.geometry import Geometry, Location
+from bayes_ssi.structures.motion import Place
 from bayes_ssi.structures.structure import Structure
 
 
@@ -47,6 +49,13 @@ class ApproximateStructure(Structure):
     @property
     def n_modes(self) -> int:
         return self.exact.n_modes
+
+    @property
+    def geometry(self) -> Geometry | None:
+        return self.exact.geometry
+
+    def location_of(self, place: Place) -> Location | None:
+        return self.exact.location_of(place)
 
     @abstractmethod
     def accurate_at(

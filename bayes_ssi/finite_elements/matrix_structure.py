@@ -25,6 +25,9 @@ from bayes_ssi.finite_elements.sensor_rows import Sensors, sensor_rows
 from bayes_ssi.finite_elements.sparse_factors import count_below
 from bayes_ssi.modal import BATCHED_UP_TO, ModalModel, Modes, frequencies_hz, solve_modes
 from bayes_ssi.structures.affine_array import AffineArray
+from bayes_ssi.structures.geometry import Geometry
+from bayes_ssi.structures.motion import motion_of
+from bayes_ssi.structures.structure import listed
 
 # Modes are computed up to this share above the highest frequency of interest, since frequencies
 # fall as parameters change: by a fifth where a stiffness is a third lower than its median.
@@ -48,6 +51,7 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
         n_modes: int | None = None,
         up_to_hz: float | None = None,
         influence: ArrayLike | None = None,
+        geometry: Geometry | None = None,
     ) -> None:
         """Check and keep the matrices; no modes are computed yet.
 
@@ -64,6 +68,8 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
                 the prior medians.
             influence: (n,), displacements when the ground moves by 1 and nothing deforms; needed
                 only for responses to ground motion.
+            geometry: where the nodes are that labels name, for drawings; sensors name them where
+                there are no labels.
 
         Raises:
             ValueError, TypeError: an argument is not valid; the message says which.
@@ -74,7 +80,9 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
             rows = sensor_rows(k.size, labels, sensors)
             own_modes, self._up_to_hz = _checked_n_modes(n_modes, up_to_hz, k.size)
             labels = None if labels is None else tuple(labels)
-            super().__init__(k, m, rows, own_modes, _checked_influence(influence, k.size), labels)
+            ground = _checked_influence(influence, k.size)
+            super().__init__(k, m, rows, own_modes, ground, labels, geometry)
+            _require_nodes(geometry, labels or self.degrees_of_freedom)
         except (TypeError, ValueError) as error:
             raise type(error)(f"MatrixStructure: {error}") from None
 
@@ -196,3 +204,13 @@ def _checked_influence(influence: ArrayLike | None, n: int) -> FloatArray | None
         )
     array.setflags(write=False)
     return array
+
+
+def _require_nodes(geometry: Geometry | None, labels: Sequence[str]) -> None:
+    if geometry is None or any(geometry.location(motion_of(label)) for label in labels):
+        return
+    raise ValueError(
+        "geometry: no degree of freedom is at any of its nodes; labels are "
+        f"{listed(labels, 3)}, nodes {listed(tuple(geometry.nodes), 3)}, and a label is the name "
+        "of a node and a direction, such as 'node 7 x'"
+    )

@@ -20,7 +20,8 @@ from bayes_ssi.finite_elements.sparse_modes import DENSE_UP_TO, lowest_modes
 from bayes_ssi.modal import Eigenpairs, NoModesError
 from bayes_ssi.parameters import Parameter, collect_parameters
 from bayes_ssi.structures.elements import Element
-from bayes_ssi.structures.motion import SinglePlace
+from bayes_ssi.structures.geometry import Geometry, Location
+from bayes_ssi.structures.motion import Place, SinglePlace, motion_of
 from bayes_ssi.structures.structure import Structure, listed
 
 
@@ -62,12 +63,13 @@ class ReducibleStructure(Structure):
         n_modes: int | None,
         influence: FloatArray | None,
         labels: tuple[str, ...] | None = None,
+        geometry: Geometry | None = None,
     ) -> None:
         """Keep the matrices; ``sensors`` are names and rows, ``n_modes`` None if not known yet.
 
         ``labels`` are those of all degrees of freedom, ``"dof 0"`` upwards if None.
         """
-        self._labels = labels
+        self._labels, self._geometry = labels, geometry
         self._main: ReducibleStructure | None = None
         self.elements: tuple[Element, ...] = ()
         self._stiffness, self._mass, self._influence = stiffness, mass, influence
@@ -134,6 +136,21 @@ class ReducibleStructure(Structure):
     @property
     def appendages(self) -> tuple[str, ...]:
         return self._carried.labels
+
+    @property
+    def geometry(self) -> Geometry | None:
+        return self._geometry
+
+    def location_of(self, place: Place) -> Location | None:
+        """See :meth:`Structure.location_of`; a sensor is where its degree of freedom is."""
+        if self._geometry is None:
+            return None
+        labels = dict(enumerate(self._labels or ()))
+        row_of = self._row_of_label
+        motion = motion_of(place)
+        return self._geometry.location(
+            tuple((labels.get(row_of.get(single, -1), single), share) for single, share in motion)
+        )
 
     def row_of(self, place: SinglePlace, label: str) -> int | None:
         """The degree of freedom, from 0, at a place of an element; None for the ground.

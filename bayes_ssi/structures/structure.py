@@ -14,6 +14,8 @@ from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import ModalModel, Modes
 from bayes_ssi.parameters import Parameter, checked_values
+from bayes_ssi.structures.geometry import Geometry, Location
+from bayes_ssi.structures.motion import Place, motion_of
 from bayes_ssi.structures.sensors import Sensor, SensorMatrix
 
 T = TypeVar("T")
@@ -121,6 +123,15 @@ class Structure(ABC):
     def heights(self) -> dict[str, float]:
         """Degree of freedom → its height in a drawing, in storeys above the ground."""
         return {label: float(i) for i, label in enumerate(self.degrees_of_freedom, 1)}
+
+    @property
+    def geometry(self) -> Geometry | None:
+        """Where its nodes are, for drawings in space; None if not known."""
+        return None
+
+    def location_of(self, place: Place) -> Location | None:
+        """Where a place of an element is, and in which direction it moves; None if not known."""
+        return self.geometry.location(motion_of(place)) if self.geometry else None
 
     def description(self) -> Mapping[str, Any]:
         """Description for reports if it is not a dataclass.
