@@ -38,6 +38,8 @@ from bayes_ssi.ranking.changed_settings import ChangedSettings
 from bayes_ssi.ranking.comparison import compare
 from bayes_ssi.ranking.study import Study, rank
 from bayes_ssi.ranking.study_file import load_study
+from bayes_ssi.records.record import Record
+from bayes_ssi.records.record_files import read_record
 from bayes_ssi.report.write import write_report
 from bayes_ssi.response.ground_motion import GroundMotion
 from bayes_ssi.response.ground_motion_files import read_ground_motion
@@ -83,6 +85,7 @@ __all__ = [
     "Pendulum",
     "PopulationPriors",
     "Posterior",
+    "Record",
     "Run",
     "SamplingSettings",
     "SearchSettings",
@@ -108,6 +111,7 @@ __all__ = [
     "read_ground_motion",
     "read_matrix",
     "read_modal_data",
+    "read_record",
     "rms_distance",
     "sample",
     "save_hierarchy",

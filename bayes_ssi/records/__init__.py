@@ -1,0 +1,1 @@
+"""Vibration records of an ambient test, and the modes identified from them with uncertainties."""

@@ -1,0 +1,92 @@
+"""What one file holds of a record: channels, and what the file states about them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.records.record import Place
+
+# Names under which files of arrays, attributes and comments state what the samples are.
+STATED = ("rate_hz", "dt_s", "quantity", "unit")
+
+
+class Channels(NamedTuple):
+    """Channels of one file.
+
+    Attributes:
+        samples: (n, N).
+        names: of the channels; empty where the file has none.
+        rates_hz: every statement of the rate.
+        quantities: every statement of the quantity.
+        units: every statement of the unit.
+        places: node and direction of the channels; empty where the file has none.
+    """
+
+    samples: FloatArray
+    names: tuple[str, ...] = ()
+    rates_hz: tuple[float, ...] = ()
+    quantities: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    places: tuple[Place, ...] = ()
+
+
+def with_statements(
+    samples: FloatArray, names: Sequence[str], stated: Mapping[str, Any]
+) -> Channels:
+    """Channels of a file that states things by name (:data:`STATED`).
+
+    Raises:
+        ValueError: a number stated is none.
+    """
+    rates = [_number(stated, "rate_hz")] if "rate_hz" in stated else []
+    if "dt_s" in stated:
+        rates.append(1.0 / _number(stated, "dt_s"))
+    return Channels(
+        samples,
+        tuple(names),
+        tuple(rates),
+        (str(stated["quantity"]),) if "quantity" in stated else (),
+        (str(stated["unit"]),) if "unit" in stated else (),
+    )
+
+
+def _number(stated: Mapping[str, Any], key: str) -> float:
+    try:
+        number = float(stated[key])
+    except (TypeError, ValueError):
+        number = math.nan
+    if not 0.0 < number < math.inf:
+        raise ValueError(f"{key} must be a positive, finite number, got {stated[key]!r}")
+    return number
+
+
+def step_of(times: FloatArray) -> float:
+    """The step of a column of times in s.
+
+    Raises:
+        ValueError: they do not advance by equal steps; the message names a gap, if that is why.
+    """
+    steps = np.diff(times)
+    step = float(np.median(steps))
+    # Times are printed to a few digits, and may then be wrong by half of the last one.
+    rounding = 10.0 ** -_decimals(times)
+    wrong = np.flatnonzero(np.abs(steps - step) > 0.01 * step + rounding)
+    if not step > 0.0 or len(wrong):
+        at = int(wrong[0]) if len(wrong) else 0
+        gap = ", a gap" if steps[at] > 1.5 * step > 0.0 else ""
+        raise ValueError(
+            f"times must advance by equal steps; after sample {at + 1} the step is "
+            f"{steps[at]:g} s{gap}, most are {step:g} s"
+        )
+    return float(times[-1] - times[0]) / (len(times) - 1)
+
+
+def _decimals(times: FloatArray) -> int:
+    """The fewest decimals that the first times need, at most 9."""
+    first = times[:100]
+    return next((k for k in range(9) if np.allclose(first, np.round(first, k), 0.0, 1e-10)), 9)

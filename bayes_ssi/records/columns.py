@@ -1,0 +1,100 @@
+"""Records as columns of text: CSV, or numbers separated by spaces.
+
+::
+
+    # rate_hz, 50
+    # quantity, acceleration
+    # unit, m/s2
+    floor 1, floor 2, floor 3
+    0.012, -0.003, 0.008
+    0.010, -0.001, 0.011
+
+Lines that start with ``#`` may hold the keys ``rate_hz`` or ``dt_s``, ``quantity`` and ``unit``;
+other comments are skipped. A row of column names may follow. Columns are separated by commas,
+semicolons, tabs (with the last two a decimal comma is understood) or spaces. A first column named
+``time``, ``time_s`` or ``t``, or without a name and rising by equal steps, holds the times in s.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.records.channels import STATED, Channels, step_of, with_statements
+from bayes_ssi.text_files import STATED_DELIMITER, require_regular_file
+
+KEY = re.compile(rf"\s*#\s*({'|'.join(STATED)})\s*[,;:=\t]\s*(.*?)[\s,;]*$")
+TIME = re.compile(r"(t|time)([_ ]?s|\s*[(\[]s[)\]])?$", re.IGNORECASE)
+
+
+def read_columns_of_record(path: Path) -> Channels:
+    """Read the channels of a text file (see the module's docstring for its form).
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the content is not understood.
+    """
+    require_regular_file(path)
+    with path.open(encoding="utf-8-sig") as file:
+        try:
+            return _read(file)
+        except UnicodeDecodeError:
+            raise ValueError("not a text file in UTF-8; save it as CSV (UTF-8)") from None
+
+
+def _read(file: TextIO) -> Channels:
+    stated: dict[str, str] = {}
+    delimiter, first = None, ""
+    for number, line in enumerate(file, 1):
+        if number == 1 and (match := STATED_DELIMITER.match(line)):
+            delimiter = match[1]
+        elif line.lstrip().startswith("#"):
+            if (match := KEY.match(line)) is not None:
+                stated[match[1]] = match[2]
+        elif line.strip():
+            first = line
+            break
+    if not first:
+        raise ValueError("the file holds no samples")
+    delimiter = delimiter or next((each for each in ";\t," if each in first.strip()), None)
+    if delimiter in (";", "\t"):
+        stated = {key: value.replace(",", ".") for key, value in stated.items()}
+    cells = [cell.strip().strip('"') for cell in first.split(delimiter)]
+    names = [] if any(map(_is_number, cells)) else cells
+    lines: Iterator[str] = iter(file) if names else chain([first], file)
+    if delimiter in (";", "\t"):
+        lines = (line.replace(",", ".") for line in lines)
+    try:
+        table = np.loadtxt(lines, delimiter=delimiter, ndmin=2)
+    except ValueError as error:
+        raise ValueError(f"rows after line {number - (not names)}: {error}") from None
+    if len(table) < 2:
+        raise ValueError(f"a record needs two samples or more, got {len(table)}")
+    if names and len(names) != table.shape[1]:
+        raise ValueError(f"{len(names)} column names for {table.shape[1]} columns")
+    times = table[:, 0]
+    if not (TIME.match(names[0]) if names else _rises_evenly(times)):
+        return with_statements(np.ascontiguousarray(table.T), names, stated)
+    channels = with_statements(np.ascontiguousarray(table.T[1:]), names[1:], stated)
+    return channels._replace(rates_hz=(*channels.rates_hz, 1.0 / step_of(times)))
+
+
+def _rises_evenly(column: FloatArray) -> bool:
+    try:
+        return step_of(column) > 0.0
+    except ValueError:
+        return False
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,139 @@
+"""Files of vibration records, in any format that the package reads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bayes_ssi.argument_types import checked
+from bayes_ssi.data.modal_uff import is_universal_file
+from bayes_ssi.records.array_files import READERS, read_arrays
+from bayes_ssi.records.channels import Channels
+from bayes_ssi.records.columns import read_columns_of_record
+from bayes_ssi.records.record import (
+    QUANTITIES,
+    Place,
+    Record,
+    checked_rate,
+    checked_unit_of,
+    units_of,
+)
+from bayes_ssi.records.tool_files import read_tdms, read_universal
+
+
+@checked
+def read_record(
+    paths: str | Path | Sequence[str | Path],
+    *,
+    rate_hz: float | None = None,
+    quantity: str | None = None,
+    unit: str | None = None,
+    sensors: Sequence[str] | None = None,
+    keys: Sequence[str] = (),
+) -> Record:
+    """Read the record of one setup, from one file or several with channels of the same instants.
+
+    Formats are columns of text (:mod:`bayes_ssi.records.columns`), arrays in MATLAB, numpy or HDF5
+    files (:mod:`bayes_ssi.records.array_files`), universal files (data sets 58), and TDMS. What the
+    files do not state must be given; what both state must agree.
+
+    Args:
+        paths: the file, or several.
+        rate_hz: samples per second.
+        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
+        unit: of all samples.
+        sensors: names of the sensors, in place of the files' own.
+        keys: names of arrays, or groups of a TDMS file, to be read.
+
+    Raises:
+        OSError: a file cannot be read.
+        ValueError: a file is not understood; rate, quantity or unit are missing or contradicted;
+            files differ in their number of samples; or as for :class:`Record`.
+    """
+    files = [Path(path) for path in ([paths] if isinstance(paths, (str, Path)) else paths)]
+    if not files:
+        raise ValueError("read_record: no file is given")
+    parts = []
+    for path in files:
+        try:
+            parts.append(_read(path, keys))
+        except ValueError as error:
+            raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+    lengths = [part.samples.shape[1] for part in parts]
+    for path, length in zip(files, lengths, strict=True):
+        if length != lengths[0]:
+            raise ValueError(
+                f"{path}: {length} samples, but {lengths[0]} in {files[0]}; files of one setup "
+                "hold the same instants"
+            )
+    whole = f"{files[0]}" + (f" and {len(files) - 1} more" if len(files) > 1 else "")
+    rates = [*([] if rate_hz is None else [rate_hz]), *(r for p in parts for r in p.rates_hz)]
+    quantities = [*([quantity] if quantity else []), *(q for p in parts for q in p.quantities)]
+    units = [*([unit] if unit else []), *(u for p in parts for u in p.units)]
+    try:
+        kind = _one(quantities, "quantity", QUANTITIES)
+        return Record(
+            _joined(parts),
+            _one_rate(rates),
+            tuple(sensors) if sensors is not None else _names(parts),
+            kind,
+            _one([checked_unit_of(kind, each) for each in units], "unit", units_of(kind)),
+            _places(parts),
+            source=", ".join(path.name for path in files),
+        )
+    except ValueError as error:
+        raise ValueError(f"{whole}: {error}") from None
+
+
+def _read(path: Path, keys: Sequence[str]) -> Channels:
+    suffix = path.suffix.lower()
+    if suffix in READERS:
+        return read_arrays(path, keys)
+    if suffix == ".tdms":
+        return read_tdms(path, keys)
+    if keys:
+        raise ValueError(f"keys are given, but a file of type {suffix!r} has none")
+    return read_universal(path) if is_universal_file(path) else read_columns_of_record(path)
+
+
+def _joined(parts: Sequence[Channels]) -> np.ndarray:
+    """All channels in one array that nobody can change, so that the record need not copy it."""
+    samples = parts[0].samples if len(parts) == 1 else np.concatenate([p.samples for p in parts])
+    samples.setflags(write=False)
+    return samples
+
+
+def _names(parts: Sequence[Channels]) -> tuple[str, ...]:
+    if all(part.names for part in parts):
+        return tuple(name for part in parts for name in part.names)
+    n = sum(len(part.samples) for part in parts)
+    raise ValueError(f"the names of the {n} sensors are not given; give them as sensors")
+
+
+def _places(parts: Sequence[Channels]) -> tuple[Place, ...]:
+    if not any(part.places for part in parts):
+        return ()
+    return tuple(p for part in parts for p in part.places or (None,) * len(part.samples))
+
+
+def _one_rate(rates: Sequence[float]) -> float:
+    if not rates:
+        raise ValueError("rate_hz, the samples per second, is not given; give it in Hz")
+    for rate in rates:
+        # Files state a rate or its inverse, some to three digits.
+        if not math.isclose(checked_rate(rate), rates[0], rel_tol=1e-3):
+            raise ValueError(f"two rates are given: {rates[0]:g} and {rate:g} Hz")
+    return rates[0]
+
+
+def _one(stated: Sequence[str], what: str, choices: Iterable[str]) -> str:
+    if not stated:
+        listed = ", ".join(map(repr, choices))
+        raise ValueError(f"the {what} of the samples is not given; give one of {listed}")
+    for other in stated:
+        if other != stated[0]:
+            raise ValueError(f"two of {what} are given: {stated[0]!r} and {other!r}")
+    return stated[0]

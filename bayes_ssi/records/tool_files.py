@@ -1,0 +1,122 @@
+"""Records in files of measuring systems: universal files (data sets 58) and TDMS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.records.channels import Channels
+from bayes_ssi.records.record import Place
+from bayes_ssi.text_files import require_regular_file
+
+# Of data sets 58: functions that are time responses, and what their ordinates are.
+TIME_RESPONSE = 1
+ORDINATES = {8: "displacement", 11: "velocity", 12: "acceleration"}
+AXES = {1: "x", 2: "y", 3: "z"}
+
+
+def read_universal(path: Path) -> Channels:
+    """Read the time responses (data sets 58) of a universal file.
+
+    Sensors are named by node and direction, ``12 x``.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: pyuff is not installed, the file is damaged, or it holds no time responses.
+    """
+    try:
+        import pyuff
+    except ImportError:
+        raise ValueError(
+            'pyuff is not installed; install it with pip install "bayes_ssi[uff]"'
+        ) from None
+    try:
+        file = pyuff.UFF(str(path))
+        kinds = np.atleast_1d(file.get_set_types()).astype(int)
+        sets = [file.read_sets(int(i)) for i in np.flatnonzero(kinds == 58)]
+        sets = [each for each in sets if each["func_type"] == TIME_RESPONSE]
+    except Exception as error:  # a damaged file may raise anything there
+        raise _damaged(error) from error
+    if not sets:
+        raise ValueError("no data set 58 with a time response")
+    if any(each["abscissa_spacing"] != 1 for each in sets):
+        raise ValueError("a time response with uneven steps")
+    places = tuple(_place(each) for each in sets)
+    names = [f"{place[0]} {place[1]}" if place else "" for place in places]
+    return Channels(
+        _rows([np.real(each["data"]) for each in sets]),
+        tuple(names) if all(names) else (),
+        tuple(1.0 / float(each["abscissa_inc"]) for each in sets),
+        tuple(ORDINATES[k] for each in sets if (k := each["ordinate_spec_data_type"]) in ORDINATES),
+        tuple(
+            label
+            for each in sets
+            if (label := str(each["ordinate_axis_units_lab"]).strip()) not in ("", "NONE")
+        ),
+        places,
+    )
+
+
+def _place(one: dict[str, Any]) -> Place:
+    direction = int(one["rsp_dir"])
+    if abs(direction) not in AXES:
+        return None
+    return int(one["rsp_node"]), ("-" if direction < 0 else "") + AXES[abs(direction)]
+
+
+def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
+    """Read the channels of a TDMS file.
+
+    Args:
+        path: the file.
+        keys: names of groups to read, if not all.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: npTDMS is not installed, the file is damaged, a group is unknown, or there are
+            no channels of numbers.
+    """
+    try:
+        from nptdms import TdmsFile
+    except ImportError:
+        raise ValueError(
+            'npTDMS is not installed; install it with pip install "bayes_ssi[tdms]"'
+        ) from None
+    require_regular_file(path)
+    try:
+        file = TdmsFile.read(str(path))
+    except Exception as error:  # a damaged file may raise anything there
+        raise _damaged(error) from error
+    groups = {group.name: group for group in file.groups()}
+    for key in keys:
+        if key not in groups:
+            raise ValueError(f"no group {key!r}; choose from {', '.join(map(repr, groups))}")
+    chosen = [groups[key] for key in keys] or list(groups.values())
+    channels = [channel for group in chosen for channel in group.channels() if len(channel)]
+    if not channels:
+        raise ValueError("holds no channels")
+    if any(channel[:].dtype.kind not in "iuf" for channel in channels):
+        raise ValueError("holds channels that are not numbers; name the groups to read by keys")
+    properties = [channel.properties for channel in channels]
+    return Channels(
+        _rows([channel[:] for channel in channels]),
+        tuple(channel.name for channel in channels),
+        tuple(1.0 / each["wf_increment"] for each in properties if each.get("wf_increment")),
+        (),
+        tuple(str(each["unit_string"]) for each in properties if each.get("unit_string")),
+    )
+
+
+def _rows(rows: Sequence[np.ndarray]) -> np.ndarray:
+    lengths = sorted({len(row) for row in rows})
+    if len(lengths) > 1:
+        raise ValueError(f"channels of {lengths[0]} to {lengths[-1]} samples")
+    return np.array(rows, dtype=float)
+
+
+def _damaged(error: Exception) -> ValueError:
+    reason = " ".join(str(error).split())
+    return ValueError(f"cannot be read; damaged or truncated? {type(error).__name__}: {reason}")

@@ -1,0 +1,254 @@
+"""Records are checked, and read from every format with what files state about them."""
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+
+RATE = 50.0
+TIMES = np.arange(400) / RATE
+SAMPLES = np.array([np.sin(9 * TIMES), np.cos(7 * TIMES) + 0.3, 0.1 * TIMES])
+NAMES = ("floor 1", "floor 2", "floor 3")
+
+
+def record(**changed):
+    given = {
+        "samples": SAMPLES, "rate_hz": RATE, "sensors": NAMES, "quantity": "acceleration",
+        "unit": "m/s2",
+    }  # fmt: skip
+    return bs.Record(**(given | changed))
+
+
+def test_a_record_says_what_it_holds():
+    one = record(unit="M/S^2", places=((1, "x"), None, (3, "-y")))
+    assert (one.unit, one.n_samples, one.duration_s, one.nyquist_hz) == ("m/s2", 400, 8.0, 25.0)
+    chosen = one.selected(["floor 3", "floor 1"])
+    np.testing.assert_array_equal(chosen.samples, SAMPLES[[2, 0]])
+    assert chosen.places == ((3, "-y"), (1, "x"))
+    with pytest.raises(ValueError, match="read-only"):
+        one.samples[0, 0] = 1.0
+
+
+def test_an_array_that_nobody_can_change_is_not_copied():
+    frozen = SAMPLES.copy()
+    frozen.setflags(write=False)
+    assert np.shares_memory(record(samples=frozen).samples, frozen)
+    assert not np.shares_memory(record().samples, SAMPLES)
+
+
+def with_nan():
+    samples = SAMPLES.copy()
+    samples[1, 6] = np.nan
+    return samples
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"samples": SAMPLES.T}, r"got 400 rows of 3; is the array the wrong way round\?"),
+        ({"samples": SAMPLES[:1], "sensors": NAMES[:1]}, "needs two sensors or more, got 1"),
+        ({"samples": with_nan()}, "sensor 'floor 2': sample 7 is not finite: nan"),
+        ({"samples": SAMPLES[0]}, r"must be \(n_sensors, n_samples\), got \(400,\)"),
+        ({"sensors": NAMES[:2]}, "2 names for 3 sensors"),
+        ({"sensors": ("a", "b", "a")}, "two sensors are named 'a'"),
+        ({"sensors": ("a", "b", "damping")}, "may not be named 'damping'"),
+        ({"rate_hz": 0.0}, "rate_hz must be a positive, finite number, got 0.0"),
+        ({"quantity": "force"}, "quantity must be one of 'acceleration', .* got 'force'"),
+        ({"quantity": "velocity"}, "unit of velocity must be one of 'm/s', .* got 'm/s2'"),
+        ({"places": ((1, "w"), None, None)}, r"sensor 'floor 1': place must be .* got \(1, 'w'\)"),
+    ],
+)
+def test_a_wrong_record_is_refused(changed, message):
+    with pytest.raises(ValueError, match=message):
+        record(**changed)
+
+
+def test_a_band_must_be_in_the_record():
+    assert record().checked_band((0.5, 25)) == (0.5, 25.0)
+    with pytest.raises(ValueError, match="30 Hz is beyond 25 Hz, half the rate"):
+        record().checked_band((0.5, 30))
+    with pytest.raises(
+        ValueError, match=r"0\.05 Hz is below 0\.125 Hz, the lowest frequency in 8 s"
+    ):
+        record().checked_band((0.05, 2))
+
+
+def test_detrending_and_decimation():
+    np.testing.assert_allclose(record().detrended().samples[2], 0.0, atol=1e-12)
+    # Sines pass (1.4 and 1.1 of 12.5 Hz); one at 11 Hz, beyond the new Nyquist frequency, does not.
+    fast = SAMPLES + 0.5 * np.sin(2 * np.pi * 11 * TIMES)
+    slow = record(samples=fast).decimated_to(4.9)
+    assert slow.rate_hz == 12.5
+    np.testing.assert_allclose(slow.samples[:2, 10:-10], SAMPLES[:2, ::4][:, 10:-10], atol=2e-3)
+    with pytest.raises(ValueError, match="factor must be a whole number from 1 on, got 0"):
+        record().decimated(0)
+
+
+def test_dead_clipped_and_repeated_channels_are_said():
+    rows = [SAMPLES[0], np.clip(SAMPLES[0], -0.9, 0.9), np.full(400, 0.2), SAMPLES[0]]
+    assert record(samples=rows, sensors=("a", "b", "c", "d")).warnings() == [
+        "sensor 'b': stays at its extreme value for three samples or more; is it clipped?",
+        "sensor 'c': dead, all samples are 0.2",
+        "sensors 'a' and 'd': the same samples",
+    ]
+    assert record().warnings() == []
+
+
+STATED = {"rate_hz": RATE, "quantity": "acceleration", "unit": "g"}
+
+
+def csv(path, *, time=False, separator=",", named=True):
+    columns = np.column_stack([TIMES, SAMPLES.T]) if time else SAMPLES.T
+    text = [f"# {key}, {value}" for key, value in STATED.items() if not (time and key == "rate_hz")]
+    if named:
+        text.append(separator.join((*(("time (s)",) if time else ()), *NAMES)))
+    rows = [separator.join(f"{number:.12g}" for number in row) for row in columns]
+    if separator == ";":
+        rows = [row.replace(".", ",") for row in rows]
+    path.write_text("\n".join([*text, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def npz(path):
+    np.savez(path, acceleration=SAMPLES.T, sensors=NAMES, **STATED)
+    return path
+
+
+def mat(path):
+    from scipy.io import savemat
+
+    names = np.array(NAMES, dtype=object)
+    savemat(path, {"a": SAMPLES, "sensors": names, **STATED})
+    return path
+
+
+def hdf5(path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        dataset = file.create_dataset("setup 1/samples", data=SAMPLES)
+        dataset.attrs.update(STATED)
+        dataset.attrs["sensors"] = NAMES
+    return path
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda folder: csv(folder / "a.csv"),
+        lambda folder: csv(folder / "a.csv", time=True),
+        lambda folder: csv(folder / "a.csv", time=True, separator=";"),
+        lambda folder: csv(folder / "a.txt", separator="\t"),
+        lambda folder: npz(folder / "a.npz"),
+        lambda folder: mat(folder / "a.mat"),
+        lambda folder: hdf5(folder / "a.h5"),
+    ],
+)
+def test_files_that_state_all(tmp_path, write):
+    one = bs.read_record(write(tmp_path))
+    np.testing.assert_allclose(one.samples, SAMPLES, rtol=1e-10, atol=1e-12)
+    assert (one.sensors, one.quantity, one.unit) == (NAMES, "acceleration", "g")
+    assert one.rate_hz == pytest.approx(RATE, rel=1e-9)
+
+
+def test_plain_numbers_need_what_they_do_not_state(tmp_path):
+    path = tmp_path / "a.txt"
+    np.savetxt(path, SAMPLES.T)
+    given = {"rate_hz": RATE, "quantity": "velocity", "unit": "mm/s", "sensors": NAMES}
+    one = bs.read_record(path, **given)
+    np.testing.assert_array_equal(one.samples, SAMPLES)
+    for missing, message in {
+        "rate_hz": "rate_hz, the samples per second, is not given",
+        "quantity": "the quantity of the samples is not given; give one of 'acceleration'",
+        "unit": "the unit of the samples is not given; give one of 'm/s'",
+        "sensors": "the names of the 3 sensors are not given",
+    }.items():
+        with pytest.raises(ValueError, match=f"a.txt: {message}"):
+            bs.read_record(path, **{k: v for k, v in given.items() if k != missing})
+
+
+def test_several_files_of_one_setup(tmp_path):
+    paths = []
+    for name, row in zip(NAMES, SAMPLES, strict=True):
+        paths.append(tmp_path / f"{name}.npz")
+        np.savez(paths[-1], samples=row, sensors=name, **STATED)
+    np.testing.assert_array_equal(bs.read_record(paths).samples, SAMPLES)
+    np.savez(tmp_path / "short.npz", samples=SAMPLES[0, :300], sensors="roof", **STATED)
+    with pytest.raises(ValueError, match=r"short\.npz: 300 samples, but 400 in .*floor 1\.npz"):
+        bs.read_record([paths[0], tmp_path / "short.npz"])
+    np.savez(tmp_path / "fast.npz", samples=SAMPLES[0], sensors="roof", **STATED | {"rate_hz": 99})
+    with pytest.raises(ValueError, match="two rates are given: 50 and 99 Hz"):
+        bs.read_record([paths[0], tmp_path / "fast.npz"])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "holds no samples"),
+        ("a,b\n1,2\n3,x\n", "'x' to float64 at row 1, column 2"),
+        ("a,b\n1,2\n3\n", "number of columns changed"),
+        ("a,b\n1,2,3\n4,5,6\n", "2 column names for 3 columns"),
+        ("t,a,b\n0,1,2\n0.1,1,2\n0.2,1,3\n0.5,1,3\n0.6,2,3\n", r"after sample 3 .* 0.3 s, a gap"),
+        ("# rate_hz, fast\na,b\n1,2\n3,4\n", "rate_hz must be a positive, finite number"),
+        ("# rate_hz, 9\nt,a,b\n0,1,2\n0.1,1,2\n0.2,1,3\n", "two rates are given: 9 and 10 Hz"),
+    ],
+)
+def test_a_wrong_text_file_is_explained(tmp_path, text, message):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=f"a.csv: .*{message}"):
+        bs.read_record(path, quantity="acceleration", unit="g")
+
+
+def test_a_wrong_file_of_arrays_is_explained(tmp_path):
+    path = tmp_path / "a.npz"
+    np.savez(path, first=SAMPLES, second=SAMPLES[:, :9], **STATED)
+    with pytest.raises(ValueError, match="'first', 'second' differ in length"):
+        bs.read_record(path)
+    with pytest.raises(ValueError, match="no array 'third' of samples; choose from 'first', 'sec"):
+        bs.read_record(path, keys=["third"])
+    assert bs.read_record(path, keys=["first"], sensors=NAMES).sensors == NAMES
+    for ending in ("npz", "mat", "h5"):
+        damaged = tmp_path / f"damaged.{ending}"
+        damaged.write_bytes(b"nothing of the kind " * 20)
+        with pytest.raises(ValueError, match=f"damaged.{ending}: cannot be read; damaged"):
+            bs.read_record(damaged)
+    with pytest.raises(FileNotFoundError):
+        bs.read_record(tmp_path / "none.csv")
+
+
+def test_a_universal_file(tmp_path):
+    pyuff = pytest.importorskip("pyuff", reason="pip install bayes_ssi[uff]")
+    path = str(tmp_path / "a.uff")
+    for node, row in enumerate(SAMPLES, 1):
+        one = {
+            "type": 58, "binary": 0, "func_type": 1, "rsp_node": node, "rsp_dir": -1, "ref_node": 0,
+            "ref_dir": 0, "data": row, "x": TIMES, "id1": "", "rsp_ent_name": "NONE",
+            "ref_ent_name": "NONE", "abscissa_spacing": 1, "abscissa_spec_data_type": 17,
+            "ordinate_spec_data_type": 12, "ordinate_axis_units_lab": "m/s2",
+            "orddenom_spec_data_type": 0,
+        }  # fmt: skip
+        pyuff.UFF(path).write_sets([one], "add")
+    one = bs.read_record(path)
+    np.testing.assert_allclose(one.samples, SAMPLES, rtol=1e-4, atol=1e-6)
+    assert (one.sensors, one.quantity, one.unit) == (
+        ("1 -x", "2 -x", "3 -x"),
+        "acceleration",
+        "m/s2",
+    )
+    assert one.rate_hz == pytest.approx(RATE, rel=1e-5)
+    assert one.places == ((1, "-x"), (2, "-x"), (3, "-x"))
+
+
+def test_a_tdms_file(tmp_path):
+    nptdms = pytest.importorskip("nptdms", reason="pip install bayes_ssi[tdms]")
+    path = tmp_path / "a.tdms"
+    stated = {"wf_increment": 1 / RATE, "unit_string": "g"}
+    with nptdms.TdmsWriter(path) as writer:
+        for name, row in zip(NAMES, SAMPLES, strict=True):
+            writer.write_segment([nptdms.ChannelObject("setup", name, row, properties=stated)])
+    one = bs.read_record(path, quantity="acceleration")
+    np.testing.assert_array_equal(one.samples, SAMPLES)
+    assert (one.sensors, one.unit) == (NAMES, "g")
+    assert one.rate_hz == pytest.approx(RATE)
+    with pytest.raises(ValueError, match="no group 'other'; choose from 'setup'"):
+        bs.read_record(path, quantity="acceleration", keys=["other"])
