@@ -96,7 +96,7 @@ def screen_all(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> list[Scre
 
     screened: dict[int, Screened] = {}
     if run.workers is not None:
-        screened = run.workers.try_each(one, hypotheses, done)
+        screened = run.workers.try_each(one, hypotheses, done, are_brief=True)
     for i, each in enumerate(hypotheses):
         if i not in screened:
             screened[i] = one(each)

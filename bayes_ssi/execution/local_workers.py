@@ -40,8 +40,8 @@ class LocalWorkers(Workers):
                 that is possible: at once, while a new process takes about a second to import the
                 package. A copy has the state of other threads and libraries as well, so there must
                 be none that it could stumble over.
-            while_busy: called once by this process, which else only waits for them, for what will
-                be needed later.
+            while_busy: called once by this process, while it would only wait for them, for what
+                will be needed later.
 
         Raises:
             ValueError: ``n`` is not positive.

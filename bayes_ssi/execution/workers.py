@@ -126,6 +126,8 @@ class Workers:
         items: Sequence[T],
         done: Callable[[int], object] | None = None,
         meanwhile: Callable[[], object] | None = None,
+        *,
+        are_brief: bool = False,
     ) -> dict[int, R]:
         """``function`` of every item, each in one worker; items whose worker died are left out.
 
@@ -134,6 +136,8 @@ class Workers:
             items: the function's arguments.
             done: called with the number of each item that is ready.
             meanwhile: called again and again until all are.
+            are_brief: whether calls take no longer than what this process could do in the
+                meantime, so that workers would wait for it.
 
         Raises:
             OSError: a file of this machine cannot be read or written by a call.
@@ -147,7 +151,7 @@ class Workers:
             executor = self._running()
             for i, item in enumerate(items):
                 waiting[_submitted(executor, packed, pickled(item))] = i
-            if waiting:
+            if waiting and not are_brief:
                 self._while_busy()
             while waiting:
                 if meanwhile is not None:

@@ -35,7 +35,7 @@ def automatic_workers(
             return None
     if n == 1 or holds_user_code(list(candidates)):
         return None
-    return LocalWorkers(n, copies=True, while_busy=while_busy)
+    return _copies(n, while_busy)
 
 
 def chosen_workers(
@@ -45,5 +45,14 @@ def chosen_workers(
 
     Arguments are as in :func:`automatic_workers`.
     """
-    copies = not holds_user_code(list(candidates))
-    return LocalWorkers(min(n, usable_cores()), copies=copies, while_busy=while_busy)
+    n = min(n, usable_cores())
+    if holds_user_code(list(candidates)):
+        return LocalWorkers(n, while_busy=while_busy)
+    return _copies(n, while_busy)
+
+
+def _copies(n: int, while_busy: Callable[[], object]) -> LocalWorkers:
+    """Processes that are copies of this one, where that is possible, with all that they need."""
+    if can_copy():
+        import bayes_ssi.sampling.moves  # noqa: F401 - once here, not in every copy
+    return LocalWorkers(n, copies=True, while_busy=while_busy)

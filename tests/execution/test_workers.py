@@ -310,7 +310,8 @@ def function(z):
 sys.modules["a module of this process"] = sys
 idle = []
 with LocalWorkers(2, copies=True, while_busy=lambda: idle.append(os.getpid())) as workers:
-    print(*workers.call_each(function, [np.zeros(1), np.ones(1)]))
+    print(*workers.try_each(function, [np.zeros(1), np.ones(1)], are_brief=True).values())
+    assert idle == []
     print(*np.isnan(workers.evaluate(function, np.arange(5.0)[:, None]).values))
     print(*workers.call_each(function, [np.zeros(1), np.ones(1)]))
 assert idle == [os.getpid()]
