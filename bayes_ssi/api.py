@@ -1,6 +1,8 @@
 """The public names of the package, all of which ``import bayes_ssi`` offers."""
 
 from bayes_ssi.appendages.appendage_search import search
+from bayes_ssi.appendages.candidate_files import read_candidates
+from bayes_ssi.appendages.candidates import Candidate
 from bayes_ssi.appendages.hypotheses import SearchSettings
 from bayes_ssi.calibration.calibration import calibrate
 from bayes_ssi.calibration.fit import rms_distance
@@ -59,6 +61,7 @@ from bayes_ssi.structures.structure import Structure
 
 __all__ = [
     "AddedMass",
+    "Candidate",
     "ChangedSettings",
     "Configuration",
     "ErrorModel",
@@ -108,6 +111,7 @@ __all__ = [
     "modal_data_from_pyoma2",
     "predict_frequencies",
     "rank",
+    "read_candidates",
     "read_ground_motion",
     "read_matrix",
     "read_modal_data",

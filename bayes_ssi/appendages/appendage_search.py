@@ -12,8 +12,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 from bayes_ssi.appendages.baselines import Baselines, choose_baselines
+from bayes_ssi.appendages.candidates import Candidate
 from bayes_ssi.appendages.findings import search_record
-from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis, name_of, places_of
+from bayes_ssi.appendages.hypotheses import SearchSettings, name_of
 from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.appendages.sampling_choice import to_sample
 from bayes_ssi.appendages.screened_hypothesis import Key, ScreenedHypothesis
@@ -26,7 +27,6 @@ from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.study import Study, compare_and_diagnose
 from bayes_ssi.sampling.settings import SamplingSettings
-from bayes_ssi.structures.lumped import LumpedStructure
 
 Hypotheses = Mapping[Key, ScreenedHypothesis]
 
@@ -40,12 +40,15 @@ def search(
     run: Run | None = None,
     *,
     baselines: Sequence[str] | None = None,
+    candidates: Sequence[Candidate] | None = None,
+    present_in: Sequence[str] | None = None,
 ) -> AppendageSearch:
     """Search for hidden appendages on a baseline structure, or on each of several.
 
     Args:
-        baseline: a class whose structure has floors; its pairing is not used. Of a study, all
-            such classes are baselines, with its prior weights.
+        baseline: a class; its pairing is not used. Of a study, all classes are baselines on which
+            appendages can be hung, with its prior weights, but for those that carry an appendage
+            of their own where others do not.
         search_settings: what an appendage may be.
         seed: a hypothesis's result follows from it and the hypothesis's name.
         settings: how precisely to sample.
@@ -53,17 +56,20 @@ def search(
             them.
         baselines: names of the study's classes that appendages are hung on; the others are
             compared without any.
+        candidates: where appendages may hang; floors and storeys where a structure has them, else
+            all sensors, if None.
+        present_in: names of the configurations that have the appendages; all if None.
 
     Raises:
-        ValueError: no structure has floors to hang an appendage on, there are several
-            configurations, the study has no class of such a name, or a hypothesis cannot be
-            sampled.
+        ValueError: appendages cannot be hung on any structure, a candidate is not on it or is
+            given twice, there is no class or configuration of such a name, or a hypothesis cannot
+            be sampled.
     """
     options = search_settings or SearchSettings()
     settings = settings or SamplingSettings()
     if isinstance(baseline, ModelClass):
         baseline = Study(baseline.name, [baseline])
-    chosen = choose_baselines(baseline, baselines)
+    chosen = choose_baselines(baseline, baselines, candidates, present_in)
     hidden_in = chosen.classes[0].name if len(chosen.classes) == 1 else baseline.name
     run = run or Run()
     with run.working():
@@ -86,34 +92,27 @@ def _screened(
     baselines: Baselines, options: SearchSettings, seed: int, run: Run
 ) -> dict[Key, ScreenedHypothesis]:
     """All hypotheses with their approximate evidences."""
-    by_name = {each.name: each for each in baselines.classes}
-    candidates = {name: _candidates(each) for name, each in by_name.items()}
+    names = [each.name for each in baselines.classes]
     hypotheses: dict[Key, ScreenedHypothesis] = {}
-    level = [Key(name, ()) for name in by_name]
+    level = [Key(name, ()) for name in names]
     while level:
         classes = []
         for name, places in level:
             of_one = name_of(places)
-            full_name = of_one if len(by_name) == 1 else f"{name}: {of_one}"
-            classes.append(hypothesis(by_name[name], places, options, full_name))
+            full_name = of_one if len(names) == 1 else f"{name}: {of_one}"
+            classes.append(baselines.hypothesis(name, places, options, full_name))
         wanted = [
             ToScreen(model_class, _simpler(key, hypotheses))
             for key, model_class in zip(level, classes, strict=True)
         ]
         results = screen_all(wanted, seed, run)
         for key, model_class, screened in zip(level, classes, results, strict=True):
-            weight = baselines.prior_probability(by_name[key.baseline]) * _prior_weight(
-                len(key.places), len(candidates[key.baseline]), options
+            weight = baselines.prior_probability(key.baseline) * _prior_weight(
+                len(key.places), len(baselines.places[key.baseline]), options
             )
             hypotheses[key] = ScreenedHypothesis(key, model_class, weight, screened)
-        level = _next_level(hypotheses, candidates, options)
+        level = _next_level(hypotheses, baselines.places, options)
     return hypotheses
-
-
-def _candidates(baseline: ModelClass) -> tuple[AppendagePlace, ...]:
-    """The places of a baseline at which an appendage may hang."""
-    assert isinstance(baseline.structure, LumpedStructure)
-    return places_of(baseline.structure)
 
 
 def _simpler(key: Key, hypotheses: Hypotheses) -> Screened | None:
@@ -150,7 +149,7 @@ def _sampled(
 
 def _next_level(
     hypotheses: Hypotheses,
-    candidates: Mapping[str, Sequence[AppendagePlace]],
+    places_of: Mapping[str, Sequence[AppendagePlace]],
     options: SearchSettings,
 ) -> list[Key]:
     """Hypotheses with one more appendage than the best so far; none if more do not help.
@@ -171,14 +170,14 @@ def _next_level(
             return []
         best = sorted(best, key=log_evidence, reverse=True)[: options.branches]
     extended = [
-        Key(name, tuple(place for place in candidates[name] if place in (*places, new)))
+        Key(name, tuple(place for place in places_of[name] if place in (*places, new)))
         for name, places in best
-        for new in candidates[name]
+        for new in places_of[name]
         if new not in places
     ]
     return list(dict.fromkeys(extended))
 
 
-def _prior_weight(number: int, n_candidates: int, options: SearchSettings) -> float:
+def _prior_weight(number: int, n_places: int, options: SearchSettings) -> float:
     """Prior weight of a number of appendages, shared by all ways to place them."""
-    return options.number_weights[number] / math.comb(n_candidates, number)
+    return options.number_weights[number] / math.comb(n_places, number)

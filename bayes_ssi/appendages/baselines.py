@@ -4,11 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
-from bayes_ssi.appendages.hypotheses import places_of, structure_with_floors
+from bayes_ssi.appendages.candidates import (
+    Candidate,
+    default_candidates,
+    require_distinct,
+    require_on_structure,
+)
+from bayes_ssi.appendages.hypotheses import (
+    SearchSettings,
+    hypothesis,
+    scale_of,
+    tests_with_appendages,
+)
+from bayes_ssi.appendages.mass_scale import MassScale
+from bayes_ssi.appendages.places import AppendagePlace, places_of
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.ranking.class_sampling import is_cheap
 from bayes_ssi.ranking.study import Study
+from bayes_ssi.structures.elements import CarriesElements
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,11 +32,15 @@ class Baselines:
 
     Attributes:
         study: the baselines, any pairing; classes that differ in nothing else are one of them.
+        places: name of a baseline → the appendages that are tried on it, one by one.
+        present_in: names of the configurations that have appendages; all if None.
         rivals: further classes of the study, any pairing, which are compared without appendages.
-        left_out: class of the study that no appendage can be hung on → why.
+        left_out: class of the study that no appendage is hung on → why.
     """
 
     study: Study
+    places: Mapping[str, tuple[AppendagePlace, ...]]
+    present_in: tuple[str, ...] | None
     rivals: tuple[ModelClass, ...]
     left_out: Mapping[str, str]
 
@@ -32,46 +51,122 @@ class Baselines:
     @property
     def n_hypotheses_of_one(self) -> int:
         """The number of hypotheses with at most one appendage."""
-        return sum(1 + len(places_of(structure_with_floors(each))) for each in self.classes)
+        return sum(1 + len(places) for places in self.places.values())
 
-    def prior_probability(self, baseline: ModelClass) -> float:
+    @cached_property
+    def scales(self) -> Mapping[str, MassScale]:
+        """Name of a baseline → the mass to which mass ratios refer."""
+        return {each.name: scale_of(each, self.present_in) for each in self.classes}
+
+    def hypothesis(
+        self, baseline: str, places: Sequence[AppendagePlace], options: SearchSettings, name: str
+    ) -> ModelClass:
+        """A baseline with appendages at ``places``."""
+        (model_class,) = (each for each in self.classes if each.name == baseline)
+        scale = self.scales[baseline] if places else None
+        return hypothesis(
+            model_class, places, options, name, present_in=self.present_in, scale=scale
+        )
+
+    def prior_probability(self, baseline: str) -> float:
         """That of one baseline among all, without regard to appendages."""
         weights = self.study.prior_weights or dict.fromkeys(self.study.names, 1.0)
-        return weights[baseline.name] / sum(weights.values())
+        return weights[baseline] / sum(weights.values())
 
-    def original_names(self, baseline: ModelClass) -> tuple[str, ...]:
+    def original_names(self, baseline: str) -> tuple[str, ...]:
         """The classes of the study that a baseline represents."""
-        return self.study.stands_for[baseline.name]
+        return self.study.stands_for[baseline]
 
 
-def choose_baselines(study: Study, names: Sequence[str] | None = None) -> Baselines:
-    """The baselines of a search.
+def choose_baselines(
+    study: Study,
+    names: Sequence[str] | None = None,
+    candidates: Sequence[Candidate] | None = None,
+    present_in: Sequence[str] | None = None,
+) -> Baselines:
+    """The baselines of a search, and the appendages that are tried on them.
 
     Args:
         study: the model classes.
-        names: those to hang appendages on; all on which that can be done if None.
+        names: those to hang appendages on. If None, all on which that can be done, but for those
+            that carry an appendage of their own where others do not: they are hypotheses of the
+            kind that the search makes.
+        candidates: where appendages may hang; those of the structure if None.
+        present_in: names of the configurations that have appendages; all if None.
 
     Raises:
         ValueError: the study has no class of such a name, appendages cannot be hung on one of
-            those named, or on any; or the classes explain different data.
+            those named, or on any; a candidate is given twice; or the classes explain different
+            data.
     """
+    if candidates is not None:
+        require_distinct(candidates)
     left_out: dict[str, str] = {}
+    possible: list[ModelClass] = []
     chosen = study if names is None else study.only(names)
-    for candidate in chosen.model_classes:
+    for each in chosen.model_classes:
         try:
-            structure_with_floors(candidate)
-            candidate.with_any_pairing(candidate.name)
+            each.with_any_pairing(each.name)
+            _places(each, candidates, present_in)
+            possible.append(each)
         except ValueError as error:
             if names is not None or len(study.model_classes) == 1:
                 raise
-            left_out[candidate.name] = str(error)
-    if len(left_out) == len(chosen.model_classes):
+            left_out[each.name] = str(error)
+    if not possible:
         raise ValueError(next(iter(left_out.values())))
+    with_own = _with_appendages(possible) if names is None else {}
+    left_out |= with_own
     chosen = chosen.only([name for name in chosen.names if name not in left_out])
     chosen.require_same_data()
     chosen = chosen.with_any_pairing()
     known = {name for own in chosen.stands_for.values() for name in own}
-    return Baselines(chosen, _rivals(study, known, chosen.model_classes[0].data_digest), left_out)
+    return Baselines(
+        chosen,
+        {each.name: _places(each, candidates, present_in) for each in chosen.model_classes},
+        None if present_in is None else tuple(present_in),
+        _rivals(study, {*known, *with_own}, chosen.model_classes[0].data_digest),
+        left_out,
+    )
+
+
+def _places(
+    baseline: ModelClass,
+    candidates: Sequence[Candidate] | None,
+    present_in: Sequence[str] | None,
+) -> tuple[AppendagePlace, ...]:
+    """The appendages that are tried on a class.
+
+    Raises:
+        ValueError: a candidate is not on its structure, or elements cannot be put on it.
+    """
+    tests = tests_with_appendages(baseline, present_in)
+    if candidates is None:
+        sensors = dict.fromkeys(name for test in tests for name in test.data.sensors)
+        candidates = default_candidates(tests[0].structure, list(sensors))
+    for test in tests:
+        assert isinstance(test.structure, CarriesElements)
+        try:
+            require_on_structure(candidates, test.structure)
+        except ValueError as error:
+            where = f"model class {baseline.name!r}"
+            raise ValueError(f"{where}: {error}") from None
+    return places_of(candidates)
+
+
+def _with_appendages(classes: Sequence[ModelClass]) -> dict[str, str]:
+    """Classes that carry appendages of their own, where others do not → why they are left out."""
+    own = {
+        each.name: [label for test in each.configurations for label in test.structure.appendages]
+        for each in classes
+    }
+    if all(own.values()):
+        return {}
+    return {
+        name: f"model class {name!r} carries an appendage of its own, {labels[0]!r}"
+        for name, labels in own.items()
+        if labels
+    }
 
 
 def _rivals(study: Study, known: set[str], data_digest: str) -> tuple[ModelClass, ...]:

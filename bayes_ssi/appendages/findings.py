@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_ssi.appendages.baselines import Baselines
-from bayes_ssi.appendages.hypotheses import SearchSettings, frequency_name, mass_name, mean_mass
+from bayes_ssi.appendages.hypotheses import SearchSettings, frequency_name, mass_name
 from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.appendages.sampling_choice import most_probability_unsampled
 from bayes_ssi.appendages.screened_hypothesis import ScreenedHypothesis
@@ -23,11 +23,9 @@ from bayes_ssi.appendages.search_result import (
     PlaceProbability,
     SearchRecord,
 )
-from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.averages import averaged_parameter
 from bayes_ssi.ranking.study import Ranking
-from bayes_ssi.structures.lumped import LumpedStructure
 
 
 def search_record(
@@ -61,6 +59,7 @@ def search_record(
     return SearchRecord(
         baselines=(*_searched(baselines, rows), *_compared(baselines, rivals)),
         left_out=dict(baselines.left_out),
+        present_in=baselines.present_in,
         search_settings=search_settings,
         probability_of_any=sum(each.probability for each in rows if each.appendages),
         most_probability_unsampled=most_probability_unsampled(approximate, sampled),
@@ -76,7 +75,6 @@ def _hypothesis_records(
     posteriors: Mapping[str, Posterior],
 ) -> tuple[HypothesisRecord, ...]:
     """The most probable first."""
-    scales = {each.name: _mass_scale(each) for each in baselines.classes}
     total_weight = sum(each.prior_weight for each in hypotheses)
     log_masses = [
         each.log_mass(posteriors[each.model_class.name])
@@ -93,7 +91,7 @@ def _hypothesis_records(
         name, screened = each.model_class.name, each.screened
         posterior = posteriors.get(name)
         evidence = screened if posterior is None else posterior.evidence
-        scale = scales[each.key.baseline] or 1.0
+        scale = baselines.scales[each.key.baseline].mass
         rows.append(
             HypothesisRecord(
                 name=name,
@@ -109,11 +107,6 @@ def _hypothesis_records(
             )
         )
     return tuple(rows)
-
-
-def _mass_scale(model_class: ModelClass) -> float | None:
-    structure = model_class.configurations[0].structure
-    return mean_mass(structure) if isinstance(structure, LumpedStructure) else None
 
 
 def _summary(
@@ -153,11 +146,11 @@ def _searched(baselines: Baselines, rows: Sequence[HypothesisRecord]) -> list[Ba
         records.append(
             BaselineRecord(
                 name=each.name,
-                classes=baselines.original_names(each),
+                classes=baselines.original_names(each.name),
                 log_evidence=without.log_evidence,
                 prior_probability=sum(row.prior_probability for row in own),
                 probability=sum(row.probability for row in own),
-                mass_scale=_mass_scale(each),
+                mass_scale=baselines.scales[each.name],
             )
         )
     return sorted(records, key=lambda record: -record.probability)
@@ -166,7 +159,7 @@ def _searched(baselines: Baselines, rows: Sequence[HypothesisRecord]) -> list[Ba
 def _compared(baselines: Baselines, screened: Sequence[Screened]) -> Iterator[BaselineRecord]:
     """The classes on which no appendage was tried."""
     for each, result in zip(baselines.rivals, screened, strict=True):
-        yield BaselineRecord(each.name, (), result.log_evidence, 0.0, 0.0, _mass_scale(each))
+        yield BaselineRecord(each.name, (), result.log_evidence, 0.0, 0.0, None)
 
 
 def _averaged(

@@ -1,4 +1,4 @@
-"""Hypotheses of a search: a building with appendages on its floors and in its storeys."""
+"""Hypotheses of a search: a structure with appendages at some places, in all tests or in some."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from bayes_ssi.appendages.places import KINDS, AppendagePlace
+from bayes_ssi.appendages.mass_scale import MassScale, mass_scale
+from bayes_ssi.appendages.places import AppendagePlace
+from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.priors.families import LogNormal, LogUniform
 from bayes_ssi.priors.prior import Prior
-from bayes_ssi.structures.lumped import LumpedStructure
+from bayes_ssi.structures.elements import CarriesElements
+from bayes_ssi.structures.structure import Structure
 
 NO_APPENDAGE = "no appendage"
 # Of the prior of an appendage's frequency, at least one draw in a hundred lies in the band.
@@ -26,7 +29,8 @@ class SearchSettings:
     plane mostly weigh between 1 and 20 % of a floor, and may have any frequency in the band.
 
     Attributes:
-        mass_ratio: prior of the vibrating mass over the mean floor mass.
+        mass_ratio: prior of the vibrating mass over the mean floor mass, or the mean modal mass
+            where there are no floors (:func:`~bayes_ssi.appendages.mass_scale.mass_scale`).
         frequency: prior of the appendage's natural frequency in Hz; if None, log-uniform from
             half the lowest identified frequency to the band's upper limit.
         number_weights: prior weights of no appendage, of one, of two, ...; the weight of a
@@ -69,17 +73,14 @@ class SearchSettings:
                 raise TypeError(f"SearchSettings: {name} must be a prior, got {prior!r}")
 
 
-def places_of(structure: LumpedStructure) -> tuple[AppendagePlace, ...]:
-    """Every place of a structure with floors, for every kind of appendage."""
-    n_floors = len(structure.main_degrees_of_freedom())
-    return tuple(place for kind in KINDS for place in kind.all_of(n_floors))
-
-
 def hypothesis(
     baseline: ModelClass,
     places: Sequence[AppendagePlace],
     search_settings: SearchSettings | None = None,
     name: str | None = None,
+    *,
+    present_in: Sequence[str] | None = None,
+    scale: MassScale | None = None,
 ) -> ModelClass:
     """The baseline with an appendage at each of ``places``, scored over all pairings.
 
@@ -88,20 +89,36 @@ def hypothesis(
         places: where they are.
         search_settings: what an appendage may be.
         name: of the hypothesis; that of the places if None.
+        present_in: names of the configurations that have the appendages; all if None.
+        scale: the mass to which mass ratios refer, if it is known already.
 
     Raises:
-        ValueError: its structure has no floors, or lacks some of these.
+        ValueError: elements cannot be put on its structure, or not at these places.
     """
     options = search_settings or SearchSettings()
-    structure = structure_with_floors(baseline)
-    scale = mean_mass(structure)
-    prior = _frequency_prior(baseline, options)
-    for place in places:
-        ratio = Parameter(mass_name(place), options.mass_ratio)
-        frequency = Parameter(frequency_name(place), prior, unit="Hz")
-        structure = structure.with_element(place.element(scale * ratio, frequency))
-    own_name = name or name_of(places)
-    return baseline.with_any_pairing(baseline.name).with_structure(structure, own_name)
+    tests = tests_with_appendages(baseline, present_in)
+    changed = baseline.with_any_pairing(name or name_of(places))
+    if not places:
+        return changed
+    mass = (scale or scale_of(baseline, present_in)).mass
+    prior = _frequency_prior(baseline, tests, options)
+    elements = [
+        place.element(
+            mass * Parameter(mass_name(place), options.mass_ratio),
+            Parameter(frequency_name(place), prior, unit="Hz"),
+        )
+        for place in places
+    ]
+
+    def carrying(structure: Structure, i: int) -> Structure:
+        if baseline.configurations[i] not in tests:
+            return structure
+        for element in elements:
+            assert isinstance(structure, CarriesElements)
+            structure = structure.with_element(element)
+        return structure
+
+    return changed.with_structures(carrying)
 
 
 def name_of(places: Sequence[AppendagePlace]) -> str:
@@ -109,36 +126,52 @@ def name_of(places: Sequence[AppendagePlace]) -> str:
     return " + ".join(place.name for place in places) or NO_APPENDAGE
 
 
-def structure_with_floors(baseline: ModelClass) -> LumpedStructure:
-    """The structure of a class, if appendages can be hung on it.
+def tests_with_appendages(
+    baseline: ModelClass, present_in: Sequence[str] | None
+) -> tuple[Configuration, ...]:
+    """The configurations of a class that have the appendages of a search.
 
     Raises:
-        ValueError: it has no floors, or there are several configurations.
+        ValueError: there is no configuration of such a name, or none is named, or elements cannot
+            be put on its structure.
     """
-    if len(baseline.configurations) > 1:
-        raise ValueError(
-            f"model class {baseline.name!r}: a search needs a class with one configuration, got "
-            f"{len(baseline.configurations)}: {', '.join(map(repr, baseline.configuration_names))}"
-        )
-    structure = baseline.structure
-    if not isinstance(structure, LumpedStructure):
-        raise ValueError(
-            f"model class {baseline.name!r}: a search needs a structure with floors, such as a "
-            f"ShearBuilding, got {type(structure).__name__}"
-        )
-    return structure
+    names = baseline.configuration_names if present_in is None else tuple(present_in)
+    if not names:
+        raise ValueError("present_in: names no test; give one or more, or None for all")
+    tests = tuple(baseline.configuration(name) for name in dict.fromkeys(names))
+    for test in tests:
+        if not isinstance(test.structure, CarriesElements):
+            raise ValueError(
+                f"model class {baseline.name!r}: a search needs a structure that carries elements, "
+                "such as a ShearBuilding or MatrixStructure, got "
+                f"{type(test.structure).__name__}"
+            )
+    return tests
 
 
-def _frequency_prior(baseline: ModelClass, options: SearchSettings) -> Prior:
+def scale_of(baseline: ModelClass, present_in: Sequence[str] | None = None) -> MassScale:
+    """The mass to which a search on this class relates the mass of an appendage."""
+    first = tests_with_appendages(baseline, present_in)[0]
+    try:
+        return mass_scale(first.structure, first.data.sensors, len(first.data.modes))
+    except ValueError as error:
+        raise ValueError(f"model class {baseline.name!r}: {error}") from None
+
+
+def _frequency_prior(
+    baseline: ModelClass, tests: Sequence[Configuration], options: SearchSettings
+) -> Prior:
     """The prior of an appendage's frequency.
 
     Raises:
-        ValueError: it lies outside the band, in which modes were searched for.
+        ValueError: it lies outside the bands in which modes were searched for.
     """
-    low, high = baseline.data.band_hz
+    low = min(test.data.band_hz[0] for test in tests)
+    high = max(test.data.band_hz[1] for test in tests)
     prior = options.frequency
     if prior is None:
-        lowest = min(mode.frequency_hz for mode in baseline.data.modes)
+        modes = [mode for test in tests for mode in test.data.modes]
+        lowest = min((mode.frequency_hz for mode in modes), default=high)
         return LogUniform(0.5 * lowest, high)
     if prior.probability_below(high) - prior.probability_below(low) < LEAST_IN_BAND:
         raise ValueError(
@@ -148,14 +181,8 @@ def _frequency_prior(baseline: ModelClass, options: SearchSettings) -> Prior:
     return prior
 
 
-def mean_mass(structure: LumpedStructure) -> float:
-    """The mean mass of a floor, at the prior medians, in the structure's unit."""
-    masses = [mass.mass.median for mass in structure.main_masses()]
-    return sum(masses) / len(structure.main_degrees_of_freedom())
-
-
 def mass_name(place: AppendagePlace) -> str:
-    """Name of the parameter for the vibrating mass over the mean floor mass."""
+    """Name of the parameter for the vibrating mass over the mass scale."""
     return f"mass ratio, {place.name}"
 
 

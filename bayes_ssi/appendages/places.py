@@ -1,119 +1,136 @@
-"""Places of a building where an appendage may hang: a class for each kind of appendage."""
+"""Appendages at places: a class for each kind, which says on which candidates it can be put."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
+from bayes_ssi.appendages.candidates import Candidate, Vector
 from bayes_ssi.parameters import Value
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
+from bayes_ssi.structures.motion import Place, place_name
 
 
+@dataclass(frozen=True)
 class AppendagePlace(ABC):
-    """One kind of appendage at one place; floors count from 1, and 0 is the ground.
+    """One kind of appendage at one candidate.
 
     Attributes:
+        candidate: where.
+        word: name of the kind, in the names of hypotheses.
         title: name of the kind, for the legend of a drawing.
         marker: matplotlib's name of the marker that draws it.
-        is_outside: whether it is drawn next to the building, joined to its floor.
+        is_outside: whether it is drawn next to a building, joined to its floor.
     """
+
+    candidate: Candidate
 
     # Where a stored record names the kind.
     record_tag = "kind"
+    word: ClassVar[str]
     title: ClassVar[str]
     marker: ClassVar[str]
     is_outside: ClassVar[bool]
 
     @classmethod
     @abstractmethod
-    def all_of(cls, n_floors: int) -> tuple[Self, ...]:
-        """Every such place in a building of ``n_floors`` floors."""
+    def fits(cls, candidate: Candidate) -> bool:
+        """Whether this kind can be put there."""
 
     @property
-    @abstractmethod
     def name(self) -> str:
-        """Name, unique among all places of a building."""
-
-    @property
-    def description(self) -> str:
-        """The appendage and its place in words; its name, unless a kind says more."""
-        return self.name
+        """Name, unique among all places of a search."""
+        return f"{self.word} {self.candidate.name}"
 
     @property
     @abstractmethod
-    def height(self) -> float:
-        """Height in storeys above the ground."""
+    def description(self) -> str:
+        """The appendage and its place in words."""
+
+    @property
+    def height(self) -> float | None:
+        """Height in storeys above the ground; None where there are no floors."""
+        return self.candidate.height
+
+    @property
+    def coordinates(self) -> Vector | None:
+        """(x, y, z), where they are known."""
+        return self.candidate.coordinates
+
+    @property
+    def direction(self) -> Vector | None:
+        """(x, y, z) of its motion, where it is known."""
+        return self.candidate.direction
+
+    @property
+    def label(self) -> str:
+        """The element's own degree of freedom."""
+        return f"appendage {self.name}"
 
     @abstractmethod
     def element(self, vibrating_mass: Value, frequency: Value) -> Element:
-        """The appendage, given its vibrating mass and its frequency in Hz on fixed floors."""
+        """The appendage, given its vibrating mass and its frequency in Hz on a fixed structure."""
 
 
 @dataclass(frozen=True)
 class PendulumPlace(AppendagePlace):
-    """A pendulum on the floor ``on``: a chimney, a parapet, a tank."""
+    """A pendulum on one place: a chimney, a parapet, a tank."""
 
-    on: int
-
-    title = "pendulum on a floor"
+    word, title = "pendulum", "pendulum"
     marker = "o"
     is_outside = True
 
     @classmethod
-    def all_of(cls, n_floors: int) -> tuple[Self, ...]:
-        return tuple(cls(floor) for floor in range(1, n_floors + 1))
-
-    @property
-    def name(self) -> str:
-        return f"pendulum {self.on}"
+    def fits(cls, candidate: Candidate) -> bool:
+        return candidate.to is None
 
     @property
     def description(self) -> str:
-        return f"a pendulum on floor {self.on}"
-
-    @property
-    def height(self) -> float:
-        return float(self.on)
+        on = self.candidate.place
+        return f"a pendulum on floor {on}" if isinstance(on, int) else f"a {self.name}"
 
     def element(self, vibrating_mass: Value, frequency: Value) -> Element:
-        return Pendulum(self.on, vibrating_mass, frequency, label=f"appendage {self.name}")
+        return Pendulum(self.candidate.place, vibrating_mass, frequency, label=self.label)
 
 
 @dataclass(frozen=True)
 class InfillPlace(AppendagePlace):
-    """An infill that moves out of its plane in the storey ``between`` two floors."""
+    """An infill that moves out of its plane between two places, such as two floors."""
 
-    between: tuple[int, int]
-
-    title = "infill in a storey"
+    word, title = "infill", "infill in a storey"
     marker = "s"
     is_outside = False
 
     @classmethod
-    def all_of(cls, n_floors: int) -> tuple[Self, ...]:
-        return tuple(cls((floor - 1, floor)) for floor in range(1, n_floors + 1))
-
-    @property
-    def name(self) -> str:
-        return f"infill {self.between[0]}-{self.between[1]}"
+    def fits(cls, candidate: Candidate) -> bool:
+        return candidate.to is not None
 
     @property
     def description(self) -> str:
-        below, above = self.between
-        if below == 0:
-            return f"an infill between the ground and floor {above}"
-        return f"an infill between floors {below} and {above}"
-
-    @property
-    def height(self) -> float:
-        return 0.5 * sum(self.between)
+        ends = self.candidate.ends
+        if all(isinstance(end, int) and end != 0 for end in ends):
+            return f"an infill between floors {ends[0]} and {ends[1]}"
+        return f"an infill between {' and '.join(map(_in_words, ends))}"
 
     def element(self, vibrating_mass: Value, frequency: Value) -> Element:
+        low, high = self.candidate.ends
         # Half of an infill vibrates.
-        label = f"appendage {self.name}"
-        return OutOfPlaneInfill(self.between, 2.0 * vibrating_mass, frequency, label=label)
+        return OutOfPlaneInfill((low, high), 2.0 * vibrating_mass, frequency, label=self.label)
 
 
-# Kinds of appendages that a search hangs on a building; add a class to search for another kind.
+def _in_words(place: Place) -> str:
+    if place == 0:
+        return "the ground"
+    return f"floor {place}" if isinstance(place, int) else place_name(place)
+
+
+# Kinds of appendages of a search; add a class to search for another kind.
 KINDS: tuple[type[AppendagePlace], ...] = (PendulumPlace, InfillPlace)
+
+
+def places_of(candidates: Iterable[Candidate]) -> tuple[AppendagePlace, ...]:
+    """Every appendage that can be put on the candidates, kind by kind."""
+    candidates = tuple(candidates)
+    return tuple(kind(each) for kind in KINDS for each in candidates if kind.fits(each))

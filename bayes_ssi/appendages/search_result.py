@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from bayes_ssi.appendages.hypotheses import SearchSettings
+from bayes_ssi.appendages.mass_scale import MassScale
 from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.ranking.averages import AveragedParameter
 from bayes_ssi.ranking.comparison import VERY_STRONG
@@ -19,8 +20,8 @@ class AppendageSummary:
     Attributes:
         place: where it hangs.
         mass: the vibrating mass, in the structure's unit.
-        mass_ratio: the vibrating mass over the mean floor mass.
-        frequency_hz: natural frequency on fixed floors.
+        mass_ratio: the vibrating mass over the mass scale.
+        frequency_hz: natural frequency on a fixed structure.
     """
 
     place: AppendagePlace
@@ -85,7 +86,8 @@ class BaselineRecord:
         log_evidence: without any appendage, in nats; approximate where that was not sampled.
         prior_probability: of all hypotheses on it together; zero where no appendage was tried.
         probability: of the same, after the test.
-        mass_scale: the mean floor mass, in the structure's unit; None where there are no floors.
+        mass_scale: the mass, in the structure's unit, to which mass ratios refer; None where no
+            appendage was tried.
     """
 
     name: str
@@ -93,7 +95,7 @@ class BaselineRecord:
     log_evidence: float
     prior_probability: float
     probability: float
-    mass_scale: float | None
+    mass_scale: MassScale | None
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,8 @@ class SearchRecord:
     Attributes:
         baselines: the classes that appendages were hung on, the most probable first; and those
             compared with them without appendages.
-        left_out: class of the study on which no appendage can be hung → why.
+        left_out: class of the study on which no appendage was hung → why.
+        present_in: names of the configurations that have the appendages; None if all have.
         search_settings: what an appendage may be.
         probability_of_any: probability that there is at least one appendage.
         most_probability_unsampled: an upper bound on the probability of all hypotheses together
@@ -115,6 +118,7 @@ class SearchRecord:
 
     baselines: tuple[BaselineRecord, ...]
     left_out: Mapping[str, str]
+    present_in: tuple[str, ...] | None
     search_settings: SearchSettings
     probability_of_any: float
     most_probability_unsampled: float

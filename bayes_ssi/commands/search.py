@@ -18,8 +18,23 @@ from bayes_ssi.commands.terminal import console, say
     "baselines",
     metavar="NAME",
     multiple=True,
-    help="Model class to hang appendages on; may be repeated. Every class of the study with "
-    "floors, averaged over, if not given.",
+    help="Model class to hang appendages on; may be repeated. Every class of the study "
+    "without an appendage of its own, averaged over, if not given.",
+)
+@click.option(
+    "--candidates",
+    "candidates_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="CSV file of the places where appendages may hang, with columns name and place. Floors "
+    "and storeys where a structure has them, else all sensors, if not given.",
+)
+@click.option(
+    "--in",
+    "present_in",
+    metavar="TEST",
+    multiple=True,
+    help="Configuration that has the appendages; may be repeated. All if not given.",
 )
 @click.option(
     "--mass-ratio",
@@ -27,7 +42,8 @@ from bayes_ssi.commands.terminal import console, say
     metavar="MEDIAN COV",
     default=(0.05, 1.0),
     show_default=True,
-    help="Lognormal prior of the mass that vibrates over the mean floor mass.",
+    help="Lognormal prior of the mass that vibrates over the mean floor mass, or the mean modal "
+    "mass where there are no floors.",
 )
 @click.option(
     "--frequency",
@@ -48,6 +64,8 @@ from bayes_ssi.commands.terminal import console, say
 def search(
     study: Path,
     baselines: tuple[str, ...],
+    candidates_file: Path | None,
+    present_in: tuple[str, ...],
     mass_ratio: tuple[float, float],
     frequency: tuple[float, float] | None,
     most: int,
@@ -55,12 +73,14 @@ def search(
 ) -> None:
     """Search for appendages that hide in the identified modes of STUDY.
 
-    Hypotheses (no appendage; a pendulum on each floor; an infill in each storey; then two) are
-    built on the study's model classes and compared over all pairings of modes. All get approximate
-    evidences; those on which the answer rests are sampled. Workers take whole hypotheses.
+    Hypotheses (no appendage; a pendulum on each floor or other candidate; an infill in each storey;
+    then two) are built on the study's model classes and compared over all pairings of modes. All
+    get approximate evidences; those on which the answer rests are sampled. Workers take whole
+    hypotheses.
     """
     from bayes_ssi.appendages.appendage_search import search as search_appendages
     from bayes_ssi.appendages.baselines import choose_baselines
+    from bayes_ssi.appendages.candidate_files import read_candidates
     from bayes_ssi.appendages.hypotheses import SearchSettings
     from bayes_ssi.priors.families import LogNormal, LogUniform
     from bayes_ssi.results.load import SEARCH
@@ -71,9 +91,17 @@ def search(
         frequency=None if frequency is None else LogUniform(*frequency),
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
     )
-    chosen = choose_baselines(loaded, baselines or None)
+    candidates = None if candidates_file is None else read_candidates(candidates_file)
+    chosen = choose_baselines(loaded, baselines or None, candidates, present_in or None)
     place = options.place(
-        loaded, study, f"{study.stem}_search", "search", search_settings, baselines
+        loaded,
+        study,
+        f"{study.stem}_search",
+        "search",
+        search_settings,
+        baselines,
+        candidates,
+        present_in,
     )
     with options.running(chosen.study, place, chosen.n_hypotheses_of_one) as run:
         appendages = search_appendages(
@@ -83,6 +111,8 @@ def search(
             options.settings,
             run,
             baselines=baselines or None,
+            candidates=candidates,
+            present_in=present_in or None,
         )
         sensitivity = options.sensitivity_record(appendages.ranking, run)
         records = {SEARCH: appendages.record, **sensitivity}

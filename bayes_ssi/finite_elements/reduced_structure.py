@@ -20,6 +20,7 @@ from bayes_ssi.modal import ModalModel, Modes, NoModesError, lowest_eigenpairs, 
 from bayes_ssi.parameters import values_at
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
+from bayes_ssi.structures.motion import Place
 
 # Directions that add less than this share of the required accuracy to a mode are left out, some of
 # which together remain below it.
@@ -93,6 +94,10 @@ class ReducedStructure(ApproximateStructure):
         whole._basis = self._main_basis
         whole._problem = whole._in_coordinates(whole._basis)
         return whole
+
+    def require_place(self, place: Place, label: str) -> None:
+        """See :class:`~bayes_ssi.structures.elements.CarriesElements`."""
+        self.full.require_place(place, label)
 
     @property
     def appendages(self) -> tuple[str, ...]:

@@ -133,6 +133,12 @@ class ReducibleStructure(Structure):
         )
         return whole
 
+    def require_place(self, place: Place, label: str) -> None:
+        """See :class:`~bayes_ssi.structures.elements.CarriesElements`."""
+        for single, _ in motion_of(place):
+            if single not in self._carried.labels:
+                (self._main or self).row_of(single, label)
+
     @property
     def appendages(self) -> tuple[str, ...]:
         return self._carried.labels

@@ -42,7 +42,14 @@ def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict
                 original = baselines[row.baseline].classes[0]
                 baseline = _only(study, original).with_any_pairing(row.baseline)
                 places = [each.place for each in row.appendages]
-                classes[name] = hypothesis(baseline, places, search.search_settings, name)
+                classes[name] = hypothesis(
+                    baseline,
+                    places,
+                    search.search_settings,
+                    name,
+                    present_in=search.present_in,
+                    scale=baselines[row.baseline].mass_scale,
+                )
             return classes
         return {
             name: _only(study, stands_for[name][0]).with_any_pairing(name)

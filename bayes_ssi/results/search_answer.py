@@ -77,13 +77,18 @@ def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[s
 def _appendages(search: SearchRecord, hypothesis: HypothesisRecord) -> str:
     """The appendages of a hypothesis, medians and 90 % intervals."""
     items = []
+    (scale,) = (
+        each.mass_scale.name
+        for each in search.baselines
+        if each.mass_scale and each.name == hypothesis.baseline
+    )
     for each in hypothesis.appendages:
         low, middle, high = (100.0 * ratio for ratio in each.mass_ratio)
         probability = probability_in_words(search.place_probabilities[each.place])
         items.append(
             f"{each.place.description} (probability of one there: {probability}) with a vibrating "
-            f"mass of {quantity(*each.mass)}, which is {quantity(low, middle, high, '%')} of a "
-            f"mean floor's, and a frequency of {quantity(*each.frequency_hz, unit='Hz')}"
+            f"mass of {quantity(*each.mass)}, which is {quantity(low, middle, high, '%')} of the "
+            f"{scale}, and a frequency of {quantity(*each.frequency_hz, unit='Hz')}"
         )
     subject = "They are" if len(items) > 1 else "It is"
     if search.probability_of_any < 0.5:

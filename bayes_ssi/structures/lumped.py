@@ -21,7 +21,7 @@ from bayes_ssi.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.parameters import Parameter, collect_parameters, positive_product
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element, PointMass, Spring
-from bayes_ssi.structures.motion import Motion, SinglePlace
+from bayes_ssi.structures.motion import Motion, Place, SinglePlace, motion_of
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 
@@ -58,6 +58,11 @@ class LumpedStructure(Structure):
             ValueError: the element's place is not on the structure, or its label is taken.
         """
         return replace(self, elements=(*self.elements, element))
+
+    def require_place(self, place: Place, label: str) -> None:
+        """See :class:`~bayes_ssi.structures.elements.CarriesElements`."""
+        for single, _ in self._of_single(motion_of(place)):
+            self._index(single, label)
 
     @checked
     def with_sensors(self, sensors: Iterable[Sensor]) -> Self:

@@ -70,10 +70,11 @@ def search_table(search: AppendageSearch) -> Table:
 def appendage_table(search: AppendageSearch) -> Table:
     """Medians and 90 % intervals of the appendages of the same hypotheses.
 
-    The mass ratio is the vibrating mass over the mean floor mass.
+    The mass ratio is the vibrating mass over the mass scale.
     """
+    scales = {each.mass_scale.name for each in search.record.baselines if each.mass_scale}
     table = new_table(
-        "Appendages: vibrating mass over mean floor mass, frequency; 90 % intervals",
+        f"Appendages: vibrating mass over {' or '.join(sorted(scales))}, frequency; 90 % intervals",
         ["hypothesis", "appendage"],
         ["mass ratio", "frequency (Hz)"],
     )
