@@ -3,16 +3,22 @@
 import numpy as np
 
 import bayes_ssi as bs
+from bayes_ssi.appendages.candidates import default_candidates
 from bayes_ssi.appendages.hypotheses import SearchSettings
-from bayes_ssi.appendages.places import InfillPlace, PendulumPlace
+from bayes_ssi.appendages.places import InfillPlace, PendulumPlace, places_of
 from bayes_ssi.appendages.screening import Screened
 
 COARSE = bs.SamplingSettings(log_evidence_error=1.0, particles=40, searches=1, max_steps=10)
 # One appendage at most; all sampled.
 ONE = SearchSettings(number_weights=(1.0, 1.0), most_unsampled=0.0)
 ALL = SearchSettings(most_unsampled=0.0)
-PENDULUM_1, PENDULUM_3 = PendulumPlace(1), PendulumPlace(3)
-INFILL_12, INFILL_01 = InfillPlace((1, 2)), InfillPlace((0, 1))
+PENDULUM_1, PENDULUM_3 = (PendulumPlace(bs.Candidate(str(i), i)) for i in (1, 3))
+INFILL_12, INFILL_01 = (InfillPlace(bs.Candidate(f"{i}-{i + 1}", i, to=i + 1)) for i in (1, 0))
+
+
+def places_of_building(structure):
+    """What a search tries on a structure with floors."""
+    return places_of(default_candidates(structure, ()))
 
 
 def by_count(*log_evidences):

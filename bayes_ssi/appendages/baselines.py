@@ -9,6 +9,7 @@ from functools import cached_property
 from bayes_ssi.appendages.candidates import (
     Candidate,
     default_candidates,
+    located,
     require_distinct,
     require_on_structure,
 )
@@ -151,7 +152,7 @@ def _places(
         except ValueError as error:
             where = f"model class {baseline.name!r}"
             raise ValueError(f"{where}: {error}") from None
-    return places_of(candidates)
+    return places_of(located(each, tests[0].structure) for each in candidates)
 
 
 def _with_appendages(classes: Sequence[ModelClass]) -> dict[str, str]:

@@ -7,8 +7,9 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-from bayes_ssi.appendages.candidates import Candidate, Vector, require_distinct
+from bayes_ssi.appendages.candidates import Candidate, require_distinct
 from bayes_ssi.argument_types import checked
+from bayes_ssi.structures.geometry import Point
 from bayes_ssi.structures.motion import Place
 from bayes_ssi.text_files import read_columns
 
@@ -105,7 +106,7 @@ def _candidate(cells: Mapping[str, str]) -> Candidate:
     )
 
 
-def _numbers(cells: Mapping[str, str], names: tuple[str, str, str]) -> Vector | None:
+def _numbers(cells: Mapping[str, str], names: tuple[str, str, str]) -> Point | None:
     """Three numbers, zero where a cell is empty; None where all are."""
     if not any(cells.get(name) for name in names):
         return None

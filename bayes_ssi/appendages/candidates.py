@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from bayes_ssi.file_names import require_printable
 from bayes_ssi.structures.elements import CarriesElements
+from bayes_ssi.structures.geometry import Point, checked_point
 from bayes_ssi.structures.lumped import LumpedStructure
 from bayes_ssi.structures.motion import Place, checked_place, motion_of, place_name
 from bayes_ssi.structures.rigid_floors import RigidFloors, floor_label
 from bayes_ssi.structures.structure import Structure
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -41,8 +39,8 @@ class Candidate:
     name: str
     place: Place
     to: Place | None
-    coordinates: Vector | None
-    direction: Vector | None
+    coordinates: Point | None
+    direction: Point | None
     height: float | None
 
     def __init__(
@@ -72,8 +70,8 @@ class Candidate:
             "name": name,
             "place": own,
             "to": other,
-            "coordinates": _vector(coordinates, f"{where}: coordinates"),
-            "direction": _vector(direction, f"{where}: direction"),
+            "coordinates": _point(coordinates, f"{where}: coordinates"),
+            "direction": _point(direction, f"{where}: direction"),
             "height": height,
         }
         for field, value in fields.items():
@@ -85,17 +83,8 @@ class Candidate:
         return (self.place,) if self.to is None else (self.place, self.to)
 
 
-def _vector(given: Sequence[float] | None, where: str) -> Vector | None:
-    if given is None:
-        return None
-    try:
-        numbers = [float(number) for number in given]
-    except (TypeError, ValueError):
-        numbers = []
-    if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
-        raise ValueError(f"{where} must be three numbers, x, y and z, got {given!r}")
-    x, y, z = numbers
-    return x, y, z
+def _point(given: Sequence[float] | None, where: str) -> Point | None:
+    return None if given is None else checked_point(given, where)
 
 
 def default_candidates(structure: Structure, sensors: Sequence[str]) -> tuple[Candidate, ...]:
@@ -137,6 +126,17 @@ def _in_space(n_floors: int) -> list[Candidate]:
         for direction, axis in axes.items()
     ]
     return on_floors + in_storeys
+
+
+def located(candidate: Candidate, structure: Structure) -> Candidate:
+    """The candidate with coordinates and direction as the structure knows them, where not given."""
+    places = [structure.location_of(end) for end in candidate.ends if end != 0]
+    if candidate.coordinates is not None or not all(places):
+        return candidate
+    positions = [place.position for place in places if place is not None]
+    x, y, z = (sum(values) / len(positions) for values in zip(*positions, strict=True))
+    direction = places[0].direction if places[0] is not None else None
+    return replace(candidate, coordinates=(x, y, z), direction=candidate.direction or direction)
 
 
 def require_distinct(candidates: Sequence[Candidate]) -> None:

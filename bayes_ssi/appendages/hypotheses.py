@@ -97,11 +97,11 @@ def hypothesis(
     """
     options = search_settings or SearchSettings()
     tests = tests_with_appendages(baseline, present_in)
+    prior = _frequency_prior(baseline, tests, options)
     changed = baseline.with_any_pairing(name or name_of(places))
     if not places:
         return changed
     mass = (scale or scale_of(baseline, present_in)).mass
-    prior = _frequency_prior(baseline, tests, options)
     elements = [
         place.element(
             mass * Parameter(mass_name(place), options.mass_ratio),

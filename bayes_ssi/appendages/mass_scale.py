@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_ssi.structures.lumped import LumpedStructure
+from bayes_ssi.structures.motion import SinglePlace
 from bayes_ssi.structures.rigid_floors import RigidFloors
 from bayes_ssi.structures.structure import Structure
 
@@ -49,11 +50,11 @@ def mass_scale(structure: Structure, sensors: Sequence[str], n_identified: int) 
 def _mean_floor_mass(structure: LumpedStructure) -> float:
     """The main structure's mass that moves with the ground, over the number of floors."""
     main = structure.main_degrees_of_freedom()
-    moved = dict(zip(main, structure.main_influence(), strict=True))
-    moved |= {i: moved[label] for i, label in enumerate(main, 1)}
-    total = sum(
-        mass.mass.median * sum(share * moved[place] for place, share in mass.direction) ** 2
-        for mass in structure.main_masses()
-    )
-    n_floors = structure.n_floors if isinstance(structure, RigidFloors) else len(main)
-    return total / n_floors
+    moved: dict[SinglePlace, float] = {}
+    for i, (label, motion) in enumerate(zip(main, structure.main_influence(), strict=True), 1):
+        moved[i] = moved[label] = motion
+    total = 0.0
+    for mass in structure.main_masses():
+        moves = sum(share * moved[place] for place, share in mass.direction)
+        total += mass.mass.median * moves**2
+    return total / (structure.n_floors if isinstance(structure, RigidFloors) else len(main))

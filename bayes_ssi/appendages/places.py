@@ -7,9 +7,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bayes_ssi.appendages.candidates import Candidate, Vector
+from bayes_ssi.appendages.candidates import Candidate
 from bayes_ssi.parameters import Value
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
+from bayes_ssi.structures.geometry import Point
 from bayes_ssi.structures.motion import Place, place_name
 
 
@@ -55,12 +56,12 @@ class AppendagePlace(ABC):
         return self.candidate.height
 
     @property
-    def coordinates(self) -> Vector | None:
+    def coordinates(self) -> Point | None:
         """(x, y, z), where they are known."""
         return self.candidate.coordinates
 
     @property
-    def direction(self) -> Vector | None:
+    def direction(self) -> Point | None:
         """(x, y, z) of its motion, where it is known."""
         return self.candidate.direction
 

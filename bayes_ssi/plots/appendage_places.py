@@ -20,7 +20,8 @@ def plot_places(probabilities: Mapping[AppendagePlace, float], ax: Axes | None =
     Each kind of appendage has its own marker, next to its floor or in its storey; its area and
     darkness grow with the probability, which is written next to it.
     """
-    n_floors = math.ceil(max(place.height for place in probabilities))
+    heights = {p: p.height for p in probabilities if p.height is not None}
+    n_floors = math.ceil(max(heights.values(), default=0.0))
     ax = axes_of(ax, (WIDTH, 1.4 + 0.7 * n_floors))
     ax.plot([-1.6, 1.6], [0, 0], color="black", linewidth=2.0)
     for side in (-1.0, 1.0):
@@ -29,8 +30,8 @@ def plot_places(probabilities: Mapping[AppendagePlace, float], ax: Axes | None =
         ax.plot([-1.0, 1.0], [floor, floor], color="black", linewidth=2.5)
         ax.text(-1.15, floor, f"floor {floor}", ha="right", va="center")
     columns = _columns(probabilities)
-    for place, probability in probabilities.items():
-        x, y = columns[type(place)], place.height
+    for place, y in heights.items():
+        x, probability = columns[type(place)], probabilities[place]
         if place.is_outside:
             ax.plot([1.0, x], [y, y], color=GREY, linewidth=0.8, linestyle=":")
         point = ax.scatter(

@@ -59,7 +59,7 @@ def result_figures(
         draw = partial(plot_frequencies, modes, ranked[:MOST_CLASSES], configuration=configuration)
         figures.append(ResultFigure(name, draw))
     figures.append(ResultFigure("evidence", partial(plot_evidence, comparison, most=MOST_CLASSES)))
-    if places is not None:
+    if places is not None and any(place.height is not None for place in places):
         figures.append(ResultFigure("places", partial(plot_places, places)))
     return figures
 

@@ -26,8 +26,9 @@ from simulated import print_bands, simulate
 
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
-from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis, places_of
-from bayes_ssi.appendages.places import AppendagePlace
+from bayes_ssi.appendages.candidates import default_candidates
+from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis
+from bayes_ssi.appendages.places import AppendagePlace, places_of
 from bayes_ssi.ranking.study_file import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "bare_building.py"
@@ -57,7 +58,7 @@ def one(task: tuple[int, bool, bool]) -> Searched:
     index, with_appendage, all_sampled = task
     rng = np.random.default_rng([11, index, with_appendage])
     (baseline,) = load_study(STUDY).model_classes
-    candidates = places_of(baseline.structure)
+    candidates = places_of(default_candidates(baseline.structure, baseline.data.sensors))
     places: tuple[AppendagePlace, ...] = ()
     if with_appendage:
         places = (candidates[rng.integers(len(candidates))],)

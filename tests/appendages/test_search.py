@@ -6,11 +6,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from searches import ALL, COARSE, INFILL_01, INFILL_12, ONE, PENDULUM_1, PENDULUM_3, by_count
+from searches import (
+    ALL,
+    COARSE,
+    INFILL_01,
+    INFILL_12,
+    ONE,
+    PENDULUM_1,
+    PENDULUM_3,
+    by_count,
+    places_of_building,
+)
 
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
-from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis, places_of
+from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis
 from bayes_ssi.appendages.places import KINDS, AppendagePlace
 from bayes_ssi.appendages.search_result import SearchRecord
 from bayes_ssi.codec import from_record, to_record
@@ -21,7 +31,7 @@ from bayes_ssi.structures.structure import Structure
 
 def test_places_are_floors_and_storeys(augmented):
     """The appendages already present."""
-    assert [place.name for place in places_of(augmented)] == [
+    assert [place.name for place in places_of_building(augmented)] == [
         "pendulum 1", "pendulum 2", "pendulum 3", "infill 0-1", "infill 1-2", "infill 2-3",
     ]  # fmt: skip
 
@@ -71,10 +81,10 @@ def test_classes_without_floors_are_left_out(bare, fake_sampling):
     record = search(study, ONE).record
     assert [each.name for each in record.baselines] == ["bare"]
     assert record.left_out == {
-        "plate": "model class 'plate': a search needs a structure with floors, such as a "
-        "ShearBuilding, got Wall"
+        "plate": "model class 'plate': a search needs a structure that carries elements, such as a "
+        "ShearBuilding or MatrixStructure, got Wall"
     }
-    with pytest.raises(ValueError, match="needs a structure with floors"):
+    with pytest.raises(ValueError, match="needs a structure that carries elements"):
         search(study, ONE, baselines=["plate"])
     with pytest.raises(ValueError, match="no model class 'tower'"):
         search(study, ONE, baselines=["tower"])
@@ -172,45 +182,41 @@ def test_the_scale_of_masses_is_the_mean_floor_mass(case_c, fixed_error, fake_sa
     m = bs.Parameter("m", bs.LogNormal(4.0, 0.1))
     structure = bs.ShearBuilding((1.0, 2.5 * m, 1.0), (k, k, k))
     result = search(bs.ModelClass("b", structure, case_c, fixed_error, pairing={}), ONE)
-    assert [each.mass_scale for each in result.record.baselines] == [pytest.approx(4.0)]
+    (scale,) = [each.mass_scale for each in result.record.baselines]
+    assert (scale.mass, scale.name) == (pytest.approx(4.0), "mean floor mass")
 
 
 @dataclass(frozen=True)
 class RoofPlace(AppendagePlace):
     """Another kind of appendage: a mast of half the mass ratio on the roof."""
 
-    floor: int
-
-    title, marker, is_outside = "mast on the roof", "^", True
+    word, title, marker, is_outside = "mast", "mast on the roof", "^", True
 
     @classmethod
-    def all_of(cls, n_floors):
-        return (cls(n_floors),)
+    def fits(cls, candidate):
+        return candidate.place == 3
 
     @property
-    def name(self):
-        return "mast"
-
-    @property
-    def height(self):
-        return float(self.floor)
+    def description(self):
+        return "a mast"
 
     def element(self, vibrating_mass, frequency):
-        return bs.Pendulum(self.floor, 0.5 * vibrating_mass, frequency, label="appendage mast")
+        on = self.candidate.place
+        return bs.Pendulum(on, 0.5 * vibrating_mass, frequency, label=self.label)
 
 
 def test_another_kind_of_appendage_is_one_class(bare, fake_sampling, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.appendages.hypotheses.KINDS", (*KINDS, RoofPlace))
+    monkeypatch.setattr("bayes_ssi.appendages.places.KINDS", (*KINDS, RoofPlace))
     levels = fake_sampling(by_count(0.0, 1.0, 2.0))
     result = search(bare, ONE)
-    assert "mast" in levels[1]
+    assert "mast 3" in levels[1]
     record = result.record
     assert from_record(SearchRecord, json.loads(json.dumps(to_record(record)))) == record
     ax = plot_places(record.place_probabilities)
     points = {tuple(c.get_offsets()[0]) for c in ax.collections}
     assert len(points) == len(result.record.places) == 7
     assert [text.get_text() for text in ax.get_legend().get_texts()] == [
-        "pendulum on a floor", "infill in a storey", "mast on the roof",
+        "pendulum", "infill in a storey", "mast on the roof",
     ]  # fmt: skip
 
 
@@ -291,7 +297,7 @@ def test_probabilities_of_places_are_sums_over_hypotheses(bare, fake_sampling):
     result = search(bare)
     expected = shares(result, log_evidence)
     places = places_of_hypotheses(result)
-    for place in places_of(bare.structure):
+    for place in places_of_building(bare.structure):
         total = sum(share for name, share in expected.items() if place in places[name])
         assert result.record.place_probabilities[place] == pytest.approx(total, rel=1e-9)
     assert result.record.probability_of_any == pytest.approx(

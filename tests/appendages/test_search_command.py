@@ -25,12 +25,12 @@ def no_figures(no_figures, monkeypatch):
 @pytest.fixture
 def one_place(monkeypatch):
     """Few hypotheses are soon saved."""
-    monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: (PENDULUM_1,))
+    monkeypatch.setattr("bayes_ssi.appendages.baselines.places_of", lambda _: (PENDULUM_1,))
 
 
 def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, monkeypatch):
     monkeypatch.setattr(
-        "bayes_ssi.appendages.appendage_search.places_of", lambda _: (PENDULUM_1, INFILL_01)
+        "bayes_ssi.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01)
     )
     levels = fake_sampling(by_count(0.0, 1.0, 2.0))
     out = tmp_path / "r"
@@ -124,7 +124,7 @@ def test_the_largest_number_of_appendages(
     run, tiny_study_file, tmp_path, fake_sampling, most, n_levels, monkeypatch
 ):
     places = (PENDULUM_1, INFILL_01, INFILL_12)
-    monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: places)
+    monkeypatch.setattr("bayes_ssi.appendages.baselines.places_of", lambda _: places)
     levels = fake_sampling(by_count(0.0, 1.0, 2.0, 3.0, 4.0))
     assert run("search", tiny_study_file, "--most", most, "--out", tmp_path / "r").exit_code == 0
     assert len(levels) == n_levels
@@ -154,6 +154,24 @@ def test_priors_of_the_command_line_are_used(run, tiny_study_file, tmp_path, fak
     assert priors["frequency, pendulum 1"] == to_record(bs.LogUniform(1.5, 2.5))
 
 
+@pytest.mark.usefixtures("no_figures")
+def test_candidates_of_a_file_are_tried(run, tiny_study_file, tmp_path, fake_sampling):
+    levels = fake_sampling(by_count(1.0, 0.0))
+    candidates = tmp_path / "places.csv"
+    candidates.write_text("name,place\nroof,floor 2\n", encoding="utf-8")
+    arguments = (*ONE_K, "--candidates", candidates, "--out", tmp_path / "r")
+    assert run("search", tiny_study_file, *arguments).exit_code == 0
+    assert levels[:2] == [["no appendage"], ["pendulum roof"]]
+    candidates.write_text("name,place\nroof,floor 9\n", encoding="utf-8")
+    refused = run("search", tiny_study_file, *ONE_K, "--candidates", candidates, "--overwrite")
+    assert_one_line_error(refused, "model class 'one k': candidate 'roof': ", "'floor 9'")
+
+
+def test_a_test_that_the_study_lacks_is_refused(run, tiny_study_file):
+    result = run("search", tiny_study_file, "--in", "with mast")
+    assert_one_line_error(result, "no configuration 'with mast'")
+
+
 @pytest.fixture
 def all_sampled(monkeypatch):
     """The search samples every hypothesis."""
@@ -171,7 +189,7 @@ def stop(*_):
 def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     run, tiny_study_file, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: (INFILL_01,))
+    monkeypatch.setattr("bayes_ssi.appendages.baselines.places_of", lambda _: (INFILL_01,))
     out = tmp_path / "r"
     arguments = (
         "search",
@@ -209,7 +227,7 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     out, checkpoint = tmp_path / "r", tmp_path / ".r.checkpoint"
     monkeypatch.setattr("bayes_ssi.posterior.sample.sample_as_it_is", sample)
     monkeypatch.setattr(
-        "bayes_ssi.appendages.appendage_search.places_of", lambda _: (PENDULUM_1, INFILL_01)
+        "bayes_ssi.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01)
     )
     arguments = ("search", tiny_study_file, *ONE_K, "--out", out)
 
@@ -231,7 +249,7 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_of_a_search_has_exit_code_3(run, tiny_study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.appendages.appendage_search.places_of", lambda _: (INFILL_01,))
+    monkeypatch.setattr("bayes_ssi.appendages.baselines.places_of", lambda _: (INFILL_01,))
     differ = ["the ensembles differ"]
     monkeypatch.setattr("bayes_ssi.posterior.to_posterior.failed_checks", lambda _: differ)
     result = run("search", tiny_study_file, "--error", 0.5, "--out", tmp_path / "r")

@@ -46,7 +46,7 @@ def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error, two_worker
 
 def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, two_workers):
     monkeypatch.setattr(
-        "bayes_ssi.appendages.appendage_search.places_of", lambda _: (INFILL_01, INFILL_12)
+        "bayes_ssi.appendages.baselines.places_of", lambda _: (INFILL_01, INFILL_12)
     )
     here, there = (
         search(tiny_study.model_classes[0], ONE, 3, COARSE, bs.Run(workers))

@@ -6,9 +6,9 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from searches import INFILL_01, PENDULUM_3
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.places import InfillPlace, PendulumPlace
 from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
 from bayes_ssi.plots import figure_style
 from bayes_ssi.plots.appendage_places import plot_places
@@ -67,7 +67,7 @@ def plots(posteriors, updated, case_c, make_posterior):
         "parameters": lambda: plot_parameters(posteriors[0], quantiles),
         "pairing": lambda: plot_pairing(inferred, 4),
         "sensitivity": lambda: plot_sensitivity(Sensitivity(tuple(rows))),
-        "places": lambda: plot_places({PendulumPlace(2): 0.9, InfillPlace((0, 1)): 0.1}),
+        "places": lambda: plot_places({PENDULUM_3: 0.9, INFILL_01: 0.1}),
         "corner": lambda: plot_corner(posteriors[0]),
         "corner of small ranges": lambda: plot_corner(small),
     }

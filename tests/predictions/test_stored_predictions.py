@@ -99,9 +99,7 @@ def searched(tmp_path_factory):
     (baseline,) = load_study(directory / "tiny.py").only(["each k"]).model_classes
     settings = SearchSettings(mass_ratio=bs.LogNormal(0.04, 0.5), number_weights=(1.0, 0.5))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "bayes_ssi.appendages.appendage_search.places_of", lambda _: (PENDULUM_1, INFILL_01)
-        )
+        patch.setattr("bayes_ssi.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01))
         actual = search(baseline, settings, settings=searches.COARSE)
     save_search(actual, directory / "result", directory / "tiny.py")
     return actual, directory / "result"
@@ -136,7 +134,7 @@ def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
          "no distribution 'None'"),
         (lambda record: record["baselines"][0].update(classes=["no k"]),
          "tiny.py: not the study of .*: no model class 'no k'"),
-        (lambda record: [appendage.update(place={"kind": "PendulumPlace", "on": 7})
+        (lambda record: [appendage["place"]["candidate"].update(place=7)
                          for row in record["hypotheses"] for appendage in row["appendages"]],
          "floor"),
     ],

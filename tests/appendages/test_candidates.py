@@ -1,0 +1,210 @@
+"""Candidates of a search: floors, sensors, a user's list, and the hypotheses made of them."""
+
+import math
+
+import numpy as np
+import pytest
+from searches import ONE, by_count
+
+import bayes_ssi as bs
+from bayes_ssi.appendages.appendage_search import search
+from bayes_ssi.appendages.baselines import choose_baselines
+from bayes_ssi.appendages.candidates import default_candidates
+from bayes_ssi.appendages.hypotheses import hypothesis, scale_of
+from bayes_ssi.appendages.places import PendulumPlace, places_of
+
+K = np.array([[1600.0, -700.0, 0.0], [-700.0, 1100.0, -400.0], [0.0, -400.0, 400.0]])
+MASSES = (3.0, 2.0, 1.5)
+LABELS = ["node 1 x", "node 2 x", "node 2 y"]
+k = bs.Parameter("k", bs.LogNormal(1.0, 0.1))
+
+
+def matrices(sensors=None):
+    """Three degrees of freedom, two of them at one node."""
+    geometry = bs.Geometry({"node 1": (0.0, 0.0, 3.0), "node 2": (4.0, 0.0, 3.0)})
+    return bs.MatrixStructure(
+        [(k, K)], np.diag(MASSES), labels=LABELS, sensors=sensors, n_modes=3, geometry=geometry
+    )
+
+
+def baseline(structure, sensors=LABELS, name="b"):
+    modes = (bs.IdentifiedMode("1", 1.1, [0.3, 0.6, 0.7][: len(sensors)]),
+             bs.IdentifiedMode("2", 2.9, [0.6, 0.2, -0.7][: len(sensors)]))  # fmt: skip
+    data = bs.ModalData(modes, (0.0, 6.0), tuple(sensors))
+    return bs.ModelClass(name, structure, data, bs.ErrorModel(0.01, 0.05), pairing="any")
+
+
+def test_sensors_are_the_places_of_a_structure_without_floors():
+    (places,) = choose_baselines(bs.Study("s", [baseline(matrices())])).places.values()
+    assert [place.name for place in places] == [f"pendulum {label}" for label in LABELS]
+    assert places[2].coordinates == (4.0, 0.0, 3.0)
+    assert places[2].direction == (0.0, 1.0, 0.0)
+    assert places[2].height is None
+
+
+def test_floors_and_storeys_in_x_and_y_are_those_of_a_building_in_space():
+    building = bs.ShearBuilding3D((1.0, 1.0), (1.0, 1.0), (9.0, 9.0), (9.0, 9.0), (9.0, 9.0))
+    places = places_of(default_candidates(building, ()))
+    assert [place.name for place in places] == [
+        *(f"pendulum floor {floor} {axis}" for floor in (1, 2) for axis in "xy"),
+        *(f"infill {storey} {axis}" for storey in ("0-1", "1-2") for axis in "xy"),
+    ]
+    carrying = building
+    for place in places:
+        carrying = carrying.with_element(place.element(0.1, 2.0))
+    assert len(carrying.appendages) == 8
+
+
+@pytest.mark.parametrize("make", [matrices, lambda: matrices().reduced()])
+def test_a_hypothesis_in_a_direction_has_the_modes_of_the_augmented_matrices(make):
+    """By scipy, with the row of the pendulum written by hand."""
+    from scipy.linalg import eigh
+
+    bare = baseline(make())
+    candidate = bs.Candidate("edge", {"node 2 x": 0.6, "node 2 y": 0.8})
+    place = PendulumPlace(candidate)
+    made = hypothesis(bare, (place,))
+    ratio, frequency, factor = 0.1, 2.0, 1.1
+    values = {"k": factor, "mass ratio, pendulum edge": ratio, "frequency, pendulum edge": 2.0}
+    modes = made.structure.modes(np.array([[values[name] for name in made.parameter_names]]))
+    mass = ratio * scale_of(bare).mass
+    w = np.array([0.0, -0.6, -0.8, 1.0])
+    stiffness = np.zeros((4, 4))
+    stiffness[:3, :3] = factor * K
+    stiffness += mass * (2.0 * math.pi * frequency) ** 2 * np.outer(w, w)
+    squared = eigh(stiffness, np.diag([*MASSES, mass]), eigvals_only=True)
+    expected = np.sqrt(squared) / (2.0 * math.pi)
+    np.testing.assert_allclose(modes.frequencies_hz[0], expected, rtol=1e-8)
+
+
+def test_the_scale_of_masses_without_floors_is_the_mean_modal_mass():
+    """Of the two lowest modes, as two were identified, at the two sensors."""
+    from scipy.linalg import eigh
+
+    sensors = LABELS[:2]
+    scale = scale_of(baseline(matrices(sensors), sensors))
+    _, shapes = eigh(K, np.diag(MASSES))
+    lowest = shapes[:, :2] / np.abs(shapes[:2, :2]).max(axis=0)
+    modal_masses = np.einsum("dm,d,dm->m", lowest, MASSES, lowest)
+    assert scale.name == "mean modal mass"
+    assert scale.mass == pytest.approx(math.sqrt(modal_masses.prod()), rel=1e-9)
+
+
+def test_the_scale_of_a_building_in_space_is_its_mean_floor_mass():
+    """Rotational inertia is no mass of a floor."""
+    building = bs.ShearBuilding3D((3.0, 1.0), (5.0, 5.0), (9.0, 9.0), (9.0, 9.0), (9.0 * k, 9.0))
+    scale = scale_of(baseline(building, ["floor 1 x", "floor 2 x", "floor 2 y"]))
+    assert (scale.mass, scale.name) == (pytest.approx(2.0), "mean floor mass")
+
+
+def two_tests():
+    bare = baseline(matrices())
+    test = bare.configurations[0]
+    other = bs.Configuration("with mast", test.structure, test.data, pairing="any")
+    first = bs.Configuration("bare", test.structure, test.data, pairing="any")
+    return bs.ModelClass("b", error=bare.error, configurations=[first, other])
+
+
+@pytest.mark.parametrize(
+    ("present_in", "counts"), [(None, [1, 1]), (["with mast"], [0, 1]), (["bare"], [1, 0])]
+)
+def test_an_appendage_is_in_all_tests_or_in_some(fake_sampling, present_in, counts):
+    fake_sampling(lambda made: float(len(made.parameters)))
+    result = search(two_tests(), ONE, present_in=present_in)
+    assert result.record.present_in == (None if present_in is None else tuple(present_in))
+    for made in result.ranking.study.model_classes[1:]:
+        assert [len(test.structure.appendages) for test in made.configurations] == counts
+        assert len(made.parameters) == 3  # shared by the tests
+
+
+def test_a_class_with_an_appendage_of_its_own_is_no_baseline_where_others_have_none(fake_sampling):
+    fake_sampling(by_count(0.0, 1.0, 2.0))
+    bare = baseline(matrices())
+    mast = bs.Pendulum("node 2 y", 0.1, 2.0, label="mast")
+    own = baseline(matrices().with_element(mast), name="own")
+    record = search(bs.Study("s", [bare, own]), ONE).record
+    assert [each.name for each in record.baselines] == ["b"]
+    assert record.left_out == {"own": "model class 'own' carries an appendage of its own, 'mast'"}
+    record = search(bs.Study("s", [own]), ONE).record
+    assert [each.name for each in record.baselines] == ["own"]
+
+
+EDGE = {"node 2 x": 0.6, "node 2 y": 0.8}
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: [bs.Candidate("a", "node 9 x")], ValueError,
+         r"'b': candidate 'a': the structure has no degree of freedom or sensor 'node 9 x'"),
+        (lambda: [bs.Candidate("a", {"node 1 x": 0.0})], ValueError,
+         "candidate 'a': place is a direction of zeros"),
+        (lambda: [bs.Candidate("a", 0)], ValueError, "candidate 'a': place is the ground"),
+        (lambda: [bs.Candidate("a", EDGE, to=EDGE)], ValueError, "candidate 'a': both ends"),
+        (lambda: [bs.Candidate("a", EDGE, coordinates=(1.0, 2.0))], ValueError,
+         "candidate 'a': coordinates: must have three finite coordinates"),
+        (lambda: [bs.Candidate(" ", EDGE)], ValueError, "name must be text and not empty"),
+        (lambda: [bs.Candidate("a", EDGE), bs.Candidate("b", dict(reversed(EDGE.items())))],
+         ValueError, "'a' and 'b' are one place"),
+        (lambda: [bs.Candidate("a", EDGE), bs.Candidate("a", "node 1 x")], ValueError,
+         "two are named 'a'"),
+        (list, ValueError, "the list is empty"),
+        (lambda: ["node 1 x"], TypeError, "search: candidates must be"),
+    ],
+)  # fmt: skip
+def test_bad_candidates_are_refused(make, error, message):
+    with pytest.raises(error, match=message):
+        search(baseline(matrices()), ONE, candidates=make())
+
+
+@pytest.mark.parametrize(
+    ("present_in", "message"),
+    [(["roof"], "no configuration 'roof'"), ([], "present_in: names no test")],
+)
+def test_a_test_that_does_not_exist_is_refused(present_in, message):
+    with pytest.raises(ValueError, match=message):
+        search(two_tests(), ONE, present_in=present_in)
+
+
+def write(tmp_path, text):
+    path = tmp_path / "places.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_candidates_from_a_file(tmp_path):
+    text = """# drawn on sheet 4
+name, place, x, y, z, x_coord, y_coord, z_coord, to
+roof edge, node 7, 3, 4, , 12, 0, 9.5,
+mast, node 9 x
+brace, node 9 x, , , , , , , 0
+"""
+    assert bs.read_candidates(write(tmp_path, text)) == (
+        bs.Candidate("roof edge", {"node 7 x": 0.6, "node 7 y": 0.8},
+                     coordinates=(12.0, 0.0, 9.5), direction=(0.6, 0.8, 0.0)),
+        bs.Candidate("mast", "node 9 x"),
+        bs.Candidate("brace", "node 9 x", to=0),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "the file is empty"),
+        ("name,place\n", "no candidate below the column names name,place"),
+        ("name,node\na,b\n", "no column 'place'"),
+        ("name,place,weight\na,b,1\n", "unknown column 'weight'"),
+        ("name,place,name\na,b,1\n", "two columns 'name'"),
+        ("name,place\na,b,c\n", "line 2: 3 cells for 2 columns"),
+        ("name,place,x,y,z\na,node 1,0,0,0\n", "line 2: x, y, z: a direction of zeros"),
+        ("name,place,x\na,node 1,up\n", "line 2: x: 'up' is not a number"),
+        ("name,place,x_coord\na,b,1\n", "line 2: x_coord, y_coord, z_coord: give all three"),
+        ("name,place\n,b\n", "line 2: Candidate: name must be text and not empty"),
+        ("name,place\na,\n", "line 2: candidate 'a': place must be a floor, the label"),
+        ("name,place\na,b\nc,b\n", "'a' and 'c' are one place"),
+        ("name,place\na,b\na,c\n", "two are named 'a'"),
+    ],
+)
+def test_a_bad_file_of_candidates_is_refused(tmp_path, text, message):
+    with pytest.raises(ValueError, match=message):
+        bs.read_candidates(write(tmp_path, text))
