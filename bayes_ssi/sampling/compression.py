@@ -1,9 +1,9 @@
 """Compression of the prior: particles climb through levels of the likelihood.
 
 Particles from the prior are ranked by likelihood. A quarter survives; the others are set aside,
-each with its share of the prior's mass. Copies of the survivors are moved by emcee's ensemble
-moves under the prior above the level that the others did not pass, and so on, until what is left
-of the prior is too little to matter. This is nested sampling, level by level instead of particle
+each with its share of the prior's mass. Copies of the survivors are moved under the prior above the
+level that the others did not pass, and so on, until what is left of the prior is too little to
+matter. This is nested sampling, level by level instead of particle
 by particle (Skilling 2006; Salomone et al. 2018), or subset simulation (Au and Beck 2001).
 
 Only the order of the likelihoods counts. Unlike powers of the likelihood, levels pass from a broad
@@ -20,15 +20,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.ensembles import Walkers
 from bayes_ssi.sampling.estimates import EvidenceEstimate
+from bayes_ssi.sampling.level_moves import Level, LevelMoves
 from bayes_ssi.sampling.maxima import Maxima
-from bayes_ssi.sampling.mixture import LIGHT_TAILS, Proposal, StudentMixture
-from bayes_ssi.sampling.mixture_fitting import fit_mixture
 from bayes_ssi.sampling.resampling import systematic_indices
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
@@ -43,18 +41,6 @@ NEGLIGIBLE = 1e-2
 TOP = 0.2
 # Where most of the prior is impossible, at most this many draws are made for each particle.
 MOST_DRAWN = 500
-# Proposals for one half of the possible draws are fitted to the other: enough for a covariance.
-FEWEST_POSSIBLE_PER_DIMENSION = 2
-# Moves go on until positions and ranks have lost half of their correlation with where they began,
-# or no more of it is lost.
-CORRELATION_LEFT = 0.5
-MAX_STEPS = 25
-# Particles per dimension that one component of the proposals' mixture is fitted to.
-FITTED_PER_DIMENSION = 30
-# Families of particles that became smaller than this share are mixed and parted again.
-LEAST_FAMILY = 0.25
-# Shares of the maxima's components and of the prior in the proposals.
-MAXIMA_SHARE, PRIOR_SHARE = 0.3, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,72 +100,118 @@ def compress_prior(
     target: Target,
     n_particles: int,
     maxima: Maxima,
-    seed: np.random.SeedSequence,
+    seeds: Sequence[np.random.SeedSequence],
     progress: Callable[[float], None] = lambda _: None,
-) -> Compression:
-    """Carry ``n_particles`` from the prior to the highest likelihood.
+) -> tuple[Compression, Compression]:
+    """Carry two times ``n_particles`` from the prior to the highest likelihood.
+
+    Moves proposed from the very particles that they move, or from copies of these, would favour
+    some of them: the particles of each compression move with respect to those of the other, level
+    by level in turn. Given those, they are distributed as if they were alone.
 
     Args:
         target: what is sampled.
-        n_particles: at least :data:`~bayes_ssi.sampling.settings.LEAST_PER_DIMENSION` times the
-            number of dimensions.
+        n_particles: in each compression; at least
+            :data:`~bayes_ssi.sampling.settings.LEAST_PER_DIMENSION` times the number of dimensions.
         maxima: the known maxima of the posterior; proposals around them keep the shares of
             separate regions right.
-        seed: everything random follows from it.
+        seeds: two; everything random in a compression follows from its own.
         progress: called with the share of the known maximum's level that is reached.
 
     Raises:
         ValueError: the likelihood is positive at hardly any draw from the prior.
     """
-    rng = np.random.default_rng(seed)
-    n_surviving = max(2, round(SURVIVING * n_particles))
-    positions, log_likelihoods, possible = _possible(target, n_particles, n_surviving, rng)
-    log_prior_left, memory, log_evidence = math.log(possible), 1.0, -math.inf
-    variance = (1.0 - possible) / len(positions)
-    if possible < 1.0:
-        families = np.arange(len(positions)) % 2
-        positions, log_likelihoods, families, left = _moved(
-            target, maxima, positions, log_likelihoods, families, (-math.inf, 1.0), n_particles, rng
-        )
-        memory = _memory(left)
-    else:
-        families = np.arange(n_particles) % 2
-    ranks_of_equals = rng.random(n_particles)
+    moves = LevelMoves(target, maxima)
+    climbs = [_Climb(target, n_particles, np.random.default_rng(seed)) for seed in seeds]
+    _move_in_turn(climbs, moves)
     highest = float((maxima.log_posteriors - log_standard_normal(maxima.z)).max())
-    levels: list[_Level] = []
     most_levels = levels_left = _levels_to_top(target.n_dimensions)
     while True:
-        log_mass = log_prior_left - math.log(n_particles)
-        highest = max(highest, float(log_likelihoods.max()))
-        if highest + log_prior_left < log_evidence + math.log(NEGLIGIBLE):
+        highest = max(highest, *(float(climb.log_likelihoods.max()) for climb in climbs))
+        to_come = max(highest + climb.log_prior_left - climb.log_evidence for climb in climbs)
+        if to_come < math.log(NEGLIGIBLE):
             levels_left -= 1
-        if levels_left < 0 or (levels_left < most_levels and np.ptp(log_likelihoods) < TOP):
-            levels.append(_Level(positions, log_likelihoods, log_mass, memory))
+        are_at_top = all(np.ptp(climb.log_likelihoods) < TOP for climb in climbs)
+        if levels_left < 0 or (levels_left < most_levels and are_at_top):
             break
-        order = np.lexsort((ranks_of_equals, log_likelihoods))
-        lost, kept = order[:-n_surviving], order[-n_surviving:]
-        levels.append(_Level(positions[lost], log_likelihoods[lost], log_mass, memory))
-        added = log_mass + float(logsumexp(log_likelihoods[lost]))
-        log_evidence = float(np.logaddexp(log_evidence, added))
-        log_prior_left += math.log(n_surviving / n_particles)
-        level = (float(log_likelihoods[lost[-1]]), float(ranks_of_equals[lost[-1]]))
-        positions, log_likelihoods, families, left = _moved(
-            target,
-            maxima,
-            positions[kept],
-            log_likelihoods[kept],
-            families[kept],
-            level,
-            n_particles,
-            rng,
-        )
-        memory = _memory(left)
-        # Given that it is above the level, the number drawn for a particle is uniform.
-        least = np.where(log_likelihoods == level[0], level[1], 0.0)
-        ranks_of_equals = least + (1.0 - least) * rng.random(n_particles)
-        progress(_progress(log_evidence, highest + log_prior_left))
+        for climb in climbs:
+            climb.leave_lowest()
+        _move_in_turn(climbs, moves)
+        # From as much evidence to come as collected, to a negligible share.
+        progress(float(np.clip(to_come / math.log(NEGLIGIBLE), 0.0, 1.0)))
     progress(1.0)
-    return _compression(levels, n_particles, variance, rng)
+    return climbs[0].compression(), climbs[1].compression()
+
+
+class _Climb:
+    """The particles of one compression on their way.
+
+    Attributes:
+        positions: (n, d); survivors of a level until they have moved.
+        log_likelihoods: (n,).
+        log_prior_left: log of the prior's mass that the particles stand for.
+        log_evidence: of the particles that were left behind.
+    """
+
+    def __init__(self, target: Target, n_particles: int, rng: np.random.Generator) -> None:
+        self._n, self._rng = n_particles, rng
+        self._n_surviving = max(2, round(SURVIVING * n_particles))
+        drawn = _possible(target, n_particles, self._n_surviving, rng)
+        self.positions, self.log_likelihoods, possible = drawn
+        self.log_prior_left, self.log_evidence = math.log(possible), -math.inf
+        self._variance = (1.0 - possible) / len(self.positions)
+        self._memory = 1.0
+        self._ranks_of_equals = rng.random(len(self.positions))
+        self._levels: list[_Level] = []
+        # Particles that are not drawn from the prior are to be copied and moved.
+        self._level = Level(-math.inf, 1.0) if possible < 1.0 else None
+
+    @property
+    def _log_mass(self) -> float:
+        return self.log_prior_left - math.log(self._n)
+
+    def leave_lowest(self) -> None:
+        """Set the lowest particles aside, at a level that the survivors are above."""
+        order = np.lexsort((self._ranks_of_equals, self.log_likelihoods))
+        lost, kept = order[: -self._n_surviving], order[-self._n_surviving :]
+        values = self.log_likelihoods[lost]
+        self._levels.append(_Level(self.positions[lost], values, self._log_mass, self._memory))
+        added = self._log_mass + float(logsumexp(values))
+        self.log_evidence = float(np.logaddexp(self.log_evidence, added))
+        self.log_prior_left += math.log(self._n_surviving / self._n)
+        self._level = Level(float(values[-1]), float(self._ranks_of_equals[lost[-1]]))
+        self.positions, self.log_likelihoods = self.positions[kept], self.log_likelihoods[kept]
+
+    def move(self, moves: LevelMoves, others: FloatArray) -> None:
+        """Copy and move the survivors, if there was a level, proposing from ``others`` (m, d)."""
+        if self._level is None:
+            return
+        copies = np.resize(self._rng.permutation(len(self.positions)), self._n)
+        moved = moves.moved(
+            self.positions[copies], self.log_likelihoods[copies], self._level, others, self._rng
+        )
+        self.positions, self.log_likelihoods, left = moved
+        # Copies of one particle, each with that correlation with it, have its square among
+        # themselves.
+        self._memory = 1.0 + (1.0 / SURVIVING - 1.0) * left**2
+        # Given that it is above the level, the number drawn for a particle is uniform.
+        least = np.where(self.log_likelihoods == self._level.log_likelihood, self._level.rank, 0.0)
+        self._ranks_of_equals = least + (1.0 - least) * self._rng.random(self._n)
+
+    def compression(self) -> Compression:
+        """The posterior and the evidence, the particles that are left included."""
+        last = _Level(self.positions, self.log_likelihoods, self._log_mass, self._memory)
+        return _compression([*self._levels, last], self._n, self._variance, self._rng)
+
+
+def _move_in_turn(climbs: Sequence[_Climb], moves: LevelMoves) -> None:
+    """Move both, the second with respect to where the first has moved.
+
+    As in emcee's own moves, this leaves their joint distribution as it should be.
+    """
+    first, second = climbs
+    first.move(moves, second.positions)
+    second.move(moves, first.positions)
 
 
 def _possible(
@@ -196,7 +228,7 @@ def _possible(
     if np.isfinite(values).sum() >= least:
         return positions, values, 1.0
     n_drawn = n
-    enough = FEWEST_POSSIBLE_PER_DIMENSION * (d + 1)
+    enough = d + 1  # for a covariance, which proposals for the other particles are fitted with
     positions, values = positions[np.isfinite(values)], values[np.isfinite(values)]
     while len(values) < enough:
         if n_drawn >= MOST_DRAWN * n:
@@ -221,131 +253,6 @@ def _levels_to_top(n_dimensions: int) -> int:
     """
     ratio = max(0.5 * n_dimensions / TOP, 1.0)
     return math.ceil(0.5 * n_dimensions * math.log(ratio) / -math.log(SURVIVING))
-
-
-def _memory(left: float) -> float:
-    """By how much a correlation with the survivors that they copy multiplies variances.
-
-    Copies of one particle, each with that correlation with it, have its square among themselves.
-    """
-    return 1.0 + (1.0 / SURVIVING - 1.0) * left**2
-
-
-def _progress(log_evidence: float, log_evidence_left: float) -> float:
-    """The completed share of the way from as much evidence left as collected, to a negligible."""
-    return float(np.clip((log_evidence - log_evidence_left) / -math.log(NEGLIGIBLE), 0.0, 1.0))
-
-
-def _moved(
-    target: Target,
-    maxima: Maxima,
-    positions: FloatArray,
-    log_likelihoods: FloatArray,
-    families: NDArray[np.intp],
-    level: tuple[float, float],
-    n_particles: int,
-    rng: np.random.Generator,
-) -> tuple[FloatArray, FloatArray, NDArray[np.intp], float]:
-    """Copies of survivors, moved under the prior above a level.
-
-    Proposals fitted to the very particles that they move, or to their relatives, would hold them
-    together: there are two families, and those of each are fitted to the other.
-
-    Args:
-        target: what is sampled.
-        maxima: the known maxima.
-        positions: (m, d), the survivors.
-        log_likelihoods: (m,).
-        families: (m,), 0 or 1.
-        level: a log-likelihood and a rank of equals.
-        n_particles: number of copies.
-        rng: everything random follows from it.
-
-    Returns:
-        Positions, log-likelihoods, families and the correlation left with where they began.
-    """
-
-    def log_density(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        values = target.log_likelihood(z)
-        above = (values > level[0]) | ((values == level[0]) & (rng.random(len(z)) > level[1]))
-        return np.where(above, log_standard_normal(z), -np.inf), values
-
-    around_maxima = maxima.above(level[0])
-    if np.bincount(families, minlength=2).min() < LEAST_FAMILY * len(families):
-        families = rng.permutation(np.arange(len(families)) % 2)
-    copies = np.resize(rng.permutation(len(positions)), n_particles)
-    # The second family's proposals are fitted to where the first has moved: one after the other,
-    # as in emcee's own moves, leaves their joint distribution as it should be.
-    others, moved = positions[families == 1], []
-    for family in (0, 1):
-        own = copies[families[copies] == family]
-        proposal = _proposal(others, around_maxima, rng)
-        moved.append(_move(log_density, positions[own], log_likelihoods[own], proposal, rng))
-        others = moved[0][0]
-    at, values, left = zip(*moved, strict=True)
-    return np.concatenate(at), np.concatenate(values), np.repeat((0, 1), [*map(len, at)]), max(left)
-
-
-def _proposal(
-    others: FloatArray, around_maxima: StudentMixture | None, rng: np.random.Generator
-) -> Proposal:
-    """Proposals fitted to other particles (n, d), and around the maxima."""
-    n, d = others.shape
-    mixture = fit_mixture(others, max(1, n // (FITTED_PER_DIMENSION * d)), LIGHT_TAILS, rng)
-    if around_maxima is not None:
-        mixture = mixture.mixed_with(around_maxima, MAXIMA_SHARE)
-    # Few particles may all be copies of one, to which no mixture can be fitted.
-    differ = bool(np.ptp(others, axis=0).any())
-    return Proposal(mixture.with_prior_component(PRIOR_SHARE), 0.7 if differ else 0.0)
-
-
-def _move(
-    log_density: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
-    positions: FloatArray,
-    log_likelihoods: FloatArray,
-    proposal: Proposal,
-    rng: np.random.Generator,
-) -> tuple[FloatArray, FloatArray, float]:
-    """Positions (n, d), log-likelihoods (n,) and the correlation left after moves."""
-    from bayes_ssi.sampling.moves import ensemble_sampler, initial_state
-
-    n, d = positions.shape
-    sampler = ensemble_sampler(log_density, n, d, proposal)
-    ranks = _ranks(log_likelihoods, rng)
-    start = initial_state(positions, log_standard_normal(positions), log_likelihoods, rng)
-    left = 1.0
-    states = sampler.sample(start, iterations=MAX_STEPS, store=False, skip_initial_state_check=True)
-    for made, state in enumerate(states, start=1):
-        before, left = (
-            left,
-            max(
-                _correlation(positions, state.coords),
-                _correlation(ranks, _ranks(state.blobs, rng)),
-            ),
-        )
-        if made >= 2 and left < CORRELATION_LEFT:
-            break
-        # Between separate regions nothing may move: then the correlation settles above the mark.
-        if made >= 8 and before - left < 0.002:
-            break
-    return np.array(state.coords), np.array(state.blobs), float(np.clip(left, 0.0, 0.9))
-
-
-def _ranks(values: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Ranks (n, 1), those of equals at random, whose correlation far-off values do not decide."""
-    ranks = np.empty((len(values), 1))
-    ranks[np.lexsort((rng.random(len(values)), values)), 0] = np.arange(len(values))
-    return ranks
-
-
-def _correlation(before: FloatArray, after: FloatArray) -> float:
-    """The mean over dimensions of the correlation between positions before and after.
-
-    One where all positions are the same.
-    """
-    a, b = before - before.mean(0), after - after.mean(0)
-    spreads = np.sqrt((a * a).sum(0) * (b * b).sum(0))
-    return float(np.mean(np.where(spreads > 0, (a * b).sum(0) / np.maximum(spreads, 1e-300), 1.0)))
 
 
 def _compression(

@@ -155,16 +155,12 @@ class _Sampling:
 
     def _from_particles(self, search: MultistartSearch) -> SamplingResult:
         """The result with compressions of the prior."""
-        n_particles = self.settings.n_particles(self.target.n_dimensions)
-        compressions = tuple(
-            compress_prior(
-                self.target,
-                n_particles,
-                search.maxima,
-                seed,
-                part(self.progress, "compression of the prior", i, 2),
-            )
-            for i, seed in enumerate(self.seeds[0:2])
+        compressions = compress_prior(
+            self.target,
+            self.settings.n_particles(self.target.n_dimensions),
+            search.maxima,
+            self.seeds[0:2],
+            part(self.progress, "compression of the prior"),
         )
         # Particles may have passed through regions that no search found: climb from there, too.
         climbers = np.concatenate([_climbers(each, search.maxima) for each in compressions])

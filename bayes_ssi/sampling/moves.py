@@ -23,17 +23,22 @@ LogDensity = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 class _BatchAcceptance(RedBlueMove):
-    """The red-blue move of Foreman-Mackey et al. (2013), each half accepted as one batch."""
+    """The red-blue move of Foreman-Mackey et al. (2013), each half accepted as one batch.
+
+    Where there are other, fixed walkers, all walkers move with respect to those.
+    """
+
+    others: FloatArray | None = None
 
     def propose(self, model: Any, state: emcee.State) -> tuple[emcee.State, np.ndarray]:
         accepted = np.zeros(len(state.coords), dtype=bool)
         self.setup(state.coords)
         halves = np.arange(len(accepted)) % 2
         model.random.shuffle(halves)
-        for half in (0, 1):
-            moving = np.flatnonzero(halves == half)
-            others = [state.coords[halves != half]]
-            proposed, log_factors = self.get_proposal(state.coords[moving], others, model.random)
+        for moves in (halves == 0, halves == 1) if self.others is None else (halves >= 0,):
+            moving = np.flatnonzero(moves)
+            others = state.coords[~moves] if self.others is None else self.others
+            proposed, log_factors = self.get_proposal(state.coords[moving], [others], model.random)
             log_density, log_likelihoods = model.compute_log_prob_fn(proposed)
             log_ratio = log_factors + log_density - state.log_prob[moving]
             taken = log_ratio > np.log(model.random.rand(len(moving)))
@@ -98,19 +103,25 @@ class _BatchSampler(emcee.EnsembleSampler):
 
 
 def ensemble_sampler(
-    log_density: LogDensity, n_walkers: int, n_dimensions: int, proposal: Proposal
+    log_density: LogDensity,
+    n_walkers: int,
+    n_dimensions: int,
+    proposal: Proposal,
+    others: FloatArray | None = None,
 ) -> emcee.EnsembleSampler:
     """A vectorised emcee sampler, whose blobs are log-likelihoods.
+
+    Differential evolution and the stretch move take their directions from one half of the walkers
+    for the other, or from ``others`` (m, d) for all of them.
 
     emcee's snooker move is not used: it divides by zero on the duplicate walkers that resampling
     makes.
     """
-    others = 1.0 - proposal.share
-    moves = [
-        (_FromMixture(proposal.mixture), proposal.share),
-        (_DifferentialEvolution(), others * 2 / 3),
-        (_Stretch(), others / 3),
-    ]
+    local = (_DifferentialEvolution(), _Stretch())
+    for move in local:
+        move.others = others
+    shares = np.array([2 / 3, 1 / 3]) * (1.0 - proposal.share)
+    moves = [(_FromMixture(proposal.mixture), proposal.share), *zip(local, shares, strict=True)]
     return _BatchSampler(n_walkers, n_dimensions, log_density, moves)
 
 
