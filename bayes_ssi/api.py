@@ -50,6 +50,8 @@ from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
 from bayes_ssi.results.stored_what_if import what_if
 from bayes_ssi.sampling.settings import SamplingSettings
+from bayes_ssi.solver_files.exported_model import ExportedModel
+from bayes_ssi.solver_files.model_files import read_model
 from bayes_ssi.structures.elements import AddedMass, InPlaneInfill, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.rigid_floors import FloorBlock, FloorMass, floor_sensor
@@ -65,6 +67,7 @@ __all__ = [
     "ChangedSettings",
     "Configuration",
     "ErrorModel",
+    "ExportedModel",
     "FloorBlock",
     "FloorMass",
     "FunctionStructure",
@@ -115,6 +118,7 @@ __all__ = [
     "read_ground_motion",
     "read_matrix",
     "read_modal_data",
+    "read_model",
     "read_record",
     "rms_distance",
     "sample",

@@ -74,6 +74,16 @@ def check_finite_elements(printed):
     assert float(link) == pytest.approx(0.9, abs=0.02)
 
 
+def check_solver_files(printed):
+    """Two equal storeys of 500 kg and 1.2e6 N/m: ω² = (3 ∓ √5)/2 · k/m."""
+    program, *notes, frequencies = printed.splitlines()
+    assert program == "CalculiX matrix storage: 2 degrees of freedom, N, m, kg"
+    assert notes[-1] == "mass that moves, in kg: 1000 in x"
+    expected = [math.sqrt((3.0 + s * math.sqrt(5.0)) / 2.0 * 2400.0) for s in (-1.0, 1.0)]
+    shown = [float(each) for each in frequencies.strip("[]").split()]
+    assert shown == pytest.approx([each / (2.0 * math.pi) for each in expected], abs=6e-4)
+
+
 def check_plots_and_arviz(printed):
     assert re.search(r"^k1 ", printed, re.M)
     assert re.search(r"^k2 ", printed, re.M)

@@ -16,7 +16,7 @@ PACKAGE = Path(bayes_ssi.__file__).parent
 ORDER = (
     "arrays", "argument_types", "versions", "codec", "file_names", "text_files", "error_places",
     "priors", "parameters", "modal",
-    "structures", "finite_elements", "response",
+    "structures", "finite_elements", "solver_files", "response",
     "data", "records", "identification", "model_class",
     "execution", "sampling", "calibration", "posterior",
     "ranking", "appendages",

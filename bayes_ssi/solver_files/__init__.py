@@ -1,0 +1,1 @@
+"""Models as finite-element programs export them: stiffness, mass, labels and coordinates."""

@@ -1,0 +1,197 @@
+"""A finite-element model as a program exported it: matrices, labels, geometry, and notes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from bayes_ssi.finite_elements.matrix_files import checked_matrix
+from bayes_ssi.solver_files.directions import TRANSLATIONS, direction_of, without_repetitions
+from bayes_ssi.structures.geometry import Geometry
+
+# A note names this many degrees of freedom at most.
+NAMED = 6
+
+
+@dataclass(frozen=True)
+class Matrices:
+    """What a reader of one format returns.
+
+    Attributes:
+        stiffness, mass: both triangles, sparse; not yet checked.
+        stiffness_from, mass_from: file, and name in it, of each matrix, for messages.
+        labels: "node direction" of every row, or None where the files do not state them.
+        geometry: where the nodes are, where the files state it.
+        dependent: "node direction" without a row of its own → row → factor, where the program's
+            constraints tie it to rows (counted from 0).
+        removed: rows that the program marks as held, which are left out.
+        notes: how the program exports constraints, and what was met.
+    """
+
+    stiffness: Any
+    mass: Any
+    stiffness_from: str
+    mass_from: str
+    labels: Sequence[str] | None = None
+    geometry: Geometry | None = None
+    dependent: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
+    removed: Any = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ExportedModel:
+    """Stiffness and mass of a finite-element model, as its program exported them.
+
+    Attributes:
+        program: the program and its format.
+        stiffness: (n, n), sparse and symmetric, without the rows that are held.
+        mass: (n, n), in the same way.
+        labels: "node direction" of the n degrees of freedom, such as ``12 x`` or ``12 rz``; None
+            where neither the files nor the caller state them.
+        geometry: where the nodes are, where the files state it; else None.
+        dependent: "node direction" that has no row of its own → label → factor: constraints make
+            its displacement the sum of the factors times those of the labels.
+        units: of all numbers: "as exported", or "N, m, kg".
+        notes: what was done and met: held and empty rows, constraints, and the total mass.
+    """
+
+    program: str
+    stiffness: sp.csc_array
+    mass: sp.csc_array
+    labels: tuple[str, ...] | None
+    geometry: Geometry | None
+    dependent: Mapping[str, Mapping[str, float]]
+    units: str
+    notes: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of degrees of freedom."""
+        return int(self.stiffness.shape[0])
+
+    @property
+    def total_mass(self) -> Mapping[str, float]:
+        """Direction → the mass that moves when all nodes move by 1 in it, held ones excepted."""
+        return total_mass(self.mass, self.labels)
+
+    def __str__(self) -> str:
+        lines = [f"{self.program}: {self.size} degrees of freedom, {self.units}", *self.notes]
+        return "\n".join(lines)
+
+
+def exported_model(
+    program: str, matrices: Matrices, labels: Sequence[str] | None = None
+) -> ExportedModel:
+    """The checked model, in the units of the files, without rows that are held or empty.
+
+    Args:
+        program: the program and its format.
+        matrices: what its reader returned.
+        labels: of all rows, where the files state none.
+
+    Raises:
+        ValueError: the matrices are not symmetric, finite and of one size, or the labels are not
+            as many; the message names the file.
+    """
+    stiffness = checked_matrix(matrices.stiffness, matrices.stiffness_from)
+    mass = _checked_mass(matrices, stiffness.shape[0])
+    if matrices.labels is not None and labels is not None:
+        raise ValueError(
+            f"{matrices.stiffness_from}: labels are given, but the file states its own"
+        )
+    names = matrices.labels if labels is None else labels
+    if names is not None and len(names) != stiffness.shape[0]:
+        raise ValueError(
+            f"{matrices.stiffness_from}: {len(names)} labels for {stiffness.shape[0]} rows"
+        )
+    dependent = {
+        name: {names[row]: factor for row, factor in of.items()}
+        for name, of in matrices.dependent.items()
+        if names is not None
+    }
+    stiffness, mass, names, notes = _without_held_rows(matrices, stiffness, mass, names)
+    if names is not None:
+        names, repeated = without_repetitions(names)
+        if repeated:
+            notes.append(
+                f"{repeated} rows repeat the node and direction of another; they are numbered, as "
+                f"in {next(name for name in names if name.endswith('(2)'))!r}"
+            )
+    return ExportedModel(
+        program,
+        stiffness,
+        mass,
+        names,
+        matrices.geometry,
+        MappingProxyType(dependent),
+        "as exported",
+        (*matrices.notes, *notes),
+    )
+
+
+def total_mass(mass: sp.csc_array, labels: Sequence[str] | None) -> dict[str, float]:
+    """Direction → rᵀMr, r being 1 in the rows of that direction; without labels, nothing."""
+    if labels is None:
+        return {}
+    of_rows = np.array([direction_of(name) for name in labels])
+    totals = {}
+    for direction in TRANSLATIONS:
+        r = (of_rows == direction).astype(float)
+        if r.any():
+            totals[direction] = float(r @ (mass @ r))
+    return totals
+
+
+def _checked_mass(matrices: Matrices, size: int) -> sp.csc_array:
+    rows = matrices.mass.shape[0]
+    if rows != size:
+        raise ValueError(
+            f"{matrices.mass_from} has {rows} rows, {matrices.stiffness_from} has {size}; they are "
+            "not of one model"
+        )
+    mass = checked_matrix(matrices.mass, matrices.mass_from)
+    diagonal = mass.diagonal()
+    if diagonal.min() < 0.0:
+        raise ValueError(
+            f"{matrices.mass_from}: row {diagonal.argmin() + 1} has the negative mass "
+            f"{diagonal.min():.3g}; is it another matrix?"
+        )
+    if not diagonal.any():
+        raise ValueError(f"{matrices.mass_from}: there is no mass; does the model state a density?")
+    return mass
+
+
+def _without_held_rows(
+    matrices: Matrices, stiffness: sp.csc_array, mass: sp.csc_array, names: Sequence[str] | None
+) -> tuple[sp.csc_array, sp.csc_array, Sequence[str] | None, list[str]]:
+    size = stiffness.shape[0]
+    held = np.zeros(size, dtype=bool)
+    held[np.asarray(matrices.removed, dtype=np.intp)] = True
+    empty = (abs(stiffness).sum(axis=0) + abs(mass).sum(axis=0) == 0.0) & ~held
+    shown = names or [f"row {i + 1}" for i in range(size)]
+    notes = [
+        f"{rows.sum()} rows {what} are left out: {_listed(shown, rows)}"
+        for rows, what in (
+            (held, "that are held"),
+            (empty, "without stiffness and mass"),
+        )
+        if rows.any()
+    ]
+    kept = np.flatnonzero(~(held | empty))
+    if not len(kept):
+        raise ValueError(f"{matrices.stiffness_from}: all rows are held or empty")
+    if len(kept) < size:
+        stiffness, mass = (sp.csc_array(each[:, kept][kept, :]) for each in (stiffness, mass))
+        names = None if names is None else [names[i] for i in kept.tolist()]
+    return stiffness, mass, names, notes
+
+
+def _listed(names: Sequence[str], rows: Any) -> str:
+    chosen = [names[i] for i in np.flatnonzero(rows)[:NAMED].tolist()]
+    return ", ".join(chosen) + (", …" if rows.sum() > NAMED else "")

@@ -1,0 +1,103 @@
+"""What a format of solver files is: how it is recognised, and how it is read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from bayes_ssi.solver_files.exported_model import Matrices
+from bayes_ssi.text_files import require_regular_file
+
+
+@dataclass(frozen=True)
+class Source:
+    """The files of a model, as the caller named them.
+
+    Attributes:
+        path: a file of the stiffness, or of the whole model.
+        mass: the file of the mass, if it was named.
+        keys: names of stiffness and mass in files that hold several matrices, if given.
+    """
+
+    path: Path
+    mass: Path | None = None
+    keys: tuple[str, str] | None = None
+
+    def beside(self, ending: str) -> Path | None:
+        """The file of the same name with another ending, in capitals or not; None if none is there.
+
+        Args:
+            ending: such as ".mas".
+        """
+        return beside(self.path, self.path.stem + ending)
+
+    def needed(self, ending: str, what: str) -> Path:
+        """The file of the same name with another ending.
+
+        Raises:
+            ValueError: it is not there.
+        """
+        found = self.beside(ending)
+        if found is None:
+            raise ValueError(
+                f"{self.path}: {self.path.stem}{ending} ({what}) must stand in the same folder"
+            )
+        return found
+
+    def needed_mass(self) -> Path:
+        """The file of the mass, where it cannot be known from the name of the stiffness.
+
+        Raises:
+            ValueError: it was not given.
+        """
+        if self.mass is None:
+            raise ValueError(f"{self.path}: name the file of the mass matrix as well, as mass=")
+        return self.mass
+
+    def refuse_keys(self) -> None:
+        """For formats whose matrices have no names.
+
+        Raises:
+            ValueError: keys were given.
+        """
+        if self.keys is not None:
+            raise ValueError(f"{self.path}: keys are given, but its matrices have no names")
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of solver files.
+
+    Attributes:
+        program: the program, and the format's name.
+        files: the files, for messages.
+        recognises: whether a file, with its first bytes, is of this format.
+        read: reads the model.
+    """
+
+    program: str
+    files: str
+    recognises: Callable[[Path, bytes], bool]
+    read: Callable[[Source], Matrices]
+
+
+def first_bytes(path: Path) -> bytes:
+    """The beginning of a file, in which formats are recognised.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is not a regular file.
+    """
+    require_regular_file(path)
+    with path.open("rb") as file:
+        return file.read(8192)
+
+
+def beside(path: Path, name: str) -> Path | None:
+    """The file of a name, in capitals or not, in the folder of another; None if none is there."""
+    exact = path.with_name(name)
+    if exact.is_file():
+        return exact
+    alike = (each for each in path.parent.iterdir() if each.name.lower() == name.lower())
+    return next(alike, None)

@@ -1,0 +1,124 @@
+"""CalculiX's files of a tower of bricks, made by runs/calculix_tower.py."""
+
+import csv
+import lzma
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import bayes_ssi as bs
+
+DATA = Path(__file__).parent / "data"
+
+
+@pytest.fixture
+def tower(tmp_path):
+    """The files of the tower, unpacked; those of changed towers share its mass and labels."""
+    for ending in ("dof", "inp"):
+        shutil.copy(DATA / f"tower.{ending}", tmp_path)
+    for packed in DATA.glob("*.xz"):
+        (tmp_path / packed.stem).write_bytes(lzma.decompress(packed.read_bytes()))
+    return tmp_path
+
+
+def frequencies(model):
+    structure = bs.MatrixStructure(
+        model.stiffness, model.mass, labels=model.labels, sensors=["340 x"], n_modes=6
+    )
+    return structure.modes(np.empty((1, 0))).frequencies_hz[0]
+
+
+def test_frequencies_are_those_that_the_program_prints(tower):
+    with (DATA / "frequencies.csv").open() as file:
+        printed = {row[0]: row[1:] for row in csv.reader(file)}
+    model = bs.read_model(tower / "tower.mas")
+    assert model.size == 1764
+    # Seven digits are printed.
+    np.testing.assert_allclose(frequencies(model), np.array(printed["tower"], float), rtol=6e-7)
+    assert model.labels[:2] == ("5 x", "5 y")
+    assert model.labels[-1] == "internal 592 z"
+    assert model.geometry.nodes["340"] == (0.0, 0.7, 12.0)
+
+
+def test_mass_and_units(tower):
+    model = bs.read_model(tower / "tower.sti", units="N, m", mass_kg=1e4)
+    # 2500 kg/m³ · 0.5 · 0.7 · 12 m³, less the share of the held nodes: a third of the lowest layer
+    # at themselves, a third between them and the nodes above.
+    whole = 2500.0 * 0.5 * 0.7 * 12.0
+    for direction in "xyz":
+        assert model.total_mass[direction] == pytest.approx(whole * (1.0 - 2.0 / 3.0 / 84.0))
+    assert model.units == "N, m, kg"
+    with pytest.raises(ValueError, match=r"in N, mm 1.042e\+07 kg; units that fit: 'N, m'$"):
+        bs.read_model(tower / "tower.sti", units="N, mm", mass_kg=1e4)
+    with pytest.raises(ValueError, match=r"units that fit: 'N, mm' or 'kN, m' or 'kgf, cm'$"):
+        bs.read_model(tower / "tower.sti", mass_kg=1e7)
+    with pytest.raises(ValueError, match=r"units must be one of 'N, m', 'N, mm',.*got 'SI'"):
+        bs.read_model(tower / "tower.sti", units="SI", mass_kg=1e4)
+    assert "state units=" in bs.read_model(tower / "tower.sti").notes[-1]
+
+
+def test_differences_of_exports_predict_another(tower):
+    """K = K_0 + 0.2 K_lower - 0.2 K_upper + ...: moduli enter linearly."""
+    labels = tower / "tower.dof"
+    for name in ("lower", "upper", "both"):
+        shutil.copy(labels, tower / f"{name}.dof")
+    stiffness = {
+        name: bs.read_model(tower / f"{name}.sti", tower / "tower.mas").stiffness
+        for name in ("tower", "lower", "upper", "both")
+    }
+    lower = (stiffness["lower"] - stiffness["tower"]) / 0.2
+    upper = (stiffness["upper"] - stiffness["tower"]) / -0.2
+    predicted = stiffness["tower"] - 0.1 * lower + 0.3 * upper
+    error = abs(predicted - stiffness["both"]).max() / abs(stiffness["both"]).max()
+    assert error < 1e-10
+
+
+def test_read_sparse(tower):
+    model = bs.read_model(tower / "tower.sti")
+    for matrix in (model.stiffness, model.mass):
+        assert isinstance(matrix, sp.csc_array)
+        assert matrix.nnz < 80 * model.size
+
+
+def cut_lines(path, keep):
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:keep]))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda f: cut_lines(f / "tower.sti", 900), r"tower.sti: 900 entries, the other .* trunc"),
+        (lambda f: cut_lines(f / "tower.dof", 900), r"sti: line \d+: row .* 1 to 900, got 901"),
+        (lambda f: (f / "tower.dof").write_text("1.1\n12\n"), r"dof: line 2: expected node.dir"),
+        (lambda f: (f / "tower.dof").write_text("1.1\n1.7\n"), r"dof: line 2: expected node.dir"),
+        (lambda f: (f / "tower.mas").unlink(), r"tower.mas \(mass\) must stand in the same folder"),
+        (lambda f: (f / "tower.inp").write_text("*NODE\n1, a\n"), r"inp: line 2: expected whole"),
+    ],
+)  # fmt: skip
+def test_wrong_files_are_refused_in_one_line(tower, spoil, message):
+    spoil(tower)
+    with pytest.raises(ValueError, match=message) as refused:
+        bs.read_model(tower / "tower.sti")
+    assert "\n" not in str(refused.value)
+
+
+def test_decks_may_include_others(tower):
+    whole = (tower / "tower.inp").read_text()
+    (tower / "mesh.msh").write_text(f"{whole}*ELEMENT, TYPE=B31\n900, 4, 8\n")
+    (tower / "tower.inp").write_text("** the mesh\n*include, input=mesh.msh\n*STEP\n")
+    geometry = bs.read_model(tower / "tower.sti").geometry
+    assert geometry.nodes["340"] == (0.0, 0.7, 12.0)
+    assert geometry.lines == (("4", "8"),)  # beams are drawn, bricks are not
+    (tower / "mesh.msh").unlink()
+    model = bs.read_model(tower / "tower.sti")
+    assert model.geometry is None
+    assert any("no coordinates: tower.inp" in note for note in model.notes)
+
+
+def test_what_is_not_recognised_is_listed(tmp_path):
+    (tmp_path / "model.rst").write_text("results\n")
+    with pytest.raises(ValueError, match=r"not recognised .* CalculiX matrix storage \(\.sti, "):
+        bs.read_model(tmp_path / "model.rst")
