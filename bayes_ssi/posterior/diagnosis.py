@@ -17,7 +17,7 @@ for densities averaged over the prior.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -28,7 +28,7 @@ from bayes_ssi.execution.workers import Workers
 from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.inferred_pairing import infer_pairing
 from bayes_ssi.modal import Modes
-from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.model_class.configuration import Configuration, label_in
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.adequacy import LIMIT, Hint, adequacy
 from bayes_ssi.posterior.emulation import emulated_again
@@ -101,11 +101,23 @@ class _Points:
 
     Attributes:
         modes: of the structure of each configuration.
+        log_densities: configuration of the class → log density (n,) of its data.
     """
 
     names: tuple[str, ...]
     z: FloatArray
     modes: list[Modes]
+    log_densities: Mapping[Configuration, FloatArray]
+
+    @classmethod
+    def at(cls, model_class: ModelClass, z: FloatArray, modes: list[Modes]) -> _Points:
+        """Points at coordinates ``z`` of a class, with its ``modes`` there."""
+        parts = zip(model_class.parts(model_class.values(z)), modes, strict=True)
+        densities = {
+            test: likelihood.log_density(own, likelihood.compared_modes(own, of_test))
+            for (test, likelihood, own), of_test in parts
+        }
+        return cls(model_class.parameter_names, z, modes, densities)
 
     def of(self, model_class: ModelClass) -> FloatArray:
         """The coordinates of another class's parameters; those that it alone has are zero."""
@@ -126,11 +138,11 @@ def _points(model_class: ModelClass, posterior: Posterior, workers: Workers | No
     z = np.concatenate([_coordinates(model_class, of_posterior), np.zeros((1, n)), of_prior])
     modes_at = partial(_modes_at, model_class)
     if workers is None:
-        return _Points(model_class.parameter_names, z, modes_at(z))
+        return _Points.at(model_class, z, modes_at(z))
     parts = np.array_split(z, min(workers.n_parts, len(z)))
     known = workers.try_each(modes_at, parts)
     kept = np.concatenate([parts[i] for i in sorted(known)])
-    return _Points(model_class.parameter_names, kept, _joined([known[i] for i in sorted(known)]))
+    return _Points.at(model_class, kept, _joined([known[i] for i in sorted(known)]))
 
 
 def _modes_at(model_class: ModelClass, z: FloatArray) -> list[Modes]:
@@ -171,11 +183,17 @@ def _log_maximum(model_class: ModelClass, posterior: Posterior) -> float:
 
 def _log_posteriors(repair: Repair, points: _Points) -> FloatArray:
     """Likelihood times prior (n,) at the points."""
-    changed, z = repair.model_class, points.of(repair.model_class)
+    # Changed data leave the parameters as they are; another pairing may have other errors.
+    of_class = repair.model_class if repair.given_pairings else repair.original
+    z = points.of(of_class)
     total = log_standard_normal(z) + repair.log_scale
-    parts = changed.parts(changed.values(z))
-    for (_, likelihood, own), of_test in zip(parts, points.modes, strict=True):
-        total += likelihood.log_density(own, likelihood.compared_modes(own, of_test))
+    parts = of_class.parts(of_class.values(z))
+    for test, (_, _, own), modes in zip(repair.configurations, parts, points.modes, strict=True):
+        if test in points.log_densities:
+            total += points.log_densities[test]
+        else:
+            likelihood = test.likelihood(of_class.error, of_class.identification)
+            total += likelihood.log_density(own, likelihood.compared_modes(own, modes))
     return np.where(np.isnan(total), -np.inf, total)
 
 

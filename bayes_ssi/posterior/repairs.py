@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.model_class.configuration import Configuration, label_in
+from bayes_ssi.model_class.configuration import Configuration, joint_digest, label_in
 from bayes_ssi.model_class.model_class import ModelClass, Pairing
 
 Change = Callable[[ModalData], ModalData]
@@ -39,16 +40,28 @@ class Repair:
 
     Attributes:
         mistake: what seems to be wrong, in words; empty for a pairing, which the fit shows.
-        model_class: the class without it.
+        original: the class with it.
+        configurations: the tests without it; those that it does not concern are the original's.
         log_scale: log density of the original data over that of the changed ones; not zero where
             frequencies are scaled.
         given_pairings: the pairing of each configuration before it was inferred.
     """
 
     mistake: str
-    model_class: ModelClass
+    original: ModelClass
+    configurations: tuple[Configuration, ...]
     log_scale: float = 0.0
     given_pairings: tuple[Pairing, ...] = ()
+
+    @cached_property
+    def model_class(self) -> ModelClass:
+        """The class without the mistake; of hundreds of repairs, few are fitted and need one."""
+        return replace(self.original, configurations=self.configurations)
+
+    @property
+    def data_digest(self) -> str:
+        """That of its class."""
+        return joint_digest({test.name: test.data for test in self.configurations})
 
 
 def repairs_of_shapes(model_class: ModelClass) -> list[Repair]:
@@ -89,10 +102,11 @@ def _different(
     """The changed classes; changes that come to the same are one, as two signs of two sensors."""
     by_digest: dict[str, Repair] = {}
     for mistake, tests, change in changes:
-        changed = _with_data(model_class, tests, change)
-        same = by_digest.get(changed.data_digest)
-        mistakes = f"{same.mistake}, or {mistake}" if same else mistake
-        by_digest[changed.data_digest] = Repair(mistakes, changed)
+        repair = Repair(mistake, model_class, _with_data(model_class, tests, change))
+        digest = repair.data_digest
+        if same := by_digest.get(digest):
+            repair = replace(repair, mistake=f"{same.mistake}, or {mistake}")
+        by_digest[digest] = repair
     by_digest.pop(model_class.data_digest, None)
     return list(by_digest.values())
 
@@ -128,7 +142,7 @@ def repair_of_pairing(model_class: ModelClass) -> Iterator[Repair]:
     if any(test.pairing != "any" for test in model_class.configurations):
         given = tuple(test.pairing for test in model_class.configurations)
         changed = model_class.with_any_pairing(model_class.name)
-        yield Repair("", changed, given_pairings=given)
+        yield Repair("", model_class, changed.configurations, given_pairings=given)
 
 
 def _tests(model_class: ModelClass) -> Iterator[tuple[str, list[Configuration]]]:
@@ -139,13 +153,12 @@ def _tests(model_class: ModelClass) -> Iterator[tuple[str, list[Configuration]]]
         yield from ((f" in configuration {test.name!r}", [test]) for test in tests)
 
 
-def _with_data(model_class: ModelClass, tests: list[Configuration], change: Change) -> ModelClass:
-    return replace(
-        model_class,
-        configurations=tuple(
-            replace(test, data=change(test.data)) if test in tests else test
-            for test in model_class.configurations
-        ),
+def _with_data(
+    model_class: ModelClass, tests: list[Configuration], change: Change
+) -> tuple[Configuration, ...]:
+    return tuple(
+        replace(test, data=change(test.data)) if test in tests else test
+        for test in model_class.configurations
     )
 
 
@@ -195,4 +208,5 @@ def _scaled(
         return replace(data, modes=tuple(modes), band_hz=(factor * low, factor * high))
 
     n_scaled = sum(len(test.data.modes) for test in tests)
-    return Repair(mistake, _with_data(model_class, tests, change), n_scaled * math.log(factor))
+    changed = _with_data(model_class, tests, change)
+    return Repair(mistake, model_class, changed, n_scaled * math.log(factor))
