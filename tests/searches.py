@@ -7,6 +7,7 @@ from bayes_ssi.appendages.candidates import default_candidates
 from bayes_ssi.appendages.hypotheses import SearchSettings
 from bayes_ssi.appendages.places import InfillPlace, PendulumPlace, places_of
 from bayes_ssi.appendages.screening import Screened
+from bayes_ssi.appendages.search_result import AppendageSummary, PlaceRecord
 
 COARSE = bs.SamplingSettings(log_evidence_error=1.0, particles=40, searches=1, max_steps=10)
 # One appendage at most; all sampled.
@@ -34,3 +35,20 @@ def screened(model_class, log_evidence, error=0.0):
     names = model_class.parameter_names
     z = np.random.default_rng(0).standard_normal((100, len(names)))
     return Screened(names, log_evidence, error, log_evidence, 1, z, np.full(100, 0.01), None)
+
+
+def place_record(place, probability):
+    """A place with this probability of an appendage, of an arbitrary mass and frequency."""
+    summary = AppendageSummary(place, (0.04, 0.05, 0.06), (0.4, 0.5, 0.6), (1.0, 2.0, 3.0))
+    return PlaceRecord(summary, probability)
+
+
+def places_in_space(probabilities, directions=(None,), **options):
+    """Candidates along a line in space, a direction each, with these probabilities."""
+    records = []
+    for i, probability in enumerate(probabilities):
+        direction = directions[i % len(directions)]
+        at = (float(i // len(directions)), 0.0, 2.0)
+        candidate = bs.Candidate(f"p{i}", f"p{i}", coordinates=at, direction=direction, **options)
+        records.append(place_record(PendulumPlace(candidate), probability))
+    return records

@@ -25,6 +25,7 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.ranking.class_sampling import is_cheap
 from bayes_ssi.ranking.study import Study
 from bayes_ssi.structures.elements import CarriesElements
+from bayes_ssi.structures.geometry import Geometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +59,13 @@ class Baselines:
     def scales(self) -> Mapping[str, MassScale]:
         """Name of a baseline → the mass to which mass ratios refer."""
         return {each.name: scale_of(each, self.present_in) for each in self.classes}
+
+    @property
+    def geometry(self) -> Geometry | None:
+        """Where the nodes are of the first structure that knows it."""
+        tests = (test for each in self.classes for test in each.configurations)
+        known = (test.structure.geometry for test in tests)
+        return next((geometry for geometry in known if geometry), None)
 
     def hypothesis(
         self, baseline: str, places: Sequence[AppendagePlace], options: SearchSettings, name: str

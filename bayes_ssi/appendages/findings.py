@@ -6,21 +6,19 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 
-import numpy as np
 from scipy.special import logsumexp
 
 from bayes_ssi.appendages.baselines import Baselines
-from bayes_ssi.appendages.hypotheses import SearchSettings, frequency_name, mass_name
+from bayes_ssi.appendages.hypotheses import SearchSettings
+from bayes_ssi.appendages.place_findings import AppendageDraws, appendage_draws, place_records
 from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.appendages.sampling_choice import most_probability_unsampled
 from bayes_ssi.appendages.screened_hypothesis import ScreenedHypothesis
 from bayes_ssi.appendages.screening import Screened
 from bayes_ssi.appendages.search_result import (
-    AppendageSummary,
     AveragedAndNaive,
     BaselineRecord,
     HypothesisRecord,
-    PlaceProbability,
     SearchRecord,
 )
 from bayes_ssi.posterior.posterior import Posterior
@@ -45,17 +43,25 @@ def search_record(
         hypotheses: all of them.
     """
     posteriors = {posterior.name: posterior for posterior in ranking.posteriors}
-    rows = _hypothesis_records(baselines, hypotheses, posteriors)
+    draws = {
+        each.model_class.name: {
+            place: appendage_draws(
+                each,
+                posteriors.get(each.model_class.name),
+                place,
+                baselines.scales[each.key.baseline].mass,
+            )
+            for place in each.key.places
+        }
+        for each in hypotheses
+    }
+    rows = _hypothesis_records(hypotheses, posteriors, draws)
     approximate = {each.key: each.approximate_log_mass for each in hypotheses}
     sampled = {
         each.key: each.log_mass(posteriors[each.model_class.name])
         for each in hypotheses
         if each.model_class.name in posteriors
     }
-    probabilities = dict.fromkeys((place for each in hypotheses for place in each.key.places), 0.0)
-    for row in rows:
-        for appendage in row.appendages:
-            probabilities[appendage.place] += row.probability
     return SearchRecord(
         baselines=(*_searched(baselines, rows), *_compared(baselines, rivals)),
         left_out=dict(baselines.left_out),
@@ -63,16 +69,17 @@ def search_record(
         search_settings=search_settings,
         probability_of_any=sum(each.probability for each in rows if each.appendages),
         most_probability_unsampled=most_probability_unsampled(approximate, sampled),
-        places=tuple(PlaceProbability(*each) for each in probabilities.items()),
+        places=place_records(draws, {row.name: row.probability for row in rows}),
+        geometry=baselines.geometry,
         hypotheses=rows,
         averaged_parameters=tuple(_averaged(ranking, hypotheses)),
     )
 
 
 def _hypothesis_records(
-    baselines: Baselines,
     hypotheses: Sequence[ScreenedHypothesis],
     posteriors: Mapping[str, Posterior],
+    draws: Mapping[str, Mapping[AppendagePlace, AppendageDraws]],
 ) -> tuple[HypothesisRecord, ...]:
     """The most probable first."""
     total_weight = sum(each.prior_weight for each in hypotheses)
@@ -91,7 +98,6 @@ def _hypothesis_records(
         name, screened = each.model_class.name, each.screened
         posterior = posteriors.get(name)
         evidence = screened if posterior is None else posterior.evidence
-        scale = baselines.scales[each.key.baseline].mass
         rows.append(
             HypothesisRecord(
                 name=name,
@@ -103,38 +109,10 @@ def _hypothesis_records(
                 is_sampled=posterior is not None,
                 screened=screened.log_evidence,
                 laplace=screened.laplace,
-                appendages=tuple(_summary(each, posterior, p, scale) for p in each.key.places),
+                appendages=tuple(own.summary(place) for place, own in draws[name].items()),
             )
         )
     return tuple(rows)
-
-
-def _summary(
-    hypothesis: ScreenedHypothesis,
-    posterior: Posterior | None,
-    place: AppendagePlace,
-    mass_scale: float,
-) -> AppendageSummary:
-    if posterior is None:
-        values = hypothesis.model_class.values(hypothesis.screened.z)
-        weights = hypothesis.screened.weights
-    else:
-        values = posterior.values
-        weights = np.full(len(values), 1.0 / len(values))
-
-    def quantiles(parameter: str, scale: float) -> tuple[float, float, float]:
-        column = scale * values[:, hypothesis.model_class.parameter_names.index(parameter)]
-        low, middle, high = np.quantile(
-            column, [0.05, 0.5, 0.95], weights=weights, method="inverted_cdf"
-        )
-        return float(low), float(middle), float(high)
-
-    return AppendageSummary(
-        place,
-        quantiles(mass_name(place), mass_scale),
-        quantiles(mass_name(place), 1.0),
-        quantiles(frequency_name(place), 1.0),
-    )
 
 
 def _searched(baselines: Baselines, rows: Sequence[HypothesisRecord]) -> list[BaselineRecord]:

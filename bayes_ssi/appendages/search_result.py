@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 
 from bayes_ssi.appendages.hypotheses import SearchSettings
 from bayes_ssi.appendages.mass_scale import MassScale
@@ -11,6 +12,10 @@ from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.ranking.averages import AveragedParameter
 from bayes_ssi.ranking.comparison import VERY_STRONG
 from bayes_ssi.ranking.study import Ranking
+from bayes_ssi.structures.geometry import Geometry
+
+# Share of the probability of appendages that the places together hold that are named.
+CREDIBLE = 0.95
 
 
 @dataclass(frozen=True)
@@ -43,11 +48,22 @@ class AveragedAndNaive(AveragedParameter):
 
 
 @dataclass(frozen=True)
-class PlaceProbability:
-    """A place, and the probability that an appendage hangs there."""
+class PlaceRecord:
+    """A place of a search.
 
-    place: AppendagePlace
+    Attributes:
+        appendage: what hangs there, if anything does, averaged over all hypotheses in which
+            something does.
+        probability: that something does.
+    """
+
+    appendage: AppendageSummary
     probability: float
+
+    @property
+    def place(self) -> AppendagePlace:
+        """The place itself."""
+        return self.appendage.place
 
 
 @dataclass(frozen=True)
@@ -112,6 +128,7 @@ class SearchRecord:
         most_probability_unsampled: an upper bound on the probability of all hypotheses together
             whose evidences are approximate.
         places: all places that were considered.
+        geometry: where the structure's nodes are, as far as it is known, for drawings.
         hypotheses: the most probable first.
         averaged_parameters: averaged parameters of the baselines.
     """
@@ -122,7 +139,8 @@ class SearchRecord:
     search_settings: SearchSettings
     probability_of_any: float
     most_probability_unsampled: float
-    places: tuple[PlaceProbability, ...]
+    places: tuple[PlaceRecord, ...]
+    geometry: Geometry | None
     hypotheses: tuple[HypothesisRecord, ...]
     averaged_parameters: tuple[AveragedAndNaive, ...]
 
@@ -130,6 +148,19 @@ class SearchRecord:
     def place_probabilities(self) -> dict[AppendagePlace, float]:
         """Every place → the probability that an appendage hangs there."""
         return {each.place: each.probability for each in self.places}
+
+    @property
+    def places_by_probability(self) -> tuple[PlaceRecord, ...]:
+        """The places, the most probable first."""
+        return tuple(sorted(self.places, key=lambda each: -each.probability))
+
+    @property
+    def credible_places(self) -> tuple[PlaceRecord, ...]:
+        """The fewest places with 95 % of the probability, summed over all; the first first."""
+        ordered = self.places_by_probability
+        sums = list(accumulate(each.probability for each in ordered))
+        n = next((i for i, one in enumerate(sums, 1) if one >= CREDIBLE * sums[-1]), len(sums))
+        return ordered[:n]
 
     @property
     def n_unsampled(self) -> int:

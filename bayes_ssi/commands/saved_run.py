@@ -350,5 +350,5 @@ def _figures(ranking: Ranking, records: Mapping[str, Any]) -> list[ResultFigure]
         {each.name: each.data for each in ranking.study.model_classes[0].configurations},
         [by_name[row.name] for row in ranking.comparison.classes],
         ranking.comparison,
-        records[SEARCH].place_probabilities if SEARCH in records else None,
+        records.get(SEARCH),
     )

@@ -103,12 +103,12 @@ def figure_of(figure: Figure | None, size: tuple[float, float]) -> Figure:
         return plt.figure(figsize=size)
 
 
-def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
-    """The axes given, or those of a new figure of ``size`` (inches)."""
+def axes_of(ax: Axes | None, size: tuple[float, float], projection: str | None = None) -> Axes:
+    """The axes given, or those of a new figure of ``size`` (inches), such as ``"3d"`` ones."""
     if ax is not None:
         return ax
     with style():
-        return figure_of(None, size).subplots()
+        return figure_of(None, size).add_subplot(projection=projection)
 
 
 def whole_figure(drawn: Axes | Figure) -> Figure:
@@ -207,8 +207,9 @@ def legend_of_figure(figure: Any, axes: Iterable[Axes], columns: int = 3) -> Non
     line = 6  # letters that the line of an entry and the space after it take
     columns = max(1, min(columns, room // (max(map(len, drawn), default=1) + line)))
     names = [textwrap.fill(name, room // columns - line) for name in drawn]
+    outside = "outside " if figure.get_layout_engine() else ""  # else there is room below already
     legend = figure.legend(
-        [*drawn.values()], names, loc="outside lower center", ncols=columns, fontsize=SMALL
+        [*drawn.values()], names, loc=f"{outside}lower center", ncols=columns, fontsize=SMALL
     )
     without_math(*legend.get_texts())
 

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bayes_ssi.appendages.places import AppendagePlace
+from bayes_ssi.appendages.search_result import SearchRecord
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.corner_plot import import_corner, plot_corner
@@ -43,7 +43,7 @@ def result_figures(
     tests: Mapping[str, ModalData],
     ranked: Sequence[Posterior],
     comparison: Comparison,
-    places: Mapping[AppendagePlace, float] | None = None,
+    search: SearchRecord | None = None,
 ) -> list[ResultFigure]:
     """The figures of a result, the one that takes longest first.
 
@@ -51,7 +51,7 @@ def result_figures(
         tests: name of a configuration → its identified modes; a single one may have the name "".
         ranked: the posteriors, the best first; the corner plot is of the best one.
         comparison: the ranking; the best ``MOST_CLASSES`` are drawn.
-        places: of a search, every place → the probability of an appendage there.
+        search: the search that gave the ranking, if there was one.
     """
     figures = [ResultFigure("corner", partial(plot_corner, ranked[0]))]
     for i, (configuration, modes) in enumerate(tests.items(), 1):
@@ -59,8 +59,8 @@ def result_figures(
         draw = partial(plot_frequencies, modes, ranked[:MOST_CLASSES], configuration=configuration)
         figures.append(ResultFigure(name, draw))
     figures.append(ResultFigure("evidence", partial(plot_evidence, comparison, most=MOST_CLASSES)))
-    if places is not None and any(place.height is not None for place in places):
-        figures.append(ResultFigure("places", partial(plot_places, places)))
+    if search is not None:
+        figures.append(ResultFigure("places", partial(plot_places, search)))
     return figures
 
 

@@ -114,10 +114,7 @@ def _of_ranking(stored: StoredResult) -> Iterator[Plot]:
 
 def _of_search(stored: StoredResult) -> Iterator[Plot]:
     if stored.search is not None:
-        probabilities = stored.search.place_probabilities
-        if all(place.height is None for place in probabilities):
-            return
-        yield "Probability of an appendage by place", partial(plot_places, probabilities)
+        yield "Probability of an appendage by place", partial(plot_places, stored.search)
 
 
 def _of_sensitivity(stored: StoredResult) -> Iterator[Plot]:

@@ -115,3 +115,11 @@ def _checked_line(line: Sequence[str], nodes: Mapping[str, Point]) -> tuple[str,
     if len(ends) != 2 or unknown is not None:
         raise ValueError(f"geometry: a line joins two nodes that it names, got {line!r}")
     return ends[0], ends[1]
+
+
+def direction_name(direction: Point) -> str:
+    """A direction in words: ``x``, ``-y``, or its cosines."""
+    for axis, name in enumerate(DIRECTIONS):
+        if abs(direction[axis]) == 1.0:
+            return name if direction[axis] > 0.0 else f"-{name}"
+    return f"({', '.join(f'{cosine:.2g}' for cosine in direction)})"

@@ -6,12 +6,11 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from searches import INFILL_01, PENDULUM_3
+from searches import INFILL_01, PENDULUM_3, place_record, places_in_space, places_of_building
 
 import bayes_ssi as bs
 from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
 from bayes_ssi.plots import figure_style
-from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.before_and_after import (
     plot_frequency_change,
     plot_mac_change,
@@ -23,6 +22,8 @@ from bayes_ssi.plots.figure_style import SMALL, WIDTH, figures_for_files, whole_
 from bayes_ssi.plots.identified_modes import plot_identified_modes
 from bayes_ssi.plots.matrix_plots import plot_pairing
 from bayes_ssi.plots.model_frequencies import plot_frequencies
+from bayes_ssi.plots.place_bars import plot_place_bars
+from bayes_ssi.plots.places_on_building import plot_places_on_building
 from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
 from bayes_ssi.plots.shape_plots import BEYOND, DrawnShape, plot_shape_components, plot_shapes
 from bayes_ssi.plots.updated_shapes import plot_mode_shapes
@@ -56,6 +57,8 @@ def plots(posteriors, updated, case_c, make_posterior):
     quantiles = {"k1": (-2.0, 0.0, 4.0), "k2": (-2.0, 0.0, 4.0)}
     small = make_posterior("4", names=("mass ratio, infill 1-2", "E", "k"))
     small = replace(small, draws=0.9 + 1e-3 * small.draws)
+    tall = bs.ShearBuilding((1.0,) * 20, (1.0,) * 20)
+    in_space = bs.ShearBuilding3D((1.0,) * 3, (1.0,) * 3, *(((1.0,) * 3,) * 3))
     return {
         "evidence": lambda: plot_evidence(bs.compare(posteriors)),
         "frequencies": lambda: plot_frequencies(case_c, posteriors),
@@ -67,7 +70,16 @@ def plots(posteriors, updated, case_c, make_posterior):
         "parameters": lambda: plot_parameters(posteriors[0], quantiles),
         "pairing": lambda: plot_pairing(inferred, 4),
         "sensitivity": lambda: plot_sensitivity(Sensitivity(tuple(rows))),
-        "places": lambda: plot_places({PENDULUM_3: 0.9, INFILL_01: 0.1}),
+        "building": lambda: plot_places_on_building(
+            [place_record(PENDULUM_3, 0.9), place_record(INFILL_01, 0.1)]
+        ),
+        "tall building": lambda: plot_places_on_building(
+            [place_record(place, 0.01) for place in places_of_building(tall)]
+        ),
+        "floors in space": lambda: plot_places_on_building(
+            [place_record(place, 0.08) for place in places_of_building(in_space)]
+        ),
+        "bars": lambda: plot_place_bars(places_in_space([0.2] + 20 * [0.01])),
         "corner": lambda: plot_corner(posteriors[0]),
         "corner of small ranges": lambda: plot_corner(small),
     }
@@ -88,8 +100,8 @@ def texts_of(figure):
 
 
 NAMES = ("evidence", "frequencies", "identified", "shapes", "components", "change", "MAC",
-         "parameters", "pairing", "sensitivity", "places", "corner",
-         "corner of small ranges")  # fmt: skip
+         "parameters", "pairing", "sensitivity", "building", "tall building", "floors in space",
+         "bars", "corner", "corner of small ranges")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,0 +1,121 @@
+"""Axes in three dimensions of one scale, which a structure fills."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.plots.figure_style import GREY, SMALL, TEXT, WIDTH, figure_of, title_of, wrapped
+from bayes_ssi.structures.geometry import Geometry
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Inches: the greatest height of a structure, room for ticks and names of axes around it, and for
+# a title above and a colour bar and a legend below.
+TALLEST, AROUND, ABOVE, BELOW = 4.0, 0.5, 0.3, 1.0
+# Above so many lines or markers, they are one picture within a drawing.
+MOST_VECTORS = 300
+
+
+def space_axes(points: FloatArray, unit: str, title: str, ax: Axes | None = None) -> Any:
+    """Axes in which all points fit, with the same scale in x, y and z.
+
+    Args:
+        points: (n, 3).
+        unit: of the coordinates, for the names of the axes; may be empty.
+        title: above them.
+        ax: axes in three dimensions; those of a new figure, as high as it must be, if None.
+    """
+    own = ax is None
+    if ax is None:
+        # Without the layout of other figures, in which axes in three dimensions are too small.
+        figure = figure_of(None, (WIDTH, WIDTH))
+        figure.set_layout_engine("none")
+        ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d")
+    drawn: Any = ax
+    drawn.computed_zorder = False  # what is drawn later is above
+    drawn.set_proj_type("ortho")
+    low, high = points.min(axis=0), points.max(axis=0)
+    longest = float((high - low).max()) or 1.0
+    # A line or a plane needs some depth for its axes.
+    half = np.maximum(0.5 * (high - low), 0.1 * longest)
+    middle = 0.5 * (low + high)
+    drawn.set_box_aspect(tuple(half))
+    for i, name in enumerate("xyz"):
+        axis = getattr(drawn, f"{name}axis")
+        getattr(drawn, f"set_{name}lim")(middle[i] - half[i], middle[i] + half[i])
+        axis.set_major_locator(_ticks(name, float(half[i] / half.max()), bool(high[i] > low[i])))
+        axis.set_tick_params(pad=-2.0, labelsize=SMALL)
+        axis.pane.set_visible(False)
+    drawn.grid(visible=False)
+    _name_axes(drawn, middle, half, unit)
+    if not own:
+        title_of(drawn, title)
+        return drawn
+    text = wrapped(title, WIDTH)
+    drawn.figure.suptitle(text, x=0.02, ha="left", fontsize=TEXT, parse_math=False)
+    _fill(drawn, middle + half * np.array([*product((-1.0, 1.0), repeat=3)]))
+    return drawn
+
+
+def _name_axes(ax: Any, middle: FloatArray, half: FloatArray, unit: str) -> None:
+    """Names next to the axes; matplotlib's own lie far from those of a flat box, or on ticks."""
+    in_unit = f" ({unit})" if unit else ""
+    for text, corner, ha, va in (
+        (f"\n\nx{in_unit}       ", (0, -1, -1), "right", "top"),
+        (f"\n     y{in_unit}", (1, 0, -1), "left", "top"),
+        (f"z{in_unit}", (1, 1, 1), "center", "bottom"),
+    ):
+        ax.text(*(middle + half * corner), text, ha=ha, va=va, fontsize=SMALL)
+
+
+def _ticks(name: str, share: float, has_extent: bool) -> Any:
+    """Fewer ticks on a shorter axis, where their labels would overlap."""
+    from matplotlib.ticker import MaxNLocator, NullLocator
+
+    if not has_extent:
+        return NullLocator()
+    # The axis of z begins where that of y ends.
+    return MaxNLocator(max(1, round(4 * share)), prune="lower" if name == "z" else None)
+
+
+def _fill(ax: Any, corners: FloatArray) -> None:
+    """Make the box as large as the figure is wide, and the figure as high as the box needs."""
+    from mpl_toolkits.mplot3d.proj3d import proj_transform
+
+    x, y, _ = proj_transform(*corners.T, ax.get_proj())
+    on_page = ax.transData.transform(np.column_stack([x, y])) / ax.figure.dpi
+    across, up = np.ptp(on_page, axis=0)
+    zoom = min((WIDTH - 2.0 * AROUND) / across, TALLEST / up)
+    ax.set_box_aspect(tuple(np.ptp(corners, axis=0)), zoom=zoom)
+    height = ABOVE + zoom * up + AROUND + BELOW
+    ax.figure.set_size_inches(WIDTH, height)
+    # The box is in the middle of its axes, a square as wide as the figure.
+    bottom = BELOW + AROUND + 0.5 * zoom * up - 0.5 * WIDTH
+    ax.set_position((0.0, bottom / height, 1.0, WIDTH / height))
+
+
+def colour_bar_axes(ax: Any) -> Axes:
+    """Axes for a colour bar in the room below those of :func:`space_axes` in their own figure."""
+    height = ax.figure.get_figheight()
+    bar: Axes = ax.figure.add_axes((0.2, 0.75 / height, 0.6, 0.12 / height))
+    return bar
+
+
+def draw_structure(ax: Any, geometry: Geometry) -> None:
+    """The lines of a structure, or its nodes where no line is known."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+    if not geometry.lines:
+        nodes = np.array(list(geometry.nodes.values()))
+        ax.scatter(*nodes.T, s=0.6, color=GREY, depthshade=False, rasterized=True)
+        return
+    segments = [[geometry.nodes[end] for end in line] for line in geometry.lines]
+    many = len(segments) > MOST_VECTORS
+    ax.add_collection3d(
+        Line3DCollection(segments, colors=GREY, linewidths=0.5, alpha=0.5, rasterized=many)
+    )

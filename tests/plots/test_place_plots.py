@@ -1,0 +1,142 @@
+"""Places of a search: on the building, in space, and as bars."""
+
+from types import SimpleNamespace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from searches import place_record, places_in_space, places_of_building
+
+import bayes_ssi as bs
+from bayes_ssi.plots.appendage_places import plot_places
+from bayes_ssi.plots.figure_style import figures_for_files
+from bayes_ssi.plots.place_bars import MOST_BARS
+from bayes_ssi.plots.place_map import plot_place_map
+from bayes_ssi.plots.space_axes import MOST_VECTORS
+
+GEOMETRY = bs.Geometry({"a": (0.0, 0.0, 0.0), "b": (9.0, 0.0, 4.0)}, (("a", "b"),), "m")
+X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+
+
+@pytest.fixture
+def draw():
+    """Draws places, as a search would, and lays the figure out."""
+
+    def drawn(places, geometry=None):
+        ordered = tuple(sorted(places, key=lambda each: -each.probability))
+        search = SimpleNamespace(
+            places=tuple(places), places_by_probability=ordered, geometry=geometry
+        )
+        with figures_for_files():
+            ax = plot_places(search)
+            ax.figure.draw_without_rendering()
+        return ax
+
+    return drawn
+
+
+def darkness(colours):
+    """1 - lightness of colours, as the eye weighs red, green and blue."""
+    return 1.0 - np.atleast_2d(colours)[:, :3] @ [0.299, 0.587, 0.114]
+
+
+def labels_of(ax):
+    return [text.get_text() for legend in ax.figure.legends for text in legend.get_texts()]
+
+
+def test_the_colour_map_gets_darker_with_probability():
+    sampled = mpl.colormaps["YlOrRd"](np.linspace(0.0, 1.0, 50))
+    assert (np.diff(darkness(sampled)) > 0.0).all()
+
+
+def test_arrows_have_the_direction_of_their_places_and_the_colour_of_their_probability(draw):
+    probabilities = (0.001, 0.002, 0.3, 0.05, 0.0, 0.6)
+    ax = draw(places_in_space(probabilities, (X, Z)), GEOMETRY)
+    structure, dots, *arrows = ax.collections
+    assert len(structure._segments3d) == 1
+    assert dots.get_label() == "improbable place"
+    assert [len(each) for each in dots._offsets3d] == [1, 1, 1]  # below 1 % of the highest
+    assert len(arrows) == 3  # the least probable first
+    shafts = np.array([arrow._segments3d[0] for arrow in arrows])
+    along = shafts[:, 0] - shafts[:, 1]
+    np.testing.assert_allclose(along / np.linalg.norm(along, axis=1)[:, None], [Z, X, Z], atol=1e-9)
+    colours = np.array([arrow.get_color()[0] for arrow in arrows])
+    assert (np.diff(darkness(colours)) > 0.0).all()
+    assert ax.figure.get_suptitle() == "Most probable: pendulum p5, 0.6000"
+    assert [text.get_text().strip() for text in ax.texts] == ["x (m)", "y (m)", "z (m)"]
+    assert "probability of an appendage" in {each.get_xlabel() for each in ax.figure.axes}
+    assert labels_of(ax) == ["improbable place", "place and direction"]
+    hover = [arrow.get_gid() for arrow in arrows]
+    assert hover[-1] == "hover: pendulum p5: probability 0.6000"
+
+
+@pytest.mark.parametrize("far", [(9.0, 0.0, 0.0), (9.0, 0.0, 60.0), (9.0, 9.0, 1.0), (0.1, 0, 0)])
+def test_nothing_of_a_map_is_cut_off(far):
+    geometry = bs.Geometry({"a": (0.0, 0.0, 0.0), "b": far}, (("a", "b"),), "m")
+    with figures_for_files():
+        figure = plot_place_map(places_in_space((0.3, 0.6), (X, Z)), geometry).figure
+        FigureCanvasAgg(figure).draw()
+    page = np.asarray(figure.canvas.buffer_rgba())[..., :3]
+    assert min(each.min() for each in (page[0], page[-1], page[:, 0], page[:, -1])) == 255
+    assert page.min() < 50
+
+
+def test_a_map_has_one_scale_in_all_directions(draw):
+    ax = draw(places_in_space((0.1, 0.2, 0.7)), GEOMETRY)
+    limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+    ratio = ax._box_aspect / np.diff(limits)[:, 0]
+    np.testing.assert_allclose(ratio, ratio[0])
+
+
+def test_places_without_direction_have_the_marker_of_their_kind(draw):
+    ax = draw(places_in_space((0.1, 0.9)))
+    assert labels_of(ax) == ["pendulum"]
+    assert [len(each.get_offsets()) for each in ax.collections] == [1, 1]
+
+
+def test_places_without_coordinates_are_left_out_of_a_map(draw):
+    loose = places_in_space((0.4,))[0].place.candidate
+    place = type(places_in_space((0.4,))[0].place)(bs.Candidate("loose", loose.place))
+    ax = draw([*places_in_space((0.3, 0.3)), place_record(place, 0.4)])
+    assert ax.figure.get_suptitle().startswith("Most probable: pendulum p")
+    assert len(ax.collections) == 2
+
+
+def test_hundreds_of_equal_places_are_one_picture(draw):
+    ax = draw(places_in_space(np.full(MOST_VECTORS + 2, 1e-3), (X, Z)))
+    assert len(ax.collections) == MOST_VECTORS + 2
+    assert all(each.get_rasterized() for each in ax.collections)
+
+
+def test_without_coordinates_the_most_probable_places_are_bars(draw):
+    probabilities = np.array([0.5, 0.2, *np.full(30, 0.01)])
+    places = [
+        place_record(type(each.place)(bs.Candidate(f"s{i}", f"s{i}")), each.probability)
+        for i, each in enumerate(places_in_space(probabilities[::-1]))
+    ]
+    ax = draw(places)
+    lengths = [bar.get_width() for bar in ax.patches]
+    assert lengths[:3] == [0.5, 0.2, 0.01]
+    assert len(lengths) == MOST_BARS + 1
+    assert lengths[-1] == pytest.approx(0.01 * (32 - MOST_BARS))
+    assert ax.get_yticklabels()[-1].get_text() == f"{32 - MOST_BARS} others together"
+    assert ax.get_xlabel() == "probability of an appendage"
+
+
+def test_floors_in_space_have_a_column_for_each_direction(draw):
+    frame = bs.ShearBuilding3D((1.0,) * 3, (1.0,) * 3, *(((1.0,) * 3,) * 3))
+    places = [place_record(place, 0.08) for place in places_of_building(frame)]
+    ax = draw(places)
+    at = np.array([c.get_offsets()[0] for c in ax.collections if len(c.get_offsets()) == 1])
+    assert len(np.unique(at[:, 0])) == 4
+    assert sorted(set(at[:, 1])) == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+    assert sorted(t.get_text() for t in ax.texts if t.get_text() in ("x", "y")) == list("xxyy")
+    assert labels_of(ax) == ["infill in a storey", "pendulum"]
+
+
+def test_a_building_too_tall_for_a_page_is_bars(draw):
+    tower = bs.ShearBuilding((1.0,) * 60, (1.0,) * 60)
+    ax = draw([place_record(place, 1.0 / 120) for place in places_of_building(tower)])
+    assert len(ax.patches) == MOST_BARS + 1
+    assert ax.figure.get_figheight() < 8
