@@ -39,8 +39,8 @@ def read_matrix(path: str | Path, key: str | None = None) -> Any:
         ValueError: it is damaged or truncated, has an unknown format, or no array at ``key``.
     """
     path = Path(path)
-    with path.open("rb"):  # raises where there is no file, before any library is called
-        pass
+    with path.open("rb") as file:  # raises where there is no file, before any library is called
+        is_matrix_market = file.read(14) == b"%%MatrixMarket"
     name = path.name.lower()
     readers = {
         ".mtx": _read_single,
@@ -50,6 +50,8 @@ def read_matrix(path: str | Path, key: str | None = None) -> Any:
         ".mat": _read_mat,
     }
     read = next((read for suffix, read in readers.items() if name.endswith(suffix)), None)
+    if read is None and is_matrix_market:  # programs give such files other endings
+        read = _read_single
     if read is None:
         raise ValueError(f"{path}: unknown format; choose a file ending in {', '.join(readers)}")
     try:
@@ -59,10 +61,28 @@ def read_matrix(path: str | Path, key: str | None = None) -> Any:
     except MemoryError:
         raise
     except Exception as error:  # a damaged file may raise anything in the libraries
-        reason = " ".join(str(error).split()) or "no reason given"
-        raise ValueError(
-            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
-        ) from error
+        raise _damaged(path, error) from error
+
+
+def matrix_keys(path: Path) -> tuple[str, ...] | None:
+    """Keys of the arrays in a file that holds several; None for a file of one array.
+
+    Raises:
+        OSError: there is no such file, or it cannot be opened.
+        ValueError: it is damaged or truncated.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in (".npz", ".mat"):
+        return None
+    try:
+        if suffix == ".npz":
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+                return None if "format" in arrays.files else tuple(arrays.files)
+        return _keys_of_mat(path)
+    except OSError:
+        raise
+    except Exception as error:  # a damaged file may raise anything in the libraries
+        raise _damaged(path, error) from error
 
 
 def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Any:
@@ -107,6 +127,13 @@ def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Any:
     return 0.5 * (matrix + matrix.T)
 
 
+def _damaged(path: Path, error: Exception) -> ValueError:
+    reason = " ".join(str(error).split()) or "no reason given"
+    return ValueError(
+        f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
+    )
+
+
 class _KeyNotFoundError(Exception):
     """The file can be read, but does not hold the requested array."""
 
@@ -140,21 +167,31 @@ def _read_npz(path: Path, key: str | None) -> Any:
 
 
 def _read_mat(path: Path, key: str | None) -> Any:
-    from scipy.io import loadmat, whosmat
+    from scipy.io import loadmat
 
+    chosen = _chosen(key, list(_keys_of_mat(path)))
     try:
-        keys = [name for name, *_ in whosmat(path)]
-        chosen = _chosen(key, keys)
         return loadmat(path, spmatrix=False, variable_names=[chosen])[chosen]
     except NotImplementedError:  # version 7.3 is another format altogether
-        return _read_hdf5(path, key)
+        return _read_hdf5(path, chosen)
 
 
-def _read_hdf5(path: Path, key: str | None) -> Any:
+def _keys_of_mat(path: Path) -> tuple[str, ...]:
+    from scipy.io import whosmat
+
+    try:
+        return tuple(name for name, *_ in whosmat(path))
+    except NotImplementedError:  # version 7.3 is another format altogether
+        import h5py
+
+        with h5py.File(path, "r") as file:
+            return tuple(name for name in file if not name.startswith("#"))
+
+
+def _read_hdf5(path: Path, chosen: str) -> Any:
     import h5py
 
     with h5py.File(path, "r") as file:
-        chosen = _chosen(key, [name for name in file if not name.startswith("#")])
         item = file[chosen]
         if not isinstance(item, h5py.Group):
             dense: FloatArray = np.asarray(item[()]).T  # MATLAB's order of dimensions

@@ -9,10 +9,15 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from bayes_ssi.finite_elements.matrix_files import checked_matrix
 from bayes_ssi.solver_files.directions import TRANSLATIONS, direction_of, without_repetitions
 from bayes_ssi.structures.geometry import Geometry
+
+BoolArray = NDArray[np.bool_]
+# Stiffness, mass and labels.
+Parts = tuple[sp.csc_array, sp.csc_array, "Sequence[str] | None"]
 
 # A note names this many degrees of freedom at most.
 NAMED = 6
@@ -99,23 +104,29 @@ def exported_model(
         ValueError: the matrices are not symmetric, finite and of one size, or the labels are not
             as many; the message names the file.
     """
-    stiffness = checked_matrix(matrices.stiffness, matrices.stiffness_from)
-    mass = _checked_mass(matrices, stiffness.shape[0])
     if matrices.labels is not None and labels is not None:
         raise ValueError(
-            f"{matrices.stiffness_from}: labels are given, but the file states its own"
+            f"{matrices.stiffness_from}: labels are given, but the files state their own"
         )
     names = matrices.labels if labels is None else labels
-    if names is not None and len(names) != stiffness.shape[0]:
-        raise ValueError(
-            f"{matrices.stiffness_from}: {len(names)} labels for {stiffness.shape[0]} rows"
-        )
+    _require_one_size(matrices, names)
+    notes = list(matrices.notes)
     dependent = {
         name: {names[row]: factor for row, factor in of.items()}
         for name, of in matrices.dependent.items()
         if names is not None
     }
-    stiffness, mass, names, notes = _without_held_rows(matrices, stiffness, mass, names)
+    # Held rows go first: a huge stiffness there would hide what is wrong elsewhere.
+    held = np.zeros(matrices.stiffness.shape[0], dtype=bool)
+    held[np.asarray(matrices.removed, dtype=np.intp)] = True
+    parts = (sp.csc_array(matrices.stiffness), sp.csc_array(matrices.mass), names)
+    stiffness, mass, names = _without(held, "that are held", parts, notes)
+    stiffness = checked_matrix(stiffness, matrices.stiffness_from)
+    mass = _checked_mass(mass, matrices.mass_from)
+    empty = abs(stiffness).sum(axis=0) + abs(mass).sum(axis=0) == 0.0
+    stiffness, mass, names = _without(
+        empty, "without stiffness and mass", (stiffness, mass, names), notes
+    )
     if names is not None:
         names, repeated = without_repetitions(names)
         if repeated:
@@ -131,7 +142,7 @@ def exported_model(
         matrices.geometry,
         MappingProxyType(dependent),
         "as exported",
-        (*matrices.notes, *notes),
+        tuple(notes),
     )
 
 
@@ -148,48 +159,42 @@ def total_mass(mass: sp.csc_array, labels: Sequence[str] | None) -> dict[str, fl
     return totals
 
 
-def _checked_mass(matrices: Matrices, size: int) -> sp.csc_array:
-    rows = matrices.mass.shape[0]
+def _require_one_size(matrices: Matrices, names: Sequence[str] | None) -> None:
+    size, rows = matrices.stiffness.shape[0], matrices.mass.shape[0]
     if rows != size:
         raise ValueError(
             f"{matrices.mass_from} has {rows} rows, {matrices.stiffness_from} has {size}; they are "
             "not of one model"
         )
-    mass = checked_matrix(matrices.mass, matrices.mass_from)
+    if names is not None and len(names) != size:
+        raise ValueError(f"{matrices.stiffness_from}: {len(names)} labels for {size} rows")
+
+
+def _checked_mass(mass: sp.csc_array, name: str) -> sp.csc_array:
+    mass = checked_matrix(mass, name)
     diagonal = mass.diagonal()
     if diagonal.min() < 0.0:
         raise ValueError(
-            f"{matrices.mass_from}: row {diagonal.argmin() + 1} has the negative mass "
-            f"{diagonal.min():.3g}; is it another matrix?"
+            f"{name}: row {diagonal.argmin() + 1} has the negative mass {diagonal.min():.3g}; is "
+            "it another matrix?"
         )
     if not diagonal.any():
-        raise ValueError(f"{matrices.mass_from}: there is no mass; does the model state a density?")
+        raise ValueError(f"{name}: there is no mass; does the model state a density?")
     return mass
 
 
-def _without_held_rows(
-    matrices: Matrices, stiffness: sp.csc_array, mass: sp.csc_array, names: Sequence[str] | None
-) -> tuple[sp.csc_array, sp.csc_array, Sequence[str] | None, list[str]]:
-    size = stiffness.shape[0]
-    held = np.zeros(size, dtype=bool)
-    held[np.asarray(matrices.removed, dtype=np.intp)] = True
-    empty = (abs(stiffness).sum(axis=0) + abs(mass).sum(axis=0) == 0.0) & ~held
-    shown = names or [f"row {i + 1}" for i in range(size)]
-    notes = [
-        f"{rows.sum()} rows {what} are left out: {_listed(shown, rows)}"
-        for rows, what in (
-            (held, "that are held"),
-            (empty, "without stiffness and mass"),
-        )
-        if rows.any()
-    ]
-    kept = np.flatnonzero(~(held | empty))
+def _without(left_out: BoolArray, why: str, parts: Parts, notes: list[str]) -> Parts:
+    """Stiffness, mass and labels without some rows, which a note names."""
+    if not left_out.any():
+        return parts
+    stiffness, mass, names = parts
+    shown = names or [f"row {i + 1}" for i in range(len(left_out))]
+    notes.append(f"{left_out.sum()} rows {why} are left out: {_listed(shown, left_out)}")
+    kept = np.flatnonzero(~left_out)
     if not len(kept):
-        raise ValueError(f"{matrices.stiffness_from}: all rows are held or empty")
-    if len(kept) < size:
-        stiffness, mass = (sp.csc_array(each[:, kept][kept, :]) for each in (stiffness, mass))
-        names = None if names is None else [names[i] for i in kept.tolist()]
-    return stiffness, mass, names, notes
+        raise ValueError(f"all rows of the model are {why}")
+    stiffness, mass = (sp.csc_array(each[:, kept][kept, :]) for each in (stiffness, mass))
+    return stiffness, mass, None if names is None else [names[i] for i in kept.tolist()]
 
 
 def _listed(names: Sequence[str], rows: Any) -> str:

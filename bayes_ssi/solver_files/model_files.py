@@ -7,13 +7,34 @@ from dataclasses import replace
 from pathlib import Path
 
 from bayes_ssi.argument_types import checked
-from bayes_ssi.solver_files import calculix_storage, sap2000_text
+from bayes_ssi.solver_files import (
+    abaqus_matrices,
+    ansys_full,
+    calculix_storage,
+    harwell_boeing,
+    matrix_containers,
+    nastran_op4,
+    nastran_punch,
+    opensees_text,
+    sap2000_text,
+)
 from bayes_ssi.solver_files.exported_model import ExportedModel, exported_model
 from bayes_ssi.solver_files.formats import Format, Source, first_bytes
+from bayes_ssi.solver_files.label_files import read_labels
 from bayes_ssi.solver_files.unit_systems import in_si, mass_note, require_mass
 
 # In the order in which they are tried.
-FORMATS: tuple[Format, ...] = (sap2000_text.FORMAT, calculix_storage.FORMAT)
+FORMATS: tuple[Format, ...] = (
+    sap2000_text.FORMAT,
+    calculix_storage.FORMAT,
+    ansys_full.FORMAT,
+    nastran_op4.FORMAT,
+    nastran_punch.FORMAT,
+    abaqus_matrices.FORMAT,
+    matrix_containers.FORMAT,
+    harwell_boeing.FORMAT,
+    opensees_text.FORMAT,
+)
 
 
 @checked
@@ -22,7 +43,7 @@ def read_model(
     mass: str | Path | None = None,
     *,
     keys: tuple[str, str] | None = None,
-    labels: Sequence[str] | None = None,
+    labels: Sequence[str] | str | Path | None = None,
     units: str | None = None,
     mass_kg: float | None = None,
 ) -> ExportedModel:
@@ -36,7 +57,8 @@ def read_model(
         mass: the file of the mass matrix, where its name does not follow from that of the
             stiffness.
         keys: names of stiffness and mass in a file that holds several matrices.
-        labels: "node direction" of every row, where the files do not state them.
+        labels: "node direction" of every row, where the files do not state them; or a text file
+            with a line ``12 x``, ``12 1`` or ``12.1`` for each.
         units: the units of the model, such as "N, mm": turns it into N, m, kg. None leaves the
             numbers as exported.
         mass_kg: the structure's mass as it is known, to within a factor of 2: other units are
@@ -58,6 +80,8 @@ def read_model(
     if known is None:
         listed = "; ".join(f"{each.program} ({each.files})" for each in FORMATS)
         raise ValueError(f"{path}: not recognised as a solver's matrices; known are {listed}")
+    if isinstance(labels, str | Path):
+        labels = read_labels(Path(labels))
     model = exported_model(known.program, known.read(source), labels)
     if mass_kg is not None:
         require_mass(model, mass_kg, units)

@@ -6,9 +6,9 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-# Names as programs and engineers give them: K, KAA, KGG, KAAX, Kxx, stiffness, STIF1; M, MAA, mass.
-_STIFFNESS = re.compile(r"(k|k(aa|gg|ff|nn|xx|aax|ggx)|stif.*)", re.IGNORECASE)
-_MASS = re.compile(r"(m|m(aa|gg|ff|nn|xx|aax|ggx)|mass.*)", re.IGNORECASE)
+# K, KAA, kxx, stiffness, STIF1 and M, MAA, mxx, mass, MASS1: a pair has the same rest.
+_STIFFNESS = re.compile(r"(?:stiffness|stif|k)(.*)", re.IGNORECASE)
+_MASS = re.compile(r"(?:mass|m)(.*)", re.IGNORECASE)
 
 
 def numbered(names: Iterable[str]) -> tuple[str, ...]:
@@ -41,16 +41,18 @@ def chosen_pair(
             if key.lower() not in lower:
                 raise ValueError(f"{file}: no matrix {key!r}; it holds {_listed(names)}")
         return lower.index(keys[0].lower()), lower.index(keys[1].lower())
-    found = [
-        [i for i, name in enumerate(names) if pattern.fullmatch(re.sub(r" \d+$", "", name))]
-        for pattern in (_STIFFNESS, _MASS)
+    masses = {match[1]: i for i, name in enumerate(lower) if (match := _MASS.fullmatch(name))}
+    pairs = [
+        (i, masses[match[1]])
+        for i, name in enumerate(lower)
+        if (match := _STIFFNESS.fullmatch(name)) and match[1] in masses
     ]
-    if any(len(each) != 1 for each in found):
+    if len(pairs) != 1:
         raise ValueError(
             f'{file}: name its stiffness and mass, as in keys=("KAA", "MAA"); it holds '
             f"{_listed(names)}"
         )
-    return found[0][0], found[1][0]
+    return pairs[0]
 
 
 def _listed(names: Sequence[str]) -> str:

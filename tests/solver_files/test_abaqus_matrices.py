@@ -1,0 +1,126 @@
+"""Abaqus's matrices, written here from their description for a portal frame."""
+
+import numpy as np
+import pytest
+from frames import LABELS, assert_is_portal, lower_entries, portal
+
+import bayes_ssi as bs
+
+NUMBERS = {"x": 1, "z": 3, "ry": 5}
+# Node 1 is held, and node -4 is a multiplier of Abaqus's own.
+HELD = ["1,1, 1,1, 1.000000000000000e+36", "1,3, 1,3, 1.000000000000000e+36"]
+
+
+def place(row):
+    node, direction = LABELS[row].split()
+    return f"{node},{NUMBERS[direction]}"
+
+
+def labelled(matrix):
+    return [f"{place(i)}, {place(j)}, {value!r}" for i, j, value in lower_entries(matrix)]
+
+
+def written(folder, *, stiffness=None, mass=None, name="Frame"):
+    k, m = portal()
+    stiffness = [*HELD, *labelled(k)] if stiffness is None else stiffness
+    mass = ["1,1, 1,1, 500.0", *labelled(m)] if mass is None else mass
+    (folder / f"{name}_STIF2.mtx").write_text("\n".join([*stiffness, ""]))
+    (folder / f"{name}_MASS2.mtx").write_text("\n".join([*mass, ""]))
+    return folder / f"{name}_STIF2.mtx"
+
+
+def test_read_back_exactly_without_held_rows(tmp_path):
+    """What is 1e36 must not hide other entries in the check for symmetry."""
+    path = written(tmp_path)
+    (tmp_path / "Frame.inp").write_text("*Node\n 1, 0., 0., 0.\n 2, 0., 0., 3.5\n 7, 6., 0., 3.5\n")
+    model = bs.read_model(path)
+    assert_is_portal(model)
+    assert model.geometry.nodes["7"] == (6.0, 0.0, 3.5)
+    assert any(note == "2 rows that are held are left out: 1 x, 1 z" for note in model.notes)
+
+
+def test_both_triangles_and_own_nodes(tmp_path):
+    whole = [
+        f"{place(i)}, {place(j)}, {float(portal()[0][i, j])!r}"
+        for i, j in np.ndindex(6, 6)
+        if portal()[0][i, j]
+    ]
+    path = written(tmp_path, stiffness=["1,1, 1,1, 1e36", *whole])
+    assert_is_portal(bs.read_model(path))
+    path = written(tmp_path, stiffness=[*HELD, *labelled(portal()[0]), "-4,1, -4,1, 7.0"])
+    model = bs.read_model(path)
+    assert model.labels[0] == "internal 4 x"
+    # An own node is no point that moves.
+    assert model.total_mass["x"] == 5e3
+
+
+def test_without_labels(tmp_path):
+    k, m = (
+        [f"{i + 1}, {j + 1}, {value!r}" for i, j, value in lower_entries(each)] for each in portal()
+    )
+    model = bs.read_model(written(tmp_path, stiffness=k, mass=m), labels=LABELS)
+    assert_is_portal(model)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"mass": ["3,1, 3,1, 2.0"]}, r"MASS2.mtx: node 3, degree of freedom 1 is not in the stif"),
+        ({"mass": ["2,1, 2,1"]}, r"MASS2.mtx: line 1: expected row node, .* got 2 1 2 1"),
+        ({"stiffness": ["2,1, 2,1, 1.0", "2,1, 2.5,1, 1"]}, r"STIF2.mtx: line 2: node and degree"),
+        (
+            {"stiffness": ["2,1, 7,1, 1.0", "7,1, 2,1, 2.0"], "mass": ["2,1, 2,1, 5"]},
+            r"STIF2.mtx must be symmetric",
+        ),
+    ],
+)
+def test_wrong_files_are_refused_in_one_line(tmp_path, changed, message):
+    path = written(tmp_path, **changed)
+    with pytest.raises(ValueError, match=message) as refused:
+        bs.read_model(path)
+    assert "\n" not in str(refused.value)
+
+
+def test_the_file_of_the_mass_is_found_by_its_name_or_asked_for(tmp_path):
+    path = written(tmp_path)
+    path.rename(tmp_path / "other.mtx")
+    with pytest.raises(ValueError, match=r"other.mtx: name the file of the stiffness, job_STIFn"):
+        bs.read_model(tmp_path / "other.mtx")
+    assert_is_portal(bs.read_model(tmp_path / "other.mtx", tmp_path / "Frame_MASS2.mtx"))
+
+
+def substructure(stiffness, mass):
+    """The lower triangle row by row, four numbers a line, as *SUBSTRUCTURE MATRIX OUTPUT writes."""
+    lines = [
+        "**",
+        "** GENERATION OF SUBSTRUCTURE Z1",
+        "*USER ELEMENT, NODES=         2, LINEAR",
+        "** ELEMENT NODES",
+        "**          2,          7",
+        "          1,          3,          5",
+    ]
+    for kind, matrix in (("STIFFNESS", stiffness), ("MASS", mass)):
+        lines.append(f"*MATRIX,TYPE={kind}")
+        for row in range(len(matrix)):
+            numbers = [repr(float(each)) for each in matrix[row, : row + 1]]
+            lines += [", ".join(numbers[i : i + 4]) + "," for i in range(0, len(numbers), 4)]
+    return [*lines, ""]
+
+
+def test_a_substructure_holds_both_matrices(tmp_path):
+    lines = substructure(*portal())
+    path = tmp_path / "condensed.mtx"
+    path.write_text("\n".join(lines))
+    assert_is_portal(bs.read_model(path))
+    # The second node has other degrees of freedom.
+    path.write_text("\n".join([*lines[:6], "  2,  1,  2,  3", *lines[6:]]))
+    assert bs.read_model(path).labels == (*LABELS[:3], "7 x", "7 y", "7 z")
+    path.write_text("\n".join([*lines[:-2], ""]))
+    with pytest.raises(ValueError, match=r"MASS: 19 entries, but 6 .* have 21 .*: truncated\?"):
+        bs.read_model(path)
+    path.write_text("\n".join(lines).replace("LINEAR", "LINEAR, UNSYM"))
+    with pytest.raises(ValueError, match=r"line 3: the substructure is not symmetric"):
+        bs.read_model(path)
+    path.write_text("\n".join(lines).replace("*MATRIX,TYPE=MASS", "*MATRIX,TYPE=DAMPING"))
+    with pytest.raises(ValueError, match=r"no \*MATRIX, TYPE=MASS; was it requested\?"):
+        bs.read_model(path)

@@ -1,0 +1,207 @@
+"""Nastran's punched and OUTPUT4 matrices; pyyeti's own samples where it is installed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg
+from frames import LABELS, assert_is_portal, lower_entries, portal
+
+import bayes_ssi as bs
+
+NUMBERS = {"x": 1, "z": 3, "ry": 5}
+
+
+def place(row):
+    node, direction = LABELS[row].split()
+    return int(node), NUMBERS[direction]
+
+
+def punched(name, matrix):
+    """A symmetric matrix, a column entry for each column of its lower triangle."""
+    lines = [f"DMIG    {name:<8}{0:>8}{6:>8}{2:>8}{0:>8}"]
+    for column in range(len(matrix)):
+        node, component = place(column)
+        rows = [(i, value) for i, j, value in lower_entries(matrix) if j == column]
+        if rows:
+            lines.append(f"DMIG*   {name:<16}{node:>16}{component:>16}")
+        for row, value in rows:
+            node, component = place(row)
+            # Sixteen characters hold nine digits.
+            lines.append(f"*       {node:>16}{component:>16}{value:>16.9E}".replace("E", "D"))
+    return lines
+
+
+def rounded(matrix):
+    return np.array([[float(f"{each:.9E}") for each in row] for row in matrix])
+
+
+def write(path, *blocks):
+    grids = [
+        "$ BOUNDARY GRID DATA",
+        "GRID*                  2               0 0.000000000E+00 0.000000000E+00",
+        "*        3.500000000E+00               0",
+        "GRID           7       0     6.0     0.0     3.5      10",
+    ]
+    path.write_text("\n".join([*grids, *(line for block in blocks for line in block), ""]))
+    return path
+
+
+K, M = (punched(name, matrix) for name, matrix in zip(("KAAX", "MAAX"), portal(), strict=True))
+COMPLEX = [K[0].replace("6       2", "6       4"), *K[1:]]
+RECTANGULAR = [K[0].replace("6       2", "9       2"), *K[1:]]
+OTHER = [*punched("KGG", np.eye(6)), *punched("MGG", np.eye(6))]
+
+
+def test_punched_matrices(tmp_path):
+    stiffness, mass = portal()
+    path = write(tmp_path / "frame.pch", K, M)
+    model = bs.read_model(path)
+    assert model.labels == LABELS
+    np.testing.assert_array_equal(model.stiffness.toarray(), rounded(stiffness))
+    np.testing.assert_array_equal(model.mass.toarray(), rounded(mass))
+    assert model.geometry.nodes == {"2": (0.0, 0.0, 3.5), "7": (6.0, 0.0, 3.5)}
+    assert any("1 points move in coordinate systems of their own" in note for note in model.notes)
+
+
+def test_small_and_free_fields_and_scalar_points(tmp_path):
+    """2.5+3 is 2500; a point without a component is a scalar one."""
+    lines = [
+        "DMIG    KGG            0       6       1",
+        "DMIG    KGG            2       1               2       1   2.5+3",
+        "*              9       0  -1.0+3",
+        "DMIG,KGG,9,0,,9,0,1.0+3",
+        "DMIG,MGG,0,6,1",
+        "DMIG,MGG,2,1,,2,1,3.0",
+        "DMIG,MGG,9,0,,9,0,1.0",
+    ]
+    lines[2] = "        " + lines[2][8:]
+    model = bs.read_model(write(tmp_path / "frame.bdf", lines))
+    assert model.labels == ("2 x", "9")
+    np.testing.assert_array_equal(model.stiffness.toarray(), [[2500.0, -1000.0], [-1000.0, 1000.0]])
+
+
+@pytest.mark.parametrize(
+    ("blocks", "message"),
+    [
+        ([K], r"name its stiffness and mass, as in keys=.*; it holds 'KAAX'$"),
+        ([K, M, OTHER], r"name its stiffness and mass, as in keys=.*'MAAX', 'KGG', 'MGG'$"),
+        ([COMPLEX, M], r"KAAX must be real \(type 1 or 2\), got 4"),
+        ([RECTANGULAR, M], r"KAAX must be symmetric \(form 6\) or square \(1\), got 9"),
+        ([K, K[1:3], M], r"KAAX: 1 entries are stated twice"),
+        ([K, M[:2], [M[2].replace("D", "x")]], r"line \d+: not a DMIG entry: DMIG MAAX 2 1"),
+        ([K[1:], M], r"line 5: not a DMIG entry: DMIG KAAX 2 1"),
+        ([], r"frame.pch: no DMIG entry; was the punch of matrices requested\?"),
+    ],
+)
+def test_wrong_files_are_refused_in_one_line(tmp_path, blocks, message):
+    path = write(tmp_path / "frame.pch", *blocks)
+    with pytest.raises(ValueError, match=message) as refused:
+        bs.read_model(path)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.fixture
+def samples():
+    """The files that pyyeti's own tests read."""
+    pyyeti = pytest.importorskip("pyyeti", reason="pip install bayes_ssi[nastran]")
+    return Path(pyyeti.__file__).parent / "tests"
+
+
+def eigenvalues(model):
+    return scipy.linalg.eigh(model.stiffness.toarray(), model.mass.toarray(), eigvals_only=True)
+
+
+def stored_eigenvalues(path):
+    from pyyeti.nastran import op4
+
+    names, matrices, *_ = op4.OP4().listload(str(path))
+    return np.ravel(matrices[len(names) - 1 - names[::-1].index("lambda")])
+
+
+@pytest.mark.parametrize("folder", ["nas2cam_extseout", "nas2cam_csuper"])
+def test_eigenvalues_of_samples_are_those_that_nastran_stored(samples, folder):
+    path = samples / folder / "nas2cam.op4"
+    with pytest.raises(ValueError, match=r"name its stiffness .* 'maa 3', 'kaa 3'"):
+        bs.read_model(path)
+    # The six rigid-body modes are zero to rounding.
+    computed = eigenvalues(bs.read_model(path, keys=("KAA 3", "MAA 3")))[6:]
+    np.testing.assert_allclose(computed, stored_eigenvalues(path)[6:], rtol=1e-6)
+
+
+@pytest.mark.parametrize("binary", [True, False])
+@pytest.mark.parametrize("layout", ["dense", "bigmat", "nonbigmat"])
+def test_kinds_of_output4_files(tmp_path, samples, binary, layout):
+    from pyyeti.nastran import op4
+
+    stiffness, mass = portal()
+    path = tmp_path / "frame.op4"
+    options = {"binary": binary, "sparse": layout, "digits": 16}
+    op4.OP4().write(str(path), ["kaa", "maa"], [stiffness, mass], **options)
+    model = bs.read_model(path, labels=LABELS)
+    assert samples.is_dir()
+    np.testing.assert_allclose(model.stiffness.toarray(), stiffness, rtol=1e-15)
+    np.testing.assert_allclose(model.mass.toarray(), mass, rtol=1e-15)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 3])
+    with pytest.raises(ValueError, match=r"frame.op4: cannot be read; damaged or truncated\?"):
+        bs.read_model(path)
+
+
+def test_punches_are_read_as_the_library_reads_them(tmp_path, samples):
+    """A sample of it, and a punch that it writes of stored matrices; values have ten digits."""
+    import pandas as pd
+    from pyyeti import nastran
+
+    sample = samples / "nastran_dmig_data" / "matrix_factory.pch"
+    known = nastran.rddmig(str(sample))["ident"]
+    model = bs.read_model(sample, keys=("ident", "IDENT"))
+    np.testing.assert_array_equal(model.stiffness.toarray(), known)
+    # Scalar points have no component.
+    names = ("", " x", " y", " z", " rx", " ry", " rz")
+    assert model.labels == tuple(f"{node}{names[number]}" for node, number in known.index)
+    with pytest.raises(ValueError, match=r"matrix_factory.pch: RANDM must be symmetric"):
+        bs.read_model(sample, keys=("randm", "ident"))
+
+    stored = bs.read_model(samples / "nas2cam_extseout" / "nas2cam.op4", keys=("kaa 3", "maa 3"))
+    places = pd.MultiIndex.from_product([range(1, 10), range(1, 7)], names=["id", "dof"])
+    path = tmp_path / "residual.pch"
+    written = {"kaax": stored.stiffness, "maax": stored.mass}
+    nastran.wtdmig(
+        str(path),
+        {name: pd.DataFrame(each.toarray(), places, places) for name, each in written.items()},
+    )
+    punch, known = bs.read_model(path), nastran.rddmig(str(path), expanded=True)
+    for ours, theirs in ((punch.stiffness, known["kaax"]), (punch.mass, known["maax"])):
+        np.testing.assert_array_equal(ours.toarray(), theirs)
+    assert punch.labels[:7] == ("1 x", "1 y", "1 z", "1 rx", "1 ry", "1 rz", "2 x")
+    # Ten digits of K, the largest of whose eigenvalues is 1e10 times the lowest that is not zero.
+    np.testing.assert_allclose(eigenvalues(punch)[12:], eigenvalues(stored)[12:], rtol=1e-6)
+
+
+def test_without_the_library(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pyyeti.nastran.op4", None)
+    (tmp_path / "frame.op4").write_bytes(b"\0")
+    with pytest.raises(ValueError, match=r'pip install "bayes_ssi\[nastran\]"'):
+        bs.read_model(tmp_path / "frame.op4")
+
+
+def test_two_files_of_one_matrix_each(tmp_path):
+    k, m = write(tmp_path / "k.pch", K), write(tmp_path / "m.pch", M)
+    assert bs.read_model(k, m).labels == LABELS
+    with pytest.raises(ValueError, match=r"KAAX is in .*k.pch as well"):
+        bs.read_model(k, k)
+
+
+def test_read_back_exactly_where_fields_hold_all_digits(tmp_path):
+    """Free fields are as long as need be."""
+
+    def free(name, matrix):
+        yield f"DMIG,{name},0,6,2"
+        for i, j, value in lower_entries(matrix):
+            row, column = (",".join(map(str, place(each))) for each in (i, j))
+            yield f"DMIG,{name},{column},,{row},{value!r}"
+
+    stiffness, mass = portal()
+    assert_is_portal(
+        bs.read_model(write(tmp_path / "f.dmig", free("K", stiffness), free("M", mass)))
+    )

@@ -1,0 +1,239 @@
+"""OpenSees's printed matrices, Harwell-Boeing, ANSYS's full file, and matrices of no program."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse as sp
+from frames import LABELS, assert_is_portal, lower_entries, portal
+
+import bayes_ssi as bs
+
+# A cantilever of two beams of 3 m (EI 1.68e6, EA 2.1e9, 78.5 kg/m and 1000 kg at each node), as
+# OpenSees 3.8 prints it: system FullGeneral, numberer Plain, constraints Plain, a transient
+# analysis with integrator GimmeMCK 0 0 1 (K) and 1 0 0 (M), printA -file.
+OPENSEES_K = """
+1.49333e+06 0 0 -746667 0 -1.12e+06
+0 1.4e+09 0 0 -7e+08 0
+0 0 4.48e+06 1.12e+06 0 1.12e+06
+-746667 0 1.12e+06 746667 0 1.12e+06
+0 -7e+08 0 0 7e+08 0
+-1.12e+06 0 1.12e+06 1.12e+06 0 2.24e+06
+
+"""
+OPENSEES_M = """
+1235.5 0 0 0 0 0
+0 1235.5 0 0 0 0
+0 0 0 0 0 0
+0 0 0 1117.75 0 0
+0 0 0 0 1117.75 0
+0 0 0 0 0 0
+
+"""
+CANTILEVER = [f"{node} {direction}" for node in (2, 3) for direction in ("x", "y", "rz")]
+
+
+class TestOpenSees:
+    def read(self, folder, stiffness=OPENSEES_K, mass=OPENSEES_M, **options):
+        (folder / "K.out").write_text(stiffness)
+        (folder / "M.out").write_text(mass)
+        return bs.read_model(folder / "K.out", folder / "M.out", **options)
+
+    def test_printed_matrices(self, tmp_path):
+        model = self.read(tmp_path, labels=CANTILEVER)
+        assert model.program == "OpenSees printed matrices"
+        assert model.stiffness[0, 0] == 1.49333e6
+        assert model.total_mass == {"x": 2353.25, "y": 2353.25}
+        assert any(note.startswith("6 digits are printed") for note in model.notes)
+
+    def test_labels_from_a_file(self, tmp_path):
+        (tmp_path / "dofs.txt").write_text("2.1\n2 2\n2 rz\n3,UX\n3 U2\n3 6\n")
+        model = self.read(tmp_path, labels=tmp_path / "dofs.txt")
+        assert list(model.labels) == CANTILEVER
+        (tmp_path / "dofs.txt").write_text("2.1\n2 u9\n")
+        with pytest.raises(ValueError, match=r"dofs.txt: line 2: direction must be .* got 'u9'"):
+            self.read(tmp_path, labels=tmp_path / "dofs.txt")
+
+    def test_entries_may_be_rounded_to_either_side_of_the_diagonal(self, tmp_path):
+        rounded = OPENSEES_K.replace("-746667 0 1.12e+06 7", "-746668 0 1.12e+06 7")
+        assert self.read(tmp_path, rounded).stiffness[3, 0] == -746667.5
+        with pytest.raises(ValueError, match=r"K.out must be symmetric"):
+            self.read(tmp_path, rounded.replace("-746668", "-746700"))
+
+    @pytest.mark.parametrize(
+        ("spoil", "message"),
+        [
+            (lambda text: text[: text.index("-746667 0 1.12")], r"K.out: 3 rows of 6 numbers: tr"),
+            (lambda text: text.replace("4.48e+06 ", ""), r"K.out: line 4: expected 6 finite"),
+            (lambda text: text.replace("-7e+08 0 0 7", "-7e+08 0 x 7"), r"line 6: .* no numbers"),
+            (lambda text: text.rstrip(), r"K.out: ends within a line"),
+        ],
+    )  # fmt: skip
+    def test_wrong_files(self, tmp_path, spoil, message, monkeypatch):
+        # A long file is recognised by its beginning, which is as it should be.
+        monkeypatch.setattr(
+            "bayes_ssi.solver_files.model_files.first_bytes", lambda _: b"1 2\n3 4\n"
+        )
+        with pytest.raises(ValueError, match=message):
+            self.read(tmp_path, spoil(OPENSEES_K))
+
+    def test_another_size_and_no_mass(self, tmp_path):
+        with pytest.raises(ValueError, match=r"M.out has 1 rows, .*K.out has 6; .* one model"):
+            self.read(tmp_path, mass="5.0\n")
+        with pytest.raises(ValueError, match=r"K.out: name the file of the mass matrix as well"):
+            bs.read_model(tmp_path / "K.out")
+        with pytest.raises(ValueError, match=r"K.out: 2 labels for 6 rows"):
+            self.read(tmp_path, labels=["2 x", "3 x"])
+
+
+def harwell_boeing(matrix, kind="RSA", right_hand_sides=0):
+    """As ANSYS writes it: columns of the lower triangle, D exponents, formats (10I8), (3D25.15)."""
+    entries = sorted((j, i, value) for i, j, value in lower_entries(matrix))
+    columns = [j for j, _, _ in entries]
+    starts = [1 + sum(each < j for each in columns) for j in range(len(matrix) + 1)]
+
+    def lines(numbers, each, form):
+        shown = [form.format(number) for number in numbers]
+        return ["".join(shown[i : i + each]) for i in range(0, len(shown), each)]
+
+    blocks = [
+        lines(starts, 10, "{:8d}"),
+        lines([i + 1 for _, i, _ in entries], 10, "{:8d}"),
+        [line.replace("E", "D") for line in lines([v for *_, v in entries], 3, "{:25.16E}")],
+    ]
+    counts = [*map(len, blocks), right_hand_sides]
+    return "\n".join(
+        [
+            f"{'Stiffness matrix from a full file':<72}{'KEY':<8}",
+            "".join(f"{each:14d}" for each in [sum(counts), *counts]),
+            f"{kind:<14}" + "".join(f"{n:14d}" for n in (*matrix.shape, len(entries), 0)),
+            f"{'(10I8)':<16}{'(10I8)':<16}{'(3D25.16)':<20}{'(3D25.16)':<20}",
+            *(["F              1             0"] if right_hand_sides else []),
+            *(line for block in blocks for line in block),
+            *(["  0.0"] * right_hand_sides),
+            "",
+        ]
+    )
+
+
+class TestHarwellBoeing:
+    def write(self, folder, stiffness, mapping=True):
+        (folder / "K.matrix").write_text(stiffness)
+        (folder / "M.matrix").write_text(harwell_boeing(portal()[1]))
+        if mapping:
+            numbers = {"x": "UX", "z": "UZ", "ry": "ROTY"}
+            rows = [label.split() for label in LABELS]
+            (folder / "K.mapping").write_text(
+                "  Matrix Eqn      Node     DOF\n"
+                + "".join(f"{i:8d} {n:>8} {numbers[d]:>6}\n" for i, (n, d) in enumerate(rows, 1))
+            )
+        return folder / "K.matrix", folder / "M.matrix"
+
+    @pytest.mark.parametrize("right_hand_sides", [0, 2])
+    def test_read_back_exactly(self, tmp_path, right_hand_sides):
+        text = harwell_boeing(portal()[0], right_hand_sides=right_hand_sides)
+        model = bs.read_model(*self.write(tmp_path, text))
+        assert_is_portal(model)
+
+    @pytest.mark.parametrize(
+        ("old", "new", "message"),
+        [
+            ("RSA", "RUA", r"K.matrix must be symmetric, .* one triangle"),
+            ("RSA", "CSA", r"must be real, assembled and square"),
+            ("D+0", "D+x", r"K.matrix: could not convert"),
+            ("      16\n", "      15\n", r"K.matrix: the positions of columns"),
+        ],
+    )
+    def test_wrong_files(self, tmp_path, old, new, message):
+        text = harwell_boeing(portal()[0])
+        assert old in text
+        with pytest.raises(ValueError, match=message):
+            bs.read_model(*self.write(tmp_path, text.replace(old, new, 1)))
+
+    def test_truncated(self, tmp_path):
+        lines = harwell_boeing(portal()[0]).splitlines()
+        with pytest.raises(
+            ValueError, match=r"expected 15 finite numbers in 5 lines, got 9: trunc"
+        ):
+            bs.read_model(*self.write(tmp_path, "\n".join([*lines[:-2], ""])))
+        files = self.write(tmp_path, harwell_boeing(portal()[0]))
+        (tmp_path / "K.mapping").write_text("1 2 UX\n3 2 UY\n")
+        with pytest.raises(ValueError, match=r"K.mapping: line 2: expected equation 2, got 3"):
+            bs.read_model(*files)
+
+
+class TestAnsys:
+    @pytest.fixture
+    def sample(self):
+        """The reader's own example: a beam of bricks, held at one end."""
+        pytest.importorskip("ansys.mapdl.reader", reason="pip install bayes_ssi[ansys]")
+        import ansys.mapdl.reader.examples as examples
+
+        return Path(examples.__file__).parent / "file.full"
+
+    def test_sample(self, sample):
+        model = bs.read_model(sample)
+        assert model.size == 900
+        assert "63 rows that are held are left out: 1 x, 1 y, 1 z, 4 x" in str(model)
+        structure = bs.MatrixStructure(
+            model.stiffness, model.mass, labels=model.labels, sensors=["63 x"], n_modes=5
+        )
+        frequencies = structure.modes(np.empty((1, 0))).frequencies_hz[0]
+        known = [1283.200, 1283.200, 5781.975, 6919.399, 6919.399]
+        np.testing.assert_allclose(frequencies, known, atol=5e-4)
+
+    def test_truncated(self, sample, tmp_path):
+        (tmp_path / "cut.full").write_bytes(sample.read_bytes()[:20000])
+        with pytest.raises(ValueError, match=r"cut.full: cannot be read; damaged or truncated\?"):
+            bs.read_model(tmp_path / "cut.full")
+
+    def test_without_the_library(self, tmp_path, monkeypatch):
+        monkeypatch.setitem(sys.modules, "ansys.mapdl.reader.full", None)
+        monkeypatch.setitem(sys.modules, "ansys.mapdl.reader.common", None)
+        (tmp_path / "job.full").write_bytes(b"\0")
+        with pytest.raises(ValueError, match=r'pip install "bayes_ssi\[ansys\]"'):
+            bs.read_model(tmp_path / "job.full")
+
+
+class TestMatricesOfNoProgram:
+    def test_npz_with_labels(self, tmp_path):
+        stiffness, mass = portal()
+        path = tmp_path / "frame.npz"
+        np.savez(path, K=stiffness, M=mass, labels=np.array(LABELS), damping=mass)
+        assert_is_portal(bs.read_model(path))
+
+    def test_mat(self, tmp_path):
+        stiffness, mass = portal()
+        path = tmp_path / "frame.mat"
+        scipy.io.savemat(path, {"Kff": sp.csc_array(stiffness), "Mff": mass, "Kgg": mass})
+        assert_is_portal(bs.read_model(path, labels=LABELS))
+        assert_is_portal(bs.read_model(path, keys=("Kff", "Mff"), labels=LABELS))
+        with pytest.raises(ValueError, match=r"frame.mat: no matrix 'Kaa'; it holds 'Kff', 'Mff'"):
+            bs.read_model(path, keys=("Kaa", "Mff"))
+        with pytest.raises(ValueError, match=r"Kgg has 6 rows|there is no mass|Mff"):
+            bs.read_model(path, keys=("Kgg", "absent"))
+
+    @pytest.mark.parametrize("triangle", [None, np.tril, np.triu])
+    def test_two_files_whole_or_one_triangle(self, tmp_path, triangle):
+        stiffness, mass = portal()
+        for name, matrix in (("K", stiffness), ("M", mass)):
+            stated = matrix if triangle is None else triangle(matrix)
+            symmetry = "general" if triangle is not None else None
+            scipy.io.mmwrite(tmp_path / f"{name}.mmf", sp.coo_array(stated), symmetry=symmetry,
+                             precision=17)  # fmt: skip
+            (tmp_path / f"{name}.mmf.mtx").rename(tmp_path / f"{name}.txt")
+        model = bs.read_model(tmp_path / "K.txt", tmp_path / "M.txt", labels=LABELS)
+        assert_is_portal(model)
+        assert any("K.txt states one triangle" in note for note in model.notes) == bool(triangle)
+
+    def test_damaged(self, tmp_path):
+        (tmp_path / "frame.npz").write_bytes(b"PK\x03\x04 no archive")
+        with pytest.raises(ValueError, match=r"frame.npz: cannot be read; damaged or truncated\?"):
+            bs.read_model(tmp_path / "frame.npz")
+        np.savez(tmp_path / "vectors.npz", K=np.ones(3), M=np.ones(3))
+        with pytest.raises(
+            ValueError, match=r"vectors.npz: K must be a matrix .* got shape \(3,\)"
+        ):
+            bs.read_model(tmp_path / "vectors.npz")
