@@ -19,8 +19,8 @@ from bayes_ssi.sampling.target import Target
 FEW_STEPS = 1000
 SLOW = FEW_STEPS / LENGTH_IN_AUTOCORRELATION_TIMES
 # Steps of a chain that only checks importance draws. Half of them are local moves, which go where
-# the mixture does not: as many as in a thousand steps of which the mixture proposes nine tenths.
-STEPS_OF_A_CHECK, SHARE_IN_A_CHECK = 200, 0.5
+# the mixture does not: as many as in 500 steps of which the mixture proposes nine tenths.
+STEPS_OF_A_CHECK, SHARE_IN_A_CHECK = 100, 0.5
 # Most refits of the mixture; they end earlier where a refit raises the efficiency of importance
 # draws by less than this factor.
 MAX_REFITS, WORTH_REFITTING = 4, 1.2

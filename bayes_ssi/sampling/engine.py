@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from functools import cached_property
@@ -132,26 +133,27 @@ class _Sampling:
         Mixtures are fitted to the importance draws until these serve, and are few enough.
         """
         fitting = ProposalFitting(self.sampler, search.maxima)
-        trial = first = self.sampler.sample(search.maxima.as_mixture().widened())
+        best = first = self.sampler.sample(search.maxima.as_mixture().widened())
         enough = DRAWS_PER_DIMENSION * self.target.n_dimensions
         for _ in range(MAX_REFITS):
-            before = trial
-            if not serves(before):  # more draws that matter give a better fit
-                before = self.sampler.extended(before, 4.0)
-            halves = before.split_in_two(self.rng)
+            if not serves(best):  # more draws that matter give a better fit
+                best = self.sampler.extended(self.sampler.refined(best, math.inf), 4.0)
+            halves = best.split_in_two(self.rng)
             if min(half.effective_sample_size for half in halves) < enough:
                 return None
             starts = [half.resampled(self.rng) for half in halves]
             trial = fitting.fitted(starts[0].draws, starts[1].draws)
-            in_vain = trial.efficiency < WORTH_REFITTING * before.efficiency
-            if serves(trial) and (in_vain or not is_worth_refitting(trial, self.settings, fitting)):
+            gain = trial.efficiency / best.efficiency
+            if gain * WORTH_REFITTING > 1.0:
+                best = trial
+            in_vain = gain < WORTH_REFITTING
+            if serves(best) and (in_vain or not is_worth_refitting(best, self.settings, fitting)):
                 break
-        walkers = [
-            Walkers(start.draws[: self.n_walkers], start.log_posteriors[: self.n_walkers, 0])
-            for start in starts
-        ]
+        # Twice as many walkers make half as many steps for a check of equal size.
+        n = 2 * self.n_walkers
+        walkers = [Walkers(each.draws[:n], each.log_posteriors[:n, 0]) for each in starts]
         check = EvidenceEstimate("importance draws around maxima", *astuple(first.estimate))
-        return self._sampled(search, fitting, trial, walkers, [check])
+        return self._sampled(search, fitting, best, walkers, [check])
 
     def _from_particles(self, search: MultistartSearch) -> SamplingResult:
         """The result with compressions of the prior."""
