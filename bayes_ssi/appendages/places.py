@@ -90,7 +90,8 @@ class PendulumPlace(AppendagePlace):
     @property
     def description(self) -> str:
         on = self.candidate.place
-        return f"a pendulum on floor {on}" if isinstance(on, int) else f"a {self.name}"
+        where = f"on floor {on}" if isinstance(on, int) else f"at {self.candidate.name}"
+        return f"a pendulum {where}"
 
     def element(self, vibrating_mass: Value, frequency: Value) -> Element:
         return Pendulum(self.candidate.place, vibrating_mass, frequency, label=self.label)

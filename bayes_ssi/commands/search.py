@@ -125,6 +125,7 @@ def search(
         averaged_table,
         baseline_notes,
         baseline_table,
+        place_table,
         search_notes,
         search_table,
     )
@@ -135,7 +136,9 @@ def search(
         where.print(baseline_table(appendages.record))
     say(where, *baseline_notes(appendages.record))
     where.print(search_table(appendages))
-    where.print(appendage_table(appendages))
+    where.print(place_table(appendages.record))
+    if several := appendage_table(appendages):
+        where.print(several)
     where.print(averaged_table(appendages))
     say(where, *search_notes(appendages), *notes_of(result, best_only=True))
     options.end(result, records)

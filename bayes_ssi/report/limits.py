@@ -12,6 +12,7 @@ class ReportLimits:
     Attributes:
         classes: classes described in full, the best first; a search may have sampled dozens.
         hypotheses: hypotheses of a search in its table.
+        places: places of a search in its table.
         sensors: sensors with a column in the table of identified modes.
         classes_with_modes: classes whose modes and parameters are drawn.
         classes_in_frequencies: classes drawn relative to the identified frequencies.
@@ -22,6 +23,7 @@ class ReportLimits:
 
     classes: int = 8
     hypotheses: int = 12
+    places: int = 12
     sensors: int = 8
     classes_with_modes: int = 2
     classes_in_frequencies: int = 5

@@ -24,7 +24,13 @@ from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.results.answer import answer
 from bayes_ssi.results.load import StoredResult
 from bayes_ssi.results.result_record import ResultRecord
-from bayes_ssi.tables import baseline_notes, pairing_notes, region_notes, unsampled_note
+from bayes_ssi.tables import (
+    baseline_notes,
+    mass_scales,
+    pairing_notes,
+    region_notes,
+    unsampled_note,
+)
 
 
 def page_content(
@@ -70,6 +76,8 @@ def page_content(
         "checks": [(row, posterior, _chain_lengths(posterior)) for row, posterior in ranked],
         "check_names": check_names(stored.posteriors),
         "search": stored.search,
+        "places": stored.search.places_by_probability if stored.search else (),
+        "mass_scales": mass_scales(stored.search) if stored.search else (),
         "baseline_notes": baseline_notes(stored.search) if stored.search else (),
         "unsampled": unsampled_note(stored.search) if stored.search else "",
         "sensitivity": stored.sensitivity,

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bayes_ssi.appendages.search_result import HypothesisRecord, SearchRecord
+from bayes_ssi.appendages.search_result import CREDIBLE, HypothesisRecord, SearchRecord
 from bayes_ssi.ranking.comparison import PROBABLE, Comparison
 from bayes_ssi.results.claims import MOST_LISTED
 from bayes_ssi.results.wording import likelihood_in_words, listed, probability_in_words, quantity
+
+# An answer rests on sampled evidences where all others together may have no more than this.
+LITTLE = 0.01
 
 
 def hypothesis_in_words(search: SearchRecord, name: str) -> str:
@@ -43,6 +46,7 @@ def beaten_baselines(search: SearchRecord) -> tuple[str, ...]:
 def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[str]:
     """Where the appendages are, how heavy and at what frequency; the main structure with them."""
     yield _appendages(search, search.most_probable_with_appendages)
+    yield from _further(search)
     tried = [each for each in search.baselines if each.prior_probability > 0.0]
     if len(tried) > 1:
         shown = [
@@ -71,6 +75,31 @@ def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[s
         yield (
             "The main structure, averaged over all hypotheses (medians and 90 % intervals): "
             f"{averaged}.{' The others are in the tables.' if many else ''}"
+        )
+
+
+def _further(search: SearchRecord) -> Iterator[str]:
+    """Which places share the probability, in which tests they count, and what is approximate."""
+    credible = search.credible_places
+    if len(credible) > 1:
+        shown = [
+            f"{each.place.name} ({probability_in_words(each.probability)})"
+            for each in credible[:MOST_LISTED]
+        ]
+        more = len(credible) - MOST_LISTED
+        yield (
+            f"{100 * CREDIBLE:g} % of the probability of an appendage, summed over all "
+            f"{len(search.places)} places, rests on {len(credible)} of them: "
+            f"{listed([*shown, f'{more} others'] if more > 0 else shown)}."
+        )
+    if search.present_in is not None:
+        tests = f"test{'s' if len(search.present_in) > 1 else ''}"
+        yield f"Appendages were tried in the {tests} {listed(map(repr, search.present_in))} only."
+    if search.most_probability_unsampled > LITTLE:
+        most = probability_in_words(search.most_probability_unsampled)
+        yield (
+            f"Hypotheses that were not sampled, whose evidences are approximate, may have up to "
+            f"{most} of the probability together."
         )
 
 

@@ -9,7 +9,7 @@ from bayes_ssi.ranking.comparison import probability_text
 from bayes_ssi.tables.layout import add_row, interval, new_table
 
 # Hypotheses and places listed in a terminal; the saved result has all.
-HYPOTHESES_SHOWN = 8
+HYPOTHESES_SHOWN, PLACES_SHOWN = 8, 8
 APPROXIMATELY = "≈ "
 
 
@@ -67,22 +67,42 @@ def search_table(search: AppendageSearch) -> Table:
     return table
 
 
-def appendage_table(search: AppendageSearch) -> Table:
-    """Medians and 90 % intervals of the appendages of the same hypotheses.
-
-    The mass ratio is the vibrating mass over the mass scale.
-    """
-    scales = {each.mass_scale.name for each in search.record.baselines if each.mass_scale}
+def place_table(record: SearchRecord) -> Table:
+    """The most probable places, and the sum over the others: medians and 90 % intervals."""
     table = new_table(
-        f"Appendages: vibrating mass over {' or '.join(sorted(scales))}, frequency; 90 % intervals",
-        ["hypothesis", "appendage"],
-        ["mass ratio", "frequency (Hz)"],
+        "Appendages by place, averaged over all hypotheses: medians and 90 % intervals",
+        ["place"],
+        ["probability", "vibrating mass", "frequency (Hz)"],
     )
-    for row in _shown(search):
+    places = record.places_by_probability
+    for each in places[:PLACES_SHOWN]:
+        mass = _interval(each.appendage.mass, ".3g")
+        frequency = _interval(each.appendage.frequency_hz, ".3g")
+        add_row(table, each.place.name, probability_text(each.probability), mass, frequency)
+    others = places[PLACES_SHOWN:]
+    if others:
+        together = sum(each.probability for each in others)
+        add_row(table, f"{len(others)} others", probability_text(together), "", "")
+    return table
+
+
+def appendage_table(search: AppendageSearch) -> Table | None:
+    """The appendages of those hypotheses in the table that have several; None if none has.
+
+    Medians and 90 % intervals.
+    """
+    rows = [row for row in _shown(search) if len(row.appendages) > 1]
+    if not rows:
+        return None
+    table = new_table(
+        "Appendages of hypotheses with several: medians and 90 % intervals",
+        ["hypothesis", "appendage"],
+        ["vibrating mass", "frequency (Hz)"],
+    )
+    for row in rows:
         for i, each in enumerate(row.appendages):
             name = row.name if i == 0 else ""
-            mass = _interval(each.mass_ratio, ".2g")
-            frequency = _interval(each.frequency_hz, ".3g")
+            mass, frequency = _interval(each.mass, ".3g"), _interval(each.frequency_hz, ".3g")
             add_row(table, name, each.place.name, mass, frequency)
     return table
 
@@ -109,19 +129,24 @@ def averaged_table(search: AppendageSearch) -> Table:
 
 
 def search_notes(search: AppendageSearch) -> list[str]:
-    """The probability of an appendage at each place; that of any is in the answer."""
-    notes = ["Probability of an appendage, by place:"]
-    by_probability = sorted(search.record.place_probabilities.items(), key=lambda item: -item[1])
-    notes += [
-        f"  {place.name}: {probability_text(probability)}"
-        for place, probability in by_probability[:HYPOTHESES_SHOWN]
-    ]
-    hidden = sum(bool(each.appendages) for each in search.record.hypotheses[HYPOTHESES_SHOWN:])
-    if hidden > 0:
-        notes.append(f"{hidden} less probable hypotheses are in the saved result.")
-    if note := unsampled_note(search.record):
+    """What masses refer to, what hypotheses no table shows, and which were not sampled."""
+    record = search.record
+    notes = [f"Priors of masses are relative to {mass}." for mass in mass_scales(record)]
+    n_hidden = len(record.hypotheses) - len(_shown(search))
+    if n_hidden > 0:
+        notes.append(f"{n_hidden} less probable hypotheses are in the saved result.")
+    if note := unsampled_note(record):
         notes.append(note)
     return notes
+
+
+def mass_scales(record: SearchRecord) -> list[str]:
+    """The masses that mass ratios refer to, in words, one for all baselines where they agree."""
+    scales = {each.name: each.mass_scale for each in record.baselines if each.mass_scale}
+    words = [f"the {scale.name}, {scale.mass:.4g}" for scale in scales.values()]
+    if len(set(words)) == 1:
+        return words[:1]
+    return [f"{text}, on {name!r}" for name, text in zip(scales, words, strict=True)]
 
 
 def unsampled_note(record: SearchRecord) -> str:

@@ -43,7 +43,7 @@ def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, mo
         "Appendages hidden in 'one k'",
         "no appendage",
         "naive mean",
-        "Probability of an appendage, by place",
+        "Appendages by place, averaged over all hypotheses",
         f"Saved in {out}, with 4 figures.",
     ):
         assert words in " ".join(result.stdout.split())

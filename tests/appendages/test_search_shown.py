@@ -14,7 +14,14 @@ import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.result_figures import save_figures
-from bayes_ssi.tables import appendage_table, averaged_table, search_notes, search_table
+from bayes_ssi.ranking.comparison import probability_text
+from bayes_ssi.tables import (
+    appendage_table,
+    averaged_table,
+    place_table,
+    search_notes,
+    search_table,
+)
 
 
 def lines(table, width=80):
@@ -40,8 +47,11 @@ def of_a_tall_building(fake_sampling):
 
 
 def test_tables_are_at_most_80_columns_wide_and_cut_nothing(of_a_tall_building):
-    tables = (search_table, appendage_table, averaged_table)
-    shown = [line for table in tables for line in lines(table(of_a_tall_building))]
+    tables = [
+        table(of_a_tall_building) for table in (search_table, appendage_table, averaged_table)
+    ]
+    tables.append(place_table(of_a_tall_building.record))
+    shown = [line for table in tables for line in lines(table)]
     assert max(map(len, [*shown, *search_notes(of_a_tall_building)])) <= 80
     text = "\n".join(shown)
     assert "pendulum 20" in text
@@ -61,12 +71,36 @@ def test_hypotheses_are_in_the_order_of_their_probability(found_in_case_c):
     assert priors["infill 1-2"] == "0.0833"  # a sixth of a half
 
 
-def test_every_appendage_has_its_mass_and_frequency(found_in_case_c):
-    text = "\n".join(lines(appendage_table(found_in_case_c), 60))
-    assert "frequency (Hz)" in " ".join(text.split())
-    for each in found_in_case_c.appendages("infill 1-2"):
-        low, middle, high = each.frequency_hz
-        assert f"{middle:.3g} ({low:.3g} to {high:.3g})" in text
+def test_every_place_has_its_probability_mass_and_frequency(found_in_case_c):
+    """At most one appendage on one baseline: those at a place are those of one hypothesis."""
+    assert appendage_table(found_in_case_c) is None
+    table = place_table(found_in_case_c.record)
+    names, probabilities, masses, frequencies = ([*map(str, c.cells)] for c in table.columns)
+    assert names[0] == "infill 1-2"
+    assert len(names) == 6
+    (row,) = [row for row in found_in_case_c.record.hypotheses if row.name == "infill 1-2"]
+    assert probabilities[0] == probability_text(row.probability)
+    (infill,) = row.appendages
+    for text, (low, middle, high) in (
+        (masses[0], infill.mass), (frequencies[0], infill.frequency_hz)
+    ):  # fmt: skip
+        assert text == f"{middle:.3g} ({low:.3g} to {high:.3g})"
+
+
+def test_hypotheses_with_several_appendages_have_a_table(of_a_tall_building):
+    rows = [row for row in of_a_tall_building.record.hypotheses if len(row.appendages) > 1]
+    text = "\n".join(lines(appendage_table(of_a_tall_building)))
+    low, middle, high = rows[0].appendages[1].mass
+    assert f"{middle:.3g} ({low:.3g} to {high:.3g})" in text
+
+
+def test_the_places_that_no_row_shows_are_summed(of_a_tall_building):
+    record = of_a_tall_building.record
+    names, probabilities, *_ = ([*map(str, c.cells)] for c in place_table(record).columns)
+    assert len(names) == 9
+    assert names[-1] == f"{len(record.places) - 8} others"
+    rest = sorted(record.place_probabilities.values())[:-8]
+    assert probabilities[-1] == probability_text(sum(rest))
 
 
 def test_the_table_always_shows_no_appendage(of_a_tall_building):
@@ -96,11 +130,10 @@ def test_what_was_not_sampled_has_a_sign_and_a_note(of_a_tall_building):
     assert note.startswith(f"≈: not sampled, {n} of {n_all} hypotheses")
 
 
-def test_notes_name_the_places_by_probability(found_in_case_c):
-    notes = search_notes(found_in_case_c)
-    assert notes[0] == "Probability of an appendage, by place:"
-    assert notes[1].startswith("  infill 1-2: ")
-    assert len(notes) == 7
+def test_a_note_says_which_mass_the_prior_refers_to(of_a_tall_building):
+    assert search_notes(of_a_tall_building)[0] == (
+        "Priors of masses are relative to the mean floor mass, 3.2e+05."
+    )
 
 
 def test_the_figure_has_every_place_at_its_height(found_in_case_c):

@@ -277,6 +277,17 @@ def test_the_findings_of_a_search(found_in_case_c, tmp_path):
     (appendage,) = found_in_case_c.appendages(best.name)
     assert interval(appendage.frequency_hz, 3) in shown
     assert interval(appendage.mass_ratio, 2) in shown
+    assert interval(appendage.mass, 3) in shown
+
+
+def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path):
+    save_result(found_in_case_c.ranking, tmp_path / "r",
+                extra={"search.json": found_in_case_c.record})  # fmt: skip
+    html = write_report(tmp_path / "r").read_text("utf-8")
+    answer, rest = html.split('<nav aria-label="Sections">')
+    assert 'aria-label="Probability of an appendage by place"' in answer
+    assert 'data-tip="infill 1-2: probability' in answer
+    assert "Probability of an appendage by place" not in rest
 
 
 def test_a_structure_in_a_later_configuration_is_described_by_what_differs():

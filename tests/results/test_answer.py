@@ -12,6 +12,7 @@ from bayes_ssi.ranking.study import Ranking
 from bayes_ssi.results.answer import answer
 from bayes_ssi.results.claims import parameters_in_words, why_it_loses
 from bayes_ssi.results.save import save_result
+from bayes_ssi.results.search_answer import search_sentences
 from bayes_ssi.results.wording import likelihood_in_words, quantity, with_error
 
 DATA = bs.ModalData((bs.IdentifiedMode("1", 1.0), bs.IdentifiedMode("2", 2.0)), (0.0, 3.0))
@@ -159,6 +160,23 @@ def test_a_search_says_where_how_heavy_and_at_which_frequency(found_in_case_c, t
     assert "It is most probably an infill between floors 1 and 2" in result.reasons[0]
     assert f"a frequency of {quantity(low, middle, high, 'Hz')}" in result.reasons[0]
     assert "without appendages" in result.reasons[1]
+
+
+def test_a_search_says_which_places_share_the_probability_and_in_which_tests(found_in_case_c):
+    record = found_in_case_c.record
+    shares = (0.5, 0.3, 0.12, 0.04, 0.02, 0.02)  # 0.95 of 1 takes the first four
+    places = [replace(one, probability=p) for one, p in zip(record.places, shares, strict=True)]
+    shared = replace(record, places=tuple(places[::-1]), present_in=("with blade",),
+                     most_probability_unsampled=0.3)  # fmt: skip
+    assert [each.probability for each in shared.credible_places] == [0.5, 0.3, 0.12, 0.04]
+    said = " ".join(search_sentences(shared, found_in_case_c.ranking.comparison))
+    names = [each.place.name for each in places]
+    assert (
+        f"95 % of the probability of an appendage, summed over all 6 places, rests on 4 of them: "
+        f"{names[0]} (0.5000), {names[1]} (0.3000), {names[2]} (0.1200) and {names[3]} (0.0400)."
+    ) in said
+    assert "Appendages were tried in the test 'with blade' only." in said
+    assert "may have up to 0.3000 of the probability together" in said
 
 
 def test_a_search_that_gives_no_appendage(found_in_case_c, tmp_path):
