@@ -31,6 +31,12 @@ LONGEST_STEP = 2.0  # prior standard deviations
 # Step lengths tried together, as shares of the BFGS step.
 STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])
 RISE_TO_GO_ON = 1e-3  # nats
+# Two ends of ascents are different maxima where the straight path between them falls this many nats
+# below the lower one at one of so many points: at an edge of where the likelihood is positive there
+# is no curvature to tell how far a maximum reaches.
+VALLEY_DEPTH, POINTS_BETWEEN = 2.0, 3
+# Ascents end within so many standard deviations per coordinate of a maximum: see RISE_TO_GO_ON.
+NEAR = 0.1
 # A maximum with less than e^-12, 6 in a million, of the mass is left out.
 NEGLIGIBLE_LOG_MASS = -12.0
 
@@ -54,11 +60,11 @@ class Maxima:
         """Inverses of the precisions, (m, d, d)."""
         return _inverse(self.precisions)
 
-    def are_at(self, z: FloatArray) -> NDArray[np.bool_]:
-        """Whether ``z`` (n, d) lie within one standard deviation per coordinate, (m, n)."""
+    def are_at(self, z: FloatArray, within: float = 1.0) -> NDArray[np.bool_]:
+        """Whether ``z`` (n, d) lie within so many standard deviations per coordinate, (m, n)."""
         away = z[None] - self.z[:, None]
         squared_distances = np.einsum("mni,mij,mnj->mn", away, self.precisions, away)
-        return squared_distances < z.shape[1]
+        return squared_distances < within**2 * z.shape[1]
 
     @property
     def log_masses(self) -> FloatArray:
@@ -100,6 +106,24 @@ class Maxima:
         return _mixture(means, covariances, log_masses)
 
 
+def reached(
+    target: Target, maxima: Maxima, z: FloatArray, log_posteriors: FloatArray
+) -> NDArray[np.bool_]:
+    """Whether ``z`` (n, d), of these log posteriors (n,), are at maxima, with no valley between.
+
+    Returns:
+        (m, n).
+    """
+    same = maxima.are_at(z)
+    m, n = np.nonzero(same & ~maxima.are_at(z, NEAR))
+    fractions = np.arange(1, POINTS_BETWEEN + 1)[:, None, None] / (POINTS_BETWEEN + 1)
+    between = maxima.z[m] + fractions * (z[n] - maxima.z[m])
+    values = target.log_posterior(between.reshape(-1, z.shape[1])).reshape(POINTS_BETWEEN, -1)
+    lower_end = np.minimum(maxima.log_posteriors[m], log_posteriors[n])
+    same[m, n] = (values >= lower_end - VALLEY_DEPTH).all(axis=0)
+    return same
+
+
 def _mixture(means: FloatArray, covariances: FloatArray, log_masses: FloatArray) -> StudentMixture:
     """A component for each mean (m, d), but those of negligible mass."""
     log_weights = log_masses - logsumexp(log_masses)
@@ -108,6 +132,11 @@ def _mixture(means: FloatArray, covariances: FloatArray, log_masses: FloatArray)
     choleskys = np.asarray(np.linalg.cholesky(covariances[kept]), dtype=float)
     dof = np.full(len(weights), HEAVY_TAILS)
     return StudentMixture(weights / weights.sum(), means[kept], choleskys, dof)
+
+
+def no_maxima(n_dimensions: int) -> Maxima:
+    d = n_dimensions
+    return Maxima(np.empty((0, d)), np.empty(0), np.empty((0, d, d)))
 
 
 def find_maxima(target: Target, starts: FloatArray, known: Maxima | None = None) -> Maxima:
@@ -122,8 +151,7 @@ def find_maxima(target: Target, starts: FloatArray, known: Maxima | None = None)
         ValueError: the likelihood is zero at every start.
     """
     d = target.n_dimensions
-    if known is None:
-        known = Maxima(np.empty((0, d)), np.empty(0), np.empty((0, d, d)))
+    known = known or no_maxima(d)
     unit = np.tile(np.eye(d), (len(starts), 1, 1))
     rough = _distinct(target, *ascend(target, starts, unit), known)
     # Ascents along a curved ridge can stop short of its top: continue with the curvature known.
@@ -147,7 +175,9 @@ def _distinct(
 ) -> Maxima:
     """The highest of every group of ascents that ended at the same maximum, but at none known."""
     d = target.n_dimensions
-    new = np.flatnonzero(np.isfinite(log_posteriors) & ~known.are_at(ends).any(axis=0))
+    possible = np.flatnonzero(np.isfinite(log_posteriors))
+    is_known = reached(target, known, ends[possible], log_posteriors[possible]).any(axis=0)
+    new = possible[~is_known]
     left = new[np.argsort(-log_posteriors[new], kind="stable")]
     # A narrow maximum may be high and have little mass: what a low one could have, were it as wide
     # as the prior, decides.
@@ -164,7 +194,7 @@ def _distinct(
         largest = max(largest, float(maximum.log_masses[0]))
         highest.append(top)
         precisions.append(precision)
-        left = left[~maximum.are_at(ends[left])[0]]
+        left = left[~reached(target, maximum, ends[left], log_posteriors[left])[0]]
     chosen = np.array(highest, dtype=np.intp)
     return Maxima(ends[chosen], log_posteriors[chosen], np.reshape(precisions, (-1, d, d)))
 

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.sampling.maxima import Maxima, find_maxima
+from bayes_ssi.sampling.maxima import Maxima, find_maxima, no_maxima, reached
 from bayes_ssi.sampling.regions import local_maxima
 from bayes_ssi.sampling.target import Target
 
@@ -98,29 +97,32 @@ def search_maxima(
     alone = target.suggest_starts is None
     n_draws = n_draws or (DRAWS if alone else DRAWS_BESIDE_STARTS)
     n_ascents = n_ascents or (ASCENTS if alone else ASCENTS_BESIDE_STARTS)
-    searches: list[FloatArray] = []
+    searches: list[Maxima] = []
     seeds = seed.spawn(max(PATIENCE * n_searches, 2))
     for n, own_seed in enumerate(seeds, start=1):
         searches.append(_search(target, n_draws, n_ascents, np.random.default_rng(own_seed)))
         progress(min(n / n_searches, 1.0))
         if n < n_searches:
             continue
-        if not any(map(len, searches)):
+        ends = np.concatenate([search.z for search in searches])
+        if not len(ends):
             raise ValueError(
                 f"the likelihood is zero at all of {n * n_draws} draws from the prior; "
                 "are the priors, the pairing and the units those of the data?"
             )
         # Climbing on from all of them merges those that stopped short of the same maximum.
-        maxima = find_maxima(target, np.concatenate(searches))
-        found_by = np.array([maxima.are_at(z).any(axis=1) for z in searches])
+        maxima = find_maxima(target, ends)
+        found_by = np.array(
+            [reached(target, maxima, own.z, own.log_posteriors).any(axis=1) for own in searches]
+        )
         result = MultistartSearch(maxima, found_by, n * n_draws)
         if result.converged:
             break
     return result
 
 
-def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator) -> FloatArray:
-    """The maxima (m, d) that one search finds; none if the likelihood is zero at all its starts."""
+def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator) -> Maxima:
+    """The maxima that one search finds; none if the likelihood is zero at all its starts."""
     draws = rng.standard_normal((n_draws, target.n_dimensions))
     log_likelihoods = target.log_likelihood(draws)
     possible = np.isfinite(log_likelihoods)
@@ -128,4 +130,4 @@ def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generat
     if possible.any():
         highest = local_maxima(draws[possible], log_likelihoods[possible])
         starts = np.concatenate([highest[:n_ascents], starts])
-    return find_maxima(target, starts).z if len(starts) else starts
+    return find_maxima(target, starts) if len(starts) else no_maxima(target.n_dimensions)

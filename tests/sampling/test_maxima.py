@@ -135,6 +135,17 @@ def test_a_maximum_at_the_edge_of_the_support(starts):
     np.testing.assert_allclose(maxima.z[0], [0.0, 0.0], atol=0.05)
 
 
+def test_maxima_at_the_edges_of_stripes_are_not_one(starts):
+    """At an edge there is no curvature: only the gap between two stripes tells them apart."""
+
+    def in_stripes(z):
+        return np.where(np.abs(np.abs(z[:, 0]) - 0.45) < 0.3, 0.0, -np.inf)
+
+    maxima = find_maxima(Target(in_stripes, 2), starts)
+    assert maxima.are_at(maxima.z).all()
+    assert sorted(maxima.z[:, 0]) == pytest.approx([-0.15, 0.15], abs=0.01)
+
+
 def test_no_start_is_possible(starts):
     with pytest.raises(ValueError, match="the likelihood is zero at every start"):
         find_maxima(Target(lambda z: np.full(len(z), -np.inf), 2), starts)

@@ -50,8 +50,7 @@ def searches(target, n_searches=4, seed=0, **kwargs):
 
 def one_search(target, seed):
     """Maxima of one search, with their curvature."""
-    z = multistart._search(target, DRAWS, 40, np.random.default_rng(seed))
-    return find_maxima(target, z)
+    return multistart._search(target, DRAWS, 40, np.random.default_rng(seed))
 
 
 def finds(maxima, points):
@@ -64,9 +63,9 @@ def scripted(monkeypatch, script):
     names = iter(script)
     last = ["A"]
 
-    def search(*_):
+    def search(target, *_):
         last[0] = next(names, last[0])
-        return np.array([{"A": A, "B": B}[name] for name in last[0]])
+        return find_maxima(target, np.array([{"A": A, "B": B}[name] for name in last[0]]))
 
     monkeypatch.setattr(multistart, "_search", search)
 
