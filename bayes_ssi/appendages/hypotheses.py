@@ -29,7 +29,7 @@ class SearchSettings:
     plane mostly weigh between 1 and 20 % of a floor, and may have any frequency in the band.
 
     Attributes:
-        mass_ratio: prior of the vibrating mass over the mean floor mass, or the mean modal mass
+        mass_ratio: prior of the vibrating mass over the mean floor mass, or the median modal mass
             where there are no floors (:func:`~bayes_ssi.appendages.mass_scale.mass_scale`).
         frequency: prior of the appendage's natural frequency in Hz; if None, log-uniform from
             half the lowest identified frequency to the band's upper limit.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,11 +22,12 @@ class MassScale:
 
 
 def mass_scale(structure: Structure, sensors: Sequence[str], n_identified: int) -> MassScale:
-    """The mean mass of a floor; of a structure without floors, the mean modal mass.
+    """The mean mass of a floor; of a structure without floors, the median modal mass.
 
-    That is the geometric mean of the modal masses of as many modes as were identified, the lowest,
+    That is the median of the modal masses of as many modes as were identified, the lowest,
     whose shapes have a largest component of 1 at the sensors: the mass at the place of largest
-    motion that would have the mode's inertia. Both are at the prior medians.
+    motion that would have the mode's inertia. The median is not moved by a local mode that the
+    sensors hardly see. Both masses are at the prior medians.
 
     Args:
         structure: the structure without appendages.
@@ -44,7 +44,7 @@ def mass_scale(structure: Structure, sensors: Sequence[str], n_identified: int) 
     largest = np.abs(at_sensors).max(axis=0, initial=0.0)  # at unit modal mass
     if not largest.any():
         raise ValueError("no mode of the structure moves a sensor, so masses have no scale")
-    return MassScale(math.exp(-2.0 * np.log(largest[largest > 0.0]).mean()), "mean modal mass")
+    return MassScale(float(np.median(largest[largest > 0.0] ** -2.0)), "median modal mass")
 
 
 def _mean_floor_mass(structure: LumpedStructure) -> float:
