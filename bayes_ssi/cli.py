@@ -13,6 +13,7 @@ from bayes_ssi.commands.calibrate import calibrate
 from bayes_ssi.commands.check import check
 from bayes_ssi.commands.guide import guide
 from bayes_ssi.commands.hierarchy import hierarchy
+from bayes_ssi.commands.import_model import import_model
 from bayes_ssi.commands.new import new
 from bayes_ssi.commands.predict import predict
 from bayes_ssi.commands.rank import rank
@@ -21,7 +22,19 @@ from bayes_ssi.commands.search import search
 from bayes_ssi.commands.terminal import QUIET_OPTION, OneLineErrors
 from bayes_ssi.commands.what_if import what_if
 
-COMMANDS = (calibrate, check, new, rank, search, what_if, hierarchy, predict, report, guide)
+COMMANDS = (
+    calibrate,
+    check,
+    new,
+    import_model,
+    rank,
+    search,
+    what_if,
+    hierarchy,
+    predict,
+    report,
+    guide,
+)
 
 for command in COMMANDS:
     command.params.append(QUIET_OPTION)

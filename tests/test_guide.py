@@ -7,6 +7,7 @@ import sys
 from html import unescape
 
 import click
+import numpy as np
 import pytest
 from code_blocks import CHAPTERS, PAGES, ROOT, blocks, commands, run_page
 
@@ -75,13 +76,19 @@ def check_finite_elements(printed):
 
 
 def check_solver_files(printed):
-    """Two equal storeys of 500 kg and 1.2e6 N/m: ω² = (3 ∓ √5)/2 · k/m."""
-    program, *notes, frequencies = printed.splitlines()
-    assert program == "CalculiX matrix storage: 2 degrees of freedom, N, m, kg"
-    assert notes[-1] == "mass that moves, in kg: 1000 in x"
-    expected = [math.sqrt((3.0 + s * math.sqrt(5.0)) / 2.0 * 2400.0) for s in (-1.0, 1.0)]
-    shown = [float(each) for each in frequencies.strip("[]").split()]
-    assert shown == pytest.approx([each / (2.0 * math.pi) for each in expected], abs=6e-4)
+    """Three storeys of 500 kg: the eigenvalues of their matrices; the walls were weaker."""
+    lines = printed.splitlines()
+    assert lines[0] == "CalculiX matrix storage: 3 degrees of freedom, N, m, kg"
+    assert "mass that moves, in kg: 1500 in x" in lines
+    k = 1e3 * np.array([[3600.0, -1800.0, 0.0], [-1800.0, 3000.0, -1200.0], [0.0, -1200.0, 1200.0]])
+    expected = np.sqrt(np.linalg.eigvalsh(k) / 500.0) / (2.0 * math.pi)
+    shown = next(line for line in lines if line.startswith("["))
+    assert [float(each) for each in shown.strip("[]").split()] == pytest.approx(expected, abs=6e-4)
+    text = (GUIDE / "solver_files.md").read_text("utf-8")
+    for line in ("K = columns K_columns + walls K_walls", "M = M_0"):
+        assert line in lines
+        assert f"{line}\n" in text
+    assert any(re.fullmatch(r"both.sti: predicted to \d\.\de-1[5-9]", line) for line in lines)
 
 
 def check_plots_and_arviz(printed):

@@ -1,0 +1,131 @@
+"""``bayes-ssi import``: a study from exports of a finite-element program."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from bayes_ssi.commands.terminal import console, say
+
+if TYPE_CHECKING:
+    from bayes_ssi.solver_files.parameter_matrices import Export, ParameterMatrices
+
+
+@click.command("import")
+@click.argument("name", type=click.Path(path_type=Path))
+@click.option("--nominal", type=click.Path(path_type=Path), required=True, metavar="FILE",
+              help="Export with nominal properties, in any format of bs.read_model.")  # fmt: skip
+@click.option("--changed", multiple=True, metavar="PROPERTY=FACTOR:FILE",
+              help="Export with one property altered, as in columns=1.1:frame_columns.TXK; "
+              "repeatable, also with other factors of a property.")  # fmt: skip
+@click.option("--check", "checks", multiple=True, metavar="PROPERTY=FACTOR,…:FILE",
+              help="Export with several properties altered, which must be predicted to 1e-8; "
+              "repeatable.")  # fmt: skip
+@click.option("--data", type=click.Path(path_type=Path), metavar="CSV",
+              help="Identified modes; NAME.csv, to be written by you, if not given.")  # fmt: skip
+@click.option("--sensor", "sensors", multiple=True, metavar="SENSOR=LABEL",
+              help="Label of the degree of freedom that a sensor measures, as in 'roof=12 x', "
+              "where the data do not name it so; repeatable.")  # fmt: skip
+@click.option(
+    "--units", metavar="UNITS", help="Units of the model, as in 'N, mm': turns it into N, m, kg."
+)
+@click.option(
+    "--mass-kg", type=float, metavar="KG",
+    help="The structure's mass, known to a factor of 2: refuses other units.",
+)  # fmt: skip
+def import_model(
+    name: Path,
+    nominal: Path,
+    changed: tuple[str, ...],
+    checks: tuple[str, ...],
+    data: Path | None,
+    sensors: tuple[str, ...],
+    units: str | None,
+    mass_kg: float | None,
+) -> None:
+    """Write a study NAME.py and its matrices NAME_matrices/ from a program's exports.
+
+    Stiffness and mass become sums of matrices times powers of factors of the altered properties,
+    by differences of the exports. Nothing is overwritten.
+    """
+    from bayes_ssi.commands.imported_study import write_imported_study
+    from bayes_ssi.solver_files.model_files import read_model
+    from bayes_ssi.solver_files.parameter_matrices import Export, parameter_matrices
+
+    def read(text: str, option: str) -> Export:
+        factors, path = _factors_and_file(text, option)
+        return Export(path, factors, read_model(path, units=units))
+
+    if not changed:
+        raise ValueError("--changed: give at least one export with an altered property")
+    model = read_model(nominal, units=units, mass_kg=mass_kg)
+    matrices = parameter_matrices(
+        model,
+        [read(text, "--changed") for text in changed],
+        [read(text, "--check") for text in checks],
+    )
+    study, modes = write_imported_study(
+        name, matrices, data, dict(_sensor(text) for text in sensors), _command()
+    )
+    written = data is not None
+    say(
+        console(),
+        str(model),
+        *_formulas(matrices),
+        f"Wrote {study} and its matrices." + ("" if written else f" Put the modes into {modes}."),
+        "Next:",
+        f"  {shlex.join(['bayes-ssi', 'check', str(modes)])}",
+        f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
+    )
+
+
+def _factors_and_file(text: str, option: str) -> tuple[dict[str, float], str]:
+    """Property → factor, and the file, of PROPERTY=FACTOR,PROPERTY=FACTOR:FILE."""
+    pairs, colon, path = text.partition(":")
+    try:
+        factors = {}
+        for pair in pairs.split(","):
+            name, _, value = (each.strip() for each in pair.partition("="))
+            if not name or name in factors:
+                raise ValueError(name)
+            factors[name] = float(value)
+    except ValueError:
+        colon = ""
+    if not colon or not path:
+        raise ValueError(f"{option}: expected PROPERTY=FACTOR:FILE, got {text!r}")
+    return factors, path
+
+
+def _sensor(text: str) -> tuple[str, str]:
+    name, equals, label = (each.strip() for each in text.partition("="))
+    if not (name and equals and label):
+        raise ValueError(f"--sensor: expected SENSOR=LABEL, got {text!r}")
+    return name, label
+
+
+def _formulas(matrices: ParameterMatrices) -> list[str]:
+    """What stiffness and mass depend on, and how well checks are predicted."""
+    lines = [
+        f"{symbol} = " + " + ".join(_shown(symbol, term.name, term.exponent) for term in terms)
+        for symbol, terms in (("K", matrices.stiffness), ("M", matrices.mass))
+    ]
+    lines += [f"{file}: predicted to {error:.1e}" for file, error in matrices.errors.items()]
+    if not matrices.errors:
+        lines.append("(!) No --check: that these are sums of powers of the factors is not checked.")
+    return lines
+
+
+def _shown(symbol: str, name: str | None, exponent: int) -> str:
+    if name is None:
+        return f"{symbol}_0"
+    power = name if exponent == 1 else f"{name}^{exponent}"
+    return f"{power} {symbol}_{name}" + ("" if exponent == 1 else f"{exponent}")
+
+
+def _command() -> str:
+    from bayes_ssi.commands.terminal import COMMAND_LINE
+
+    return str(click.get_current_context().meta[COMMAND_LINE])

@@ -1,0 +1,234 @@
+"""The study that ``bayes-ssi import`` writes, and the matrices that it reads."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bayes_ssi.file_names import file_names
+
+if TYPE_CHECKING:
+    from bayes_ssi.data.modal_data import ModalData
+    from bayes_ssi.solver_files.exported_model import ExportedModel
+    from bayes_ssi.solver_files.parameter_matrices import ParameterMatrices, Term
+
+TEMPLATE = Path(__file__).with_name("templates") / "imported.py.txt"
+
+
+def write_imported_study(
+    name: Path,
+    matrices: ParameterMatrices,
+    data: Path | None,
+    sensors: Mapping[str, str],
+    command: str,
+) -> tuple[Path, Path]:
+    """Write a study and a folder of its matrices.
+
+    Args:
+        name: name of the study, with or without ``.py``; its directory must exist.
+        matrices: stiffness and mass, whose model has labels.
+        data: the identified modes; ``NAME.csv`` if None, which need not exist.
+        sensors: sensor → label of a degree of freedom, where the data name it otherwise.
+        command: the command line, which the study states.
+
+    Returns:
+        The paths of the study and of the data.
+
+    Raises:
+        FileExistsError: a file or folder exists; nothing is written.
+        ValueError: the model has no labels, or a sensor is none of them.
+        OSError: the files cannot be read or written.
+    """
+    name = name.with_suffix("") if name.suffix == ".py" else name
+    if not name.name or not name.name.isprintable():
+        raise ValueError(f"name of the study: {str(name)!r} is not a file name")
+    study, folder = (name.with_name(name.name + end) for end in (".py", "_matrices"))
+    for path in (study, folder):
+        if path.exists():
+            raise FileExistsError(f"{path}: exists already and is not overwritten")
+    model = matrices.nominal
+    if model.labels is None:
+        raise ValueError("the nominal export has no labels, by which sensors are named")
+    modes = _modes(data)
+    places = _places(model, modes, sensors)
+    csv_path = name.with_name(name.name + ".csv") if data is None else data
+    files = file_names(_names(matrices), "npz")
+    text = _study(study, folder, csv_path, matrices, files, places, command)
+    # Beside its place, so that it is there as a whole or not at all.
+    scratch = Path(tempfile.mkdtemp(dir=study.parent, prefix=".import-"))
+    try:
+        _write_matrices(scratch, matrices, files)
+        scratch.chmod(0o755)
+        with study.open("x", encoding="utf-8") as file:
+            file.write(text)
+        scratch.rename(folder)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return study, csv_path
+
+
+def _modes(data: Path | None) -> ModalData | None:
+    from bayes_ssi.data.modal_files import read_modal_data
+
+    return None if data is None else read_modal_data(data)
+
+
+def _places(
+    model: ExportedModel, modes: ModalData | None, sensors: Mapping[str, str]
+) -> dict[str, str]:
+    """Sensor → label, of the sensors of the data, or of those given where there are none."""
+    names = list(modes.sensors) if modes is not None else list(sensors)
+    places = {name: sensors.get(name, name) for name in names}
+    unused = next((name for name in sensors if name not in places), None)
+    if unused is not None:
+        raise ValueError(f"--sensor: the data have no sensor {unused!r}; they have {names}")
+    known = set(model.labels or ())
+    for name, label in places.items():
+        if label not in known:
+            hint = _hint(model, label)
+            raise ValueError(
+                f"sensor {name!r}: no degree of freedom is labelled {label!r}{hint}; name it by "
+                f"--sensor {name!r}=LABEL, with a label such as {next(iter(model.labels or ()))!r}"
+            )
+    return places
+
+
+def _hint(model: ExportedModel, label: str) -> str:
+    if label not in model.dependent:
+        return ""
+    rows = ", ".join(f"{factor:g} times {row!r}" for row, factor in model.dependent[label].items())
+    return f": a constraint makes it {rows}"
+
+
+def _names(matrices: ParameterMatrices) -> Iterable[str]:
+    for symbol, terms in (("K", matrices.stiffness), ("M", matrices.mass)):
+        for term in terms:
+            yield _name(symbol, term)
+
+
+def _name(symbol: str, term: Term) -> str:
+    if term.name is None:
+        return symbol
+    return f"{symbol}_{term.name}" + ("" if term.exponent == 1 else f"_{term.exponent}")
+
+
+def _write_matrices(folder: Path, matrices: ParameterMatrices, files: Mapping[str, str]) -> None:
+    import scipy.sparse as sp
+
+    for symbol, terms in (("K", matrices.stiffness), ("M", matrices.mass)):
+        for term in terms:
+            sp.save_npz(folder / files[_name(symbol, term)], term.matrix)
+    model = matrices.nominal
+    (folder / "labels.txt").write_text("\n".join([*(model.labels or ()), ""]), encoding="utf-8")
+    if model.geometry is not None:
+        nodes = ([node, *map(repr, at)] for node, at in model.geometry.nodes.items())
+        _write_csv(folder / "nodes.csv", nodes)
+        _write_csv(folder / "lines.csv", model.geometry.lines)
+
+
+def _write_csv(path: Path, rows: Iterable[Iterable[str]]) -> None:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    path.write_text(text.getvalue(), encoding="utf-8")
+
+
+def _study(
+    study: Path,
+    folder: Path,
+    data: Path,
+    matrices: ParameterMatrices,
+    files: Mapping[str, str],
+    places: Mapping[str, str],
+    command: str,
+) -> str:
+    """The text of the study."""
+    from bayes_ssi.modal import BATCHED_UP_TO
+
+    properties = list(
+        dict.fromkeys(t.name for t in (*matrices.stiffness, *matrices.mass) if t.name)
+    )
+    model = matrices.nominal
+    text = TEMPLATE.read_text("utf-8")
+    for mark, value in {
+        "PROGRAM": f"{model.program}, {model.size} degrees of freedom, {model.units}",
+        "COMMAND": command,
+        "FOLDER": _quoted(folder.name),
+        "DATA": _path_in_study(data, study),
+        "PROPERTIES": _quoted(properties),
+        "STIFFNESS": _terms("K", matrices.stiffness, files),
+        "MASS": _terms("M", matrices.mass, files),
+        "SENSORS": _sensors(places),
+        "IMPORTS": "import csv\n" if model.geometry is not None else "",
+        "GEOMETRY": GEOMETRY if model.geometry is not None else "geometry = None\n",
+        "UNIT": _quoted("m" if model.units == "N, m, kg" else ""),
+        "RETURNED": "model.reduced()" if model.size > BATCHED_UP_TO else "model",
+        "CLASSES": ONE_CLASS if len(properties) == 1 else TWO_CLASSES,
+    }.items():
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"') if mark in QUOTED else value
+        text = text.replace(f"{{{mark}}}", escaped)
+    return text
+
+
+# What stands in the study's docstring.
+QUOTED = ("PROGRAM", "COMMAND")
+
+GEOMETRY = """\
+with (matrices / "nodes.csv").open(encoding="utf-8") as file:
+    nodes = {node: tuple(map(float, at)) for node, *at in csv.reader(file)}
+with (matrices / "lines.csv").open(encoding="utf-8") as file:
+    geometry = bs.Geometry(nodes, tuple(map(tuple, csv.reader(file))), unit={UNIT})
+"""
+ONE_CLASS = """\
+study = bs.Study(
+    "How far are the properties from nominal?",
+    [bs.ModelClass("altered", structure(own), modes, pairing="any")],
+)
+"""
+TWO_CLASSES = """\
+study = bs.Study(
+    "One factor for all properties, or one for each?",
+    [
+        bs.ModelClass("one factor", structure(common), modes, pairing="any",
+                      description="the same factor for all properties"),
+        bs.ModelClass("each its own", structure(own), modes, pairing="any",
+                      description="a factor for each property"),
+    ],
+)
+"""
+
+
+def _quoted(value: Any) -> str:
+    """Text, a list or a mapping of texts as Python writes it, in double quotes."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _sensors(places: Mapping[str, str]) -> str:
+    if all(name == label for name, label in places.items()):
+        return "list(modes.sensors)"
+    lines = (f"    {_quoted(name)}: {_quoted(label)},\n" for name, label in places.items())
+    return "{\n" + "".join(lines) + "}"
+
+
+def _path_in_study(data: Path, study: Path) -> str:
+    """An expression for the file of the data, relative to the study where it is beside it."""
+    if data.resolve().parent == study.resolve().parent:
+        return f"here.with_name({_quoted(data.name)})"
+    return f"Path({_quoted(str(data.resolve()))})"
+
+
+def _terms(symbol: str, terms: Iterable[Term], files: Mapping[str, str]) -> str:
+    lines = []
+    for term in terms:
+        read = f"read({_quoted(files[_name(symbol, term)])})"
+        if term.name is None:
+            lines.append(f"            {read},")
+            continue
+        power = "" if term.exponent == 1 else f"**{term.exponent}"
+        lines.append(f"            (factors[{_quoted(term.name)}]{power}, {read}),")
+    return "\n".join(lines)

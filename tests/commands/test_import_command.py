@@ -1,0 +1,137 @@
+"""``bayes-ssi import``: a study from exports, whole or not at all."""
+
+import lzma
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import bayes_ssi as bs
+from bayes_ssi.cli import main
+from bayes_ssi.ranking.study_file import load_study
+
+DATA = Path(__file__).parent.parent / "solver_files" / "data"
+SENSORS = ("100 x", "200 x", "340 x", "340 y")
+
+
+@pytest.fixture
+def tower(tmp_path, monkeypatch):
+    """CalculiX's exports of a tower of bricks, and modes of it with both halves altered."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("tower", "lower", "upper", "both"):
+        shutil.copy(DATA / "tower.dof", f"{name}.dof")
+        shutil.copy(DATA / "tower.inp", f"{name}.inp")
+        for ending, packed in (("sti", name), ("mas", "tower")):
+            unpacked = lzma.decompress((DATA / f"{packed}.{ending}.xz").read_bytes())
+            Path(f"{name}.{ending}").write_bytes(unpacked)
+    altered = bs.read_model("both.sti")
+    structure = bs.MatrixStructure(
+        altered.stiffness, altered.mass, labels=altered.labels, sensors=list(SENSORS), n_modes=4
+    )
+    frequencies, shapes = (each[0] for each in structure.modes(np.empty((1, 0))))
+    modes = tuple(
+        bs.IdentifiedMode(str(i + 1), float(frequencies[i]), shapes[:, i]) for i in range(4)
+    )
+    bs.write_modal_data(bs.ModalData(modes, (0.0, 18.0), sensors=SENSORS), "modes.csv")
+
+
+FRAME = (
+    "--nominal", "frame.sti", "--changed", "lower=1.2:lower.sti", "--changed", "upper=0.8:upper.sti"
+)  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Exports of two storeys, whose stiffnesses are the properties."""
+    monkeypatch.chdir(tmp_path)
+    factors = {"frame": (1.0, 1.0), "lower": (1.2, 1.0), "upper": (1.0, 0.8), "both": (0.9, 1.3)}
+    for name, (lower, upper) in factors.items():
+        Path(f"{name}.dof").write_text("1.1\n2.1\n")
+        entries = (900.0 * lower + 700.0 * upper, -700.0 * upper, 700.0 * upper)
+        places = ("1 1", "1 2", "2 2")
+        text = "".join(f"{at} {each!r}\n" for at, each in zip(places, entries, strict=True))
+        Path(f"{name}.sti").write_text(text)
+        Path(f"{name}.mas").write_text("1 1 5e3\n1 2 0.0\n2 2 5e3\n")
+    Path("modes.csv").write_text("# band_hz,0,18\nlabel,frequency_hz,1 x\n1,1.9,1\n")
+    return tmp_path
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["import", *arguments])
+
+
+@pytest.mark.usefixtures("tower")
+def test_a_study_from_exports():
+    changed = ("--changed", "lower=1.2:lower.sti", "--changed", "upper=0.8:upper.sti")
+    check = ("--check", "lower=0.9,upper=1.3:both.sti")
+    data = ("--data", "modes.csv", "--units", "N, m")
+    done = run("tower", "--nominal", "tower.sti", *changed, *check, *data)
+    assert done.exit_code == 0, done.output
+    lines = done.output.splitlines()
+    # All bricks are in one of the halves: nothing is constant.
+    assert "K = lower K_lower + upper K_upper" in lines
+    assert "M = M_0" in lines
+    error = next(line for line in lines if line.startswith("both.sti: predicted to "))
+    assert float(error.rsplit(" ", 1)[1]) < 1e-10
+    study = load_study("tower.py")
+    assert [each.name for each in study.model_classes] == ["one factor", "each its own"]
+    own = study.model_classes[1].structure
+    assert [p.name for p in own.parameters] == ["lower", "upper"]
+    assert own.degrees_of_freedom == SENSORS
+    assert own.geometry.nodes["340"] == (0.0, 0.7, 12.0)
+    assert own.geometry.unit == "m"
+    identified = [mode.frequency_hz for mode in bs.read_modal_data("modes.csv").modes]
+    modes = own.modes(np.array([[0.9, 1.3]])).frequencies_hz[0, :4]
+    np.testing.assert_allclose(modes, identified, rtol=1e-6)
+
+
+def test_sensors_of_other_names_and_data_to_come(folder):
+    done = run("later", *FRAME, "--sensor", "roof=2 x")
+    assert done.exit_code == 0, done.output
+    assert "(!) No --check" in done.output
+    assert "Put the modes into later.csv." in done.output
+    text = (folder / "later.py").read_text("utf-8")
+    assert '    "roof": "2 x",\n' in text
+    (folder / "later.csv").write_text("# band_hz,0,18\nlabel,frequency_hz,roof\n1,1.9,1\n")
+    assert load_study("later.py").model_classes[1].structure.degrees_of_freedom == ("roof",)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((*FRAME, "--check", "lower=1.1,upper=1.3:both.sti"), "both.sti: its stiffness is missed"),
+        ((*FRAME, "--check", "foot=1.1:both.sti"), "both.sti: 'foot' is not altered by any other"),
+        ((*FRAME[:2], "--changed", "lower:lower.sti"), "--changed: expected PROPERTY=FACTOR:FILE,"),
+        ((*FRAME[:2], "--changed", "lower=1.2"), "--changed: expected PROPERTY=FACTOR:FILE, got"),
+        (FRAME[:2], "--changed: give at least one export with an altered property"),
+        ((*FRAME, "--units", "SI"), "units must be one of 'N, m', 'N, mm'"),
+        ((*FRAME, "--units", "N, mm", "--mass-kg", "1e4"), "units that fit: 'N, m'"),
+        ((*FRAME, "--sensor", "roof"), "--sensor: expected SENSOR=LABEL, got 'roof'"),
+        ((*FRAME, "--sensor", "roof=9999 x"), "no degree of freedom is labelled '9999 x'"),
+        (
+            (*FRAME, "--data", "modes.csv", "--sensor", "roof=2 x"),
+            "--sensor: the data have no sensor 'roof'; they have ['1 x']",
+        ),
+        ((*FRAME, "--data", "absent.csv"), "absent.csv"),
+    ],
+)
+def test_what_is_refused_leaves_nothing(folder, arguments, message):
+    before = sorted(folder.iterdir())
+    done = run("study", *arguments)
+    assert done.exit_code == 2, done.output
+    assert message in done.output
+    assert len(done.output.splitlines()) == 1
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("taken", ["study.py", "study_matrices"])
+def test_nothing_is_overwritten(folder, taken):
+    (folder / taken).write_text("precious")
+    before = sorted(folder.iterdir())
+    done = run("study.py", *FRAME)
+    assert done.exit_code == 2
+    assert f"{taken}: exists already and is not overwritten" in done.output
+    assert (folder / taken).read_text() == "precious"
+    assert sorted(folder.iterdir()) == before

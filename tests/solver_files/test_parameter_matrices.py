@@ -1,0 +1,140 @@
+"""Parameters by difference of exports, against matrices whose dependence is known."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from bayes_ssi.solver_files.exported_model import Matrices, exported_model
+from bayes_ssi.solver_files.parameter_matrices import Export, parameter_matrices
+
+LABELS = [f"{node} x" for node in range(1, 9)]
+
+
+def part(rows, seed):
+    """A random stiffness of some degrees of freedom."""
+    factor = np.random.default_rng(seed).standard_normal((len(rows), len(rows)))
+    matrix = np.zeros((8, 8))
+    matrix[np.ix_(rows, rows)] = factor @ factor.T
+    return matrix
+
+
+GROUND = np.diag([5.0] * 8)
+COLUMNS, MEMBRANE, BENDING = part([0, 1, 2, 3], 1), part([3, 4, 5], 2), part([4, 5, 6, 7], 3)
+DENSITY = np.diag(np.arange(1.0, 9.0))
+
+
+def export(columns=1.0, thickness=1.0, labels=LABELS, digits=None, coupled=0.0):
+    """K = K_0 + c K_c + t K_m + t³ K_b, and M = t M_t: an elastic frame with a slab."""
+    stiffness = GROUND + columns * COLUMNS + thickness * MEMBRANE + thickness**3 * BENDING
+    stiffness = stiffness + coupled * columns * thickness * BENDING
+    if digits is not None:
+        stiffness = np.vectorize(lambda value: float(f"{value:.{digits - 1}e}"))(stiffness)
+    order = [LABELS.index(name) for name in labels] if set(labels) == set(LABELS) else slice(None)
+    matrices = Matrices(
+        sp.csc_array(stiffness[order][:, order]),
+        sp.csc_array((thickness * DENSITY)[order][:, order]),
+        "K",
+        "M",
+        labels=labels,
+    )
+    factors = {
+        name: value for name, value in (("columns", columns), ("slab", thickness)) if value != 1.0
+    }
+    return Export(f"{columns}-{thickness}.sti", factors, exported_model("test", matrices))
+
+
+NOMINAL = export().model
+
+
+def formula(terms):
+    return [(term.name, term.exponent) for term in terms]
+
+
+def assert_predicts(matrices, columns, thickness):
+    factors = {None: 1.0, "columns": columns, "slab": thickness}
+    expected = export(columns, thickness).model
+    for terms, matrix in ((matrices.stiffness, expected.stiffness), (matrices.mass, expected.mass)):
+        total = sum(factors[term.name] ** term.exponent * term.matrix for term in terms)
+        np.testing.assert_allclose(total.toarray(), matrix.toarray(), rtol=1e-9, atol=1e-9)
+
+
+def test_a_property_that_enters_linearly():
+    matrices = parameter_matrices(NOMINAL, [export(1.1)], [export(0.7)])
+    assert formula(matrices.stiffness) == [(None, 0), ("columns", 1)]
+    assert formula(matrices.mass) == [(None, 0)]
+    np.testing.assert_allclose(matrices.stiffness[1].matrix.toarray(), COLUMNS, atol=1e-12)
+    # Compact: no entry where the property has no effect.
+    assert matrices.stiffness[1].matrix.nnz == np.count_nonzero(COLUMNS)
+    assert matrices.errors["0.7-1.0.sti"] < 1e-13
+
+
+@pytest.mark.parametrize(
+    "exports",
+    [
+        # Three factors tell two powers; with two, a check tells.
+        ([1.2, 1.4, 0.8], [export(0.9, 1.1)]),
+        ([1.2, 0.8], [export(0.9, 1.1)]),
+        ([1.2, 1.4, 0.8], []),
+    ],
+)
+def test_a_thickness_enters_by_its_first_and_third_power(exports):
+    factors, checks = exports
+    changed = [export(1.1), *(export(1.0, factor) for factor in factors)]
+    matrices = parameter_matrices(NOMINAL, changed, checks)
+    assert formula(matrices.stiffness) == [(None, 0), ("columns", 1), ("slab", 1), ("slab", 3)]
+    # All of the mass is proportional to the thickness: nothing is constant.
+    assert formula(matrices.mass) == [("slab", 1)]
+    assert_predicts(matrices, 0.6, 1.7)
+
+
+def test_a_single_power():
+    def powered(factor):
+        stiffness = GROUND + factor**3 * BENDING
+        model = exported_model("test", Matrices(stiffness, DENSITY, "K", "M", labels=LABELS))
+        return Export(f"{factor}", {"depth": factor}, model)
+
+    matrices = parameter_matrices(powered(1.0).model, [powered(1.1), powered(0.8)])
+    assert formula(matrices.stiffness) == [(None, 0), ("depth", 3)]
+    with pytest.raises(ValueError, match=r"0.8: its stiffness is missed by [\d.e-]+ of"):
+        parameter_matrices(powered(1.0).model, [powered(1.1)], [powered(0.8)])
+
+
+def test_rows_may_stand_in_another_order():
+    matrices = parameter_matrices(
+        NOMINAL, [export(1.1, labels=LABELS[::-1])], [export(0.7, labels=LABELS[4:] + LABELS[:4])]
+    )
+    np.testing.assert_allclose(matrices.stiffness[1].matrix.toarray(), COLUMNS, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changed", "checks", "message"),
+    [
+        ([export(1.0, 1.2), export(1.0, 0.8)], [], r"slab: stiffness: no power .* misses them by"),
+        ([export(1.0, 1.2)], [export(1.0, 0.8)], r"0.8.sti: its stiffness is missed by 0\.\d|e-"),
+        (
+            [export(1.2, coupled=0.1), export(1.0, 1.2), export(1.0, 0.8), export(1.0, 1.4)],
+            [export(0.9, 1.1, coupled=0.1)],
+            r"0.9-1.1.sti: its stiffness is missed by",
+        ),
+        (
+            [export(1.1, digits=6)],
+            [export(0.7, digits=6)],
+            r"missed by \d\.\de-0[56] .* more digits",
+        ),
+        ([export(1.1, 1.2)], [], r"1.1-1.2.sti: must alter one property, got {'columns': 1.1, 's"),
+        ([export()], [], r"1.0-1.0.sti: must alter one property"),
+        ([export(1.1), export(1.1)], [], r"another export has the same factor of 'columns'"),
+        ([export(1.1)], [export(1.0, 1.1)], r"'slab' is not altered .* altered are 'columns'"),
+        ([Export("f", {"columns": 1.1}, NOMINAL)], [], r"f: 'columns' changes neither stiffness"),
+        ([Export("f", {"columns": -1.0}, NOMINAL)], [], r"factor of 'columns' must be positive"),
+        (
+            [export(1.1, labels=["a x", *LABELS[1:]])],
+            [],
+            r"1.1-1.0.sti: its labels are not those of the nominal export",
+        ),
+    ],
+)
+def test_what_is_refused(changed, checks, message):
+    with pytest.raises(ValueError, match=message) as refused:
+        parameter_matrices(NOMINAL, changed, checks)
+    assert "\n" not in str(refused.value)
