@@ -39,10 +39,10 @@ FIXED = ("Influence_Link", "Influence_Rebar")
 DRAWS = 200
 
 
-def structure(path, groups):
+def structure(path, groups, cov=0.3, n_modes=N_MODES):
     """The frame, with one stiffness factor per group of members."""
     factor_of = {
-        i: bs.Parameter(name, bs.LogNormal(median=1.0, cov=0.3))
+        i: bs.Parameter(name, bs.LogNormal(median=1.0, cov=cov))
         for name, members in groups.items()
         for i in members
     }
@@ -51,20 +51,25 @@ def structure(path, groups):
     measured = bs.read_matrix(path, "measDOFs").ravel()
     sensors = {f"dof {i}": int(i) - 1 for i in measured}
     mass = bs.read_matrix(path, "M0")
-    return bs.MatrixStructure(stiffness, mass, sensors=sensors, n_modes=N_MODES)
+    return bs.MatrixStructure(stiffness, mass, sensors=sensors, n_modes=n_modes)
 
 
-def simulated_modes(frame, rng):
-    """The modes that a test of the true frame would identify in the band."""
-    truth = np.array([[TRUTH[parameter.name] for parameter in frame.parameters]])
-    frequencies, shapes = (each[0] for each in frame.modes(truth))
+def simulated_modes(frame, truth, rng):
+    """The modes that a test of the frame, with what it carries, would identify in the band.
+
+    ``truth`` are the values (n_parameters,) of the frame's parameters.
+    """
+    sensors = tuple(label for label in frame.degrees_of_freedom if label not in frame.appendages)
+    modes_of_frame = frame.modes(truth[None])
+    frequencies = modes_of_frame.frequencies_hz[0]
+    shapes = frame.sensor_matrix(sensors).apply(modes_of_frame.shapes)[0]
     modes = []
     for i in np.flatnonzero(frequencies < BAND_HZ[1]):
         identified = frequencies[i] * (1.0 + FREQUENCY_COV * rng.standard_normal())
         unit = shapes[:, i] / np.linalg.norm(shapes[:, i])
         shape = unit + SHAPE_SD * rng.standard_normal(len(unit))
         modes.append(bs.IdentifiedMode(str(i + 1), float(identified), shape))
-    return bs.ModalData(tuple(modes), BAND_HZ, sensors=frame.degrees_of_freedom)
+    return bs.ModalData(tuple(modes), BAND_HZ, sensors)
 
 
 def compared(frame, names, posterior, rng):
@@ -93,7 +98,9 @@ def main():
 
     rng = np.random.default_rng(1)
     frames = {name: structure(given.file, groups) for name, groups in GROUPS.items()}
-    modes = simulated_modes(frames["columns by storey"], rng)
+    true_frame = frames["columns by storey"]
+    truth = np.array([TRUTH[parameter.name] for parameter in true_frame.parameters])
+    modes = simulated_modes(true_frame, truth, rng)
     error = bs.ErrorModel(frequency_cov=FREQUENCY_COV, shape_sd=SHAPE_SD)
     pairing = {label: int(label) for label in modes.labels}
     classes = [

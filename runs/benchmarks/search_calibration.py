@@ -1,41 +1,117 @@
 """Is the search for appendages calibrated, and how often does it raise a false alarm?
 
     python runs/benchmarks/search_calibration.py [--sets 100] [--processes 2] [--all]
+    python runs/benchmarks/search_calibration.py --on tower [--off 0.03] [--lines FILE]
 
-Simulates ``--sets`` data sets of a three-storey building with one appendage, whose place, mass and
-frequency are drawn from the search's own priors, and as many without: storey stiffnesses from their
-priors, modes from the likelihood itself (errors of frequencies and shapes, missed and spurious
-modes). Each is searched over all seven hypotheses of at most one appendage. If everything is
-right, hypotheses with a stated probability p are true in a share p of the cases.
+Simulates ``--sets`` data sets of a structure with one appendage, whose place, mass and frequency
+are drawn from the search's own priors, and as many without: stiffnesses from their priors, modes
+from the likelihood itself (errors of frequencies and shapes, missed and spurious modes). Each is
+searched over all hypotheses of at most one appendage. If everything is right, hypotheses with a
+stated probability p are true in a share p of the cases.
+
+The structure is a three-storey building with seven hypotheses; or ``--on tower``, the tower of
+search_scaling.py with 1536 degrees of freedom, three inferred stiffness factors, a pendulum in x or
+y at one of three heights, and errors of the model as well as stated ones of the identification.
+Data are computed with the full model, and searched with a reduced basis. ``--off`` makes the true
+stiffness of the tower's second quarter, which is not inferred, this much higher than the search
+assumes.
 
 With ``--all``, every hypothesis is sampled, and the errors of all approximate evidences are
-printed; else of those that the search chooses to sample.
+printed; else of those that the search chooses to sample, which on the tower are few: up to half of
+the probability may rest on approximate evidences there. ``--lines`` appends each set's result to
+a file as it comes, and leaves out the sets that the file has already.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import beta
-from simulated import print_bands, simulate
+from search_scaling import tower
+from simulated import IdentificationErrors, print_bands, simulate
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.appendages.candidates import default_candidates
-from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis
+from bayes_ssi.appendages.hypotheses import hypothesis, scale_of
 from bayes_ssi.appendages.places import AppendagePlace, places_of
+from bayes_ssi.posterior.refinement import with_exact_structures
 from bayes_ssi.ranking.study_file import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "bare_building.py"
-# Stated in full: the default prior of the frequency follows from the data.
-SETTINGS = SearchSettings(frequency=bs.LogUniform(0.5, 6.0), number_weights=(1.0, 1.0))
+MASS_RATIO, MASS_COV = 0.05, 1.0
+# Of the tower: the band has its first three modes, and the fourth is above.
+LEVELS, FACTOR_COV, N_MODES, BAND_HZ = 16, 0.1, 4, (0.0, 6.6)
+HEIGHTS, AXES = (20.0, 40.0, 60.0), "xy"
+MODEL_ERROR = bs.ErrorModel(frequency_cov=0.005, shape_sd=0.03)
+IDENTIFICATION_ERRORS = IdentificationErrors(frequency_cov=0.005, shape_sd=0.03)
 ALARM = 0.9
 NEAR = 0.1
+
+
+class Question(NamedTuple):
+    """What is searched, and what the data come from.
+
+    Attributes:
+        baseline: the class that appendages are hung on, with data of the right kind.
+        true_baseline: the same as it really is.
+        candidates: where appendages may hang.
+        frequency: prior of an appendage's frequency, stated since the default follows from data.
+        stated: errors that the test states.
+        most_unsampled: as in the search's settings.
+        sampling: how precisely to sample.
+    """
+
+    baseline: bs.ModelClass
+    true_baseline: bs.ModelClass
+    candidates: tuple[bs.Candidate, ...]
+    frequency: bs.LogUniform
+    stated: IdentificationErrors | None
+    most_unsampled: float = bs.SearchSettings().most_unsampled
+    sampling: bs.SamplingSettings = bs.SamplingSettings(log_evidence_error=0.03)
+
+
+def building() -> Question:
+    (baseline,) = load_study(STUDY).model_classes
+    candidates = default_candidates(baseline.structure, baseline.data.sensors)
+    return Question(baseline, baseline, candidates, bs.LogUniform(0.5, 6.0), None)
+
+
+@cache
+def tower_class(second_quarter: float) -> tuple[bs.ModelClass, np.ndarray]:
+    """The class without appendages, and the coordinates of the tower's nodes."""
+    e1, e3, e4 = (bs.Parameter(f"E{i}", bs.LogNormal(1.0, FACTOR_COV)) for i in (1, 3, 4))
+    full, nodes = tower(LEVELS, (e1, second_quarter, e3, e4), N_MODES)
+    frequencies, shapes = (each[0] for each in full.modes(full.prior_medians()))
+    of_any = bs.IdentifiedMode("1", float(frequencies[0]), shapes[:, 0])
+    data = bs.ModalData((of_any,), BAND_HZ, full.degrees_of_freedom)
+    return bs.ModelClass("tower", full.reduced(), data, MODEL_ERROR, pairing="any"), nodes
+
+
+def tower_question(off: float) -> Question:
+    (baseline, nodes), (true_baseline, _) = tower_class(1.0), tower_class(1.0 + off)
+    corner = [np.linalg.norm(nodes - (0.0, 0.0, height), axis=1).argmin() for height in HEIGHTS]
+    candidates = tuple(
+        bs.Candidate(f"{height:g} m {axis}", f"{node} {axis}")
+        for height, node in zip(HEIGHTS, corner, strict=True)
+        for axis in AXES
+    )
+    frequency = bs.LogUniform(0.5, BAND_HZ[1])
+    return Question(
+        baseline,
+        true_baseline,
+        candidates,
+        frequency,
+        IDENTIFICATION_ERRORS,
+        most_unsampled=0.5,
+        sampling=bs.SamplingSettings(log_evidence_error=0.1, searches=2),
+    )
 
 
 class Searched(NamedTuple):
@@ -53,27 +129,43 @@ class Searched(NamedTuple):
     errors: tuple[tuple[float, float], ...]
 
 
-def one(task: tuple[int, bool, bool]) -> Searched:
+class Task(NamedTuple):
+    on: str
+    off: float
+    index: int
+    with_appendage: bool
+    all_sampled: bool
+
+    def __str__(self) -> str:
+        return " ".join(map(str, self))
+
+
+def one(task: Task) -> Searched:
     """Draw one data set and search it."""
-    index, with_appendage, all_sampled = task
-    rng = np.random.default_rng([11, index, with_appendage])
-    (baseline,) = load_study(STUDY).model_classes
-    candidates = places_of(default_candidates(baseline.structure, baseline.data.sensors))
+    rng = np.random.default_rng([11, task.index, task.with_appendage])
+    question = building() if task.on == "building" else tower_question(task.off)
+    all_places = places_of(question.candidates)
     places: tuple[AppendagePlace, ...] = ()
-    if with_appendage:
-        places = (candidates[rng.integers(len(candidates))],)
-    truth = hypothesis(baseline, places, SETTINGS)
-    values, data, _ = simulate(truth, rng)
+    if task.with_appendage:
+        places = (all_places[rng.integers(len(all_places))],)
+    scale = scale_of(question.true_baseline)
+    settings = search_settings(question, 1.0, task.all_sampled)
+    truth = hypothesis(question.true_baseline, places, settings, scale=scale)
+    values, data, _ = simulate(with_exact_structures(truth), rng, question.stated)
     detuning = float("nan")
     if places:
-        bare = baseline.structure.modes(values[None, : len(baseline.structure.parameters)])
+        structure = question.true_baseline.structure
+        bare = structure.modes(values[None, : len(structure.parameters)])
         column = truth.parameter_names.index(f"frequency, {places[0].name}")
         detuning = float(np.abs(values[column] / bare.frequencies_hz[0] - 1.0).min())
-    result = search(
-        replace(baseline, data=data),
-        replace(SETTINGS, most_unsampled=0.0) if all_sampled else SETTINGS,
-        index,
-        bs.SamplingSettings(log_evidence_error=0.03),
+    baseline = replace(question.baseline, data=data)
+    # The mass to which ratios refer follows from the data, and the prior of the mass must not.
+    result = bs.search(
+        baseline,
+        search_settings(question, scale.mass / scale_of(baseline).mass, task.all_sampled),
+        task.index,
+        question.sampling,
+        candidates=question.candidates,
     )
     rows = result.record.hypotheses
     errors = tuple(
@@ -84,6 +176,16 @@ def one(task: tuple[int, bool, bool]) -> Searched:
     probabilities = {row.name: row.probability for row in rows}
     failed_checks = result.ranking.comparison.failed_checks
     return Searched(truth.name, probabilities, detuning, failed_checks, errors)
+
+
+def search_settings(question: Question, share: float, all_sampled: bool) -> bs.SearchSettings:
+    """What an appendage may be, with ``share`` of the usual mass ratio."""
+    return bs.SearchSettings(
+        mass_ratio=bs.LogNormal(MASS_RATIO * share, MASS_COV),
+        frequency=question.frequency,
+        number_weights=(1.0, 1.0),
+        most_unsampled=0.0 if all_sampled else question.most_unsampled,
+    )
 
 
 def report(results: list[Searched]) -> None:
@@ -129,15 +231,37 @@ def report(results: list[Searched]) -> None:
         print(f"    {check}")
 
 
+def known(path: Path | None) -> dict[str, Searched]:
+    """Results by task, from a file of lines."""
+    if path is None or not path.exists():
+        return {}
+    lines = map(json.loads, path.read_text().splitlines())
+    return {task: Searched(*fields) for task, fields in lines}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--on", choices=("building", "tower"), default="building")
+    parser.add_argument("--off", type=float, default=0.0, help="of the tower's second quarter")
     parser.add_argument("--sets", type=int, default=100, help="with an appendage, and without")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--all", action="store_true", help="sample every hypothesis")
+    parser.add_argument("--lines", type=Path, help="file of results, one a line")
     options = parser.parse_args()
-    tasks = [(i, truth, options.all) for i in range(options.sets) for truth in (False, True)]
+    tasks = [
+        Task(options.on, options.off, i, truth, options.all)
+        for i in range(options.sets)
+        for truth in (False, True)
+    ]
+    results = known(options.lines)
+    new = [task for task in tasks if str(task) not in results]
     with ProcessPoolExecutor(options.processes) as pool:
-        report(list(pool.map(one, tasks)))
+        for task, result in zip(new, pool.map(one, new), strict=True):
+            results[str(task)] = result
+            if options.lines:
+                with options.lines.open("a") as file:
+                    file.write(json.dumps([str(task), result]) + "\n")
+    report([results[str(task)] for task in tasks])
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import vonmises_fisher
@@ -13,19 +14,30 @@ from bayes_ssi.modal import Modes
 from bayes_ssi.parameters import Value, as_product
 
 
+class IdentificationErrors(NamedTuple):
+    """What a test states of its identified modes, in addition to the model's prediction errors."""
+
+    frequency_cov: float
+    shape_sd: float
+
+
 def simulate(
-    candidate: bs.ModelClass, rng: np.random.Generator
+    candidate: bs.ModelClass,
+    rng: np.random.Generator,
+    stated: IdentificationErrors | None = None,
 ) -> tuple[np.ndarray, bs.ModalData, dict[str, int]]:
     """Parameter values, identified modes and their pairing, drawn from prior and likelihood.
 
     For a class with one configuration; otherwise as :func:`simulate_tests`.
     """
-    values, ((data, pairing),) = simulate_tests(candidate, rng)
+    values, ((data, pairing),) = simulate_tests(candidate, rng, stated)
     return values, data, pairing
 
 
 def simulate_tests(
-    candidate: bs.ModelClass, rng: np.random.Generator
+    candidate: bs.ModelClass,
+    rng: np.random.Generator,
+    stated: IdentificationErrors | None = None,
 ) -> tuple[np.ndarray, list[tuple[bs.ModalData, dict[str, int]]]]:
     """Parameter values, and identified modes and their pairing in every configuration.
 
@@ -37,7 +49,7 @@ def simulate_tests(
         values = candidate.values(rng.standard_normal((1, len(candidate.parameters))))
         named = dict(zip(candidate.parameter_names, values[0].tolist(), strict=True))
         tests = [
-            _modes_of_test(candidate, configuration, likelihood.modes(own), named, rng)
+            _modes_of_test(candidate, configuration, likelihood.modes(own), named, rng, stated)
             for configuration, likelihood, own in candidate.parts(values)
         ]
         if all(observed for observed, _ in tests):
@@ -53,10 +65,13 @@ def _modes_of_test(
     modes: Modes,
     named: dict[str, float],
     rng: np.random.Generator,
+    stated: IdentificationErrors | None,
 ) -> tuple[list[bs.IdentifiedMode], dict[str, int]]:
     """The identified modes of one test, and their pairing."""
     error, identification = candidate.error, candidate.identification
-    frequency_cov, shape_sd = (_evaluated(e, named) for e in (error.frequency_cov, error.shape_sd))
+    of_model = [_evaluated(e, named) for e in (error.frequency_cov, error.shape_sd)]
+    frequency_cov, shape_sd = map(math.hypot, of_model, stated or (0.0, 0.0))
+    own = stated._asdict() if stated else {}
     sensors = configuration.data.sensors
     shapes = configuration.structure.sensor_matrix(sensors).apply(modes.shapes)[0]
     low, high = configuration.data.band_hz
@@ -70,11 +85,12 @@ def _modes_of_test(
             # mirror image at -φ adds nothing but the sign.
             shape = vonmises_fisher(direction, shape_sd**-2, seed=rng).rvs(1)[0]
             label = str(len(observed) + 1)
-            observed.append(bs.IdentifiedMode(label, identified, shape))
+            observed.append(bs.IdentifiedMode(label, identified, shape, **own))
             pairing[label] = i + 1
     for _ in range(rng.poisson(identification.expected_spurious_modes)):
         shape = rng.standard_normal(len(sensors))
-        observed.append(bs.IdentifiedMode(f"s{len(observed)}", rng.uniform(low, high), shape))
+        frequency = rng.uniform(low, high)
+        observed.append(bs.IdentifiedMode(f"s{len(observed)}", frequency, shape, **own))
     return observed, pairing
 
 
