@@ -58,9 +58,12 @@ def plot_corner(
         corner.corner(
             values, bins=30, range=[SHOWN] * n, fig=figure, color=BLUE, quantiles=QUANTILES,
             smooth=1.0, levels=CONTOURS, plot_datapoints=False, plot_density=False,
-            fill_contours=True,
+            fill_contours=True, no_fill_contours=True, max_n_ticks=3,
         )  # fmt: skip
     panels = np.array(figure.axes, dtype=object).reshape(n, n)
+    # Panels above the diagonal are empty; the layout need not look for what they hold.
+    for empty in panels[np.triu_indices(n, 1)]:
+        empty.set(visible=False, in_layout=False)
     for i, (name, draws) in enumerate(zip(names, values.T, strict=True)):
         low, median, high = np.quantile(draws, QUANTILES)
         # In a panel of 1.5 in, a name may take 1.3 in.

@@ -12,33 +12,31 @@ from scipy.optimize import brentq
 from scipy.special import gammaln, logsumexp, ndtr
 
 
-def golf_hole(d: int, prior_mass: float) -> Problem:
-    """Half of the evidence in a narrow Gaussian beside a broad one, as ``sum_of_gaussians``.
+def log_mass_of_hole(centres: Array, sds: Array, shares: Array) -> float:
+    """Log prior mass of the ball around the second Gaussian in which it exceeds the first.
 
-    ``prior_mass`` is that of the ball in which the narrow term exceeds the broad one; outside
-    nothing leads to it.
+    As ``sum_of_gaussians``. Outside the ball nothing leads to the second; the first Gaussian and
+    the prior are taken as constant within.
     """
+    d, narrow = centres.shape[1], centres[1]
+    own = log_normal_pdf(centres, 0.0, np.sqrt(1.0 + sds**2)[:, None]).sum(1)
+    there = np.log(shares) + log_normal_pdf(narrow, centres, sds[:, None]).sum(1) - own
+    radius = sds[1] * math.sqrt(2.0 * (there[1] - there[0]))
+    log_volume = 0.5 * d * math.log(math.pi) - gammaln(0.5 * d + 1.0) + d * math.log(radius)
+    return float(log_volume + log_normal_pdf(narrow, 0.0, 1.0).sum())
+
+
+def golf_hole(d: int, prior_mass: float) -> Problem:
+    """Half of the evidence in a narrow Gaussian of this prior mass beside a broad one."""
     broad, narrow = np.zeros(d), np.zeros(d)
     broad[0], narrow[0] = -1.0, 1.5
-    centres, broad_sd = np.array([broad, narrow]), 0.7
+    centres, shares = np.array([broad, narrow]), np.array([0.5, 0.5])
 
-    def terms_at_hole(sd: float) -> tuple[float, float]:
-        sds = np.array([broad_sd, sd])
-        own = log_normal_pdf(centres, 0.0, np.sqrt(1.0 + sds**2)[:, None]).sum(1)
-        there = log_normal_pdf(narrow, centres, sds[:, None]).sum(1) - own
-        return float(there[0]), float(there[1])
+    def excess(sd: float) -> float:
+        return log_mass_of_hole(centres, np.array([0.7, sd]), shares) - math.log(prior_mass)
 
-    def log_mass(sd: float) -> float:
-        beside, top = terms_at_hole(sd)
-        radius = sd * math.sqrt(2.0 * (top - beside))
-        log_volume = 0.5 * d * math.log(math.pi) - gammaln(0.5 * d + 1.0) + d * math.log(radius)
-        return float(log_volume + log_normal_pdf(narrow, 0.0, 1.0).sum())
-
-    sd = brentq(lambda each: log_mass(each) - math.log(prior_mass), 1e-6, 0.2)
-    return sum_of_gaussians(
-        f"golf hole {prior_mass:.0e} d={d}", centres, np.array([broad_sd, sd]),
-        np.array([0.5, 0.5]), prior_mass,
-    )  # fmt: skip
+    sds = np.array([0.7, brentq(excess, 1e-6, 0.2)])
+    return sum_of_gaussians(f"golf hole {prior_mass:.0e} d={d}", centres, sds, shares, prior_mass)
 
 
 def spike_in_slab(d: int, offset: float) -> Problem:
@@ -64,11 +62,14 @@ def spike_in_slab(d: int, offset: float) -> Problem:
 
 
 def unequal_widths() -> Problem:
-    """Gaussians of widths 0.05 and 0.5 in five dimensions, 30 and 70 % of the evidence."""
-    centres = np.array([np.full(5, 0.45), np.full(5, -0.45)])
-    return sum_of_gaussians(
-        "unequal widths d=5", centres, np.array([0.05, 0.5]), np.array([0.3, 0.7])
-    )
+    """Gaussians of widths 0.5 and 0.05 in five dimensions, 70 and 30 % of the evidence.
+
+    The narrow one is a golf hole, too: it holds 8e-5 of the prior.
+    """
+    centres = np.array([np.full(5, -0.45), np.full(5, 0.45)])
+    sds, shares = np.array([0.5, 0.05]), np.array([0.7, 0.3])
+    hidden = math.exp(log_mass_of_hole(centres, sds, shares))
+    return sum_of_gaussians("unequal widths d=5", centres, sds, shares, hidden)
 
 
 def random_modes(n_modes: int = 32, d: int = 3, seed: int = 0) -> Problem:

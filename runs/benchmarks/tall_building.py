@@ -16,6 +16,7 @@ import numpy as np
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.appendages.hypotheses import SearchSettings
+from bayes_ssi.ranking.automatic_workers import chosen_workers
 
 N_STOREYS, N_MODES = 20, 8
 FLOORS = (1, 4, 8, 12, 16, 20)
@@ -49,7 +50,10 @@ def main() -> None:
     options = parser.parse_args()
     weights = (1.0, 1.0, *(0.2**number for number in range(1, options.most)))
     begun = perf_counter()
-    result = search(baseline(), SearchSettings(number_weights=weights), run=bs.Run(options.workers))
+    bare = baseline()
+    # Copies of this process, as commands have them.
+    workers = chosen_workers([bare], options.workers, lambda: None)
+    result = search(bare, SearchSettings(number_weights=weights), run=bs.Run(workers))
     seconds = perf_counter() - begun
     rows = result.record.hypotheses
     for row in rows[:6]:
