@@ -77,8 +77,8 @@ def save_result(
         with (run or Run()).side_by_side() as begin:
             if figures:
                 (partial / FIGURES).mkdir()
-            for figure in figures[1:]:
-                begin(figure, partial / FIGURES)
+                # By one process: to import matplotlib takes longer than to draw most of them.
+                begin(_draw, (figures[1:], partial / FIGURES))
             for each in ranking.posteriors:
                 begin(_save_draws, (partial / draws[each.name], each, classes[each.name]))
             record = _record(ranking, draws, data, study_file, command, accept_failed_checks)
@@ -87,10 +87,15 @@ def save_result(
             for name, further in (extra or {}).items():
                 write_json(partial / name, further)
             _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
-            for figure in figures[:1]:
-                figure(partial / FIGURES)
+            _draw((figures[:1], partial / FIGURES))
         write_digests(partial)
     return load_result(directory)
+
+
+def _draw(arguments: tuple[Sequence[Callable[[Path], object]], Path]) -> None:
+    figures, directory = arguments
+    for figure in figures:
+        figure(directory)
 
 
 def _save_draws(arguments: tuple[Path, Posterior, ModelClass]) -> None:
