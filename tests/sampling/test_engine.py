@@ -284,6 +284,20 @@ def counted_ensembles(monkeypatch):
     return runs
 
 
+def test_a_mixture_that_fits_worse_than_the_last_is_dropped(monkeypatch):
+    """So it does not end in compressions of the prior."""
+
+    def misfitted(self, *_draws):
+        elsewhere = StudentMixture(np.ones(1), np.full((1, 2), 9.0), np.eye(2)[None], np.ones(1))
+        return self.sampler.sample(elsewhere)
+
+    monkeypatch.setattr(ProposalFitting, "fitted", misfitted)
+    result = sample_target(with_suggestions(two_bumps, 2), np.random.SeedSequence(0))
+    assert not result.compressions
+    assert failed_checks(result) == []
+    assert result.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * result.evidence.error)
+
+
 def test_short_chains_check_importance_draws_that_serve(monkeypatch):
     runs = counted_ensembles(monkeypatch)
     monkeypatch.setattr(chains, "SLOW", 0.5)  # all chains would count as slow
