@@ -5,6 +5,9 @@ residuals of plausible pairings, and from draws of a hypothesis with one appenda
 which the new appendage's mass and frequency scan their priors evenly. Laplace's approximation at
 the maxima, corrected by some hundred importance draws, gives the evidence to a few tenths of a nat,
 in a tenth of the evaluations of sampling.
+
+Of hundreds of hypotheses, most are so improbable that less will do: one search without descents in
+residuals, and one batch of draws, in a hundredth of the evaluations of sampling.
 """
 
 from __future__ import annotations
@@ -26,18 +29,42 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.class_target import class_target
 from bayes_ssi.posterior.to_posterior import seed_of
 from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
+from bayes_ssi.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.sampling.mixture import HEAVY_TAILS, StudentMixture
-from bayes_ssi.sampling.multistart import search_maxima
+from bayes_ssi.sampling.multistart import search_maxima, search_starts
 from bayes_ssi.sampling.regions import local_maxima
 from bayes_ssi.sampling.resampling import systematic_indices
 from bayes_ssi.sampling.target import SuggestedStarts, Target
 
-# In each of two or three searches: draws of the prior, and as many that scan, of which a region
-# with half a hundredth of the prior of mass and frequency is hit by five; ascents from each.
-N_DRAWS, N_ASCENTS = 500, 4
-# Importance draws of a batch, and the wanted error of the log evidence: below that, what decides
-# is whether a hypothesis has a hundredth or a thousandth of the probability.
-BATCH, WANTED_ERROR = 600, 0.1
+
+class Effort(NamedTuple):
+    """What screening one hypothesis may cost.
+
+    Attributes:
+        n_draws: draws of the prior in each search, and as many that scan.
+        n_ascents: ascents from each of these.
+        batch: importance draws of a batch.
+        is_full: whether searches are repeated until they agree, with descents in residuals, and
+            draws are added until the error is ``WANTED_ERROR``.
+        most: hypotheses with one more appendage that are screened so.
+    """
+
+    n_draws: int
+    n_ascents: int
+    batch: int
+    is_full: bool
+    most: int
+
+
+# A region with half a hundredth of the prior of mass and frequency is hit by five of 500 draws.
+FULL = Effort(500, 4, 600, is_full=True, most=100)
+# And by two or three of the scan here; half of the draws are the scan's.
+QUICK = Effort(250, 3, 300, is_full=False, most=3000)
+# Of thousands of pairs, only draws that scan: no region is climbed to.
+SCAN = Effort(250, 0, 250, is_full=False, most=100_000)
+# The wanted error of the log evidence: below that, what decides is whether a hypothesis has a
+# hundredth or a thousandth of the probability.
+WANTED_ERROR = 0.1
 # Half of the importance draws keep to the hypothesis with one appendage less: where the new one
 # explains nothing, the posterior is that one's times the prior of mass and frequency.
 SHARE_OF_SIMPLER = 0.5
@@ -75,18 +102,21 @@ class ToScreen(NamedTuple):
     simpler: Screened | None
 
 
-def screen_all(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> list[Screened]:
+def screen_all(
+    hypotheses: Sequence[ToScreen], seed: int, run: Run, effort: Effort = FULL
+) -> list[Screened]:
     """Screen hypotheses, side by side in the workers of ``run``.
 
     Args:
         hypotheses: what is screened.
         seed: a result follows from it, the hypothesis's name and the simpler one's result.
         run: workers and progress; the result does not depend on them.
+        effort: what one hypothesis may cost.
 
     Raises:
         ValueError: the likelihood of a hypothesis is zero at every draw from its prior.
     """
-    one = partial(screen, seed=seed)
+    one = partial(screen, seed=seed, effort=effort)
     n_done = 0
 
     def done(_: int) -> None:
@@ -104,7 +134,7 @@ def screen_all(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> list[Scre
     return [screened[i] for i in range(len(hypotheses))]
 
 
-def screen(hypothesis: ToScreen, seed: int) -> Screened:
+def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
     """The approximate evidence of one hypothesis; arguments and errors as in :func:`screen_all`."""
     model_class, simpler = hypothesis
     # Not the seed of its sampling, whose errors are to be independent.
@@ -113,23 +143,26 @@ def screen(hypothesis: ToScreen, seed: int) -> Screened:
     target = class_target(model_class)
     with threadpool_limits(limits=1, user_api="blas"):
         if simpler is not None:
-            # They take as many evaluations as all else: once is enough.
-            narrow = target.suggested(np.random.default_rng(seed_of_starts))
-            target.suggest_starts = _scan(model_class, simpler, narrow)
+            narrow = np.empty((0, target.n_dimensions))
+            if effort.is_full:
+                # They take as many evaluations as all else: once is enough.
+                narrow = target.suggested(np.random.default_rng(seed_of_starts))
+            target.suggest_starts = _scan(model_class, simpler, narrow, effort)
         try:
-            found = search_maxima(target, 1, seed_of_searches, n_draws=N_DRAWS, n_ascents=N_ASCENTS)
+            maxima = _maxima(target, seed_of_searches, effort)
         except ValueError as error:
             raise type(error)(f"model class {model_class.name!r}: {error}") from error
-        mixture = found.maxima.as_mixture().widened()
+        mixture = maxima.as_mixture().widened()
         if simpler is not None:
             mixture = mixture.mixed_with(_extended(model_class, simpler), SHARE_OF_SIMPLER)
-        sample = _importance_sample(target, mixture, np.random.default_rng(seed_of_draws))
+        rng = np.random.default_rng(seed_of_draws)
+        sample = _importance_sample(target, mixture, rng, effort)
     estimate = sample.estimate
     return Screened(
         parameter_names=model_class.parameter_names,
         log_evidence=estimate.log_evidence,
         error=estimate.error,
-        laplace=found.maxima.laplace_estimate.log_evidence,
+        laplace=maxima.laplace_estimate.log_evidence,
         n_evaluations=target.n_evaluations,
         z=sample.z,
         weights=sample.weights,
@@ -137,13 +170,25 @@ def screen(hypothesis: ToScreen, seed: int) -> Screened:
     )
 
 
+def _maxima(target: Target, seed: np.random.SeedSequence, effort: Effort) -> Maxima:
+    if effort.is_full:
+        search = search_maxima(target, 1, seed, n_draws=effort.n_draws, n_ascents=effort.n_ascents)
+        return search.maxima
+    rng = np.random.default_rng(seed)
+    return find_maxima(target, search_starts(target, effort.n_draws, effort.n_ascents, rng))
+
+
 def _importance_sample(
-    target: Target, mixture: StudentMixture, rng: np.random.Generator
+    target: Target, mixture: StudentMixture, rng: np.random.Generator, effort: Effort
 ) -> ImportanceSample:
+    batch = effort.batch
     sampler = ImportanceSampler(
-        target, rng, BATCH, prior_share=0.05, least_efficiency=0.05, max_draws=10 * BATCH
+        target, rng, batch, prior_share=0.05, least_efficiency=0.05, max_draws=10 * batch
     )
-    trial = sampler.refined(sampler.sample(mixture), math.inf)
+    trial = sampler.sample(mixture)
+    if not effort.is_full:
+        return trial
+    trial = sampler.refined(trial, math.inf)
     # Components were added at the heaviest draws, which now weigh too little: new draws only.
     sample = sampler.sample(trial.mixture.reweighted(trial.z, trial.weights))
     while sample.estimate.error > WANTED_ERROR and len(sample.z) < sampler.max_draws:
@@ -152,7 +197,7 @@ def _importance_sample(
 
 
 def _scan(
-    model_class: ModelClass, simpler: Screened, narrow: FloatArray
+    model_class: ModelClass, simpler: Screened, narrow: FloatArray, effort: Effort
 ) -> Callable[[np.random.Generator], SuggestedStarts]:
     """Starts from the simpler hypothesis's posterior, the other parameters all over their priors.
 
@@ -161,13 +206,13 @@ def _scan(
     columns = _columns(model_class, simpler)
 
     def starts(rng: np.random.Generator) -> SuggestedStarts:
-        z = _latin_hypercube(N_DRAWS, len(model_class.parameters), rng)
-        rows = rng.permutation(systematic_indices(simpler.weights, N_DRAWS, rng))
+        z = _latin_hypercube(effort.n_draws, len(model_class.parameters), rng)
+        rows = rng.permutation(systematic_indices(simpler.weights, effort.n_draws, rng))
         z[:, columns] = simpler.z[rows]
         log_likelihoods = evaluate(model_class.log_likelihood_at, z).values
         possible = np.isfinite(log_likelihoods)
-        scanned = local_maxima(z[possible], log_likelihoods[possible])[:N_ASCENTS]
-        return SuggestedStarts(np.concatenate([scanned, narrow]), N_DRAWS)
+        scanned = local_maxima(z[possible], log_likelihoods[possible])[: effort.n_ascents]
+        return SuggestedStarts(np.concatenate([scanned, narrow]), effort.n_draws)
 
     return starts
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import copy
 from functools import cached_property
 from typing import Any, Self
@@ -14,13 +14,20 @@ from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.approximate_structure import Accuracy, ApproximateStructure
 from bayes_ssi.finite_elements.carrying_basis import CarryingBasis
-from bayes_ssi.finite_elements.reduced_basis import Bounds, ReducedBasis, Reference, SmallProblem
+from bayes_ssi.finite_elements.projected_structure import BasisRow, ProjectedStructure, Projection
+from bayes_ssi.finite_elements.reduced_basis import (
+    SKETCH_SIZE,
+    Bounds,
+    ReducedBasis,
+    Reference,
+    SmallProblem,
+)
 from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 from bayes_ssi.modal import ModalModel, Modes, NoModesError, lowest_eigenpairs, solve_modes
 from bayes_ssi.parameters import values_at
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
-from bayes_ssi.structures.motion import Place
+from bayes_ssi.structures.motion import Place, SinglePlace
 
 # Directions that add less than this share of the required accuracy to a mode are left out, some of
 # which together remain below it.
@@ -133,6 +140,58 @@ class ReducedStructure(ApproximateStructure):
             return basis
         negligible = self._negligible(self.frequency_error, self.shape_error)
         return CarryingBasis.of(basis, self.full.carried, negligible, self._reference)
+
+    def projected(self, values: FloatArray, places: Iterable[SinglePlace]) -> ProjectedStructure:
+        """The model in the few combinations of the basis that its modes at some values consist of.
+
+        Args:
+            values: (B, n_parameters), where it is to be accurate: frequencies to a hundredth
+                of ``frequency_error`` on average.
+            places: degrees of freedom and sensors on which elements may be put.
+
+        Raises:
+            TypeError: it carries elements.
+        """
+        if self.full.elements:
+            raise TypeError("a structure that carries elements is not projected")
+        basis, reference = self._main_basis, self._reference
+        kept = self._directions(values)
+        vectors = basis.vectors @ kept
+        # What the basis lacks of K_r⁻¹ times forces; the vectors are orthonormal in K_r.
+        lacking = vectors.T @ (reference.matrix @ reference.sketch)
+        rows = {place: self.full.system_row_of(place, "place") for place in places}
+        at = np.array([row for row in rows.values() if row is not None], dtype=np.intp)
+        motions = vectors[at]
+        residual = reference.sketch[at] - motions @ lacking
+        known = [place for place, row in rows.items() if row is not None]
+        system = self.full.system
+        return ProjectedStructure(
+            Projection(
+                tuple(zip(system.stiffness.products, kept.T @ basis.stiffness @ kept, strict=True)),
+                tuple(zip(system.mass.products, kept.T @ basis.mass @ kept, strict=True)),
+                basis.at_sensors @ kept,
+                self.degrees_of_freedom,
+                {
+                    place: BasisRow(motion, each[:SKETCH_SIZE], each[SKETCH_SIZE:])
+                    for place, motion, each in zip(known, motions, residual, strict=True)
+                },
+                self.n_modes,
+            )
+        )
+
+    def _directions(self, values: FloatArray) -> FloatArray:
+        """Combinations (N, n) of the basis of which the modes at ``values`` consist.
+
+        What they neglect of a mode's energy is about twice the relative error of its frequency.
+        """
+        shapes = self._modes_in_basis(values).shapes
+        modes = shapes[np.isfinite(shapes).all(axis=(1, 2))].transpose(1, 0, 2)
+        modes = modes.reshape(len(modes), -1)
+        modes = modes / np.linalg.norm(modes, axis=0)
+        energies, directions = np.linalg.eigh(modes @ modes.T / modes.shape[1])
+        neglected = np.cumsum(energies) <= 2.0 * 0.01 * self.frequency_error
+        n_kept = max(int((~neglected).sum()), min(self.n_modes, len(energies)))
+        return directions[:, -n_kept:]
 
     @staticmethod
     def _negligible(frequency_error: float, shape_error: float) -> float:

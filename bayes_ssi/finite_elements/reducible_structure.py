@@ -177,6 +177,11 @@ class ReducibleStructure(Structure):
             f"{listed(tuple(dict.fromkeys(choices)))}, or 0 for the ground"
         )
 
+    def system_row_of(self, place: SinglePlace, label: str) -> int | None:
+        """As :meth:`row_of`, but the row in :attr:`system`."""
+        row = self.row_of(place, label)
+        return None if row is None else int(self.system.rows[row])
+
     @cached_property
     def _row_of_label(self) -> dict[SinglePlace, int]:
         labels = self._labels or tuple(f"dof {i}" for i in range(self.size))

@@ -123,6 +123,21 @@ def search_maxima(
 
 def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator) -> Maxima:
     """The maxima that one search finds; none if the likelihood is zero at all its starts."""
+    starts = search_starts(target, n_draws, n_ascents, rng)
+    return find_maxima(target, starts) if len(starts) else no_maxima(target.n_dimensions)
+
+
+def search_starts(
+    target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator
+) -> FloatArray:
+    """Where one search climbs from (m, d): what the target suggests, and the best of prior draws.
+
+    Args:
+        target: what is climbed.
+        n_draws: draws from the prior.
+        n_ascents: the most of them, those that are higher than their neighbours.
+        rng: everything random follows from it.
+    """
     draws = rng.standard_normal((n_draws, target.n_dimensions))
     log_likelihoods = target.log_likelihood(draws)
     possible = np.isfinite(log_likelihoods)
@@ -130,4 +145,4 @@ def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generat
     if possible.any():
         highest = local_maxima(draws[possible], log_likelihoods[possible])
         starts = np.concatenate([highest[:n_ascents], starts])
-    return find_maxima(target, starts) if len(starts) else no_maxima(target.n_dimensions)
+    return starts

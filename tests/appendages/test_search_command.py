@@ -169,7 +169,7 @@ def test_candidates_of_a_file_are_tried(run, tiny_study_file, tmp_path, fake_sam
 
 def test_a_test_that_the_study_lacks_is_refused(run, tiny_study_file):
     result = run("search", tiny_study_file, "--in", "with mast")
-    assert_one_line_error(result, "no configuration 'with mast'")
+    assert_one_line_error(result, "'one k' has one configuration", "'with mast'")
 
 
 @pytest.fixture

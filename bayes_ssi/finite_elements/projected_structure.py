@@ -1,0 +1,188 @@
+"""A finite-element model in a small fixed basis, for comparing many places of elements quickly.
+
+A reduced basis is accurate over the prior. Where a posterior lies, far fewer vectors describe the
+modes: those combinations of the basis that the modes at some draws consist of. An element on the
+model then adds no vector, but what the basis lacks of the static answer K_r⁻¹ v to its force, the
+residual flexibility: ρ = vᵀ K_r⁻¹ v - |Vᵀ v|² at its place, V being orthonormal in K_r, and the
+displacements of the sensors likewise. The former is in series with the element's spring,
+
+    1/k' = 1/k + ρ,
+
+the latter add to the mode shapes in proportion to the spring's force. No equation is solved for a
+place: the sketch S of the reduced model's error has S Sᵀ ≈ K_r⁻¹, to about a tenth, and K_r⁻¹ E is
+known for the sensors. Inertia of the residual is neglected, its flexibility that of the prior
+medians, and flexibility between two elements left out, so errors are not certified: this is for
+the choice of hypotheses, not for results.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.modal import Modes, solve_modes
+from bayes_ssi.parameters import Parameter, Product, ProductTable, collect_parameters
+from bayes_ssi.structures.affine_array import AffineArray
+from bayes_ssi.structures.elements import Element
+from bayes_ssi.structures.motion import Motion, Place, SinglePlace, motion_of
+from bayes_ssi.structures.structure import Structure, listed
+
+
+@dataclass(frozen=True, eq=False)
+class BasisRow:
+    """How one degree of freedom moves, and answers to forces: linear in the degree of freedom.
+
+    Attributes:
+        motion: (N,), row of V.
+        flexibility: (k,), row of what the basis lacks of S, whose square is ρ.
+        at_sensors: (d,), displacements of the sensors under a unit force, as far as V lacks them.
+    """
+
+    motion: FloatArray
+    flexibility: FloatArray
+    at_sensors: FloatArray
+
+    def times(self, share: float) -> BasisRow:
+        return BasisRow(share * self.motion, share * self.flexibility, share * self.at_sensors)
+
+    def plus(self, other: BasisRow) -> BasisRow:
+        return BasisRow(
+            self.motion + other.motion,
+            self.flexibility + other.flexibility,
+            self.at_sensors + other.at_sensors,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """The model without elements in the basis.
+
+    Attributes:
+        stiffness, mass: coefficients and matrices (N, N), term by term.
+        at_sensors: (d, N), motions of the sensors.
+        sensors: their names.
+        rows: degrees of freedom on which elements may be put.
+        n_modes: number of lowest modes.
+    """
+
+    stiffness: tuple[tuple[Product, FloatArray], ...]
+    mass: tuple[tuple[Product, FloatArray], ...]
+    at_sensors: FloatArray
+    sensors: tuple[str, ...]
+    rows: Mapping[SinglePlace, BasisRow]
+    n_modes: int
+
+    @property
+    def size(self) -> int:
+        return int(self.at_sensors.shape[1])
+
+
+class _Term(NamedTuple):
+    """A spring or mass c w wᵀ: w (N + p,) in all coordinates, and the row of its model part."""
+
+    coefficient: Product
+    vector: FloatArray
+    row: BasisRow
+
+
+class ProjectedStructure(Structure):
+    """A model in a small basis, with elements on it."""
+
+    def __init__(self, main: Projection, elements: tuple[Element, ...] = ()) -> None:
+        self.main, self.elements = main, elements
+        own = (element.own_degree_of_freedom for element in elements)
+        self._own = tuple(label for label in own if label is not None)
+        self._springs = [
+            self._term(s.stiffness, s.direction, e.label) for e in elements for s in e.springs()
+        ]
+        self._masses = [
+            self._term(m.mass, m.direction, e.label) for e in elements for m in e.masses()
+        ]
+
+    def with_element(self, element: Element) -> ProjectedStructure:
+        """See :class:`~bayes_ssi.structures.elements.CarriesElements`."""
+        return ProjectedStructure(self.main, (*self.elements, element))
+
+    def require_place(self, place: Place, label: str) -> None:
+        """See :class:`~bayes_ssi.structures.elements.CarriesElements`."""
+        for single, _ in motion_of(place):
+            if single != 0 and single not in (*self.main.rows, *self._own):
+                choices = listed([str(row) for row in self.main.rows])
+                raise ValueError(f"{label}: no place {single!r}; choose from {choices}")
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        stiffness = [c for c, _ in self.main.stiffness] + [t.coefficient for t in self._springs]
+        mass = [c for c, _ in self.main.mass] + [t.coefficient for t in self._masses]
+        return collect_parameters(p for c in (*stiffness, *mass) for p in c.parameters)
+
+    @property
+    def degrees_of_freedom(self) -> tuple[str, ...]:
+        return (*self.main.sensors, *self._own)
+
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        return self._own
+
+    @property
+    def n_modes(self) -> int:
+        return self.main.n_modes + len(self._own)
+
+    def modes(self, values: FloatArray) -> Modes:
+        stiffness, mass = (each.evaluate(values) for each in self._matrices)
+        forces = self._spring_stiffnesses(values)
+        vectors = np.array([spring.vector for spring in self._springs])
+        if len(self._springs):
+            stiffness = stiffness + np.einsum("bs,si,sj->bij", forces, vectors, vectors)
+        modes = solve_modes(stiffness, mass, self.n_modes).repeated(len(values))
+        shapes = self._at_sensors @ modes.shapes
+        for spring, force in zip(self._springs, forces.T, strict=True):
+            elongation = np.einsum("i,bim->bm", spring.vector, modes.shapes)
+            moved = np.append(spring.row.at_sensors, np.zeros(len(self._own)))
+            shapes -= moved[:, None] * (force[:, None] * elongation)[:, None, :]
+        return Modes(modes.frequencies_hz, shapes)
+
+    def _spring_stiffnesses(self, values: FloatArray) -> FloatArray:
+        """k' (B, n_springs), in series with the residual flexibility at their places."""
+        products = tuple(spring.coefficient for spring in self._springs)
+        stiffnesses = ProductTable(products, self.parameters).evaluate(values)
+        residual = np.array([(spring.row.flexibility**2).sum() for spring in self._springs])
+        in_series: FloatArray = stiffnesses / (1.0 + stiffnesses * residual)
+        return in_series
+
+    @cached_property
+    def _matrices(self) -> tuple[AffineArray, AffineArray]:
+        """Stiffness and mass but for the elements' springs, (B, N + p, N + p)."""
+        n, p = self.main.size, len(self._own)
+
+        def array(terms: Iterable[tuple[Product, FloatArray]]) -> AffineArray:
+            wide = ((c, np.pad(matrix, (0, n + p - len(matrix)))) for c, matrix in terms)
+            return AffineArray.of(wide, self.parameters, (n + p, n + p))
+
+        masses = ((mass.coefficient, np.outer(mass.vector, mass.vector)) for mass in self._masses)
+        return array(self.main.stiffness), array([*self.main.mass, *masses])
+
+    @cached_property
+    def _at_sensors(self) -> FloatArray:
+        """(d + p, N + p), of sensors and own degrees of freedom."""
+        (d, n), p = self.main.at_sensors.shape, len(self._own)
+        whole = np.zeros((d + p, n + p))
+        whole[:d, :n], whole[d:, n:] = self.main.at_sensors, np.eye(p)
+        return whole
+
+    def _term(self, coefficient: Product, direction: Motion, label: str) -> _Term:
+        self.require_place(direction, label)
+        own = np.zeros(len(self._own))
+        first = next(iter(self.main.rows.values()))
+        row = first.times(0.0)
+        for place, share in direction:
+            if place in self._own:
+                own[self._own.index(str(place))] += share
+            elif place != 0:
+                row = row.plus(self.main.rows[place].times(share))
+        return _Term(coefficient, np.append(row.motion, own), row)
