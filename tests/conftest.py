@@ -208,8 +208,8 @@ def fake_sampling(monkeypatch, make_posterior):
     def install(log_evidence, approximately=None):
         levels, install.sampled = [], []
 
-        def screen_all(hypotheses, seed, run):
-            del seed, run
+        def screen_all(hypotheses, seed, run, effort=None):
+            del seed, run, effort
             classes = [each.model_class for each in hypotheses]
             levels.append([each.name for each in classes])
             return [
@@ -238,7 +238,8 @@ def fake_sampling(monkeypatch, make_posterior):
                 )
             return posteriors
 
-        monkeypatch.setattr("bayes_ssi.appendages.appendage_search.screen_all", screen_all)
+        for module in ("appendage_search", "screening_in_steps"):
+            monkeypatch.setattr(f"bayes_ssi.appendages.{module}.screen_all", screen_all)
         monkeypatch.setattr("bayes_ssi.appendages.appendage_search.sample_all", sample_all)
         return levels
 

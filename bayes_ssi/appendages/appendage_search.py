@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from bayes_ssi.appendages.baselines import Baselines, choose_baselines
+from bayes_ssi.appendages.baselines import Baselines, choose_baselines, prior_draws
 from bayes_ssi.appendages.candidates import Candidate
 from bayes_ssi.appendages.findings import search_record
 from bayes_ssi.appendages.hypotheses import SearchSettings, name_of
@@ -19,6 +19,7 @@ from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.appendages.sampling_choice import to_sample
 from bayes_ssi.appendages.screened_hypothesis import Key, ScreenedHypothesis
 from bayes_ssi.appendages.screening import Screened, ToScreen, screen_all
+from bayes_ssi.appendages.screening_in_steps import screen_best
 from bayes_ssi.appendages.search_result import AppendageSearch
 from bayes_ssi.argument_types import checked
 from bayes_ssi.execution.run import Run
@@ -76,14 +77,16 @@ def search(
         hypotheses = _screened(chosen, options, seed, run)
         wanted = [ToScreen(rival, None) for rival in chosen.rivals]
         rivals = screen_all(wanted, seed, run) if wanted else []
-        posteriors = _sampled(hypotheses, options, seed, settings, run)
-        sampled = [hypotheses[key] for key in posteriors]
+        sampled = _sampled(chosen, hypotheses, options, seed, settings, run)
+        classes, posteriors = zip(*sampled.values(), strict=True)
         study = Study(
             f"Appendages hidden in {hidden_in!r}",
-            [each.model_class for each in sampled],
-            prior_weights={each.model_class.name: each.prior_weight for each in sampled},
+            classes,
+            prior_weights={
+                made.name: hypotheses[key].prior_weight for key, (made, _) in sampled.items()
+            },
         )
-        ranking = compare_and_diagnose(study, tuple(posteriors.values()), seed, settings, run)
+        ranking = compare_and_diagnose(study, posteriors, seed, settings, run)
     record = search_record(chosen, rivals, options, ranking, tuple(hypotheses.values()))
     return AppendageSearch(ranking, record)
 
@@ -93,26 +96,39 @@ def _screened(
 ) -> dict[Key, ScreenedHypothesis]:
     """All hypotheses with their approximate evidences."""
     names = [each.name for each in baselines.classes]
+    carriers = {name: baselines.projected(name, prior_draws) for name in names}
     hypotheses: dict[Key, ScreenedHypothesis] = {}
     level = [Key(name, ()) for name in names]
     while level:
-        classes = []
-        for name, places in level:
-            of_one = name_of(places)
-            full_name = of_one if len(names) == 1 else f"{name}: {of_one}"
-            classes.append(baselines.hypothesis(name, places, options, full_name))
         wanted = [
-            ToScreen(model_class, _simpler(key, hypotheses))
-            for key, model_class in zip(level, classes, strict=True)
-        ]
-        results = screen_all(wanted, seed, run)
-        for key, model_class, screened in zip(level, classes, results, strict=True):
-            weight = baselines.prior_probability(key.baseline) * _prior_weight(
-                len(key.places), len(baselines.places[key.baseline]), options
+            ToScreen(
+                baselines.hypothesis(
+                    carriers[name], places, options, _full_name(name, places, names)
+                ),
+                _simpler(Key(name, places), hypotheses),
             )
-            hypotheses[key] = ScreenedHypothesis(key, model_class, weight, screened)
+            for name, places in level
+        ]
+        weights = [
+            baselines.prior_probability(name)
+            * _prior_weight(len(places), len(baselines.places[name]), options)
+            for name, places in level
+        ]
+        results = screen_best(wanted, weights, len(level[0].places), seed, run)
+        for key, (made, _), weight, screened in zip(level, wanted, weights, results, strict=True):
+            hypotheses[key] = ScreenedHypothesis(key, made, weight, screened)
+        if len(hypotheses) == len(names):
+            # Where the posterior is, a smaller basis is more accurate.
+            for name in names:
+                draws = hypotheses[Key(name, ())].screened.wide_draws
+                carriers[name] = baselines.projected(name, draws)
         level = _next_level(hypotheses, baselines.places, options)
     return hypotheses
+
+
+def _full_name(baseline: str, places: Sequence[AppendagePlace], names: Sequence[str]) -> str:
+    of_one = name_of(places)
+    return of_one if len(names) == 1 else f"{baseline}: {of_one}"
 
 
 def _simpler(key: Key, hypotheses: Hypotheses) -> Screened | None:
@@ -126,25 +142,33 @@ def _simpler(key: Key, hypotheses: Hypotheses) -> Screened | None:
 
 
 def _sampled(
+    baselines: Baselines,
     hypotheses: Hypotheses,
     options: SearchSettings,
     seed: int,
     settings: SamplingSettings,
     run: Run,
-) -> dict[Key, Posterior]:
-    """Posteriors of the hypotheses on which the answer rests, and of their baselines."""
+) -> dict[Key, tuple[ModelClass, Posterior]]:
+    """Classes and posteriors of the hypotheses on which the answer rests, and their baselines."""
     approximate = {key: each.approximate_log_mass for key, each in hypotheses.items()}
-    posteriors: dict[Key, Posterior] = {}
-    chosen = set(to_sample(approximate, {}, options.most_unsampled))
-    while chosen:
+    sampled: dict[Key, tuple[ModelClass, Posterior]] = {}
+    log_masses: dict[Key, float] = {}
+    most = baselines.most_sampled(options)
+    while chosen := set(to_sample(approximate, log_masses, options.most_unsampled, most)):
         # Parameters without any appendage are part of the answer.
         chosen |= {Key(key.baseline, ()) for key in chosen}
-        now = [key for key in hypotheses if key in chosen and key not in posteriors]
-        classes = [hypotheses[key].model_class for key in now]
-        posteriors.update(zip(now, sample_all(classes, seed, settings, run), strict=True))
-        log_masses = {key: hypotheses[key].log_mass(each) for key, each in posteriors.items()}
-        chosen = set(to_sample(approximate, log_masses, options.most_unsampled))
-    return {key: posteriors[key] for key in hypotheses if key in posteriors}
+        now = [key for key in hypotheses if key in chosen and key not in sampled]
+        classes = [
+            baselines.hypothesis(
+                baselines[key.baseline], key.places, options, hypotheses[key].model_class.name
+            )
+            for key in now
+        ]
+        posteriors = sample_all(classes, seed, settings, run)
+        for key, made, posterior in zip(now, classes, posteriors, strict=True):
+            sampled[key] = made, posterior
+            log_masses[key] = hypotheses[key].log_mass(posterior)
+    return {key: sampled[key] for key in hypotheses if key in sampled}
 
 
 def _next_level(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+
+import numpy as np
 
 from bayes_ssi.appendages.candidates import (
     Candidate,
@@ -21,11 +23,27 @@ from bayes_ssi.appendages.hypotheses import (
 )
 from bayes_ssi.appendages.mass_scale import MassScale
 from bayes_ssi.appendages.places import AppendagePlace, places_of
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.finite_elements.reduced_structure import ReducedStructure
 from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.posterior.refinement import is_approximate
 from bayes_ssi.ranking.class_sampling import is_cheap
 from bayes_ssi.ranking.study import Study
 from bayes_ssi.structures.elements import CarriesElements
 from bayes_ssi.structures.geometry import Geometry
+from bayes_ssi.structures.motion import motion_of
+from bayes_ssi.structures.structure import Structure
+
+# Draws whose modes make the basis in which hypotheses on a reduced structure are screened.
+N_PROJECTED = 200
+# Hypotheses, baselines included, that are sampled where each takes some 20 full solutions of a
+# finite-element model: in total fewer than 200.
+MOST_WITH_FULL_SOLUTIONS = 6
+
+
+def prior_draws(n: int, d: int) -> FloatArray:
+    """Draws (n, d) of the prior, in standard-normal coordinates."""
+    return np.random.default_rng(0).standard_normal((n, d))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +85,52 @@ class Baselines:
         known = (test.structure.geometry for test in tests)
         return next((geometry for geometry in known if geometry), None)
 
+    def __getitem__(self, name: str) -> ModelClass:
+        """The baseline of that name."""
+        return next(each for each in self.classes if each.name == name)
+
     def hypothesis(
-        self, baseline: str, places: Sequence[AppendagePlace], options: SearchSettings, name: str
+        self,
+        baseline: ModelClass,
+        places: Sequence[AppendagePlace],
+        options: SearchSettings,
+        name: str,
     ) -> ModelClass:
-        """A baseline with appendages at ``places``."""
-        (model_class,) = (each for each in self.classes if each.name == baseline)
-        scale = self.scales[baseline] if places else None
-        return hypothesis(
-            model_class, places, options, name, present_in=self.present_in, scale=scale
+        """A baseline, or a projected one, with appendages at ``places``."""
+        scale = self.scales[baseline.name] if places else None
+        return hypothesis(baseline, places, options, name, present_in=self.present_in, scale=scale)
+
+    def projected(self, name: str, draws: Callable[[int, int], FloatArray]) -> ModelClass:
+        """A baseline with its reduced structures in a basis for draws; others are as they are.
+
+        Args:
+            name: of the baseline.
+            draws: given n and d, gives n draws (n, d) of its parameters, in standard-normal
+                coordinates.
+        """
+        baseline = self[name]
+        structures = [test.structure for test in baseline.configurations]
+        if not any(isinstance(structure, ReducedStructure) for structure in structures):
+            return baseline
+        ends = (end for place in self.places[name] for end in place.candidate.ends)
+        singles = dict.fromkeys(
+            single for end in ends for single, _ in motion_of(end) if single != 0
         )
+        z = draws(N_PROJECTED, len(baseline.parameters))
+        columns = [own for _, _, own in baseline.parts(baseline.values(z))]
+
+        def projected(structure: Structure, i: int) -> Structure:
+            if not isinstance(structure, ReducedStructure) or structure.appendages:
+                return structure
+            return structure.projected(columns[i][:, : len(structure.parameters)], singles)
+
+        return baseline.with_structures(projected)
+
+    def most_sampled(self, options: SearchSettings) -> int | None:
+        """How many hypotheses are sampled at most; None if there is no limit."""
+        if options.most_sampled is None and any(map(is_approximate, self.classes)):
+            return MOST_WITH_FULL_SOLUTIONS
+        return options.most_sampled
 
     def prior_probability(self, baseline: str) -> float:
         """That of one baseline among all, without regard to appendages."""

@@ -38,10 +38,14 @@ class SearchSettings:
         branches: number of best hypotheses that are extended by one more appendage.
         most_unsampled: largest probability of all hypotheses together whose evidences are
             approximations; the others are sampled. All are where it is zero.
+        most_sampled: largest number of hypotheses that are sampled, the most probable ones, each
+            with a probability above ``most_unsampled``; if None, no limit, except that of
+            finite-element models in a reduced basis, each of which takes some 20 full solutions,
+            six are.
 
     Raises:
-        ValueError: there are fewer than two weights, one is not positive, there is no branch, or
-            ``most_unsampled`` is not a probability.
+        ValueError: there are fewer than two weights, one is not positive, there is no branch, none
+            is to be sampled, or ``most_unsampled`` is not a probability.
         TypeError: a prior is not a prior distribution.
     """
 
@@ -50,6 +54,7 @@ class SearchSettings:
     number_weights: tuple[float, ...] = (1.0, 1.0, 0.2)
     branches: int = 2
     most_unsampled: float = 0.01
+    most_sampled: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "number_weights", tuple(self.number_weights))
@@ -66,6 +71,10 @@ class SearchSettings:
             raise ValueError(
                 "SearchSettings: most_unsampled must be at least 0 and below 1, got "
                 f"{self.most_unsampled!r}"
+            )
+        if self.most_sampled is not None and self.most_sampled < 1:
+            raise ValueError(
+                f"SearchSettings: most_sampled must be at least 1, got {self.most_sampled!r}"
             )
         for name in ("mass_ratio", "frequency"):
             prior = getattr(self, name)

@@ -50,12 +50,12 @@ def appendage_draws(
     mass_scale: float,
 ) -> AppendageDraws:
     """The draws of one appendage of a hypothesis, those of screening where it was not sampled."""
-    names = hypothesis.model_class.parameter_names
     if posterior is None:
+        names = hypothesis.model_class.parameter_names
         values = hypothesis.model_class.values(hypothesis.screened.z)
         weights = hypothesis.screened.weights
     else:
-        values = posterior.values
+        names, values = posterior.parameter_names, posterior.values
         weights = np.full(len(values), 1.0 / len(values))
     ratio = values[:, names.index(mass_name(place))]
     frequency = values[:, names.index(frequency_name(place))]

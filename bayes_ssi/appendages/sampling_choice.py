@@ -45,7 +45,10 @@ def most_probability_unsampled(
 
 
 def to_sample(
-    approximate: Mapping[H, Estimate], sampled: Mapping[H, float], most_unsampled: float
+    approximate: Mapping[H, Estimate],
+    sampled: Mapping[H, float],
+    most_unsampled: float,
+    most: int | None = None,
 ) -> Sequence[H]:
     """The hypotheses to sample next; none where those left have too little probability.
 
@@ -56,6 +59,9 @@ def to_sample(
         approximate: as in :func:`unsampled_bounds`, and ``sampled``.
         sampled: those sampled so far.
         most_unsampled: the permitted probability.
+        most: largest number of hypotheses that are sampled, if limited. Then only such are as have
+            more than the permitted probability each: where it rests on many, sampling a few of
+            them decides nothing.
     """
     bounds = unsampled_bounds(approximate, sampled)
     total = logsumexp([sampled.get(h, each.log_evidence) for h, each in approximate.items()])
@@ -66,4 +72,10 @@ def to_sample(
         if left_over >= most_unsampled:
             break
         del chosen[h]
-    return list(chosen)
+    if most is None:
+        return list(chosen)
+    by_probability = sorted(chosen, key=lambda h: -bounds[h])
+    alone = [h for h in by_probability if math.exp(bounds[h] - total) > most_unsampled]
+    if not sampled:
+        alone = alone or by_probability[:1]
+    return alone[: max(most - len(sampled), 0)]

@@ -42,26 +42,25 @@ class Effort(NamedTuple):
 
     Attributes:
         n_draws: draws of the prior in each search, and as many that scan.
-        n_ascents: ascents from each of these.
+        n_ascents: ascents from each of these; if zero, importance draws are of the simpler
+            hypothesis alone.
         batch: importance draws of a batch.
         is_full: whether searches are repeated until they agree, with descents in residuals, and
             draws are added until the error is ``WANTED_ERROR``.
-        most: hypotheses with one more appendage that are screened so.
     """
 
     n_draws: int
     n_ascents: int
     batch: int
     is_full: bool
-    most: int
 
 
 # A region with half a hundredth of the prior of mass and frequency is hit by five of 500 draws.
-FULL = Effort(500, 4, 600, is_full=True, most=100)
+FULL = Effort(500, 4, 600, is_full=True)
 # And by two or three of the scan here; half of the draws are the scan's.
-QUICK = Effort(250, 3, 300, is_full=False, most=3000)
-# Of thousands of pairs, only draws that scan: no region is climbed to.
-SCAN = Effort(250, 0, 250, is_full=False, most=100_000)
+QUICK = Effort(250, 3, 300, is_full=False)
+# Draws alone, of the simpler hypothesis with the new appendage all over its prior.
+SCAN = Effort(250, 0, 250, is_full=False)
 # The wanted error of the log evidence: below that, what decides is whether a hypothesis has a
 # hundredth or a thousandth of the probability.
 WANTED_ERROR = 0.1
@@ -78,7 +77,8 @@ class Screened:
         parameter_names: columns of ``z``.
         log_evidence: in nats, from importance draws.
         error: its standard error, as far as the draws show it.
-        laplace: Laplace's approximation of the log evidence, summed over the maxima.
+        laplace: Laplace's approximation of the log evidence, summed over the maxima; NaN where
+            none were climbed to.
         n_evaluations: evaluations of the log-likelihood.
         z: (n, d), importance draws in standard-normal coordinates.
         weights: (n,), of the draws, which add up to one.
@@ -93,6 +93,18 @@ class Screened:
     z: FloatArray
     weights: FloatArray
     mixture: StudentMixture
+
+    def wide_draws(self, n: int, d: int) -> FloatArray:
+        """Draws (n, d) from a region twice as wide as the posterior, a tenth from the prior.
+
+        Where an appendage explains what the structure's parameters had to, these lie next to the
+        posterior without it. No coordinate is beyond three.
+        """
+        rng = np.random.default_rng(0)
+        wide = replace(self.mixture, factors=2.0 * self.mixture.factors)
+        weights = 0.9 * wide.weights / wide.weights.sum()
+        counts = rng.multinomial(n, np.append(weights, 0.1))
+        return np.clip(wide.draw(counts, rng).reshape(n, d), -3.0, 3.0)
 
 
 class ToScreen(NamedTuple):
@@ -142,19 +154,18 @@ def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
     seed_of_starts, seed_of_searches, seed_of_draws = own_seed.spawn(3)
     target = class_target(model_class)
     with threadpool_limits(limits=1, user_api="blas"):
+        parts = []
         if simpler is not None:
-            narrow = np.empty((0, target.n_dimensions))
-            if effort.is_full:
-                # They take as many evaluations as all else: once is enough.
-                narrow = target.suggested(np.random.default_rng(seed_of_starts))
-            target.suggest_starts = _scan(model_class, simpler, narrow, effort)
-        try:
-            maxima = _maxima(target, seed_of_searches, effort)
-        except ValueError as error:
-            raise type(error)(f"model class {model_class.name!r}: {error}") from error
-        mixture = maxima.as_mixture().widened()
-        if simpler is not None:
-            mixture = mixture.mixed_with(_extended(model_class, simpler), SHARE_OF_SIMPLER)
+            parts.append(_extended(model_class, simpler))
+        laplace = math.nan
+        if effort.n_ascents:
+            try:
+                maxima = _maxima(target, hypothesis, (seed_of_starts, seed_of_searches), effort)
+            except ValueError as error:
+                raise type(error)(f"model class {model_class.name!r}: {error}") from error
+            parts.append(maxima.as_mixture().widened())
+            laplace = maxima.laplace_estimate.log_evidence
+        mixture = parts[-1] if len(parts) == 1 else parts[1].mixed_with(parts[0], SHARE_OF_SIMPLER)
         rng = np.random.default_rng(seed_of_draws)
         sample = _importance_sample(target, mixture, rng, effort)
     estimate = sample.estimate
@@ -162,7 +173,7 @@ def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
         parameter_names=model_class.parameter_names,
         log_evidence=estimate.log_evidence,
         error=estimate.error,
-        laplace=maxima.laplace_estimate.log_evidence,
+        laplace=laplace,
         n_evaluations=target.n_evaluations,
         z=sample.z,
         weights=sample.weights,
@@ -170,11 +181,26 @@ def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
     )
 
 
-def _maxima(target: Target, seed: np.random.SeedSequence, effort: Effort) -> Maxima:
+def _maxima(
+    target: Target,
+    hypothesis: ToScreen,
+    seeds: tuple[np.random.SeedSequence, np.random.SeedSequence],
+    effort: Effort,
+) -> Maxima:
+    """The maxima of a hypothesis; ``seeds`` are those of starts in residuals and of searches."""
+    model_class, simpler = hypothesis
+    if simpler is not None:
+        narrow = np.empty((0, target.n_dimensions))
+        if effort.is_full:
+            # They take as many evaluations as all else: once is enough.
+            narrow = target.suggested(np.random.default_rng(seeds[0]))
+        target.suggest_starts = _scan(model_class, simpler, narrow, effort)
     if effort.is_full:
-        search = search_maxima(target, 1, seed, n_draws=effort.n_draws, n_ascents=effort.n_ascents)
+        search = search_maxima(
+            target, 1, seeds[1], n_draws=effort.n_draws, n_ascents=effort.n_ascents
+        )
         return search.maxima
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(seeds[1])
     return find_maxima(target, search_starts(target, effort.n_draws, effort.n_ascents, rng))
 
 
