@@ -158,17 +158,21 @@ def _sampled(
         # Parameters without any appendage are part of the answer.
         chosen |= {Key(key.baseline, ()) for key in chosen}
         now = [key for key in hypotheses if key in chosen and key not in sampled]
-        classes = [
-            baselines.hypothesis(
-                baselines[key.baseline], key.places, options, hypotheses[key].model_class.name
-            )
-            for key in now
-        ]
+        classes = [_to_sample(baselines, hypotheses[key], options) for key in now]
         posteriors = sample_all(classes, seed, settings, run)
         for key, made, posterior in zip(now, classes, posteriors, strict=True):
             sampled[key] = made, posterior
             log_masses[key] = hypotheses[key].log_mass(posterior)
     return {key: sampled[key] for key in hypotheses if key in sampled}
+
+
+def _to_sample(
+    baselines: Baselines, hypothesis: ScreenedHypothesis, options: SearchSettings
+) -> ModelClass:
+    """The class of a hypothesis, its reduced structures compact where its posterior lies."""
+    baseline, places = hypothesis.key
+    carrier = baselines.compact(baseline, hypothesis.screened.wide_draws)
+    return baselines.hypothesis(carrier, places, options, hypothesis.model_class.name)
 
 
 def _next_level(

@@ -34,16 +34,18 @@ from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.motion import motion_of
 from bayes_ssi.structures.structure import Structure
 
-# Draws whose modes make the basis in which hypotheses on a reduced structure are screened.
-N_PROJECTED = 200
+# Draws whose modes make the bases in which hypotheses on a reduced structure are computed.
+N_DRAWS = 200
+# Names of parameters and n → draws (n, d) of these, in standard-normal coordinates.
+Draws = Callable[[Sequence[str], int], FloatArray]
 # Hypotheses, baselines included, that are sampled where each takes some 20 full solutions of a
 # finite-element model: in total fewer than 200.
 MOST_WITH_FULL_SOLUTIONS = 6
 
 
-def prior_draws(n: int, d: int) -> FloatArray:
+def prior_draws(names: Sequence[str], n: int) -> FloatArray:
     """Draws (n, d) of the prior, in standard-normal coordinates."""
-    return np.random.default_rng(0).standard_normal((n, d))
+    return np.random.default_rng(0).standard_normal((n, len(names)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,31 +102,42 @@ class Baselines:
         scale = self.scales[baseline.name] if places else None
         return hypothesis(baseline, places, options, name, present_in=self.present_in, scale=scale)
 
-    def projected(self, name: str, draws: Callable[[int, int], FloatArray]) -> ModelClass:
+    def projected(self, name: str, draws: Draws) -> ModelClass:
         """A baseline with its reduced structures in a basis for draws; others are as they are.
 
         Args:
             name: of the baseline.
-            draws: given n and d, gives n draws (n, d) of its parameters, in standard-normal
-                coordinates.
+            draws: gives draws of its parameters.
         """
-        baseline = self[name]
-        structures = [test.structure for test in baseline.configurations]
-        if not any(isinstance(structure, ReducedStructure) for structure in structures):
-            return baseline
         ends = (end for place in self.places[name] for end in place.candidate.ends)
         singles = dict.fromkeys(
             single for end in ends for single, _ in motion_of(end) if single != 0
         )
-        z = draws(N_PROJECTED, len(baseline.parameters))
+        return self._with_reduced(name, draws, lambda s, values: s.projected(values, singles))
+
+    def compact(self, name: str, draws: Draws) -> ModelClass:
+        """As :meth:`projected`, but with reduced structures whose error is certified."""
+        return self._with_reduced(name, draws, lambda s, values: s.compact(values))
+
+    def _with_reduced(
+        self,
+        name: str,
+        draws: Draws,
+        change: Callable[[ReducedStructure, FloatArray], Structure],
+    ) -> ModelClass:
+        baseline = self[name]
+        structures = [test.structure for test in baseline.configurations]
+        if not any(isinstance(structure, ReducedStructure) for structure in structures):
+            return baseline
+        z = draws(baseline.parameter_names, N_DRAWS)
         columns = [own for _, _, own in baseline.parts(baseline.values(z))]
 
-        def projected(structure: Structure, i: int) -> Structure:
+        def changed(structure: Structure, i: int) -> Structure:
             if not isinstance(structure, ReducedStructure) or structure.appendages:
                 return structure
-            return structure.projected(columns[i][:, : len(structure.parameters)], singles)
+            return change(structure, columns[i][:, : len(structure.parameters)])
 
-        return baseline.with_structures(projected)
+        return baseline.with_structures(changed)
 
     def most_sampled(self, options: SearchSettings) -> int | None:
         """How many hypotheses are sampled at most; None if there is no limit."""

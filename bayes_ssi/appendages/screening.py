@@ -94,17 +94,18 @@ class Screened:
     weights: FloatArray
     mixture: StudentMixture
 
-    def wide_draws(self, n: int, d: int) -> FloatArray:
-        """Draws (n, d) from a region twice as wide as the posterior, a tenth from the prior.
+    def wide_draws(self, names: Sequence[str], n: int) -> FloatArray:
+        """Draws (n, d) of some parameters from a region twice as wide as the posterior.
 
         Where an appendage explains what the structure's parameters had to, these lie next to the
-        posterior without it. No coordinate is beyond three.
+        posterior without it; a tenth of the draws is from the prior. No coordinate is beyond three.
         """
         rng = np.random.default_rng(0)
         wide = replace(self.mixture, factors=2.0 * self.mixture.factors)
         weights = 0.9 * wide.weights / wide.weights.sum()
-        counts = rng.multinomial(n, np.append(weights, 0.1))
-        return np.clip(wide.draw(counts, rng).reshape(n, d), -3.0, 3.0)
+        z = wide.draw(rng.multinomial(n, np.append(weights, 0.1)), rng)
+        columns = [self.parameter_names.index(name) for name in names]
+        return np.clip(z[:, columns], -3.0, 3.0)
 
 
 class ToScreen(NamedTuple):

@@ -151,9 +151,13 @@ class ProjectedStructure(Structure):
         """k' (B, n_springs), in series with the residual flexibility at their places."""
         products = tuple(spring.coefficient for spring in self._springs)
         stiffnesses = ProductTable(products, self.parameters).evaluate(values)
-        residual = np.array([(spring.row.flexibility**2).sum() for spring in self._springs])
-        in_series: FloatArray = stiffnesses / (1.0 + stiffnesses * residual)
+        in_series: FloatArray = stiffnesses / (1.0 + stiffnesses * self._residual_flexibilities)
         return in_series
+
+    @property
+    def _residual_flexibilities(self) -> FloatArray:
+        """ρ (n_springs,)."""
+        return np.array([(spring.row.flexibility**2).sum() for spring in self._springs])
 
     @cached_property
     def _matrices(self) -> tuple[AffineArray, AffineArray]:

@@ -194,6 +194,17 @@ class ReducedBasis(SmallProblem):
     def loads(self, forces: FloatArray) -> FloatArray:
         return self.vectors.T @ forces
 
+    def combined(self, directions: FloatArray) -> ReducedBasis:
+        """A basis of some combinations of these vectors, orthonormal columns (N, n)."""
+        return ReducedBasis(
+            directions.T @ self.stiffness @ directions,
+            directions.T @ self.mass @ directions,
+            self.residual_stiffness @ directions,
+            self.residual_mass @ directions,
+            self.at_sensors @ directions,
+            self.vectors @ directions,
+        )
+
     def enriched(self, modes: Eigenpairs, negligible: float, reference: Reference) -> ReducedBasis:
         """The basis extended by the parts of some modes of the full model that lie outside it.
 

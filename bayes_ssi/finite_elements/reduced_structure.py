@@ -154,9 +154,9 @@ class ReducedStructure(ApproximateStructure):
         """
         if self.full.elements:
             raise TypeError("a structure that carries elements is not projected")
-        basis, reference = self._main_basis, self._reference
-        kept = self._directions(values)
-        vectors = basis.vectors @ kept
+        reference = self._reference
+        basis = self._main_basis.combined(self._directions(values, 0.01))
+        vectors = basis.vectors
         # What the basis lacks of K_r⁻¹ times forces; the vectors are orthonormal in K_r.
         lacking = vectors.T @ (reference.matrix @ reference.sketch)
         rows = {place: self.full.system_row_of(place, "place") for place in places}
@@ -167,9 +167,9 @@ class ReducedStructure(ApproximateStructure):
         system = self.full.system
         return ProjectedStructure(
             Projection(
-                tuple(zip(system.stiffness.products, kept.T @ basis.stiffness @ kept, strict=True)),
-                tuple(zip(system.mass.products, kept.T @ basis.mass @ kept, strict=True)),
-                basis.at_sensors @ kept,
+                tuple(zip(system.stiffness.products, basis.stiffness, strict=True)),
+                tuple(zip(system.mass.products, basis.mass, strict=True)),
+                basis.at_sensors,
                 self.degrees_of_freedom,
                 {
                     place: BasisRow(motion, each[:SKETCH_SIZE], each[SKETCH_SIZE:])
@@ -179,17 +179,36 @@ class ReducedStructure(ApproximateStructure):
             )
         )
 
-    def _directions(self, values: FloatArray) -> FloatArray:
+    def compact(self, values: FloatArray) -> Self:
+        """This structure in fewer combinations of the basis, certified as before.
+
+        Args:
+            values: (B, n_parameters), where it is to be accurate: frequencies to a thousandth of
+                ``frequency_error`` on average. Where that is not enough, :meth:`accurate_at` adds
+                full solutions as to any basis.
+
+        Raises:
+            TypeError: it carries elements.
+        """
+        if self.full.elements:
+            raise TypeError("a structure that carries elements is not made compact")
+        smaller = self._copied()
+        smaller._basis = self._main_basis.combined(self._directions(values, 0.001))
+        smaller._problem = smaller._basis
+        return smaller
+
+    def _directions(self, values: FloatArray, share: float) -> FloatArray:
         """Combinations (N, n) of the basis of which the modes at ``values`` consist.
 
-        What they neglect of a mode's energy is about twice the relative error of its frequency.
+        What they neglect of a mode's energy is about twice the relative error of its frequency,
+        which on average is this share of ``frequency_error``.
         """
         shapes = self._modes_in_basis(values).shapes
         modes = shapes[np.isfinite(shapes).all(axis=(1, 2))].transpose(1, 0, 2)
         modes = modes.reshape(len(modes), -1)
         modes = modes / np.linalg.norm(modes, axis=0)
         energies, directions = np.linalg.eigh(modes @ modes.T / modes.shape[1])
-        neglected = np.cumsum(energies) <= 2.0 * 0.01 * self.frequency_error
+        neglected = np.cumsum(energies) <= 2.0 * share * self.frequency_error
         n_kept = max(int((~neglected).sum()), min(self.n_modes, len(energies)))
         return directions[:, -n_kept:]
 

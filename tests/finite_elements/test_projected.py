@@ -1,0 +1,117 @@
+"""Models in a small basis for draws, against full solutions and flexibilities of the full model."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+import bayes_ssi as bs
+
+N, MASS, STIFFNESS = 60, 1.0, 4000.0
+SENSORS = {f"s{i}": i for i in (5, 20, 40, 59)}
+k = bs.Parameter("k", bs.LogNormal(1.0, 0.1))
+m, f = bs.Parameter("m", bs.LogNormal(1.0, 0.5)), bs.Parameter("f", bs.LogNormal(1.0, 0.5))
+
+
+def matrices(factor):
+    """A chain of springs, the upper half of which has a common factor."""
+    whole = np.zeros((N, N))
+    for i in range(N):
+        ends = [i - 1, i] if i else [i]
+        w = np.array([-1.0, 1.0])[-len(ends) :]
+        whole[np.ix_(ends, ends)] += STIFFNESS * (factor if i >= N // 2 else 1.0) * np.outer(w, w)
+    return whole
+
+
+@pytest.fixture(scope="module")
+def chain():
+    upper = matrices(1.0) - matrices(0.0)
+    model = bs.MatrixStructure(
+        [(k, upper), matrices(0.0)], MASS * np.eye(N), sensors=SENSORS, n_modes=4
+    )
+    return model.reduced()
+
+
+@pytest.fixture(scope="module")
+def projected(chain):
+    values = np.random.default_rng(0).lognormal(0.0, 0.05, (50, 1))
+    return chain.projected(values, ["s40", "s20"])
+
+
+def test_it_is_smaller_and_as_accurate_where_it_was_made(chain, projected):
+    values = np.random.default_rng(1).lognormal(0.0, 0.05, (20, 1))
+    assert projected.main.size < chain.basis.size
+    for row, frequencies in zip(values, projected.modes(values).frequencies_hz, strict=True):
+        squared = eigh(matrices(row[0]), eigvals_only=True, subset_by_index=[0, 3])
+        assert frequencies == pytest.approx(np.sqrt(squared / MASS) / (2.0 * math.pi), rel=1e-4)
+
+
+def test_what_the_basis_lacks_of_the_flexibility(projected):
+    """At the prior median; its own by a sketch of 160 combinations, whose error is a ninth."""
+    row = projected.main.rows["s40"]
+    flexibility = np.linalg.inv(matrices(1.0))
+    lacking = flexibility[40, 40] - row.motion @ row.motion
+    assert (row.flexibility**2).sum() == pytest.approx(lacking, rel=4.0 * math.sqrt(2.0 / 160))
+    at_sensors = flexibility[[*SENSORS.values()], 40] - projected.main.at_sensors @ row.motion
+    assert row.at_sensors == pytest.approx(at_sensors, rel=1e-6, abs=1e-9 * flexibility.max())
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        bs.Pendulum("s40", m, f, label="a"),
+        bs.Pendulum({"s20": 0.6, "s40": -0.8}, m, f, label="a"),
+        bs.OutOfPlaneInfill(("s20", "s40"), m, f, label="a"),
+    ],
+)
+def test_an_element_on_it_has_the_modes_of_the_full_model(chain, projected, element):
+    """Masses up to 10 % of a modal mass; but for the error of the sketched flexibility ρ.
+
+    1/k' = 1/k + ρ, so an error of ρ changes a frequency by at most half of its share in 1/k'.
+    """
+    light, full = projected.with_element(element), chain.full.with_element(element)
+    assert light.parameters == full.parameters
+    assert light.degrees_of_freedom == full.degrees_of_freedom
+    rng = np.random.default_rng(2)
+    values = np.column_stack(
+        [rng.lognormal(0.0, 0.05, 20), rng.uniform(0.5, 3.0, 20), rng.uniform(0.2, 1.5, 20)]
+    )
+    (spring,) = element.springs()
+    stiffness = spring.stiffness.scale * values[:, 1] * values[:, 2] ** 2
+    own = stiffness * light._residual_flexibilities[0]
+    tolerance = 1e-3 + 0.5 * 4.0 * math.sqrt(2.0 / 160) * own / (1.0 + own)
+    order = [["k", "m", "f"].index(p.name) for p in light.parameters]
+    ours, theirs = (each.modes(values[:, order]) for each in (light, full))
+    errors = np.abs(ours.frequencies_hz / theirs.frequencies_hz - 1.0).max(axis=1)
+    assert (errors < tolerance).all()
+    assert np.median(errors) < 1e-3
+    for a, b in zip(ours.shapes[:, :4], theirs.shapes[:, :4], strict=True):
+        a, b = a / np.linalg.norm(a, axis=0), b / np.linalg.norm(b, axis=0)
+        assert np.abs((a * b).sum(axis=0)) == pytest.approx(np.ones(5), abs=1e-2)
+
+
+def test_a_compact_structure_is_as_accurate_and_certified(chain):
+    values = np.random.default_rng(0).lognormal(0.0, 0.05, (50, 1))
+    compact = chain.compact(values).with_element(bs.Pendulum("s40", m, f, label="a"))
+    whole = chain.with_element(bs.Pendulum("s40", m, f, label="a"))
+    assert compact.basis.size < whole.basis.size
+    assert compact.n_full_solutions == whole.n_full_solutions
+    each = np.random.default_rng(1).lognormal(0.0, 0.05, (5, 3))
+    ours, theirs = compact.modes(each).frequencies_hz, whole.full.modes(each).frequencies_hz
+    errors = np.abs(ours / theirs - 1.0)
+    assert errors.max() < 1e-4
+    assert (errors <= compact.bounds(each).frequency + 1e-11).all()
+
+
+def test_a_row_does_not_depend_on_its_batch(projected):
+    light = projected.with_element(bs.Pendulum("s40", m, f, label="a"))
+    values = np.random.default_rng(3).lognormal(0.0, 0.05, (7, 3))
+    whole, alone = light.modes(values), light.modes(values[4:5])
+    assert whole.frequencies_hz[4].tobytes() == alone.frequencies_hz[0].tobytes()
+    assert np.array_equal(whole.shapes[4], alone.shapes[0])
+
+
+def test_other_places_are_refused(projected):
+    with pytest.raises(ValueError, match=r"a: no place 's5'; choose from 's40', 's20'"):
+        projected.with_element(bs.Pendulum("s5", m, f, label="a"))
