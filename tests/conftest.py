@@ -216,8 +216,8 @@ def fake_sampling(monkeypatch, make_posterior):
                 searches.screened(each, (approximately or log_evidence)(each)) for each in classes
             ]
 
-        def sample_all(candidates, seed, settings, run):
-            del seed, settings
+        def sample_all(candidates, seed, settings, run, refinement):
+            del seed, settings, refinement
             if run.checkpoint is not None:  # as its journals do
                 run.checkpoint.directory.mkdir(exist_ok=True)
             install.sampled.append([candidate.name for candidate in candidates])

@@ -25,11 +25,16 @@ from bayes_ssi.argument_types import checked
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.posterior.refinement import RefinementSettings
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.study import Study, compare_and_diagnose
 from bayes_ssi.sampling.settings import SamplingSettings
 
 Hypotheses = Mapping[Key, ScreenedHypothesis]
+# Screening has found where posteriors lie, so no search precedes sampling; and full solutions at
+# draws correct evidences, so a reduced model within a third of the data's errors, which widens them
+# by a twentieth, will do.
+KNOWN_REGIONS = RefinementSettings(error_share=0.3, most_searches=0, most_rounds=2)
 
 
 @checked
@@ -159,7 +164,7 @@ def _sampled(
         chosen |= {Key(key.baseline, ()) for key in chosen}
         now = [key for key in hypotheses if key in chosen and key not in sampled]
         classes = [_to_sample(baselines, hypotheses[key], options) for key in now]
-        posteriors = sample_all(classes, seed, settings, run)
+        posteriors = sample_all(classes, seed, settings, run, KNOWN_REGIONS)
         for key, made, posterior in zip(now, classes, posteriors, strict=True):
             sampled[key] = made, posterior
             log_masses[key] = hypotheses[key].log_mass(posterior)
@@ -171,7 +176,7 @@ def _to_sample(
 ) -> ModelClass:
     """The class of a hypothesis, its reduced structures compact where its posterior lies."""
     baseline, places = hypothesis.key
-    carrier = baselines.compact(baseline, hypothesis.screened.wide_draws)
+    carrier = baselines.compact(baseline, hypothesis.screened.draws)
     return baselines.hypothesis(carrier, places, options, hypothesis.model_class.name)
 
 

@@ -29,8 +29,8 @@ class SearchSettings:
     plane mostly weigh between 1 and 20 % of a floor, and may have any frequency in the band.
 
     Attributes:
-        mass_ratio: prior of the vibrating mass over the mean floor mass, or the median modal mass
-            where there are no floors (:func:`~bayes_ssi.appendages.mass_scale.mass_scale`).
+        mass_ratio: prior of the vibrating mass over the mean floor mass, or the median modal
+            mass where there are no floors (:func:`~bayes_ssi.appendages.mass_scale.mass_scale`).
         frequency: prior of the appendage's natural frequency in Hz; if None, log-uniform from
             half the lowest identified frequency to the band's upper limit.
         number_weights: prior weights of no appendage, of one, of two, ...; the weight of a
@@ -162,7 +162,7 @@ def scale_of(baseline: ModelClass, present_in: Sequence[str] | None = None) -> M
     """The mass to which a search on this class relates the mass of an appendage."""
     first = tests_with_appendages(baseline, present_in)[0]
     try:
-        return mass_scale(first.structure, first.data.sensors, len(first.data.modes))
+        return mass_scale(first.structure, first.data)
     except ValueError as error:
         raise ValueError(f"model class {baseline.name!r}: {error}") from None
 

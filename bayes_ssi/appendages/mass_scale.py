@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.structures.lumped import LumpedStructure
 from bayes_ssi.structures.motion import SinglePlace
 from bayes_ssi.structures.rigid_floors import RigidFloors
@@ -21,30 +21,31 @@ class MassScale:
     name: str
 
 
-def mass_scale(structure: Structure, sensors: Sequence[str], n_identified: int) -> MassScale:
+def mass_scale(structure: Structure, data: ModalData) -> MassScale:
     """The mean mass of a floor; of a structure without floors, the median modal mass.
 
-    That is the median of the modal masses of as many modes as were identified, the lowest,
-    whose shapes have a largest component of 1 at the sensors: the mass at the place of largest
-    motion that would have the mode's inertia. The median is not moved by a local mode that the
-    sensors hardly see. Both masses are at the prior medians.
+    That is of the modes in the band, no more than were identified, the lowest. Their shapes have a
+    largest component of 1 at the sensors: the mass at the place of largest motion that would have
+    the mode's inertia. A local mode that hardly moves a sensor has a huge one, which does not
+    change the median. All are at the prior medians.
 
     Args:
         structure: the structure without appendages.
-        sensors: names of the sensors.
-        n_identified: number of identified modes.
+        data: the identified modes.
 
     Raises:
         ValueError: none of these modes moves a sensor.
     """
     if isinstance(structure, LumpedStructure):
         return MassScale(_mean_floor_mass(structure), "mean floor mass")
-    shapes = structure.modes(structure.prior_medians()).shapes
-    at_sensors = structure.sensor_matrix(sensors).apply(shapes)[0, :, : max(n_identified, 1)]
+    modes = structure.modes(structure.prior_medians())
+    n_in_band = int((modes.frequencies_hz[0] <= data.band_hz[1]).sum())
+    n = max(min(n_in_band, len(data.modes)), 1)
+    at_sensors = structure.sensor_matrix(data.sensors).apply(modes.shapes)[0, :, :n]
     largest = np.abs(at_sensors).max(axis=0, initial=0.0)  # at unit modal mass
     if not largest.any():
         raise ValueError("no mode of the structure moves a sensor, so masses have no scale")
-    return MassScale(float(np.median(largest[largest > 0.0] ** -2.0)), "median modal mass")
+    return MassScale(float(np.median(largest[largest > 0.0] ** -2)), "median modal mass")
 
 
 def _mean_floor_mass(structure: LumpedStructure) -> float:

@@ -94,18 +94,27 @@ class Screened:
     weights: FloatArray
     mixture: StudentMixture
 
+    def draws(self, names: Sequence[str], n: int) -> FloatArray:
+        """Draws (n, d) of some parameters, half from the posterior and half from the proposal."""
+        rng = np.random.default_rng(0)
+        of_posterior = self.z[systematic_indices(self.weights, n // 2, rng)]
+        return self._columns(
+            np.concatenate([of_posterior, _drawn(self.mixture, n - n // 2, rng)]), names
+        )
+
     def wide_draws(self, names: Sequence[str], n: int) -> FloatArray:
         """Draws (n, d) of some parameters from a region twice as wide as the posterior.
 
         Where an appendage explains what the structure's parameters had to, these lie next to the
-        posterior without it; a tenth of the draws is from the prior. No coordinate is beyond three.
+        posterior without it; a tenth of the draws is from the prior.
         """
         rng = np.random.default_rng(0)
-        wide = replace(self.mixture, factors=2.0 * self.mixture.factors)
-        weights = 0.9 * wide.weights / wide.weights.sum()
-        z = wide.draw(rng.multinomial(n, np.append(weights, 0.1)), rng)
-        columns = [self.parameter_names.index(name) for name in names]
-        return np.clip(z[:, columns], -3.0, 3.0)
+        wide = replace(self.mixture, factors=2.0 * self.mixture.factors, prior_share=0.1)
+        return self._columns(_drawn(wide, n, rng), names)
+
+    def _columns(self, z: FloatArray, names: Sequence[str]) -> FloatArray:
+        """The columns of some parameters, none beyond three."""
+        return np.clip(z[:, [self.parameter_names.index(name) for name in names]], -3.0, 3.0)
 
 
 class ToScreen(NamedTuple):
@@ -265,6 +274,10 @@ def _extended(model_class: ModelClass, simpler: Screened) -> StudentMixture:
 def _columns(model_class: ModelClass, simpler: Screened) -> list[int]:
     """The columns of the simpler hypothesis's parameters among those of the class."""
     return [model_class.parameter_names.index(name) for name in simpler.parameter_names]
+
+
+def _drawn(mixture: StudentMixture, n: int, rng: np.random.Generator) -> FloatArray:
+    return mixture.draw(rng.multinomial(n, mixture.all_weights / mixture.all_weights.sum()), rng)
 
 
 def _latin_hypercube(n: int, d: int, rng: np.random.Generator) -> FloatArray:

@@ -42,8 +42,8 @@ from bayes_ssi.commands.terminal import console, say
     metavar="MEDIAN COV",
     default=(0.05, 1.0),
     show_default=True,
-    help="Lognormal prior of the mass that vibrates over the mean floor mass, or the median modal "
-    "mass where there are no floors.",
+    help="Lognormal prior of the mass that vibrates over the mean floor mass, or the median "
+    "modal mass where there are no floors.",
 )
 @click.option(
     "--frequency",

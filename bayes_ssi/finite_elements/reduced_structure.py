@@ -23,7 +23,14 @@ from bayes_ssi.finite_elements.reduced_basis import (
     SmallProblem,
 )
 from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
-from bayes_ssi.modal import ModalModel, Modes, NoModesError, lowest_eigenpairs, solve_modes
+from bayes_ssi.modal import (
+    BATCHED_UP_TO,
+    ModalModel,
+    Modes,
+    NoModesError,
+    lowest_eigenpairs,
+    solve_modes,
+)
 from bayes_ssi.parameters import values_at
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
@@ -155,7 +162,11 @@ class ReducedStructure(ApproximateStructure):
         if self.full.elements:
             raise TypeError("a structure that carries elements is not projected")
         reference = self._reference
-        basis = self._main_basis.combined(self._directions(values, 0.01))
+        shares, directions = self._directions(values)
+        # The energy that is neglected of a mode is about twice the relative error of its frequency.
+        neglected = np.cumsum(shares) <= 2.0 * 0.01 * self.frequency_error
+        n_kept = max(int((~neglected).sum()), min(self.n_modes, len(shares)))
+        basis = self._main_basis.combined(directions[:, -n_kept:])
         vectors = basis.vectors
         # What the basis lacks of K_r⁻¹ times forces; the vectors are orthonormal in K_r.
         lacking = vectors.T @ (reference.matrix @ reference.sketch)
@@ -182,10 +193,12 @@ class ReducedStructure(ApproximateStructure):
     def compact(self, values: FloatArray) -> Self:
         """This structure in fewer combinations of the basis, certified as before.
 
+        They are as many as a batch of small matrices is solved with at once, less those that two
+        elements need.
+
         Args:
-            values: (B, n_parameters), where it is to be accurate: frequencies to a thousandth of
-                ``frequency_error`` on average. Where that is not enough, :meth:`accurate_at` adds
-                full solutions as to any basis.
+            values: (B, n_parameters), where it is to be accurate. Where that is not enough,
+                :meth:`accurate_at` adds full solutions as to any basis.
 
         Raises:
             TypeError: it carries elements.
@@ -193,24 +206,22 @@ class ReducedStructure(ApproximateStructure):
         if self.full.elements:
             raise TypeError("a structure that carries elements is not made compact")
         smaller = self._copied()
-        smaller._basis = self._main_basis.combined(self._directions(values, 0.001))
+        _, directions = self._directions(values)
+        smaller._basis = self._main_basis.combined(directions[:, 4 - BATCHED_UP_TO :])
         smaller._problem = smaller._basis
         return smaller
 
-    def _directions(self, values: FloatArray, share: float) -> FloatArray:
-        """Combinations (N, n) of the basis of which the modes at ``values`` consist.
+    def _directions(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Combinations (N, N) of the basis, and their mean shares (N,) in the modes at ``values``.
 
-        What they neglect of a mode's energy is about twice the relative error of its frequency,
-        which on average is this share of ``frequency_error``.
+        In ascending order; shares of the modes' energy.
         """
         shapes = self._modes_in_basis(values).shapes
         modes = shapes[np.isfinite(shapes).all(axis=(1, 2))].transpose(1, 0, 2)
         modes = modes.reshape(len(modes), -1)
         modes = modes / np.linalg.norm(modes, axis=0)
-        energies, directions = np.linalg.eigh(modes @ modes.T / modes.shape[1])
-        neglected = np.cumsum(energies) <= 2.0 * share * self.frequency_error
-        n_kept = max(int((~neglected).sum()), min(self.n_modes, len(energies)))
-        return directions[:, -n_kept:]
+        shares, directions = np.linalg.eigh(modes @ modes.T / modes.shape[1])
+        return shares, directions
 
     @staticmethod
     def _negligible(frequency_error: float, shape_error: float) -> float:

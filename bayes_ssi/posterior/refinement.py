@@ -105,11 +105,13 @@ def refined(
     model_class.check_structure()
     model_class = _accurate_near_maxima(model_class, seed, workers, settings)
     better = model_class
-    for _ in range(settings.most_rounds):
+    for left in reversed(range(settings.most_rounds)):
         model_class = better
         posterior = sample_class(model_class)
         values = _evenly_spaced_draws(posterior, settings.n_certified)
         confirmation = None
+        if not left:
+            break
         better = _more_accurate(model_class, values, settings)
         if better is model_class:
             confirmation = _confirmed(model_class, posterior, log_evidence_error, settings)

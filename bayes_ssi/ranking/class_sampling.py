@@ -21,6 +21,7 @@ from bayes_ssi.execution.run import Run
 from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.posterior.refinement import RefinementSettings
 from bayes_ssi.posterior.sample import sample
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.structures.lumped import LumpedStructure
@@ -34,6 +35,7 @@ def sample_all(
     seed: int,
     settings: SamplingSettings,
     run: Run | None = None,
+    refinement: RefinementSettings | None = None,
 ) -> list[Posterior]:
     """Sample several classes; the posteriors are in their order.
 
@@ -44,6 +46,7 @@ def sample_all(
         run: workers, checkpoint and progress. Progress of a class sampled as a whole by a worker
             of another machine is reported at its end. If the worker of a class died, the class's
             evaluations are shared, so that the points at which workers die are isolated.
+        refinement: how accurate approximate structures are made.
 
     Raises:
         ValueError: a class's likelihood is zero everywhere, the model cannot be evaluated by the
@@ -51,15 +54,21 @@ def sample_all(
     """
     run = run or Run()
     with run.working():
-        posteriors = _side_by_side(candidates, seed, settings, run)
+        posteriors = _side_by_side(candidates, seed, settings, run, refinement)
         return [
-            posteriors[i] if i in posteriors else sample(candidate, seed, settings, run)
+            posteriors[i]
+            if i in posteriors
+            else sample(candidate, seed, settings, run, refinement=refinement)
             for i, candidate in enumerate(candidates)
         ]
 
 
 def _side_by_side(
-    candidates: Sequence[ModelClass], seed: int, settings: SamplingSettings, run: Run
+    candidates: Sequence[ModelClass],
+    seed: int,
+    settings: SamplingSettings,
+    run: Run,
+    refinement: RefinementSettings | None,
 ) -> dict[int, Posterior]:
     """Posteriors of whole classes, each sampled in one worker; none where the worker died."""
     if run.workers is None or len(candidates) == 1:
@@ -80,7 +89,13 @@ def _side_by_side(
             for name in names:
                 run.report(name, "in a worker", 0.0)
         posteriors = run.workers.try_each(
-            partial(_sample_in_worker, seed=seed, settings=settings, checkpoint=checkpoint),
+            partial(
+                _sample_in_worker,
+                seed=seed,
+                settings=settings,
+                checkpoint=checkpoint,
+                refinement=refinement,
+            ),
             [(candidates[i], file) for i, file in zip(whole, files, strict=True)],
             lambda k: run.report(names[k], *END),
             relay,
@@ -93,9 +108,11 @@ def _sample_in_worker(
     seed: int,
     settings: SamplingSettings,
     checkpoint: Checkpoint | None,
+    refinement: RefinementSettings | None,
 ) -> Posterior:
     candidate, progress = item
-    return sample(candidate, seed, settings, Run(checkpoint=checkpoint, progress=progress))
+    run = Run(checkpoint=checkpoint, progress=progress)
+    return sample(candidate, seed, settings, run, refinement=refinement)
 
 
 @dataclass(frozen=True)

@@ -356,7 +356,8 @@ def test_the_record_is_json(bare, fake_sampling):
 def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior):
     calls = []
 
-    def sample_all(candidates, seed, settings, run):
+    def sample_all(candidates, seed, settings, run, refinement):
+        del refinement
         calls.append((seed, settings, run.checkpoint.directory.name))
         run.report(candidates[0].name, "evidence", 1.0)
         return [make_posterior(c.name, names=c.parameter_names) for c in candidates]
