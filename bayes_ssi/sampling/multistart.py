@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.sampling.maxima import Maxima, find_maxima, no_maxima, reached
 from bayes_ssi.sampling.regions import local_maxima
 from bayes_ssi.sampling.target import Target
