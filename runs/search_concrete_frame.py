@@ -16,6 +16,7 @@ from each other; the mass and the frequency there with 90 % intervals; and what 
 """
 
 import argparse
+import resource
 from time import perf_counter
 from typing import NamedTuple
 
@@ -77,6 +78,12 @@ def best_fit(ranking, name):
     return full, best[: len(full.parameters)]
 
 
+def cpu_seconds():
+    """CPU time of this process, and of its workers that have ended."""
+    usages = (resource.getrusage(each) for each in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
 def all_full_solutions(result, shared):
     """Numbers of full solutions of a search, with those for the basis that all classes share."""
     each = (full_solutions(posterior) - shared for posterior in result.ranking.posteriors)
@@ -101,9 +108,9 @@ def searched(path, seed, workers):
     baseline = bs.ModelClass("frame", frame.reduced(), data, error, pairing="any")
     candidates = [bs.Candidate(sensor, sensor) for sensor in data.sensors]
     settings = bs.SearchSettings(number_weights=(1.0, 1.0))
-    begun = perf_counter()
+    begun, cpu_begun = perf_counter(), cpu_seconds()
     result = bs.search(baseline, settings, seed, run=bs.Run(workers), candidates=candidates)
-    seconds = perf_counter() - begun
+    seconds, cpu = perf_counter() - begun, cpu_seconds() - cpu_begun
 
     record, checks = result.record, result.ranking.comparison.failed_checks
     places = record.places_by_probability
@@ -124,7 +131,7 @@ def searched(path, seed, workers):
         f"  frequency {covered(hidden.frequency_hz, found.frequency_hz)}\n"
         f"  {len(record.hypotheses)} hypotheses, {len(result.ranking.posteriors)} sampled, "
         f"{all_full_solutions(result, baseline.structure.n_full_solutions)} full solutions, "
-        f"{len(checks)} failed checks, {seconds:.0f} s",
+        f"{len(checks)} failed checks, {seconds:.0f} s, {cpu:.0f} s of CPU time",
         flush=True,
     )
     for check in checks:

@@ -10,9 +10,9 @@ sensors and identifies the modes below 10 Hz, with errors of 0.2 % of the freque
 the shapes at unit length. A pendulum is searched for at each of the nodes in each of three
 directions: in models of each size, and in the middle one also at fewer nodes.
 
-For each search: wall time; hypotheses that were sampled; full solutions of the shared basis; the
-peak of memory, of this process and of its largest worker; and the rank of the true place. Writes
-runs/results/search_scaling.png.
+For each search: wall and CPU time; hypotheses that were sampled; full solutions of the shared
+basis; the peak of memory, of this process and of its largest worker; and the rank of the true
+place. Writes runs/results/search_scaling.png.
 """
 
 import argparse
@@ -144,7 +144,7 @@ def simulated(
 
 
 class Searched(NamedTuple):
-    """What one search took: degrees of freedom, number of places, and seconds."""
+    """What one search took: degrees of freedom, number of places, and seconds of CPU time."""
 
     size: int
     n_places: int
@@ -164,9 +164,9 @@ def searched(levels: int, n_places: int, workers: int) -> Searched:
     baseline = bs.ModelClass("tower", full.reduced(), data, error, pairing="any")
     candidates = [bs.Candidate(label, label) for label in labels]
     settings = bs.SearchSettings(number_weights=(1.0, 1.0))
-    begun = perf_counter()
+    begun, cpu_begun = perf_counter(), cpu_seconds()
     result = bs.search(baseline, settings, run=bs.Run(workers), candidates=candidates)
-    seconds = perf_counter() - begun
+    seconds, cpu = perf_counter() - begun, cpu_seconds() - cpu_begun
 
     record, sampled = result.record, result.ranking.posteriors
     places = record.places_by_probability
@@ -175,9 +175,10 @@ def searched(levels: int, n_places: int, workers: int) -> Searched:
     memory = [gigabytes(each) for each in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     print(
         f"{full.size} degrees of freedom, {n_places} places in three directions, "
-        f"{len(data.modes)} identified modes: {seconds:.0f} s; {len(sampled)} of "
-        f"{len(record.hypotheses)} hypotheses sampled; {baseline.structure.n_full_solutions} full "
-        f"solutions for the shared basis; {memory[0]:.1f} GB, {memory[1]:.1f} GB in a worker\n"
+        f"{len(data.modes)} identified modes: {seconds:.0f} s, {cpu:.0f} s of CPU time; "
+        f"{len(sampled)} of {len(record.hypotheses)} hypotheses sampled; "
+        f"{baseline.structure.n_full_solutions} full solutions for the shared basis; "
+        f"{memory[0]:.1f} GB, {memory[1]:.1f} GB in a worker\n"
         f"  an appendage {record.probability_of_any:.4f}; true place "
         f"{located(hidden.place, nodes)} ranks {rank + 1} with {places[rank].probability:.3f}; "
         f"first is {located(names[0], nodes)} with {places[0].probability:.3f}",
@@ -185,13 +186,19 @@ def searched(levels: int, n_places: int, workers: int) -> Searched:
     )
     for check in result.ranking.comparison.failed_checks:
         print(f"  (!) {check}")
-    return Searched(full.size, n_places, seconds)
+    return Searched(full.size, n_places, cpu)
 
 
 def located(label: str, nodes: np.ndarray) -> str:
     """A degree of freedom by the coordinates of its node and its direction."""
     node, axis = label.split()
     return f"{axis} at ({', '.join(f'{each:.1f}' for each in nodes[int(node)])}) m"
+
+
+def cpu_seconds() -> float:
+    """CPU time of this process, and of its workers that have ended."""
+    usages = (resource.getrusage(each) for each in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
 def gigabytes(whose: int) -> float:
@@ -215,7 +222,7 @@ def draw(by_size: list[Searched], by_places: list[Searched], path: Path) -> None
                             textcoords="offset points", ha="center")  # fmt: skip
             ax.set_xlabel(label)
             ax.margins(0.2)
-        axes[0].set_ylabel("time of the search (s)")
+        axes[0].set_ylabel("CPU time of the search (s)")
         axes[0].set_title(f"{by_size[0].n_places} places")
         axes[1].set_title(f"{by_places[0].size} degrees of freedom")
         path.parent.mkdir(parents=True, exist_ok=True)
