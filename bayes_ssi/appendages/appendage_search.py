@@ -79,7 +79,7 @@ def search(
     hidden_in = chosen.classes[0].name if len(chosen.classes) == 1 else baseline.name
     run = run or Run()
     with run.working():
-        hypotheses = _screened(chosen, options, seed, run)
+        hypotheses = screened_hypotheses(chosen, options, seed, run)
         wanted = [ToScreen(rival, None) for rival in chosen.rivals]
         rivals = screen_all(wanted, seed, run) if wanted else []
         sampled = _sampled(chosen, hypotheses, options, seed, settings, run)
@@ -96,7 +96,7 @@ def search(
     return AppendageSearch(ranking, record)
 
 
-def _screened(
+def screened_hypotheses(
     baselines: Baselines, options: SearchSettings, seed: int, run: Run
 ) -> dict[Key, ScreenedHypothesis]:
     """All hypotheses with their approximate evidences."""
