@@ -11,6 +11,7 @@ import click
 
 from bayes_ssi.commands.calibrate import calibrate
 from bayes_ssi.commands.check import check
+from bayes_ssi.commands.export import export
 from bayes_ssi.commands.guide import guide
 from bayes_ssi.commands.hierarchy import hierarchy
 from bayes_ssi.commands.import_model import import_model
@@ -32,6 +33,7 @@ COMMANDS = (
     what_if,
     hierarchy,
     predict,
+    export,
     report,
     guide,
 )

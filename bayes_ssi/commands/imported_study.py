@@ -5,8 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import shutil
-import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +16,7 @@ if TYPE_CHECKING:
     from bayes_ssi.solver_files.exported_model import ExportedModel
     from bayes_ssi.solver_files.parameter_matrices import ParameterMatrices, Term
 
+LABELS = "labels.txt"
 TEMPLATE = Path(__file__).with_name("templates") / "imported.py.txt"
 
 
@@ -45,6 +44,8 @@ def write_imported_study(
         ValueError: the model has no labels, or a sensor is none of them.
         OSError: the files cannot be read or written.
     """
+    from bayes_ssi.results.new_directory import new_directory
+
     name = name.with_suffix("") if name.suffix == ".py" else name
     if not name.name or not name.name.isprintable():
         raise ValueError(f"name of the study: {str(name)!r} is not a file name")
@@ -60,16 +61,10 @@ def write_imported_study(
     csv_path = name.with_name(name.name + ".csv") if data is None else data
     files = file_names(_names(matrices), "npz")
     text = _study(study, folder, csv_path, matrices, files, places, command)
-    # Beside its place, so that it is there as a whole or not at all.
-    scratch = Path(tempfile.mkdtemp(dir=study.parent, prefix=".import-"))
-    try:
-        _write_matrices(scratch, matrices, files)
-        scratch.chmod(0o755)
+    with new_directory(folder, marker=LABELS) as partial:
+        _write_matrices(partial, matrices, files)
         with study.open("x", encoding="utf-8") as file:
             file.write(text)
-        scratch.rename(folder)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
     return study, csv_path
 
 
@@ -125,7 +120,7 @@ def _write_matrices(folder: Path, matrices: ParameterMatrices, files: Mapping[st
         for term in terms:
             sp.save_npz(folder / files[_name(symbol, term)], term.matrix)
     model = matrices.nominal
-    (folder / "labels.txt").write_text("\n".join([*(model.labels or ()), ""]), encoding="utf-8")
+    (folder / LABELS).write_text("\n".join([*(model.labels or ()), ""]), encoding="utf-8")
     if model.geometry is not None:
         nodes = ([node, *map(repr, at)] for node, at in model.geometry.nodes.items())
         _write_csv(folder / "nodes.csv", nodes)

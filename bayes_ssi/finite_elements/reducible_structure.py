@@ -88,6 +88,11 @@ class ReducibleStructure(Structure):
         return self._names
 
     @property
+    def labels(self) -> tuple[str, ...] | None:
+        """Labels of all degrees of freedom but those of elements; None if none were given."""
+        return self.without_elements._labels
+
+    @property
     def size(self) -> int:
         """Number of degrees of freedom of the matrices."""
         return self._stiffness.size

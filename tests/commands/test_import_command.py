@@ -80,7 +80,7 @@ def test_a_study_from_exports():
     own = study.model_classes[1].structure
     assert [p.name for p in own.parameters] == ["lower", "upper"]
     assert own.degrees_of_freedom == SENSORS
-    assert own.geometry.nodes["340"] == (0.0, 0.7, 12.0)
+    assert own.geometry.nodes["340"] == (0.5, 0.7, 12.0)
     assert own.geometry.unit == "m"
     identified = [mode.frequency_hz for mode in bs.read_modal_data("modes.csv").modes]
     modes = own.modes(np.array([[0.9, 1.3]])).frequencies_hz[0, :4]

@@ -1,0 +1,92 @@
+"""``bayes-ssi export``: the updated model in files for other programs."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import astuple, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from bayes_ssi.commands.terminal import console, say
+
+if TYPE_CHECKING:
+    from bayes_ssi.posterior.posterior import Posterior
+
+
+@click.command()
+@click.argument("result", type=click.Path(path_type=Path))
+@click.option("--study", type=click.Path(path_type=Path),
+              help="Study file, if it has moved since the result was saved.")  # fmt: skip
+@click.option("--class", "name", metavar="NAME",
+              help="Model class, or hypothesis of a search.  "
+              "[default: the most probable]")  # fmt: skip
+@click.option("--configuration", metavar="NAME",
+              help="Configuration of the structure, if several were tested.")  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path),
+              help="Directory for the files.  [default: RESULT/updated]")  # fmt: skip
+@click.option("--overwrite", is_flag=True, help="Replace existing files.")
+def export(
+    result: Path,
+    study: Path | None,
+    name: str | None,
+    configuration: str | None,
+    out: Path | None,
+    overwrite: bool,
+) -> None:
+    """Write the updated model of RESULT for the program that it came from.
+
+    parameters.csv has the parameters, by the names of the program's groups: at the most probable
+    values, and means, standard deviations and quantiles. modes.csv and modes.uff (data sets 15, 82
+    and 55) have the modes at all nodes, at the most probable values.
+    """
+    import numpy as np
+
+    from bayes_ssi.predictions.nodal_mode_files import (
+        node_numbers,
+        write_modes_csv,
+        write_universal_file,
+    )
+    from bayes_ssi.predictions.nodal_modes import nodal_modes
+    from bayes_ssi.predictions.stored_predictions import load_predictions
+    from bayes_ssi.results.new_directory import new_directory, require_new
+
+    directory = out or result / "updated"
+    require_new(directory, marker=PARAMETERS, overwrite=overwrite)
+    predicted = load_predictions(result, study, configuration=configuration)
+    chosen = name or predicted.stored.comparison.best.name
+    posterior = predicted.stored.posterior(chosen)
+    structure = predicted.model_classes[chosen].configuration(predicted.configuration).structure
+    likeliest = dict(zip(posterior.parameter_names, posterior.maxima[0].tolist(), strict=True))
+    modes = nodal_modes(structure, np.array([likeliest[p.name] for p in structure.parameters]))
+    with new_directory(directory, marker=PARAMETERS, overwrite=overwrite) as partial:
+        _write_parameters(partial / PARAMETERS, posterior, list(likeliest.values()))
+        write_modes_csv(partial / "modes.csv", modes)
+        write_universal_file(partial / "modes.uff", modes, f"{chosen}, updated")
+    say(
+        console(),
+        f"Class {chosen!r}, at its most probable parameters:",
+        *(f"  {key} = {value:.4g}" for key, value in likeliest.items()),
+        f"Wrote parameters, and {len(modes.frequencies_hz)} modes at {len(modes.nodes)} nodes, to "
+        f"{directory}.",
+    )
+    if [str(number) for number in node_numbers(modes)] != list(modes.nodes):
+        say(
+            console(), "(!) Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1."
+        )
+
+
+PARAMETERS = "parameters.csv"
+
+
+def _write_parameters(path: Path, posterior: Posterior, likeliest: Sequence[float]) -> None:
+    summary = posterior.summary
+    with path.open("x", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        name, *others = (field.name for field in fields(summary[0]))
+        rows.writerow([name, "most_probable", *others])
+        for each, value in zip(summary, likeliest, strict=True):
+            first, *numbers = astuple(each)
+            rows.writerow([first, repr(value), *map(repr, numbers)])

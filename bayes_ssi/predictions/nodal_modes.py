@@ -1,0 +1,97 @@
+"""Modes of a structure at all of its nodes, as other programs draw them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
+from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
+from bayes_ssi.modal import frequencies_hz
+from bayes_ssi.solver_files.directions import DIRECTIONS, INTERNAL
+from bayes_ssi.structures.structure import Structure
+
+
+@dataclass(frozen=True, eq=False)
+class NodalModes:
+    """Modes at nodes.
+
+    Attributes:
+        nodes: their names.
+        positions: (n_nodes, 3), x, y and z; NaN where they are not known.
+        lines: pairs of nodes that a drawing joins.
+        frequencies_hz: (n_modes,).
+        displacements: (n_modes, n_nodes, 6), along x, y, z and about them, the largest
+            displacement of a mode being 1; zero where the
+            model has no row, as where a node is held.
+    """
+
+    nodes: tuple[str, ...]
+    positions: FloatArray
+    lines: tuple[tuple[str, str], ...]
+    frequencies_hz: FloatArray
+    displacements: FloatArray
+
+
+def nodal_modes(structure: Structure, values: FloatArray) -> NodalModes:
+    """Modes at one set of parameter values, of the exact model where it is approximated.
+
+    Args:
+        structure: degrees of freedom are labelled "node direction", such as ``12 x``; others, of
+            elements on it for instance, have no node.
+        values: (n_parameters,).
+
+    Raises:
+        ValueError: no degree of freedom is labelled so, or the model has no modes there.
+    """
+    labels, frequencies, shapes = _at_all_rows(structure, values)
+    places = [_place(label) for label in labels]
+    moving = dict.fromkeys(place[0] for place in places if place is not None)
+    if not moving:
+        raise ValueError(
+            f"no degree of freedom is labelled 'node direction', such as '12 x'; labels are "
+            f"{', '.join(map(repr, labels[:3]))}, …"
+        )
+    geometry = structure.geometry
+    known = {} if geometry is None else geometry.nodes
+    nodes = tuple(dict.fromkeys([*known, *moving]))  # held nodes are drawn, too
+    number = {node: i for i, node in enumerate(nodes)}
+    displacements = np.zeros((len(frequencies), len(nodes), len(DIRECTIONS)))
+    for row, place in enumerate(places):
+        if place is not None:
+            displacements[:, number[place[0]], place[1]] = shapes[row]
+    largest = abs(displacements[:, :, :3]).max(axis=(1, 2))
+    return NodalModes(
+        nodes,
+        np.array([known.get(node, (np.nan,) * 3) for node in nodes]),
+        () if geometry is None else geometry.lines,
+        frequencies,
+        displacements / np.where(largest > 0.0, largest, 1.0)[:, None, None],
+    )
+
+
+def _at_all_rows(
+    structure: Structure, values: FloatArray
+) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Labels (n), frequencies (m,) and shapes (n, m) at all that has a label."""
+    if isinstance(structure, ApproximateStructure):
+        structure = structure.exact
+    if not isinstance(structure, ReducibleStructure):
+        frequencies, shapes = (each[0] for each in structure.modes(values[None]))
+        return structure.degrees_of_freedom, frequencies, shapes
+    modes, n = structure.full_modes(values), structure.n_modes
+    labels, rows = structure.degrees_of_freedom, structure.system.sensor_rows
+    if structure.labels is not None:
+        labels = structure.labels
+        rows = structure.system.rows[: len(labels)]
+    return labels, frequencies_hz(modes.eigenvalues[:n]), modes.vectors[rows, :n]
+
+
+def _place(label: str) -> tuple[str, int] | None:
+    """Node and number of the direction, from 0; None where the label names none."""
+    node, _, last = label.rpartition(" ")
+    if not node or node.startswith(f"{INTERNAL} ") or last not in DIRECTIONS:
+        return None
+    return node, DIRECTIONS.index(last)
