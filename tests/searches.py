@@ -8,6 +8,7 @@ from bayes_ssi.appendages.hypotheses import SearchSettings
 from bayes_ssi.appendages.places import InfillPlace, PendulumPlace, places_of
 from bayes_ssi.appendages.screening import Screened
 from bayes_ssi.appendages.search_result import AppendageSummary, PlaceRecord
+from bayes_ssi.sampling.mixture import StudentMixture
 
 COARSE = bs.SamplingSettings(log_evidence_error=1.0, particles=40, searches=1, max_steps=10)
 # One appendage at most; all sampled.
@@ -33,14 +34,16 @@ def by_count(*log_evidences):
 def screened(model_class, log_evidence, error=0.0):
     """A hypothesis with this approximate evidence, and draws of its prior."""
     names = model_class.parameter_names
-    z = np.random.default_rng(0).standard_normal((100, len(names)))
-    return Screened(names, log_evidence, error, log_evidence, 1, z, np.full(100, 0.01), None)
+    d = len(names)
+    z = np.random.default_rng(0).standard_normal((100, d))
+    wide = StudentMixture(np.ones(1), np.zeros((1, d)), np.eye(d)[None], np.full(1, 5.0))
+    return Screened(names, log_evidence, error, log_evidence, 1, z, np.full(100, 0.01), wide)
 
 
 def place_record(place, probability):
     """A place with this probability of an appendage, of an arbitrary mass and frequency."""
     summary = AppendageSummary(place, (0.04, 0.05, 0.06), (0.4, 0.5, 0.6), (1.0, 2.0, 3.0))
-    return PlaceRecord(summary, probability)
+    return PlaceRecord(summary, probability, is_observed=True)
 
 
 def places_in_space(probabilities, directions=(None,), **options):

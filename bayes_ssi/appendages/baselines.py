@@ -22,6 +22,7 @@ from bayes_ssi.appendages.hypotheses import (
     tests_with_appendages,
 )
 from bayes_ssi.appendages.mass_scale import MassScale
+from bayes_ssi.appendages.observed_places import are_observed
 from bayes_ssi.appendages.places import AppendagePlace, places_of
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.reduced_structure import ReducedStructure
@@ -79,6 +80,18 @@ class Baselines:
     def scales(self) -> Mapping[str, MassScale]:
         """Name of a baseline → the mass to which mass ratios refer."""
         return {each.name: scale_of(each, self.present_in) for each in self.classes}
+
+    @cached_property
+    def unobserved(self) -> frozenset[AppendagePlace]:
+        """Places whose motion no sensor sees in a mode of the band, on any baseline."""
+        observed: dict[AppendagePlace, bool] = {}
+        for each in self.classes:
+            places = self.places[each.name]
+            for test in tests_with_appendages(each, self.present_in):
+                seen = are_observed(test.structure, [p.candidate for p in places], test.data)
+                for place, one in zip(places, seen, strict=True):
+                    observed[place] = observed.get(place, False) or bool(one)
+        return frozenset(place for place, one in observed.items() if not one)
 
     @property
     def geometry(self) -> Geometry | None:

@@ -69,7 +69,9 @@ def search_record(
         search_settings=search_settings,
         probability_of_any=sum(each.probability for each in rows if each.appendages),
         most_probability_unsampled=most_probability_unsampled(approximate, sampled),
-        places=place_records(draws, {row.name: row.probability for row in rows}),
+        places=place_records(
+            draws, {row.name: row.probability for row in rows}, baselines.unobserved
+        ),
         geometry=baselines.geometry,
         hypotheses=rows,
         averaged_parameters=tuple(_averaged(ranking, hypotheses)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -65,22 +65,27 @@ def appendage_draws(
 def place_records(
     draws: Mapping[str, Mapping[AppendagePlace, AppendageDraws]],
     probabilities: Mapping[str, float],
+    unobserved: Collection[AppendagePlace],
 ) -> tuple[PlaceRecord, ...]:
     """Every place: the probability of an appendage there, and its mass and frequency if there is.
 
     Args:
         draws: hypothesis → place → draws of the appendage there.
         probabilities: of the hypotheses.
+        unobserved: places that no sensor sees.
     """
     at_place: dict[AppendagePlace, list[tuple[float, AppendageDraws]]] = {}
     for name, appendages in draws.items():
         for place, of_one in appendages.items():
             at_place.setdefault(place, []).append((probabilities[name], of_one))
-    return tuple(_place_record(place, with_one) for place, with_one in at_place.items())
+    return tuple(
+        _place_record(place, with_one, place not in unobserved)
+        for place, with_one in at_place.items()
+    )
 
 
 def _place_record(
-    place: AppendagePlace, with_one: Sequence[tuple[float, AppendageDraws]]
+    place: AppendagePlace, with_one: Sequence[tuple[float, AppendageDraws]], is_observed: bool
 ) -> PlaceRecord:
     """One place, given the probabilities and draws of the hypotheses with an appendage there."""
     probability = sum(own for own, _ in with_one)
@@ -89,4 +94,4 @@ def _place_record(
     total = sum(own for own, _ in with_one)
     weighted = [each._replace(weights=own / total * each.weights) for own, each in with_one]
     mixed = AppendageDraws(*map(np.concatenate, zip(*weighted, strict=True)))
-    return PlaceRecord(mixed.summary(place), probability)
+    return PlaceRecord(mixed.summary(place), probability, is_observed)

@@ -55,10 +55,13 @@ class PlaceRecord:
         appendage: what hangs there, if anything does, averaged over all hypotheses in which
             something does.
         probability: that something does.
+        is_observed: whether the place takes part in a mode of the band that the sensors see; else
+            the test says nothing about it.
     """
 
     appendage: AppendageSummary
     probability: float
+    is_observed: bool
 
     @property
     def place(self) -> AppendagePlace:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any, Self
@@ -147,6 +147,17 @@ class ReducedStructure(ApproximateStructure):
             return basis
         negligible = self._negligible(self.frequency_error, self.shape_error)
         return CarryingBasis.of(basis, self.full.carried, negligible, self._reference)
+
+    def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
+        """Motions of places in the modes (n_places, n_modes), at one row of ``values``.
+
+        At unit modal mass; by a full solution where the structure carries elements.
+        """
+        if self.full.elements:
+            return self.full.place_shapes(places, values)
+        y = self._modes_in_basis(values).shapes[0]
+        vectors = self._main_basis.vectors
+        return self.full.combined_rows(places, lambda rows: vectors[rows] @ y)
 
     def projected(self, values: FloatArray, places: Iterable[SinglePlace]) -> ProjectedStructure:
         """The model in the few combinations of the basis that its modes at some values consist of.

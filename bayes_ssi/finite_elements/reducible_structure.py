@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property
 from typing import NamedTuple, Self
@@ -181,6 +182,31 @@ class ReducibleStructure(Structure):
             f"{label}: the structure has no degree of freedom or sensor {place!r}; choose from "
             f"{listed(tuple(dict.fromkeys(choices)))}, or 0 for the ground"
         )
+
+    def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
+        """Motions of places in the modes (n_places, n_modes), at one row of ``values``.
+
+        By a full solution, at unit modal mass.
+        """
+        vectors = self.full_modes(values[0]).vectors
+        return self.combined_rows(places, lambda rows: vectors[rows])
+
+    def combined_rows(
+        self, places: Sequence[Place], rows_of: Callable[[NDArray[np.intp]], FloatArray]
+    ) -> FloatArray:
+        """Rows (n_places, ...) of places, from those of degrees of freedom in :attr:`system`."""
+        terms = [
+            (i, row, share)
+            for i, place in enumerate(places)
+            for single, share in motion_of(place)
+            for row in [self.system_row_of(single, "place")]
+            if row is not None
+        ]
+        of_place, rows, shares = (np.array(each) for each in zip(*terms, strict=True))
+        parts = shares[:, None] * rows_of(rows.astype(np.intp))
+        total = np.zeros((len(places), parts.shape[1]))
+        np.add.at(total, of_place.astype(np.intp), parts)
+        return total
 
     def system_row_of(self, place: SinglePlace, label: str) -> int | None:
         """As :meth:`row_of`, but the row in :attr:`system`."""

@@ -64,6 +64,15 @@ class LumpedStructure(Structure):
         for single, _ in self._of_single(motion_of(place)):
             self._index(single, label)
 
+    def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
+        """Motions of places in the modes (n_places, n_modes), at one row of ``values``.
+
+        As in :meth:`modes`, at unit modal mass.
+        """
+        motions = np.array([self._vector(motion_of(place)) for place in places])
+        shapes: FloatArray = motions @ self.modes(values).shapes[0]
+        return shapes
+
     @checked
     def with_sensors(self, sensors: Iterable[Sensor]) -> Self:
         """This structure with more sensors.
@@ -245,12 +254,17 @@ class LumpedStructure(Structure):
 
     def _outer(self, direction: Motion) -> FloatArray:
         """``v vᵀ``, (n, n), of the displacement ``Σ component · x(place)``."""
+        vector = self._vector(direction)
+        return np.outer(vector, vector)
+
+    def _vector(self, direction: Motion) -> FloatArray:
+        """v (n,) of the displacement ``v·x = Σ component · x(place)``."""
         vector = np.zeros(len(self.degrees_of_freedom))
         for place, component in self._of_single(direction):
             index = self._index(place)
             if index is not None:
                 vector[index] += component
-        return np.outer(vector, vector)
+        return vector
 
     def _index(self, place: SinglePlace, label: str = "element") -> int | None:
         """The degree of freedom at a place; None for the ground, which does not move."""

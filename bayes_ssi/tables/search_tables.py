@@ -132,6 +132,13 @@ def search_notes(search: AppendageSearch) -> list[str]:
     """What masses refer to, what hypotheses no table shows, and which were not sampled."""
     record = search.record
     notes = [f"Priors of masses are relative to {mass}." for mass in mass_scales(record)]
+    unseen = [each.place.name for each in record.places if not each.is_observed]
+    if unseen:
+        more = f" and {len(unseen) - PLACES_SHOWN} more" if len(unseen) > PLACES_SHOWN else ""
+        notes.append(
+            "The test says nothing about these places, which move in no mode that a sensor sees: "
+            f"{', '.join(unseen[:PLACES_SHOWN])}{more}."
+        )
     n_hidden = len(record.hypotheses) - len(_shown(search))
     if n_hidden > 0:
         notes.append(f"{n_hidden} less probable hypotheses are in the saved result.")

@@ -12,6 +12,7 @@ from bayes_ssi.appendages.baselines import choose_baselines
 from bayes_ssi.appendages.candidates import default_candidates
 from bayes_ssi.appendages.hypotheses import hypothesis, scale_of
 from bayes_ssi.appendages.places import PendulumPlace, places_of
+from bayes_ssi.tables.search_tables import search_notes
 
 K = np.array([[1600.0, -700.0, 0.0], [-700.0, 1100.0, -400.0], [0.0, -400.0, 400.0]])
 MASSES = (3.0, 2.0, 1.5)
@@ -96,6 +97,28 @@ def test_the_scale_of_a_building_in_space_is_its_mean_floor_mass():
     building = bs.ShearBuilding3D((3.0, 1.0), (5.0, 5.0), (9.0, 9.0), (9.0, 9.0), (9.0 * k, 9.0))
     scale = scale_of(baseline(building, ["floor 1 x", "floor 2 x", "floor 2 y"]))
     assert (scale.mass, scale.name) == (pytest.approx(2.0), "mean floor mass")
+
+
+@pytest.mark.parametrize("reduced", [False, True])
+def test_a_place_that_no_sensor_sees_is_tried_and_said(fake_sampling, reduced):
+    """A second, separate oscillator has no sensor; a mixture of the two is seen."""
+    fake_sampling(by_count(0.0, 1.0))
+    apart = np.zeros((4, 4))
+    apart[:3, :3], apart[3, 3] = K, 500.0
+    structure = bs.MatrixStructure(
+        [(k, apart)], np.diag([*MASSES, 1.0]), labels=[*LABELS, "node 3 x"], n_modes=4
+    )
+    candidates = [
+        bs.Candidate("apart", "node 3 x"),
+        bs.Candidate("both", {"node 3 x": 0.6, "node 2 y": 0.8}),
+        bs.Candidate("tie", "node 3 x", to="node 2 x"),
+    ]
+    made = baseline(structure.reduced() if reduced else structure)
+    result = search(made, ONE, candidates=candidates)
+    observed = {each.place.name: each.is_observed for each in result.record.places}
+    assert observed == {"pendulum apart": False, "pendulum both": True, "infill tie": True}
+    (note,) = [note for note in search_notes(result) if "says nothing" in note]
+    assert note.endswith("which move in no mode that a sensor sees: pendulum apart.")
 
 
 def two_tests():

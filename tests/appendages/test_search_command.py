@@ -177,7 +177,7 @@ def all_sampled(monkeypatch):
     """The search samples every hypothesis."""
     monkeypatch.setattr(
         "bayes_ssi.appendages.appendage_search.to_sample",
-        lambda approximate, sampled, _: [each for each in approximate if each not in sampled],
+        lambda approximate, sampled, *_: [each for each in approximate if each not in sampled],
     )
 
 
