@@ -73,7 +73,8 @@ def modes(k):
 k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
 structure = bs.FunctionStructure(modes, {"k": k}, n_modes=1, sensors=("roof",))
 data = bs.ModalData((bs.IdentifiedMode("1", 1.1, [1.0]),), (0.0, 3.0), ("roof",))
-study = bs.Study("prints", [bs.ModelClass("a", structure, data, pairing={"1": 1})])
+error = bs.ErrorModel(frequency_cov=0.02, shape_sd=0.05)
+study = bs.Study("prints", [bs.ModelClass("a", structure, data, error, pairing={"1": 1})])
 """
 
 
