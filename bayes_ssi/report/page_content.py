@@ -30,6 +30,7 @@ from bayes_ssi.tables import (
     pairing_notes,
     region_notes,
     unsampled_note,
+    unseen_note,
 )
 
 
@@ -79,6 +80,7 @@ def page_content(
         "places": stored.search.places_by_probability if stored.search else (),
         "mass_scales": mass_scales(stored.search) if stored.search else (),
         "baseline_notes": baseline_notes(stored.search) if stored.search else (),
+        "unseen": unseen_note(stored.search) if stored.search else "",
         "unsampled": unsampled_note(stored.search) if stored.search else "",
         "sensitivity": stored.sensitivity,
         "turning": stored.sensitivity.turning if stored.sensitivity else (),

@@ -31,6 +31,7 @@ from bayes_ssi.tables.search_tables import (
     search_notes,
     search_table,
     unsampled_note,
+    unseen_note,
 )
 from bayes_ssi.tables.sensitivity_tables import sensitivity_notes, sensitivity_table
 from bayes_ssi.tables.what_if_tables import changed_parameters_table, what_if_notes, what_if_table
@@ -65,6 +66,7 @@ __all__ = [
     "sensitivity_table",
     "shape_table",
     "unsampled_note",
+    "unseen_note",
     "what_if_notes",
     "what_if_table",
 ]

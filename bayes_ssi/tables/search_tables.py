@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from bayes_ssi.appendages.search_result import AppendageSearch, HypothesisRecord, SearchRecord
-from bayes_ssi.ranking.comparison import probability_text
+from bayes_ssi.ranking.comparison import PROBABLE, probability_text
 from bayes_ssi.tables.layout import add_row, interval, new_table
 
 # Hypotheses and places listed in a terminal; the saved result has all.
@@ -87,11 +87,13 @@ def place_table(record: SearchRecord) -> Table:
 
 
 def appendage_table(search: AppendageSearch) -> Table | None:
-    """The appendages of those hypotheses in the table that have several; None if none has.
+    """The appendages of the probable hypotheses with several of them; None if there are none.
 
     Medians and 90 % intervals.
     """
-    rows = [row for row in _shown(search) if len(row.appendages) > 1]
+    rows = [
+        row for row in _shown(search) if len(row.appendages) > 1 and row.probability >= PROBABLE
+    ]
     if not rows:
         return None
     table = new_table(
@@ -132,13 +134,8 @@ def search_notes(search: AppendageSearch) -> list[str]:
     """What masses refer to, what hypotheses no table shows, and which were not sampled."""
     record = search.record
     notes = [f"Priors of masses are relative to {mass}." for mass in mass_scales(record)]
-    unseen = [each.place.name for each in record.places if not each.is_observed]
-    if unseen:
-        more = f" and {len(unseen) - PLACES_SHOWN} more" if len(unseen) > PLACES_SHOWN else ""
-        notes.append(
-            "The test says nothing about these places, which move in no mode that a sensor sees: "
-            f"{', '.join(unseen[:PLACES_SHOWN])}{more}."
-        )
+    if note := unseen_note(record):
+        notes.append(note)
     n_hidden = len(record.hypotheses) - len(_shown(search))
     if n_hidden > 0:
         notes.append(f"{n_hidden} less probable hypotheses are in the saved result.")
@@ -154,6 +151,18 @@ def mass_scales(record: SearchRecord) -> list[str]:
     if len(set(words)) == 1:
         return words[:1]
     return [f"{text}, on {name!r}" for name, text in zip(scales, words, strict=True)]
+
+
+def unseen_note(record: SearchRecord) -> str:
+    """The places about which the test says nothing; empty if there are none."""
+    unseen = [each.place.name for each in record.places if not each.is_observed]
+    if not unseen:
+        return ""
+    more = f" and {len(unseen) - PLACES_SHOWN} more" if len(unseen) > PLACES_SHOWN else ""
+    return (
+        "The test says nothing about these places, which move in no mode that a sensor sees: "
+        f"{', '.join(unseen[:PLACES_SHOWN])}{more}."
+    )
 
 
 def unsampled_note(record: SearchRecord) -> str:

@@ -1,15 +1,16 @@
 """The studies with other finite-element programs, against beams computed otherwise."""
 
 import math
-from pathlib import Path
+import runpy
 
 import numpy as np
 import pytest
+from code_blocks import ROOT
 
 import bayes_ssi as bs
 from bayes_ssi.ranking.study_file import load_study
 
-STUDIES = Path(__file__).parents[2] / "model_classes" / "finite_elements"
+STUDIES = ROOT / "model_classes" / "finite_elements"
 
 
 def study(name, package, extra):
@@ -88,6 +89,36 @@ def test_beam_by_scikit_fem():
     np.testing.assert_allclose(same, at_tip.structure.modes(np.array([[2e4]])).frequencies_hz)
     with pytest.raises(ValueError, match="at support = 1, place = 4: the support at 4 m is not on"):
         anywhere.structure.modes(np.array([[1.0, 4.0]]))
+
+
+@pytest.mark.parametrize("end", [(3.0, 0.0, 0.0), (0.0, 0.0, 3.0), (1.0, -2.0, 2.0)])
+def test_beams_of_the_footbridge_bend_as_cantilevers_do(end):
+    """At the tip: F L / (E A) along it, F L³ / (3 E I) across; a rigid motion needs no force."""
+    bridge = runpy.run_path(str(STUDIES / "footbridge.py"))
+    section = area, inertia, same, _ = (2e-3, 3e-6, 3e-6, 4.8e-6)
+    assert inertia == same
+    stiffness, mass = bridge["beam"](section, [(0.0, 0.0, 0.0), end])
+    assert mass == pytest.approx(7850.0 * 2e-3 * 3.0)
+    along = np.array(end) / 3.0
+    flexibility = np.linalg.inv(stiffness[6:, 6:])[:3, :3]
+    expected = 3.0 / (210e9 * area) * np.outer(along, along)
+    expected += 27.0 / (3.0 * 210e9 * inertia) * (np.eye(3) - np.outer(along, along))
+    np.testing.assert_allclose(flexibility, expected, atol=1e-9 * expected.max())
+    for axis in np.eye(3):
+        turned = np.concatenate([np.zeros(3), axis, np.cross(axis, end), axis])
+        np.testing.assert_allclose(stiffness @ turned, 0.0, atol=1e-9 * stiffness.max())
+
+
+def test_the_data_of_the_footbridge_are_what_the_script_makes(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["make", str(tmp_path)])
+    runpy.run_path(str(ROOT / "runs" / "make_footbridge.py"), run_name="__main__")
+    assert "pipe: 607.7 kg at 2.2648 Hz" in capsys.readouterr().out
+    data = ROOT / "model_classes" / "data"
+    made, kept = (bs.read_modal_data(at / "footbridge.csv") for at in (tmp_path, data))
+    np.testing.assert_allclose(made.frequencies_hz, kept.frequencies_hz, atol=1.01e-4)
+    np.testing.assert_allclose(made.unit_shapes, kept.unit_shapes, atol=2e-4)
+    name = "footbridge_candidates.csv"
+    assert bs.read_candidates(tmp_path / name) == bs.read_candidates(data / name)
 
 
 def test_modes_that_change_places_are_updated_rightly():

@@ -1,0 +1,45 @@
+"""``bayes-ssi search`` on the footbridge with coordinates of its nodes."""
+
+import json
+
+import pytest
+from code_blocks import ROOT
+
+from bayes_ssi.plots.appendage_places import plot_places
+from bayes_ssi.plots.figure_style import figures_for_files
+from bayes_ssi.results.load import load_result
+
+STUDY = ROOT / "model_classes" / "finite_elements" / "footbridge.py"
+TRUE_PLACE, TRUE_MASS, TRUE_HZ = "pendulum bottom left 8 z", 607.7, 2.2648
+
+
+@pytest.mark.usefixtures("coarse_command", "no_figures")
+def test_the_pipe_on_the_footbridge(run, tmp_path):
+    """At one of three places that the sensors can tell apart."""
+    candidates, out = tmp_path / "places.csv", tmp_path / "r"
+    places = ("bottom left 8 z", "bottom right 4 z", "top right 4 y")
+    rows = "".join(f"{place},{place}\n" for place in places)
+    candidates.write_text(f"name,place\n{rows}", encoding="utf-8")
+    result = run("search", STUDY, "--candidates", candidates, "--most", 1, "--error", 0.5,
+                 "--accept-failed-checks", "--out", out)  # fmt: skip
+    assert result.exit_code == 0, result.output
+    text = " ".join(result.stdout.split())
+    assert "Appendages by place, averaged over all hypotheses" in text
+    assert "Priors of masses are relative to the median modal mass, 2.062e+04." in text
+    record = load_result(out).search
+    true, second, _ = record.places_by_probability
+    assert true.place.name == TRUE_PLACE
+    assert second.probability < 1e-3 < 0.99 < true.probability
+    assert true.place.coordinates == (20.0, 0.0, 0.0)
+    assert true.place.direction == (0.0, 0.0, 1.0)
+    low, _, high = true.appendage.mass
+    assert low < TRUE_MASS < high
+    low, _, high = true.appendage.frequency_hz
+    assert low < TRUE_HZ < high
+    assert len(record.geometry.nodes) == 52
+    stored = json.loads((out / "search.json").read_text(encoding="utf-8"))
+    assert stored["geometry"]["unit"] == "m"
+    with figures_for_files():
+        ax = plot_places(record)
+    assert ax.figure.get_suptitle().startswith(f"Most probable: {TRUE_PLACE}, ")
+    assert "x (m)" in [text.get_text().strip() for text in ax.texts]
