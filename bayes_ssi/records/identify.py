@@ -1,0 +1,270 @@
+"""From a vibration record to identified modes whose claimed errors are checked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_ssi.argument_types import checked
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.records.bayesian_fft import BandFit, Loads, fit_band
+from bayes_ssi.records.modal_estimates import ModalEstimates, Poles
+from bayes_ssi.records.next_era import Correlations, clusters, correlations, next_era, realisation
+from bayes_ssi.records.record import Record
+from bayes_ssi.records.scoring import DAMPING, LOG_DAMPING_SD
+from bayes_ssi.records.spectra import Lines, lines_of, spectra
+
+# A block of lines is this share of the damping wide, relative to its frequency: an eighth of a
+# resonance's half-power bandwidth. Wider blocks blur what drives all sensors alike.
+BLOCK_OVER_DAMPING = 0.25
+INTEGRATIONS = {"acceleration": 0, "velocity": 1, "displacement": 2}
+# Two methods that see the same record should not differ by more claimed standard deviations.
+FARTHEST_APART = 4.0
+# ζ f T, the record's length in times in which a mode decays by e^(2π): below this the width of a
+# resonance is that of its few lines.
+SHORTEST = 1.0
+# Of the orders up to the highest, modes have a pole at nearly all from twice their number on.
+PERSISTENT, POSSIBLE = 0.65, 0.3
+# A mode whose forces are this many nats from zero is not tried without: priors weigh far less.
+BEYOND_DOUBT = 200.0
+# Where one direction carries nearly all power in most blocks, one process drives the modes.
+COHERENT = 0.98
+
+
+class Rejected(NamedTuple):
+    """A candidate that is no mode of the result.
+
+    Attributes:
+        frequency_hz: where it was.
+        reason: why it was not accepted.
+    """
+
+    frequency_hz: float
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class ModalIdentification:
+    """The modes identified from a record by two methods, and which of them are quoted.
+
+    Attributes:
+        quoted: the modes to use: those of the Bayesian FFT where its spectral model explains the
+            record, otherwise those of NExT-ERA.
+        bayesian: modes by Bayesian FFT.
+        era: modes by NExT-ERA with jackknife errors; None where it could not identify them.
+        fit: the Bayesian FFT's spectral model, its evidence and whiteness.
+        rejected: candidates that were not accepted.
+        remarks: what to know of the result, a sentence each.
+        failed_checks: why the claimed errors may be wrong, a sentence each; empty if all is well.
+    """
+
+    quoted: ModalEstimates
+    bayesian: ModalEstimates
+    era: ModalEstimates | None
+    fit: BandFit
+    rejected: tuple[Rejected, ...]
+    remarks: tuple[str, ...]
+    failed_checks: tuple[str, ...]
+
+    def modal_data(self, source: str = "") -> ModalData:
+        """The quoted modes as data of model classes.
+
+        Args:
+            source: where they come from.
+        """
+        return self.quoted.modal_data(source)
+
+
+@checked
+def identify(
+    record: Record, band_hz: Sequence[float], *, at: Sequence[float] = ()
+) -> ModalIdentification:
+    """Identify the modes of a band, with the joint uncertainty of frequencies and shapes.
+
+    Candidates are the poles that most orders of NExT-ERA agree on. The Bayesian FFT keeps those
+    that the evidence asks for, under the loads that explain the spectral matrices: independent
+    loads, ground motion in one direction, or both.
+
+    Args:
+        record: the record of one setup.
+        band_hz: lowest and highest frequency of the search; it should end where the spectrum is
+            low, not on a resonance.
+        at: frequencies of the modes, in Hz, in place of the candidates; all are then kept.
+
+    Raises:
+        ValueError: the record does not cover the band, has fewer lines in it than the modes have
+            unknowns, or no mode is found.
+    """
+    band = record.checked_band(band_hz)
+    record = record.detrended()
+    remarks: list[str] = []
+    try:
+        data = correlations(record, band)
+    except ValueError as error:
+        data = None
+        remarks.append(str(error))
+    if len(at):
+        modes, others = _given(record, band, at), None
+    else:
+        modes, others = _candidates(data)
+    lines = lines_of(record, band, BLOCK_OVER_DAMPING * float(np.median(modes.dampings)))
+    fit, rejected = _under_best_loads(lines, modes, others, INTEGRATIONS[record.quantity])
+    bayesian = fit.estimates(band, record.sensors)
+    era = None
+    if data is not None:
+        try:
+            era = next_era(data, bayesian.poles, record.sensors)
+        except ValueError as error:
+            remarks.append(str(error))
+    remarks += _short(bayesian, record)
+    quoted, failed = _quoted(fit, bayesian, era)
+    if quoted is era:
+        remarks.append(
+            f"the spectral model does not explain the record (chi-square over degrees of freedom "
+            f"{fit.whiteness:.2f}, allowed {fit.allowed_whiteness:.2f}); NExT-ERA is quoted"
+        )
+    return ModalIdentification(
+        quoted, bayesian, era, fit, tuple(rejected), tuple(remarks), tuple(failed)
+    )
+
+
+def _candidates(data: Correlations | None) -> tuple[Poles, Poles]:
+    """Poles of most orders, and of fewer; their dampings are such as the prior has."""
+    if data is None:
+        raise ValueError("the record is too short to look for modes; give their frequencies as at")
+    found, shares = clusters(realisation(data.whole, data))
+    if not (shares >= POSSIBLE).any():
+        raise ValueError(
+            f"no mode is found from {data.band_hz[0]:g} to {data.band_hz[1]:g} Hz; give "
+            "frequencies as at, or another band"
+        )
+    spread = math.exp(LOG_DAMPING_SD)
+    found = found._replace(dampings=found.dampings.clip(DAMPING / spread, DAMPING * spread))
+    first = shares >= min(PERSISTENT, shares.max())
+    others = (shares >= POSSIBLE) & ~first
+    return found.at(np.flatnonzero(first).tolist()), found.at(np.flatnonzero(others).tolist())
+
+
+def _given(record: Record, band: tuple[float, float], at: Sequence[float]) -> Poles:
+    """Candidates at given frequencies, with the directions of most motion there as shapes."""
+    low, high = band
+    frequencies = np.sort(np.array(at, dtype=float))
+    if frequencies[0] <= low or frequencies[-1] >= high:
+        raise ValueError(f"at: frequencies must be within {low:g} to {high:g} Hz, got {list(at)}")
+    data = spectra(lines_of(record, band, BLOCK_OVER_DAMPING * DAMPING))
+    nearest = np.abs(data.frequencies_hz[:, None] - frequencies).argmin(0)
+    shapes = np.empty((len(record.sensors), len(frequencies)))
+    for i, k in enumerate(nearest):
+        # Frequencies given closer than a bandwidth share a peak, and take one direction each.
+        sharing = int((np.abs(np.log(frequencies[:i] / frequencies[i])) < 2.0 * DAMPING).sum())
+        directions = np.linalg.eigh(data.matrices[k].real)[1]
+        shapes[:, i] = directions[:, -1 - min(sharing, directions.shape[1] - 1)]
+    return Poles(frequencies, np.full(len(frequencies), DAMPING), shapes)
+
+
+def _under_best_loads(
+    lines: Lines, modes: Poles, others: Poles | None, q: int
+) -> tuple[BandFit, list[Rejected]]:
+    """The fit under the first loads that explain the lines, or else those of most evidence.
+
+    Modes are fixed where there are no others to choose from.
+    """
+    order = [Loads(), Loads(True, 1), Loads(True)]
+    values = np.linalg.eigvalsh(spectra(lines).matrices)
+    if np.median(values[:, -1] / values.sum(1)) > COHERENT:
+        order = [Loads(True, 1), Loads(True), Loads()]
+    tried = []
+    for loads in order:
+        fit = fit_band(lines, modes, q, loads)
+        rejected: list[Rejected] = []
+        if others is not None:
+            fit, rejected = _without_needless(fit, lines)
+            fit, more = _with_needed(fit, lines, others)
+            rejected = sorted(rejected + more)
+        if fit.is_white:
+            return fit, rejected
+        tried.append((fit, rejected))
+    return max(tried, key=lambda one: one[0].log_evidence)
+
+
+def _without_needless(fit: BandFit, lines: Lines) -> tuple[BandFit, list[Rejected]]:
+    """The fit without modes whose absence is more probable, the weakest first.
+
+    What has left the band is no mode of it.
+    """
+    rejected: list[Rejected] = []
+    while fit.model.n_modes > 1:
+        low, high = fit.data.frequencies_hz[[0, -1]]
+        frequencies = fit.poles.frequencies_hz
+        nats = np.where((frequencies > low) & (frequencies < high), fit.nats_of_forces(), -np.inf)
+        weakest = int(np.argmin(nats))
+        if nats[weakest] > BEYOND_DOUBT:
+            break
+        others = [i for i in range(fit.model.n_modes) if i != weakest]
+        without = fit_band(lines, fit.poles.at(others), fit.q, fit.loads)
+        if without.log_evidence < fit.log_evidence and nats[weakest] >= 0.0:
+            break
+        frequency = float(fit.poles.frequencies_hz[weakest])
+        rejected.append(_rejected(frequency, without.log_evidence - fit.log_evidence))
+        fit = without
+    return fit, rejected
+
+
+def _with_needed(fit: BandFit, lines: Lines, others: Poles) -> tuple[BandFit, list[Rejected]]:
+    """The fit with those of other candidates that the evidence asks for, the strongest first."""
+    rejected: list[Rejected] = []
+    left = list(range(len(others.frequencies_hz)))
+    while left:
+        gains = [fit.gain_of(others.at([i])) for i in left]
+        best = left[int(np.argmax(gains))]
+        # Noise gains about half a nat for each unknown, and a mode must gain more.
+        if max(gains) < fit.n_unknowns_of_a_mode:
+            break
+        left.remove(best)
+        wider = fit_band(lines, fit.poles.joined(others.at([best])), fit.q, fit.loads)
+        if wider.log_evidence > fit.log_evidence:
+            fit = wider
+        else:
+            frequency = float(others.frequencies_hz[best])
+            rejected.append(_rejected(frequency, fit.log_evidence - wider.log_evidence))
+    return fit, rejected + [
+        Rejected(float(others.frequencies_hz[i]), "the spectra gain nothing by a mode there")
+        for i in left
+    ]
+
+
+def _rejected(frequency_hz: float, against: float) -> Rejected:
+    probability = 1.0 / (1.0 + math.exp(min(against, 700.0)))
+    return Rejected(frequency_hz, f"a mode there has the probability {probability:.2g}")
+
+
+def _short(modes: ModalEstimates, record: Record) -> list[str]:
+    return [
+        f"mode at {f:.4g} Hz: the record is too short for its damping (ζ f T = {length:.2g})"
+        for f, damping in zip(modes.frequencies_hz, modes.dampings, strict=True)
+        if (length := damping * f * record.duration_s) < SHORTEST
+    ]
+
+
+def _quoted(
+    fit: BandFit, bayesian: ModalEstimates, era: ModalEstimates | None
+) -> tuple[ModalEstimates, list[str]]:
+    """What is quoted, and failed checks."""
+    white = (
+        f"the spectral model does not explain the record (chi-square over degrees of freedom "
+        f"{fit.whiteness:.2f}, allowed {fit.allowed_whiteness:.2f})"
+    )
+    if era is None:
+        return bayesian, [] if fit.is_white else [white]
+    frequencies, shapes = bayesian.distances(era)
+    apart = [
+        f"mode at {f:.4g} Hz: Bayesian FFT and NExT-ERA differ by {max(by_f, by_shape):.1f} "
+        f"claimed standard deviations in {'frequency' if by_f >= by_shape else 'shape'}"
+        for f, by_f, by_shape in zip(bayesian.frequencies_hz, frequencies, shapes, strict=True)
+        if max(by_f, by_shape) > FARTHEST_APART
+    ]
+    return (bayesian if fit.is_white else era), apart

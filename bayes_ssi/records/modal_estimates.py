@@ -1,0 +1,138 @@
+"""Modes identified from a record, with the joint covariance of their errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.data.identified_mode import IdentifiedMode
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.records.spectra import ComplexArray
+
+
+class Poles(NamedTuple):
+    """Modes without their errors.
+
+    Attributes:
+        frequencies_hz: (p,), ascending.
+        dampings: (p,), fractions of critical damping.
+        shapes: (n, p), real, at unit length.
+    """
+
+    frequencies_hz: FloatArray
+    dampings: FloatArray
+    shapes: FloatArray
+
+    def at(self, places: Sequence[int]) -> Poles:
+        """Some of the modes."""
+        chosen = list(places)
+        return Poles(self.frequencies_hz[chosen], self.dampings[chosen], self.shapes[:, chosen])
+
+    def joined(self, others: Poles) -> Poles:
+        """These modes and others, in ascending order."""
+        frequencies = np.concatenate([self.frequencies_hz, others.frequencies_hz])
+        dampings = np.concatenate([self.dampings, others.dampings])
+        shapes = np.concatenate([self.shapes, others.shapes], axis=1)
+        return Poles(frequencies, dampings, shapes).at(np.argsort(frequencies).tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class ModalEstimates:
+    """m modes at n sensors, and the covariance of their errors.
+
+    Attributes:
+        method: how they were identified.
+        band_hz: of the search.
+        sensors: their n names.
+        frequencies_hz: (m,), ascending.
+        dampings: (m,), fractions of critical damping.
+        shapes: (n, m), real, at unit length, the largest component positive.
+        covariance: of (ln f, ln ζ, shapes), (2m + mn, 2m + mn); shapes mode by mode. A shape at
+            unit length has no error along itself.
+    """
+
+    method: str
+    band_hz: tuple[float, float]
+    sensors: tuple[str, ...]
+    frequencies_hz: FloatArray
+    dampings: FloatArray
+    shapes: FloatArray
+    covariance: FloatArray
+
+    @property
+    def n_modes(self) -> int:
+        """m"""
+        return len(self.frequencies_hz)
+
+    @property
+    def poles(self) -> Poles:
+        """The modes without their errors."""
+        return Poles(self.frequencies_hz, self.dampings, self.shapes)
+
+    @property
+    def frequency_covs(self) -> FloatArray:
+        """(m,): standard deviation of each frequency over the frequency."""
+        return np.sqrt(self.covariance.diagonal()[: self.n_modes])
+
+    @property
+    def damping_sds(self) -> FloatArray:
+        """(m,): standard deviation of each damping ratio."""
+        m = self.n_modes
+        return self.dampings * np.sqrt(self.covariance.diagonal()[m : 2 * m])
+
+    @property
+    def shape_sds(self) -> FloatArray:
+        """(m,): √(tr Cov φ / (n - 1)), the standard deviation of a component across the shape."""
+        variances = self.covariance.diagonal()[2 * self.n_modes :].reshape(self.n_modes, -1)
+        return np.sqrt(variances.sum(1) / (len(self.sensors) - 1))
+
+    def modal_data(self, source: str = "") -> ModalData:
+        """The modes as data of model classes, labelled 1, 2, … in ascending order of frequency.
+
+        Args:
+            source: where they come from.
+        """
+        rows = zip(
+            self.frequencies_hz, self.frequency_covs, self.shapes.T, self.shape_sds, self.dampings,
+            strict=True,
+        )  # fmt: skip
+        modes = tuple(
+            IdentifiedMode(str(i), float(f), shape, float(cov), float(sd), float(damping))
+            for i, (f, cov, shape, sd, damping) in enumerate(rows, 1)
+        )
+        return ModalData(modes, self.band_hz, self.sensors, source)
+
+    def distances(self, other: ModalEstimates) -> tuple[FloatArray, FloatArray]:
+        """How far the modes are from those of other estimates from the same record.
+
+        Returns:
+            Differences of frequencies and of shapes, (m,) each, over the larger one of the two
+            claimed standard deviations: estimates from one record share its randomness.
+        """
+        claimed = np.maximum(self.frequency_covs, other.frequency_covs)
+        frequencies = np.abs(np.log(self.frequencies_hz / other.frequencies_hz)) / claimed
+        cosines = np.abs((self.shapes * other.shapes).sum(0))
+        lengths = np.sqrt(np.maximum(0.0, 2.0 - 2.0 * cosines))
+        claimed = np.maximum(self.shape_sds, other.shape_sds) * math.sqrt(len(self.sensors) - 1)
+        return frequencies, lengths / claimed
+
+
+def real_shapes(shapes: ComplexArray) -> FloatArray:
+    """Shapes (n, m) rotated to where their real parts are longest, at unit length.
+
+    The largest component is positive.
+    """
+    turned = (shapes * np.exp(-0.5j * np.angle((shapes**2).sum(0)))).real
+    return with_positive_largest(turned / np.sqrt((turned**2).sum(0)))[0]
+
+
+def with_positive_largest(shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Shapes (n, m) with the largest component positive, and the signs (m,) that they took."""
+    largest = np.abs(shapes).argmax(0)
+    signs = np.sign(shapes[largest, np.arange(shapes.shape[1])])
+    return shapes * signs, signs

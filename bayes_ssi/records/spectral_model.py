@@ -1,0 +1,377 @@
+"""The spectral matrices that modes cause, their misfit to measured ones, and its derivatives.
+
+For modes with real shapes P (n, M) at unit length and modal forces of spectral density S = L L*,
+
+    E_k = P N_k Pᵀ + diag(s),    N_k = diag(h) S diag(h)*,
+    h_i = (2πi f)^(-q) / (1 - β² - 2i ζ_i β),  β = f_i / f,
+
+for accelerations (q = 0) and their q-th integrals (Au 2017, Operational Modal Analysis). A
+quasi-static column has h = (2πi f)^(-q): the ground's own motion in absolute accelerations. The s
+are noise of each sensor. The misfit is
+
+    -ln p = Σ_k w_k [ln|E_k| + tr(E_k⁻¹ S̄_k)].
+
+Shapes move in the planes that touch the spheres of unit shapes at the present ones, so that
+derivatives are taken at the planes' origins, and a step returns to the spheres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.records.spectra import ComplexArray, Spectra
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralModel:
+    """Modes, their forces, and noise.
+
+    Attributes:
+        log_frequencies: (m,), ln f_i, f_i in Hz.
+        log_dampings: (m,), ln ζ_i.
+        shapes: (n, M), real at unit length; M is m, or m + 1 with a quasi-static column.
+        forces: (M, r), L, zero above a real diagonal; r is M, or less for fewer sources.
+        log_noise: (n,), ln s.
+    """
+
+    log_frequencies: FloatArray
+    log_dampings: FloatArray
+    shapes: FloatArray
+    forces: ComplexArray
+    log_noise: FloatArray
+
+    @property
+    def n_modes(self) -> int:
+        """m, without the quasi-static column."""
+        return len(self.log_frequencies)
+
+    @cached_property
+    def planes(self) -> FloatArray:
+        """(M, n, n-1): an orthonormal basis of the plane at each shape."""
+        n, n_columns = self.shapes.shape
+        # The complement of a unit vector, by the reflection that turns it into an axis.
+        planes = np.empty((n_columns, n, n - 1))
+        for plane, shape in zip(planes, self.shapes.T, strict=True):
+            q, _ = np.linalg.qr(np.column_stack([shape, np.eye(n)]))
+            plane[:] = q[:, 1:]
+        return planes
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Where each part is in a vector of coordinates."""
+        return Layout.of(self.n_modes, len(self.shapes), *self.forces.shape)
+
+    def moved(self, step: FloatArray) -> SpectralModel:
+        """The model after a step in its coordinates (:attr:`layout`)."""
+        at = self.layout
+        shapes = self.shapes + np.einsum(
+            "jct,jt->cj", self.planes, step[at.shapes].reshape(len(self.planes), -1)
+        )
+        forces = self.forces.copy()
+        n_columns, n_sources = forces.shape
+        forces[np.diag_indices(n_sources)] += step[at.diagonal]
+        rows, columns = np.tril_indices(n_columns, -1, n_sources)
+        forces[rows, columns] += step[at.real] + 1j * step[at.imaginary]
+        return replace(
+            self,
+            log_frequencies=self.log_frequencies + step[at.log_frequencies],
+            log_dampings=self.log_dampings + step[at.log_dampings],
+            shapes=shapes / np.sqrt((shapes**2).sum(0)),
+            forces=forces,
+            log_noise=self.log_noise + step[at.log_noise],
+        )
+
+
+class Layout(NamedTuple):
+    """Slices of a vector of coordinates."""
+
+    log_frequencies: slice
+    log_dampings: slice
+    diagonal: slice
+    real: slice
+    imaginary: slice
+    shapes: slice
+    log_noise: slice
+
+    @classmethod
+    def of(cls, n_modes: int, n: int, n_columns: int, n_sources: int) -> Layout:
+        """For m modes, n sensors, M columns and r sources."""
+        pairs = n_columns * n_sources - n_sources * (n_sources + 1) // 2
+        sizes = (n_modes, n_modes, n_sources, pairs, pairs, n_columns * (n - 1), n)
+        ends = np.cumsum(sizes).tolist()
+        return cls(*(slice(end - size, end) for end, size in zip(ends, sizes, strict=True)))
+
+    @property
+    def n_coordinates(self) -> int:
+        """Length of the vector."""
+        return int(self.log_noise.stop)
+
+    @property
+    def n_of_forms(self) -> int:
+        """Coordinates of the matrices N: frequencies, dampings and forces, which come first."""
+        return int(self.imaginary.stop)
+
+
+class Derivatives(NamedTuple):
+    """Misfit, and its derivatives in the coordinates of the model.
+
+    Attributes:
+        misfit: -ln p without constants.
+        gradient: (p,).
+        information: (p, p), Fisher information.
+        bending: (p, p), positive semidefinite: what the curvature has beyond it because S is
+            quadratic in L, where a column of L vanishes.
+    """
+
+    misfit: float
+    gradient: FloatArray
+    information: FloatArray
+    bending: FloatArray
+
+
+def covariances(model: SpectralModel, frequencies_hz: FloatArray, q: int) -> ComplexArray:
+    """E (K, n, n) at frequencies (K,)."""
+    return _covariances(model, _form(model, _transfer(model, frequencies_hz, q)[0]))
+
+
+def misfit(model: SpectralModel, data: Spectra, q: int) -> float:
+    """-ln p without constants; infinite where a matrix is not positive definite."""
+    try:
+        return _misfit(covariances(model, data.frequencies_hz, q), data)[0]
+    except np.linalg.LinAlgError:
+        return np.inf
+
+
+def gradient(model: SpectralModel, data: Spectra, q: int) -> FloatArray:
+    """(p,)"""
+    form, slopes = _form_and_slopes(model, data, q)
+    inverse = _misfit(_covariances(model, form), data)[1]
+    return _gradient(model, data, form, slopes, inverse)
+
+
+def derivatives(model: SpectralModel, data: Spectra, q: int) -> Derivatives:
+    """Misfit, gradient and Fisher information."""
+    form, slopes = _form_and_slopes(model, data, q)
+    value, inverse = _misfit(_covariances(model, form), data)
+    return Derivatives(
+        value,
+        _gradient(model, data, form, slopes, inverse),
+        _information(model, data, form, slopes, inverse),
+        _bending(_slope_in_density(model, data, q, inverse), model),
+    )
+
+
+def _covariances(model: SpectralModel, form: ComplexArray) -> ComplexArray:
+    covariance = model.shapes @ form @ model.shapes.T
+    diagonal = np.arange(len(model.shapes))
+    covariance[:, diagonal, diagonal] += np.exp(model.log_noise)
+    return covariance
+
+
+def _misfit(covariance: ComplexArray, data: Spectra) -> tuple[float, ComplexArray]:
+    """Misfit and inverses (K, n, n)."""
+    log_determinants = 2.0 * np.log(
+        np.linalg.cholesky(covariance).diagonal(axis1=1, axis2=2).real
+    ).sum(1)
+    inverse: ComplexArray = np.linalg.inv(covariance)
+    traces = np.einsum("kij,kji->k", inverse, data.matrices).real
+    return float((data.weights * (log_determinants + traces)).sum()), inverse
+
+
+def _transfer(
+    model: SpectralModel, frequencies_hz: FloatArray, q: int
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """h (K, M), and its derivatives in ln f and ln ζ (K, m)."""
+    integrals = ((2j * np.pi * frequencies_hz) ** -q)[:, None]
+    beta = np.exp(model.log_frequencies) / frequencies_hz[:, None]
+    damping = np.exp(model.log_dampings)
+    h = 1.0 / (1.0 - beta**2 - 2j * damping * beta)
+    by_frequency = h**2 * (2.0 * beta**2 + 2j * damping * beta) * integrals
+    by_damping = h**2 * (2j * damping * beta) * integrals
+    if model.shapes.shape[1] > model.n_modes:
+        h = np.concatenate([h, np.ones((len(h), 1))], axis=1)
+    return h * integrals, by_frequency, by_damping
+
+
+def _form(model: SpectralModel, h: ComplexArray) -> ComplexArray:
+    """N (K, M, M)"""
+    driven = h[:, :, None] * model.forces
+    return driven @ driven.conj().swapaxes(1, 2)
+
+
+def _form_and_slopes(
+    model: SpectralModel, data: Spectra, q: int
+) -> tuple[ComplexArray, ComplexArray]:
+    """N (K, M, M), and its derivatives (K, a, M, M) in ln f, ln ζ and the entries of L."""
+    h, by_frequency, by_damping = _transfer(model, data.frequencies_hz, q)
+    form = _form(model, h)
+    at, force = model.layout, model.forces
+    density = force @ force.conj().T
+    slopes = np.zeros((len(form), at.n_of_forms, *form.shape[1:]), dtype=complex)
+    for part, by in ((at.log_frequencies, by_frequency), (at.log_dampings, by_damping)):
+        for i, a in enumerate(range(part.start, part.stop)):
+            row = by[:, i, None] * h.conj() * density[i]
+            slopes[:, a, i, :] += row
+            slopes[:, a, :, i] += row.conj()
+    products = h[:, :, None] * h[:, None, :].conj()
+    for a, (i, j, unit) in enumerate(zip(*_entries(force), strict=True), at.diagonal.start):
+        change = np.zeros_like(density)
+        change[i] = unit * force[:, j].conj()
+        slopes[:, a] = products * (change + change.conj().T)
+    return form, slopes
+
+
+def _entries(forces: ComplexArray) -> tuple[NDArray[np.intp], NDArray[np.intp], ComplexArray]:
+    """Row, column and unit (1 or i) of the coordinates of L, in the order of the layout."""
+    n_columns, n_sources = forces.shape
+    diagonal = np.arange(n_sources)
+    rows, columns = np.tril_indices(n_columns, -1, n_sources)
+    units = np.ones(n_sources + 2 * len(rows), dtype=complex)
+    units[n_sources + len(rows) :] = 1j
+    return (
+        np.concatenate([diagonal, rows, rows]),
+        np.concatenate([diagonal, columns, columns]),
+        units,
+    )
+
+
+def _gradient(
+    model: SpectralModel,
+    data: Spectra,
+    form: ComplexArray,
+    slopes: ComplexArray,
+    inverse: ComplexArray,
+) -> FloatArray:
+    at, shapes = model.layout, model.shapes
+    difference = data.weights[:, None, None] * (inverse - inverse @ data.matrices @ inverse)
+    total = np.empty(at.n_coordinates)
+    on_modes = shapes.T @ difference @ shapes
+    total[: at.n_of_forms] = np.einsum("kij,kaji->a", on_modes, slopes, optimize=True).real
+    by_entry = 2.0 * np.einsum("kij,kjc->ci", form, shapes.T @ difference, optimize=True).real
+    total[at.shapes] = np.einsum("ci,ict->it", by_entry, model.planes).ravel()
+    noise = np.exp(model.log_noise)
+    total[at.log_noise] = noise * difference.diagonal(axis1=1, axis2=2).real.sum(0)
+    return total
+
+
+def _information(
+    model: SpectralModel,
+    data: Spectra,
+    form: ComplexArray,
+    slopes: ComplexArray,
+    inverse: ComplexArray,
+) -> FloatArray:
+    """Σ_k w_k Re tr(E⁻¹ ∂_a E E⁻¹ ∂_b E), from matrices of the size of N where that serves.
+
+    With A = E⁻¹, Y = A P, V = Pᵀ Y and F = Y N the terms of the entries (c, i), (d, j) of P are
+    2 Re(F_di F_cj + A_cd (N V N)_ji), that of an entry and dN 2 Re(N V dN Y*)_ic, and those of
+    noise follow from Y dN Y* and A_dc F_di*.
+    """
+    at, shapes, n_columns = model.layout, model.shapes, model.shapes.shape[1]
+    n, n_forms = len(shapes), at.n_of_forms
+    noise, weights = np.exp(model.log_noise), data.weights
+    y = inverse @ shapes
+    v = shapes.T @ y
+    f = y @ form
+    nvn = form @ v @ form
+    products = v[:, None] @ slopes  # (K, a, M, M)
+    information = np.zeros((at.n_coordinates,) * 2)
+
+    flat = np.swapaxes(products, 2, 3).reshape(len(v), n_forms, -1)
+    weighted = weights[:, None, None] * products.reshape(len(v), n_forms, -1)
+    of_forms = np.einsum("kax,kbx->ab", weighted, flat, optimize=True).real
+    information[:n_forms, :n_forms] = of_forms
+
+    w = weights[:, None, None]
+    entries = np.einsum("kdi,kcj->cidj", w * f, f, optimize=True).real
+    entries += np.einsum("kcd,kji->cidj", w * inverse, nvn, optimize=True).real
+    blocks = np.zeros((n, n_columns, n_columns, n - 1))
+    for i, plane in enumerate(model.planes):
+        blocks[:, i, i] = plane
+    planes = blocks.reshape(n * n_columns, -1)
+    information[at.shapes, at.shapes] = 2.0 * planes.T @ entries.reshape(n * n_columns, -1) @ planes
+
+    left = w * form
+    mixed = np.einsum("kil,kalm,kcm->cia", left, products, y.conj(), optimize=True).real
+    mixed = 2.0 * planes.T @ mixed.reshape(n * n_columns, n_forms)
+    information[at.shapes, :n_forms], information[:n_forms, at.shapes] = mixed, mixed.T
+
+    of_noise = np.einsum("kcd,kcd->cd", w * inverse, inverse.conj(), optimize=True).real
+    information[at.log_noise, at.log_noise] = of_noise * noise * noise[:, None]
+    with_shapes = 2.0 * np.einsum("kdc,kdi->dci", w * inverse, f.conj(), optimize=True).real
+    with_shapes = noise[:, None] * with_shapes.reshape(n, -1) @ planes
+    information[at.log_noise, at.shapes] = with_shapes
+    information[at.shapes, at.log_noise] = with_shapes.T
+    with_forms = np.einsum("kdi,kaij,kdj->da", w * y, slopes, y.conj(), optimize=True).real
+    with_forms *= noise[:, None]
+    information[at.log_noise, :n_forms] = with_forms
+    information[:n_forms, at.log_noise] = with_forms.T
+    return information
+
+
+def _slope_in_density(
+    model: SpectralModel, data: Spectra, q: int, inverse: ComplexArray
+) -> ComplexArray:
+    """G (M, M), Hermitian: the misfit changes by tr(G dS)."""
+    h, _, _ = _transfer(model, data.frequencies_hz, q)
+    difference = data.weights[:, None, None] * (inverse - inverse @ data.matrices @ inverse)
+    on_modes = model.shapes.T @ difference @ model.shapes
+    slope: ComplexArray = np.einsum("ki,kij,kj->ij", h.conj(), on_modes, h, optimize=True)
+    return slope
+
+
+def _bending(slope: ComplexArray, model: SpectralModel) -> FloatArray:
+    """The second derivatives of tr(G L L*), G the misfit's slope in S, where it pushes S down.
+
+    Information alone vanishes with a column of L, and steps would grow as it does.
+    """
+    at = model.layout
+    values, vectors = np.linalg.eigh(slope)
+    slope = (vectors * np.maximum(values, 0.0)) @ vectors.conj().T
+    i, j, units = _entries(model.forces)
+    of_forces = (units.conj()[:, None] * slope[i[:, None], i] * units).real
+    bending = np.zeros((at.n_coordinates,) * 2)
+    own = slice(at.diagonal.start, at.imaginary.stop)
+    bending[own, own] = 2.0 * of_forces * (j[:, None] == j)
+    return bending
+
+
+def gain_of_mode(
+    model: SpectralModel, data: Spectra, q: int, mode: tuple[float, float, FloatArray]
+) -> float:
+    """About how many nats the misfit falls by when a mode is added, from derivatives alone.
+
+    Args:
+        model: without the mode.
+        data: spectral matrices.
+        q: how often accelerations were integrated.
+        mode: its frequency in Hz, damping and shape (n,).
+    """
+    frequency, damping, shape = mode
+    m, n_sources = model.n_modes, model.forces.shape[1]
+    wider = replace(
+        model,
+        log_frequencies=np.append(model.log_frequencies, np.log(frequency)),
+        log_dampings=np.append(model.log_dampings, np.log(damping)),
+        shapes=np.insert(model.shapes, m, shape, axis=1),
+        forces=np.insert(model.forces, m, 0.0, axis=0),
+    )
+    # By forces that go with those of other modes, to first order in the new row of L,
+    exact, rows = derivatives(wider, data, q), _entries(wider.forces)[0]
+    own = wider.layout.diagonal.start + np.flatnonzero(rows == m)
+    slope, information = exact.gradient[own], exact.information[np.ix_(own, own)]
+    gain = 0.5 * float(slope @ np.linalg.lstsq(information, slope, rcond=None)[0])
+    # and by forces of its own, to first order in their density.
+    if n_sources == len(model.forces):
+        inverse = _misfit(covariances(wider, data.frequencies_hz, q), data)[1]
+        in_density = float(_slope_in_density(wider, data, q, inverse)[m, m].real)
+        h = _transfer(wider, data.frequencies_hz, q)[0][:, m]
+        motion = np.abs(h) ** 2 * np.einsum("i,kij,j->k", shape, inverse, shape).real
+        gain += 0.5 * min(0.0, in_density) ** 2 / float((data.weights * motion**2).sum())
+    return gain

@@ -1,0 +1,107 @@
+"""Modes from simulated records: right within their claimed errors, which the checks judge."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from simulated_records import simulated_record, truth_of, with_infill
+
+import bayes_ssi as bs
+
+SENSORS = ("floor 1", "floor 2", "floor 3")
+BAND = (0.6, 4.6)
+STRUCTURE = with_infill()
+TRUTH = truth_of(STRUCTURE, SENSORS, damping=0.02)
+
+
+def simulated(seed, **changed):
+    return simulated_record(STRUCTURE, SENSORS, np.random.default_rng(seed), **changed)
+
+
+def errors(estimates):
+    """Frequencies' and shapes' errors in claimed standard deviations."""
+    frequencies = np.log(estimates.frequencies_hz / TRUTH.frequencies_hz) / estimates.frequency_covs
+    cosines = np.abs((estimates.shapes * TRUTH.shapes).sum(0))
+    return frequencies, np.sqrt(2 - 2 * cosines) / (estimates.shape_sds * np.sqrt(2))
+
+
+@pytest.mark.parametrize(
+    ("ground", "loads"), [(False, "independent loads"), (True, "ground motion in one direction")]
+)
+def test_four_modes_with_errors_that_are_right(ground, loads):
+    """Of two records: four modes each, and squares of errors as chi-square has them.
+
+    Shapes at three sensors have two components each: their squares have that mean.
+    """
+    of_frequencies, of_shapes = [], []
+    for seed in range(2):
+        result = bs.identify(simulated(seed, ground=ground), BAND)
+        assert str(result.fit.loads) == loads
+        assert result.quoted is result.bayesian
+        assert not result.failed_checks
+        assert 0.9 < result.fit.whiteness < result.fit.allowed_whiteness
+        for estimates in (result.bayesian, result.era):
+            frequencies, shapes = errors(estimates)
+            assert np.abs(frequencies).max() < 4.0
+            assert shapes.max() < 4.0
+        frequencies, shapes = errors(result.quoted)
+        of_frequencies.append(frequencies)
+        of_shapes.append(shapes)
+    squares = np.array(of_frequencies) ** 2
+    assert chi2(8).cdf(squares.sum()) == pytest.approx(0.5, abs=0.495)
+    squares = 2.0 * np.array(of_shapes) ** 2
+    assert chi2(16).cdf(squares.sum()) == pytest.approx(0.5, abs=0.495)
+
+
+def test_what_is_quoted_is_as_sharp_as_the_record_allows():
+    """Of one mode alone in a band: ζ / (2π N_c) is the variance of ln f (Au 2014, long data)."""
+    result = bs.identify(simulated(0), (0.75, 1.25), at=[0.98])
+    cycles = TRUTH.frequencies_hz[0] * 1200.0
+    expected = np.sqrt(result.quoted.dampings[0] / (2.0 * np.pi * cycles))
+    # Lines beyond the band, 5 % of the information there, and overlapping tapers, 9 %.
+    assert result.quoted.frequency_covs[0] == pytest.approx(1.07 * expected, rel=0.07)
+    data = result.modal_data("test")
+    assert (data.labels, data.sensors, data.band_hz) == (("1",), SENSORS, (0.75, 1.25))
+    assert data.modes[0].frequency_cov == pytest.approx(result.quoted.frequency_covs[0])
+
+
+def test_integrated_records_have_the_same_modes():
+    record = simulated(1, duration_s=300.0)
+    lines = np.fft.rfft(record.samples)
+    lines[:, 0] = 0.0
+    lines[:, 1:] /= 2j * np.pi * np.fft.rfftfreq(record.n_samples, 1.0 / record.rate_hz)[1:]
+    velocity = np.fft.irfft(lines, record.n_samples)
+    integrated = bs.Record(velocity, record.rate_hz, SENSORS, "velocity", "m/s")
+    of_velocity, of_acceleration = (
+        bs.identify(each, BAND, at=TRUTH.frequencies_hz).bayesian for each in (integrated, record)
+    )
+    moves = np.log(of_velocity.frequencies_hz / of_acceleration.frequencies_hz)
+    np.testing.assert_allclose(moves / of_acceleration.frequency_covs, 0.0, atol=0.3)
+
+
+def test_a_spectral_model_that_is_wrong_is_not_quoted():
+    """Without its second mode the model is not white: NExT-ERA is quoted, and that is said."""
+    result = bs.identify(simulated(2, duration_s=600.0), BAND, at=TRUTH.frequencies_hz[[0, 2, 3]])
+    assert not result.fit.is_white
+    assert result.quoted is result.era
+    assert "NExT-ERA is quoted" in result.remarks[-1]
+    # What the Bayesian FFT made of two modes is neither of them.
+    assert "differ by" in result.failed_checks[0]
+
+
+@pytest.mark.parametrize(
+    ("duration", "changed", "message"),
+    [
+        (60.0, {}, "the record is too short to look for modes; give their frequencies as at"),
+        (60.0, {"band_hz": (0.5, 30)}, "30 Hz is beyond 25 Hz, half the rate of the record"),
+        (60.0, {"at": [7.0]}, r"at: frequencies must be within 0.6 to 4.6 Hz, got \[7.0\]"),
+        (
+            8.0,
+            {"at": [1.0, 1.1, 1.2, 1.3], "band_hz": (0.6, 1.7)},
+            "the band has 6 lines of 3 sensors, fewer than the 30 unknowns",
+        ),
+    ],
+)
+def test_what_cannot_be_identified_is_refused(duration, changed, message):
+    record = simulated(0, duration_s=duration)
+    with pytest.raises(ValueError, match=message):
+        bs.identify(record, **{"band_hz": BAND} | changed)
