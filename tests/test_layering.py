@@ -17,7 +17,7 @@ ORDER = (
     "arrays", "argument_types", "versions", "codec", "file_names", "text_files", "error_places",
     "priors", "parameters", "modal",
     "structures", "finite_elements", "solver_files", "response",
-    "data", "records", "identification", "model_class",
+    "data", "identification", "records", "model_class",
     "execution", "sampling", "calibration", "posterior",
     "ranking", "appendages",
     "results", "predictions", "hierarchical",
