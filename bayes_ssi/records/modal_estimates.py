@@ -66,7 +66,7 @@ class ModalEstimates:
 
     @property
     def n_modes(self) -> int:
-        """m"""
+        """Number of modes, m."""
         return len(self.frequencies_hz)
 
     @property
@@ -76,18 +76,18 @@ class ModalEstimates:
 
     @property
     def frequency_covs(self) -> FloatArray:
-        """(m,): standard deviation of each frequency over the frequency."""
+        """Standard deviation of each frequency over the frequency (m,)."""
         return np.sqrt(self.covariance.diagonal()[: self.n_modes])
 
     @property
     def damping_sds(self) -> FloatArray:
-        """(m,): standard deviation of each damping ratio."""
+        """Standard deviation of each damping ratio (m,)."""
         m = self.n_modes
         return self.dampings * np.sqrt(self.covariance.diagonal()[m : 2 * m])
 
     @property
     def shape_sds(self) -> FloatArray:
-        """(m,): √(tr Cov φ / (n - 1)), the standard deviation of a component across the shape."""
+        """Standard deviation of a component across its shape (m,), √(tr Cov φ / (n - 1))."""
         variances = self.covariance.diagonal()[2 * self.n_modes :].reshape(self.n_modes, -1)
         return np.sqrt(variances.sum(1) / (len(self.sensors) - 1))
 
