@@ -30,6 +30,17 @@ if TYPE_CHECKING:
               help="Label of the degree of freedom that a sensor measures, as in 'roof=12 x', "
               "where the data do not name it so; repeatable.")  # fmt: skip
 @click.option(
+    "--points", type=click.Path(path_type=Path), metavar="FILE",
+    help="Coordinates of sensors, for which the nearest nodes are taken: CSV with columns sensor, "
+    "x_coord, y_coord, z_coord, direction, or a universal file.",
+)  # fmt: skip
+@click.option(
+    "--points-scale", type=float, default=1.0, metavar="FACTOR",
+    help="Factor of these coordinates, to those of the model after --units.",
+)  # fmt: skip
+@click.option("--band", type=(float, float), metavar="LOW HIGH",
+              help="Band of the search in Hz, where the data are a universal file.")  # fmt: skip
+@click.option(
     "--units", metavar="UNITS", help="Units of the model, as in 'N, mm': turns it into N, m, kg."
 )
 @click.option(
@@ -43,6 +54,9 @@ def import_model(
     checks: tuple[str, ...],
     data: Path | None,
     sensors: tuple[str, ...],
+    points: Path | None,
+    points_scale: float,
+    band: tuple[float, float] | None,
     units: str | None,
     mass_kg: float | None,
 ) -> None:
@@ -51,7 +65,9 @@ def import_model(
     Stiffness and mass become sums of matrices times powers of factors of the altered properties,
     by differences of the exports. Nothing is overwritten.
     """
+    from bayes_ssi.commands.imported_sensors import imported_sensors
     from bayes_ssi.commands.imported_study import write_imported_study
+    from bayes_ssi.data.modal_files import read_modal_data
     from bayes_ssi.solver_files.model_files import read_model
     from bayes_ssi.solver_files.parameter_matrices import Export, parameter_matrices
 
@@ -59,6 +75,8 @@ def import_model(
         factors, path = _factors_and_file(text, option)
         return Export(path, factors, read_model(path, units=units))
 
+    modes = None if data is None else read_modal_data(data, band_hz=band)
+    labels = dict(_sensor(text) for text in sensors)
     if not changed:
         raise ValueError("--changed: give at least one export with an altered property")
     model = read_model(nominal, units=units, mass_kg=mass_kg)
@@ -67,17 +85,17 @@ def import_model(
         [read(text, "--changed") for text in changed],
         [read(text, "--check") for text in checks],
     )
-    study, modes = write_imported_study(
-        name, matrices, data, dict(_sensor(text) for text in sensors), _command()
-    )
-    written = data is not None
+    placed = imported_sensors(model, modes, labels, points, points_scale)
+    study, modes_file = write_imported_study(name, matrices, data, band, placed.places, _command())
+    to_come = "" if data is not None else f" Put the modes into {modes_file}."
     say(
         console(),
         str(model),
         *_formulas(matrices),
-        f"Wrote {study} and its matrices." + ("" if written else f" Put the modes into {modes}."),
+        *placed.lines,
+        f"Wrote {study} and its matrices.{to_come}",
         "Next:",
-        f"  {shlex.join(['bayes-ssi', 'check', str(modes)])}",
+        *([f"  {shlex.join(['bayes-ssi', 'check', str(modes_file)])}"] if band is None else []),
         f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
     )
 

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any
 from bayes_ssi.file_names import file_names
 
 if TYPE_CHECKING:
-    from bayes_ssi.data.modal_data import ModalData
-    from bayes_ssi.solver_files.exported_model import ExportedModel
     from bayes_ssi.solver_files.parameter_matrices import ParameterMatrices, Term
 
 LABELS = "labels.txt"
@@ -24,7 +22,8 @@ def write_imported_study(
     name: Path,
     matrices: ParameterMatrices,
     data: Path | None,
-    sensors: Mapping[str, str],
+    band_hz: tuple[float, float] | None,
+    places: Mapping[str, str],
     command: str,
 ) -> tuple[Path, Path]:
     """Write a study and a folder of its matrices.
@@ -33,7 +32,8 @@ def write_imported_study(
         name: name of the study, with or without ``.py``; its directory must exist.
         matrices: stiffness and mass, whose model has labels.
         data: the identified modes; ``NAME.csv`` if None, which need not exist.
-        sensors: sensor → label of a degree of freedom, where the data name it otherwise.
+        band_hz: of a universal file, which does not state it.
+        places: sensor → label of a degree of freedom.
         command: the command line, which the study states.
 
     Returns:
@@ -41,7 +41,7 @@ def write_imported_study(
 
     Raises:
         FileExistsError: a file or folder exists; nothing is written.
-        ValueError: the model has no labels, or a sensor is none of them.
+        ValueError: the name is not a file name.
         OSError: the files cannot be read or written.
     """
     from bayes_ssi.results.new_directory import new_directory
@@ -53,52 +53,14 @@ def write_imported_study(
     for path in (study, folder):
         if path.exists():
             raise FileExistsError(f"{path}: exists already and is not overwritten")
-    model = matrices.nominal
-    if model.labels is None:
-        raise ValueError("the nominal export has no labels, by which sensors are named")
-    modes = _modes(data)
-    places = _places(model, modes, sensors)
     csv_path = name.with_name(name.name + ".csv") if data is None else data
     files = file_names(_names(matrices), "npz")
-    text = _study(study, folder, csv_path, matrices, files, places, command)
+    text = _study(folder, _read(csv_path, study, band_hz), matrices, files, places, command)
     with new_directory(folder, marker=LABELS) as partial:
         _write_matrices(partial, matrices, files)
         with study.open("x", encoding="utf-8") as file:
             file.write(text)
     return study, csv_path
-
-
-def _modes(data: Path | None) -> ModalData | None:
-    from bayes_ssi.data.modal_files import read_modal_data
-
-    return None if data is None else read_modal_data(data)
-
-
-def _places(
-    model: ExportedModel, modes: ModalData | None, sensors: Mapping[str, str]
-) -> dict[str, str]:
-    """Sensor → label, of the sensors of the data, or of those given where there are none."""
-    names = list(modes.sensors) if modes is not None else list(sensors)
-    places = {name: sensors.get(name, name) for name in names}
-    unused = next((name for name in sensors if name not in places), None)
-    if unused is not None:
-        raise ValueError(f"--sensor: the data have no sensor {unused!r}; they have {names}")
-    known = set(model.labels or ())
-    for name, label in places.items():
-        if label not in known:
-            hint = _hint(model, label)
-            raise ValueError(
-                f"sensor {name!r}: no degree of freedom is labelled {label!r}{hint}; name it by "
-                f"--sensor {name!r}=LABEL, with a label such as {next(iter(model.labels or ()))!r}"
-            )
-    return places
-
-
-def _hint(model: ExportedModel, label: str) -> str:
-    if label not in model.dependent:
-        return ""
-    rows = ", ".join(f"{factor:g} times {row!r}" for row, factor in model.dependent[label].items())
-    return f": a constraint makes it {rows}"
 
 
 def _names(matrices: ParameterMatrices) -> Iterable[str]:
@@ -134,9 +96,8 @@ def _write_csv(path: Path, rows: Iterable[Iterable[str]]) -> None:
 
 
 def _study(
-    study: Path,
     folder: Path,
-    data: Path,
+    data: str,
     matrices: ParameterMatrices,
     files: Mapping[str, str],
     places: Mapping[str, str],
@@ -154,7 +115,7 @@ def _study(
         "PROGRAM": f"{model.program}, {model.size} degrees of freedom, {model.units}",
         "COMMAND": command,
         "FOLDER": _quoted(folder.name),
-        "DATA": _path_in_study(data, study),
+        "DATA": data,
         "PROPERTIES": _quoted(properties),
         "STIFFNESS": _terms("K", matrices.stiffness, files),
         "MASS": _terms("M", matrices.mass, files),
@@ -208,6 +169,12 @@ def _sensors(places: Mapping[str, str]) -> str:
         return "list(modes.sensors)"
     lines = (f"    {_quoted(name)}: {_quoted(label)},\n" for name, label in places.items())
     return "{\n" + "".join(lines) + "}"
+
+
+def _read(data: Path, study: Path, band_hz: tuple[float, float] | None) -> str:
+    """The arguments by which the study reads its data."""
+    path = _path_in_study(data, study)
+    return path if band_hz is None else f"{path}, band_hz={band_hz}"
 
 
 def _path_in_study(data: Path, study: Path) -> str:

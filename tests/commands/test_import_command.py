@@ -126,6 +126,30 @@ def test_what_is_refused_leaves_nothing(folder, arguments, message):
     assert sorted(folder.iterdir()) == before
 
 
+@pytest.mark.usefixtures("tower")
+def test_sensors_by_coordinates():
+    """The nearest nodes, with the distances; in mm they are refused."""
+    (at,) = Path("modes.csv").read_text().splitlines()[1:2]
+    names = at.split(",")[2:]
+    nodes = bs.read_model("tower.sti").geometry.nodes
+    for scale, file in ((1.0, "m.csv"), (1000.0, "mm.csv")):
+        rows = ["sensor,direction,x_coord,y_coord,z_coord"]
+        for name in names:
+            node, direction = name.split()
+            x, y, z = nodes[node]
+            rows.append(f"{name},{direction},{scale * x},{scale * (y + 0.01)},{scale * z}")
+        Path(file).write_text("\n".join([*rows, ""]))
+    arguments = ("tower", "--nominal", "tower.sti", "--changed", "lower=1.2:lower.sti")
+    refused = run(*arguments, "--data", "modes.csv", "--points", "mm.csv")
+    assert refused.exit_code == 2
+    assert "times 0.001 (mm to m): state the factor by --points-scale" in refused.output
+    done = run(*arguments, "--data", "modes.csv", "--points", "mm.csv", "--points-scale", "0.001")
+    assert done.exit_code == 0, done.output
+    assert "340 x: 340 x, 0.01 away" in done.output.splitlines()
+    assert "Nominal frequencies: 1.943, 2.716, 12.1, 16.8 Hz" in done.output
+    assert "(!) with" not in done.output
+
+
 @pytest.mark.parametrize("taken", ["study.py", "study_matrices"])
 def test_nothing_is_overwritten(folder, taken):
     (folder / taken).write_text("precious")

@@ -1,0 +1,153 @@
+"""Sensors by coordinates; and axes and units of a test against the nominal model."""
+
+import math
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.data.nominal_comparison import compared_with_nominal
+from bayes_ssi.solver_files.exported_model import Matrices, exported_model
+from bayes_ssi.solver_files.sensor_points import (
+    SensorPoint,
+    exchanged,
+    nearest_degrees_of_freedom,
+    points_of_universal_file,
+    read_sensor_points,
+)
+
+HEIGHTS = {"1": 0.0, "2": 3.0, "3": 6.0, "4": 9.0}
+LABELS = [f"{node} {direction}" for node in "234" for direction in "xy"]
+
+CHAIN = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+
+
+def tower():
+    """Three masses on springs, three times as stiff in y as in x."""
+    stiffness = np.kron(CHAIN, np.diag([1e3, 3e3]))
+    geometry = bs.Geometry({node: (0.0, 0.5, height) for node, height in HEIGHTS.items()})
+    return exported_model(
+        "test", Matrices(stiffness, np.eye(6), "K", "M", labels=LABELS, geometry=geometry)
+    )
+
+
+def points(scale=1.0):
+    return [
+        SensorPoint(f"{axis}{i}", (0.1 * scale, 0.5 * scale, 3.0 * i * scale + 0.2 * scale), axis)
+        for i in (1, 2, 3)
+        for axis in "xy"
+    ]
+
+
+def modes(frequency_factor=1.0):
+    structure = bs.MatrixStructure(tower().stiffness, tower().mass, labels=LABELS, n_modes=4)
+    frequencies, shapes = (each[0] for each in structure.modes(np.empty((1, 0))))
+    return bs.ModalData(
+        tuple(
+            bs.IdentifiedMode(str(i + 1), frequency_factor * float(frequencies[i]), shapes[:, i])
+            for i in range(3)
+        ),
+        (0.0, 1e4),
+        sensors=tuple(LABELS),
+    )
+
+
+def test_nearest_nodes_and_their_distances():
+    mapped = nearest_degrees_of_freedom(points(), tower())
+    assert {each.name: each.label for each in mapped} == {
+        "x1": "2 x", "y1": "2 y", "x2": "3 x", "y2": "3 y", "x3": "4 x", "y3": "4 y",
+    }  # fmt: skip
+    for each in mapped:
+        assert each.distance == pytest.approx(math.hypot(0.1, 0.2))
+
+
+def test_other_units_are_refused_and_named():
+    in_mm = points(scale=1000.0)
+    with pytest.raises(
+        ValueError, match=r"up to \d+ from .* but 0.2236 .* 0.001 \(mm to m\): state"
+    ):
+        nearest_degrees_of_freedom(in_mm, tower())
+    mapped = nearest_degrees_of_freedom(in_mm, tower(), scale=1e-3)
+    assert max(each.distance for each in mapped) == pytest.approx(math.hypot(0.1, 0.2))
+
+
+def test_two_sensors_at_one_node_and_no_such_direction():
+    close = [SensorPoint("a", (0.0, 0.5, 3.1), "x"), SensorPoint("b", (0.0, 0.5, 2.9), "x")]
+    with pytest.raises(ValueError, match=r"sensors 'a' and 'b' are nearest to the same .* '2 x'"):
+        nearest_degrees_of_freedom(close, tower())
+    with pytest.raises(ValueError, match=r"no node with coordinates moves along z"):
+        nearest_degrees_of_freedom([SensorPoint("a", (0.0, 0.0, 3.0), "z")], tower())
+
+
+def test_points_from_a_file(tmp_path):
+    path = tmp_path / "points.csv"
+    path.write_text("# of 12 May\nsensor,direction,x_coord,y_coord,z_coord\nroof x,x,0.1,0.5,9.2\n")
+    assert read_sensor_points(path) == (SensorPoint("roof x", (0.1, 0.5, 9.2), "x"),)
+    for text, message in (
+        ("sensor,x,y,z\na,1,2,3\n", r"points.csv: must have the columns sensor, x_coord"),
+        ("sensor,direction,x_coord,y_coord,z_coord\na,-x,1,2,3\n", r"line 2: .* got '-x'; where"),
+        ("sensor,direction,x_coord,y_coord,z_coord\na,x,1,2\n", r"line 2: must have a cell in"),
+        (
+            "sensor,direction,x_coord,y_coord,z_coord\na,x,1,2,q\n",
+            r"line 2: must have three finite",
+        ),
+    ):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=message):
+            read_sensor_points(path)
+
+
+def test_points_of_a_universal_file(tmp_path):
+    pyuff = pytest.importorskip("pyuff", reason="pip install bayes_ssi[uff]")
+    path = tmp_path / "test.uff"
+    nodes = {"type": 15, "node_nums": [7, 9], "x": [0.0, 0.1], "y": [0.5, 0.5], "z": [3.2, 9.1]}
+    pyuff.UFF(str(path)).write_sets([nodes], mode="add")
+    (point,) = points_of_universal_file(path, ["9 y"])
+    assert point == SensorPoint("9 y", (pytest.approx(0.1), pytest.approx(0.5), 9.1), "y")
+    with pytest.raises(ValueError, match=r"sensor '8 y' is at none of its 2 nodes"):
+        points_of_universal_file(path, ["8 y"])
+
+
+def by_label(axes):
+    return {name: f"{name[0]} {axes[name[2]]}" for name in LABELS if axes[name[2]] != "z"}
+
+
+def places(axes):
+    found = by_label(axes)
+    return found if len(found) == len(LABELS) else None
+
+
+def test_the_right_axes_pass():
+    comparison = compared_with_nominal(tower(), modes(), places)
+    assert comparison.exchange is None
+    assert comparison.lines == (
+        f"Nominal frequencies: {', '.join(f'{f:.4g}' for f in comparison.identified_hz)} Hz; "
+        f"identified: {', '.join(f'{f:.4g}' for f in comparison.identified_hz)} Hz.",
+    )
+
+
+def test_exchanged_axes_are_said():
+    """A tower that is soft 20° off x: along (cos, sin), which exchanged is (sin, cos)."""
+    angle = math.radians(20.0)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    stiffness = np.kron(CHAIN, turn @ np.diag([1e3, 9e3]) @ turn.T)
+    model = exported_model("test", Matrices(stiffness, np.eye(6), "K", "M", labels=LABELS))
+    sway = np.kron([1.0, 1.8, 2.25], turn[:, 0][::-1])
+    data = bs.ModalData((bs.IdentifiedMode("1", 2.0, sway),), (0.0, 1e4), sensors=tuple(LABELS))
+    exchange = compared_with_nominal(model, data, places).exchange
+    assert exchange.axes == {"x": "y", "y": "x", "z": "z"}
+    assert exchange.mean_mac == pytest.approx(1.0, abs=1e-4)
+    # (sin, cos) · (cos, sin), squared; sway across is no mode as low.
+    assert exchange.stated_mean_mac == pytest.approx(math.sin(2.0 * angle) ** 2, abs=1e-4)
+    assert "x of the test as y, y of the test as x" in str(exchange)
+
+
+def test_points_are_exchanged_with_their_directions():
+    (moved,) = exchanged([SensorPoint("a", (1.0, 2.0, 3.0), "x")], {"x": "z", "y": "x", "z": "y"})
+    # x of the test is z of the model, y is x, and z is y.
+    assert moved == SensorPoint("a", (2.0, 3.0, 1.0), "z")
+
+
+def test_units_that_do_not_belong_together_are_said():
+    comparison = compared_with_nominal(tower(), modes(frequency_factor=math.sqrt(1000.0)), places)
+    assert comparison.lines[1].startswith("(!) The lowest nominal frequency is 0.0316 times")
