@@ -1,16 +1,19 @@
 """Approximate evidences of hypotheses, and which of them are sampled."""
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from searches import INFILL_12, ONE, PENDULUM_1
+from searches import INFILL_12, ONE, PENDULUM_1, screened
 
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
-from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis
+from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis, scale_of
 from bayes_ssi.appendages.sampling_choice import most_probability_unsampled, to_sample
-from bayes_ssi.appendages.screening import ToScreen, screen, screen_all
+from bayes_ssi.appendages.screening import FULL, QUICK, SCAN, ToScreen, screen, screen_all
+from bayes_ssi.appendages.screening_in_steps import screen_best
 from bayes_ssi.sampling.estimates import Estimate
 
 
@@ -116,3 +119,102 @@ def test_all_are_sampled_on_request(bare, fake_sampling):
 def test_a_share_that_is_no_probability_is_refused(share):
     with pytest.raises(ValueError, match="most_unsampled must be at least 0 and below 1"):
         SearchSettings(most_unsampled=share)
+
+
+def storeys_by_matrices(baseline):
+    """The same class with the building by its matrices, in a reduced basis."""
+    one = (math.pi / math.sin(math.pi / 14.0)) ** 2
+    storeys = []
+    for storey, k in enumerate(baseline.structure.parameters):
+        drift = np.zeros(3)
+        drift[storey] = 1.0
+        if storey:
+            drift[storey - 1] = -1.0
+        storeys.append((k, one * np.outer(drift, drift)))
+    model = bs.MatrixStructure(storeys, np.eye(3), labels=baseline.data.sensors, n_modes=3)
+    return baseline.with_structure(model.reduced(), baseline.name)
+
+
+def test_a_search_by_matrices_is_that_of_the_building(bare, found_in_case_c):
+    """The same hypotheses, named by the same candidates: the evidences agree."""
+    made = storeys_by_matrices(bare)
+    floors = made.data.sensors
+    candidates = [bs.Candidate(str(i), floor) for i, floor in enumerate(floors, 1)]
+    ends = (0, *floors)
+    candidates += [bs.Candidate(f"{i}-{i + 1}", ends[i], to=ends[i + 1]) for i in range(3)]
+    scale = scale_of(made).mass
+    settings = SearchSettings(
+        mass_ratio=bs.LogNormal(0.05 / scale, 1.0), number_weights=(1.0, 1.0), most_sampled=1
+    )
+    coarse = bs.SamplingSettings(log_evidence_error=0.2)
+    record = search(made, settings, settings=coarse, candidates=candidates).record
+    expected = {row.name: row for row in found_in_case_c.record.hypotheses}
+    assert {row.name for row in record.hypotheses} == expected.keys()
+    for row in record.hypotheses:
+        assert row.screened == pytest.approx(expected[row.name].screened, abs=0.4)
+        assert row.log_evidence == pytest.approx(row.screened, abs=0.4)
+    assert record.n_unsampled == 5
+    best = record.hypotheses[0]
+    assert (best.name, best.is_sampled) == ("infill 1-2", True)
+    masses = expected["infill 1-2"].appendages[0].mass
+    assert best.appendages[0].mass == pytest.approx(masses, rel=0.2)
+
+
+def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(monkeypatch):
+    """Of forty, one has 0.97 of what all have, one 0.03 and the others a millionth."""
+    calls = []
+
+    def screen_all(hypotheses, seed, run, effort):
+        del seed, run
+        calls.append((effort, len(hypotheses)))
+        return [screened(each, each.parameter_names[0]) for each in hypotheses]
+
+    monkeypatch.setattr("bayes_ssi.appendages.screening_in_steps.screen_all", screen_all)
+    heights = [0.0, math.log(0.03), *[math.log(1e-6)] * 38]
+    hypotheses = [SimpleNamespace(parameter_names=(height,)) for height in heights]
+    results = screen_best(hypotheses, [1.0] * 40, 1, 0, bs.Run())
+    assert [each.log_evidence for each in results] == heights
+    assert calls == [(QUICK, 40), (FULL, 2)]
+    calls.clear()
+    screen_best(10 * hypotheses, [1.0] * 400, 2, 0, bs.Run())
+    assert calls == [(SCAN, 400), (QUICK, 300), (FULL, 20)]
+    calls.clear()
+    screen_best(hypotheses[:30], [1.0] * 30, 1, 0, bs.Run())
+    assert calls == [(FULL, 30)]
+
+
+@pytest.mark.parametrize("place", [INFILL_12, PENDULUM_1])
+def test_quick_screening_agrees_with_full_screening(bare, place):
+    parent = screen(ToScreen(hypothesis(bare, ()), None), 0)
+    candidate = ToScreen(hypothesis(bare, (place,)), parent)
+    full, quick = (screen(candidate, 1, effort) for effort in (FULL, QUICK))
+    assert quick.log_evidence == pytest.approx(full.log_evidence, abs=0.5)
+    assert quick.n_evaluations < 0.3 * full.n_evaluations
+
+
+def test_a_scan_agrees_with_full_screening_where_nothing_is_explained(bare):
+    """The modes of the building itself: the new appendage's posterior is nearly its prior."""
+    modes = bare.structure.modes(np.ones((1, 3)))
+    identified = tuple(
+        bs.IdentifiedMode(str(j), float(modes.frequencies_hz[0, j]), modes.shapes[0, :, j])
+        for j in range(3)
+    )
+    made = replace(
+        bare, data=bs.ModalData(identified, (0.0, 6.0), bare.data.sensors), pairing="any"
+    )
+    parent = screen(ToScreen(hypothesis(made, ()), None), 0)
+    candidate = ToScreen(hypothesis(made, (PENDULUM_1,)), parent)
+    full, scan = (screen(candidate, 1, effort) for effort in (FULL, SCAN))
+    assert full.log_evidence < parent.log_evidence
+    assert scan.log_evidence == pytest.approx(full.log_evidence, abs=0.5)
+    assert (scan.n_evaluations, math.isnan(scan.laplace)) == (250, True)
+
+
+def test_a_few_of_many_alike_are_not_sampled():
+    """Of five alike none has the permitted probability of a quarter; limits are kept."""
+    alike = estimates(*[0.0] * 5)
+    assert len(to_sample(alike, {}, 0.25, 2)) == 1  # something must be
+    assert to_sample(alike, {"a": 0.0}, 0.25, 2) == []
+    unequal = estimates(0.0, 1.0, -1.0)
+    assert to_sample(unequal, {}, 0.05, 2) == ["b", "a"]
+    assert to_sample(unequal, {"b": 1.0, "a": 0.0}, 0.05, 2) == []
