@@ -233,7 +233,8 @@ def _requirements(
 
 def _n_needed(likelihood: ModalLikelihood, values: FloatArray) -> int:
     """Number of lowest model modes that are paired, or lie in or near the band, at ``values``."""
-    paired = int(likelihood.pairs.model_modes.max(initial=0)) + 1
+    # Where any pairing is possible, none is given.
+    paired = max(likelihood.pairing.values(), default=1)
     frequencies = likelihood.modes(values).frequencies_hz
     reached = frequencies < NEAR_THE_BAND * likelihood.data.band_hz[1]
     return max(paired, int(reached.sum(axis=1).max(initial=0)))
