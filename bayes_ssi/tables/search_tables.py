@@ -6,7 +6,8 @@ from rich.table import Table
 
 from bayes_ssi.appendages.search_result import AppendageSearch, HypothesisRecord, SearchRecord
 from bayes_ssi.ranking.comparison import PROBABLE, probability_text
-from bayes_ssi.tables.layout import add_row, interval, new_table
+from bayes_ssi.results.wording import quantity
+from bayes_ssi.tables.layout import add_row, new_table
 
 # Hypotheses and places listed in a terminal; the saved result has all.
 HYPOTHESES_SHOWN, PLACES_SHOWN = 8, 8
@@ -76,8 +77,7 @@ def place_table(record: SearchRecord) -> Table:
     )
     places = record.places_by_probability
     for each in places[:PLACES_SHOWN]:
-        mass = _interval(each.appendage.mass, ".3g")
-        frequency = _interval(each.appendage.frequency_hz, ".3g")
+        mass, frequency = quantity(*each.appendage.mass), quantity(*each.appendage.frequency_hz)
         add_row(table, each.place.name, probability_text(each.probability), mass, frequency)
     others = places[PLACES_SHOWN:]
     if others:
@@ -104,7 +104,7 @@ def appendage_table(search: AppendageSearch) -> Table | None:
     for row in rows:
         for i, each in enumerate(row.appendages):
             name = row.name if i == 0 else ""
-            mass, frequency = _interval(each.mass, ".3g"), _interval(each.frequency_hz, ".3g")
+            mass, frequency = quantity(*each.mass), quantity(*each.frequency_hz)
             add_row(table, name, each.place.name, mass, frequency)
     return table
 
@@ -174,8 +174,3 @@ def unsampled_note(record: SearchRecord) -> str:
         "hypotheses; probability together at most "
         f"{probability_text(record.most_probability_unsampled)}."
     )
-
-
-def _interval(numbers: tuple[float, float, float], form: str) -> str:
-    low, middle, high = numbers
-    return f"{middle:{form}} ({interval(low, high, form)})"

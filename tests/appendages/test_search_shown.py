@@ -15,6 +15,7 @@ from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.result_figures import save_figures
 from bayes_ssi.ranking.comparison import probability_text
+from bayes_ssi.results.wording import quantity
 from bayes_ssi.tables import (
     appendage_table,
     averaged_table,
@@ -81,17 +82,14 @@ def test_every_place_has_its_probability_mass_and_frequency(found_in_case_c):
     (row,) = [row for row in found_in_case_c.record.hypotheses if row.name == "infill 1-2"]
     assert probabilities[0] == probability_text(row.probability)
     (infill,) = row.appendages
-    for text, (low, middle, high) in (
-        (masses[0], infill.mass), (frequencies[0], infill.frequency_hz)
-    ):  # fmt: skip
-        assert text == f"{middle:.3g} ({low:.3g} to {high:.3g})"
+    assert masses[0] == quantity(*infill.mass)
+    assert frequencies[0] == quantity(*infill.frequency_hz)
 
 
 def test_hypotheses_with_several_appendages_have_a_table(of_a_tall_building):
     rows = [row for row in of_a_tall_building.record.hypotheses if len(row.appendages) > 1]
     text = "\n".join(lines(appendage_table(of_a_tall_building)))
-    low, middle, high = rows[0].appendages[1].mass
-    assert f"{middle:.3g} ({low:.3g} to {high:.3g})" in text
+    assert quantity(*rows[0].appendages[1].mass) in text
 
 
 def test_the_places_that_no_row_shows_are_summed(of_a_tall_building):
