@@ -54,8 +54,8 @@ def deck(cells: tuple[int, int, int], lower: float, upper: float, solver: str) -
     for name, factor in (("LOWER", lower), ("UPPER", upper)):
         lines += [f"*MATERIAL, NAME={name}", "*ELASTIC", f"{YOUNG * factor!r}, {POISSON}"]
         lines += ["*DENSITY", f"{DENSITY}", f"*SOLID SECTION, ELSET={name}, MATERIAL={name}"]
-    held = (node(cells, i, j, 0) for j, i in product(range(ny + 1), range(nx + 1)))
-    lines += ["*BOUNDARY", *(f"{each}, 1, 3" for each in held), "*STEP"]
+    restrained = (node(cells, i, j, 0) for j, i in product(range(ny + 1), range(nx + 1)))
+    lines += ["*BOUNDARY", *(f"{each}, 1, 3" for each in restrained), "*STEP"]
     lines += [f"*FREQUENCY{solver}", str(FREQUENCIES), "*END STEP", ""]
     return "\n".join(lines)
 

@@ -178,7 +178,7 @@ def _read(data: Path, study: Path, band_hz: tuple[float, float] | None) -> str:
 
 
 def _path_in_study(data: Path, study: Path) -> str:
-    """An expression for the file of the data, relative to the study where it is beside it."""
+    """An expression for the file of the data, relative to the study in the same folder."""
     if data.resolve().parent == study.resolve().parent:
         return f"here.with_name({_quoted(data.name)})"
     return f"Path({_quoted(str(data.resolve()))})"

@@ -99,9 +99,9 @@ def compared_with_nominal(
     """
     mapped = {}
     for order in permutations(TRANSLATIONS):
-        found = places(dict(zip(TRANSLATIONS, order, strict=True)))
-        if found is not None and len(set(found.values())) == len(found):
-            mapped[order] = [found[name] for name in modes.sensors]
+        labels_of = places(dict(zip(TRANSLATIONS, order, strict=True)))
+        if labels_of is not None and len(set(labels_of.values())) == len(labels_of):
+            mapped[order] = [labels_of[name] for name in modes.sensors]
     labels = list(dict.fromkeys(label for each in mapped.values() for label in each))
     n = len(modes.modes)
     # As many again as were identified, for those that were missed.

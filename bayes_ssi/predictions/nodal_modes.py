@@ -25,7 +25,7 @@ class NodalModes:
         frequencies_hz: (n_modes,).
         displacements: (n_modes, n_nodes, 6), along x, y, z and about them, the largest
             displacement of a mode being 1; zero where the
-            model has no row, as where a node is held.
+            model has no row, as where a node is restrained.
     """
 
     nodes: tuple[str, ...]
@@ -56,7 +56,7 @@ def nodal_modes(structure: Structure, values: FloatArray) -> NodalModes:
         )
     geometry = structure.geometry
     known = {} if geometry is None else geometry.nodes
-    nodes = tuple(dict.fromkeys([*known, *moving]))  # held nodes are drawn, too
+    nodes = tuple(dict.fromkeys([*known, *moving]))  # restrained nodes are drawn, too
     number = {node: i for i, node in enumerate(nodes)}
     displacements = np.zeros((len(frequencies), len(nodes), len(DIRECTIONS)))
     for row, place in enumerate(places):

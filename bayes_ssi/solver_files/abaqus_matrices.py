@@ -4,7 +4,7 @@
 ``job_STIFn.mtx`` and ``job_MASSn.mtx``, n being the step (Abaqus Analysis Guide, "Generating
 matrices"; Keywords Guide, ``*MATRIX INPUT``). Each line has, separated by commas, the node and
 degree of freedom of a row, those of a column, and the entry (FORMAT=MATRIX INPUT, the default, or
-LABELS); of a symmetric matrix one triangle or both. Held degrees of freedom have 1e36 on the
+LABELS); of a symmetric matrix one triangle or both. Restrained degrees of freedom have 1e36 on the
 diagonal of the stiffness. Nodes numbered 0 or less are Abaqus's own (multipliers of constraints).
 FORMAT=COORDINATE (row, column, entry) does not say which row is which degree of freedom.
 
@@ -27,13 +27,13 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.solver_files.abaqus_substructures import is_substructure, read_substructure
 from bayes_ssi.solver_files.directions import DIRECTIONS, INTERNAL, label
 from bayes_ssi.solver_files.exported_model import Matrices
-from bayes_ssi.solver_files.formats import Format, Source, beside
+from bayes_ssi.solver_files.formats import Format, Source, file_named
 from bayes_ssi.solver_files.input_decks import geometry_of_deck
 from bayes_ssi.solver_files.number_lines import read_number_lines
 from bayes_ssi.solver_files.triangles import from_entries, rows_from_one, whole_numbers
 
-# What Abaqus writes on the diagonal of the stiffness for a held degree of freedom.
-HELD = 1e36
+# What Abaqus writes on the diagonal of the stiffness for a restrained degree of freedom.
+RESTRAINED = 1e36
 _LABELLED = "row node, its degree of freedom, column node, its degree of freedom, entry"
 _STIFFNESS_NAME = re.compile(r"_STIF(?=\d+$)", re.IGNORECASE)
 _STEP = re.compile(r"_STIF\d+$", re.IGNORECASE)
@@ -53,11 +53,11 @@ def _read(source: Source) -> Matrices:
     with path.open("rb") as file:
         if is_substructure(file.read(8192)):
             return read_substructure(path)
-    by_name = beside(path, _STIFFNESS_NAME.sub("_MASS", path.stem) + path.suffix)
+    by_name = file_named(path, _STIFFNESS_NAME.sub("_MASS", path.stem) + path.suffix)
     mass = source.mass or (by_name if by_name and by_name.name != path.name else None)
     if mass is None:
         raise ValueError(
-            f"{path}: name the file of the stiffness, job_STIFn.mtx, beside which job_MASSn.mtx "
+            f"{path}: name the file of the stiffness, job_STIFn.mtx, in whose folder job_MASSn.mtx "
             "stands, or both"
         )
     if _columns(path) == 3:
@@ -78,8 +78,8 @@ def _labelled(path: Path, mass: Path) -> Matrices:
     places = np.unique(_places(path, stiffness_entries).reshape(-1, 2), axis=0)
     stiffness = _assembled(path, stiffness_entries, places)
     labels = [_label(int(node), int(number)) for node, number in places]
-    deck = beside(path, _STEP.sub("", path.stem) + ".inp")
-    notes = [f"held degrees of freedom are those with {HELD:g} on the diagonal"]
+    deck = file_named(path, _STEP.sub("", path.stem) + ".inp")
+    notes = [f"restrained degrees of freedom are those with {RESTRAINED:g} on the diagonal"]
     if any(name.startswith(INTERNAL) for name in labels):
         notes.append("nodes numbered 0 or less are Abaqus's own: their rows are called internal")
     return Matrices(
@@ -89,7 +89,7 @@ def _labelled(path: Path, mass: Path) -> Matrices:
         str(mass),
         labels=labels,
         geometry=geometry_of_deck(deck) if deck else None,
-        removed=_held(stiffness),
+        removed=_restrained(stiffness),
         notes=tuple(notes),
     )
 
@@ -141,12 +141,12 @@ def _unlabelled(path: Path, mass: Path) -> Matrices:
     )
     note = "FORMAT=COORDINATE does not say which row is which degree of freedom"
     return Matrices(
-        stiffness, inertia, str(path), str(mass), removed=_held(stiffness), notes=(note,)
+        stiffness, inertia, str(path), str(mass), removed=_restrained(stiffness), notes=(note,)
     )
 
 
-def _held(stiffness: sp.csc_array) -> Any:
-    return np.flatnonzero(stiffness.diagonal() >= HELD)
+def _restrained(stiffness: sp.csc_array) -> Any:
+    return np.flatnonzero(stiffness.diagonal() >= RESTRAINED)
 
 
 FORMAT = Format(

@@ -1,6 +1,6 @@
 """ANSYS: the assembled matrices of ``jobname.full``, through ansys-mapdl-reader.
 
-Programmer's Reference, "Format of the .full file". The file states the upper triangles. Held
+Programmer's Reference, "Format of the .full file". The file states the upper triangles. Restrained
 degrees of freedom are rows without entries; those that couplings and constraint equations make
 depend on others have none.
 """
@@ -36,12 +36,15 @@ def _read(source: Source) -> Matrices:
         ) from None
     try:
         file = FullFile(str(path))
+        _require_whole(path, file._header["ptrEND"])
         places, stiffness, mass = file.load_km(as_sparse=True, sort=False)
         with path.open("rb") as binary:
             for _ in range(2):
                 read_table(binary, skip=True)  # the standard header, and that of the file
             freedoms = np.asarray(read_table(binary))
-        held = np.asarray(file.const).reshape(-1, 2)
+        restrained = np.asarray(file.const).reshape(-1, 2)
+    except _TruncatedError as error:
+        raise ValueError(str(error)) from None
     except Exception as error:  # a damaged file may raise anything there
         reason = " ".join(str(error).split())
         raise ValueError(
@@ -55,12 +58,28 @@ def _read(source: Source) -> Matrices:
         f"{path}: stiffness",
         f"{path}: mass",
         labels=[_label(node, freedoms[number]) for node, number in places.tolist()],
-        removed=_rows(places, held),
+        removed=_rows(places, restrained),
         notes=(
             "degrees of freedom that couplings and constraint equations make depend on others "
             "have no rows",
         ),
     )
+
+
+class _TruncatedError(Exception):
+    """The file is shorter than its header says."""
+
+
+def _require_whole(path: Path, end: int) -> None:
+    """Refuse a file that ends too early: the library would read beyond its end.
+
+    Args:
+        path: the file.
+        end: the position of its end that the header states, in words of four bytes.
+    """
+    size = path.stat().st_size
+    if size < 4 * int(end):
+        raise _TruncatedError(f"{path}: has {size} of {4 * int(end)} bytes: truncated")
 
 
 def _label(node: int, number: int) -> str:
@@ -69,9 +88,9 @@ def _label(node: int, number: int) -> str:
     return label(node, int(number)) if known else f"{node} dof{number}"
 
 
-def _rows(places: Any, held: Any) -> Any:
+def _rows(places: Any, restrained: Any) -> Any:
     known = {tuple(place): row for row, place in enumerate(places.tolist())}
-    return [known[place] for each in held.tolist() if (place := tuple(each)) in known]
+    return [known[place] for each in restrained.tolist() if (place := tuple(each)) in known]
 
 
 FORMAT = Format("ANSYS full file", ".full", _recognises, _read)

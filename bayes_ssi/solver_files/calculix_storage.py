@@ -2,8 +2,8 @@
 
 CalculiX CrunchiX User's Manual, ``*FREQUENCY``: ``.sti`` and ``.mas`` hold stiffness and mass, one
 line for each entry of the upper triangle and the diagonal, column by column: row, column, value.
-``.dof`` holds a line "node.direction" for each row. Held displacements and the dependent ones of
-multiple-point constraints have no rows. Incompatible modes of elements (C3D8I) are rows of nodes
+``.dof`` holds a line "node.direction" for each row. Restrained displacements and the dependent ones
+of multiple-point constraints have no rows. Incompatible modes of elements (C3D8I) are rows of nodes
 that no deck states; beams, shells and trusses are expanded into solids, whose nodes repeat the
 number of the node that they come from (``.12d``).
 """
@@ -58,7 +58,7 @@ def _read(source: Source) -> Matrices:
         labels=labels,
         geometry=geometry,
         notes=(
-            "held displacements, and those that constraints tie to others, have no rows",
+            "restrained displacements, and those that constraints tie to others, have no rows",
             *notes,
         ),
     )
@@ -66,7 +66,7 @@ def _read(source: Source) -> Matrices:
 
 def _geometry(source: Source) -> tuple[Geometry | None, tuple[str, ...]]:
     """Coordinates from the deck, if it stands there, and what is to be said of it."""
-    deck = source.beside(".inp")
+    deck = source.with_ending(".inp")
     if deck is None:
         return None, ()
     try:

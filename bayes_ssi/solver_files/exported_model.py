@@ -34,7 +34,7 @@ class Matrices:
         geometry: where the nodes are, where the files state it.
         dependent: "node direction" without a row of its own → row → factor, where the program's
             constraints tie it to rows (counted from 0).
-        removed: rows that the program marks as held, which are left out.
+        removed: rows that the program marks as restrained, which are left out.
         notes: how the program exports constraints, and what was met.
     """
 
@@ -55,7 +55,7 @@ class ExportedModel:
 
     Attributes:
         program: the program and its format.
-        stiffness: (n, n), sparse and symmetric, without the rows that are held.
+        stiffness: (n, n), sparse and symmetric, without the rows that are restrained.
         mass: (n, n), in the same way.
         labels: "node direction" of the n degrees of freedom, such as ``12 x`` or ``12 rz``; None
             where neither the files nor the caller state them.
@@ -63,7 +63,7 @@ class ExportedModel:
         dependent: "node direction" that has no row of its own → label → factor: constraints make
             its displacement the sum of the factors times those of the labels.
         units: of all numbers: "as exported", or "N, m, kg".
-        notes: what was done and met: held and empty rows, constraints, and the total mass.
+        notes: what was done and met: restrained and empty rows, constraints, and the total mass.
     """
 
     program: str
@@ -82,7 +82,7 @@ class ExportedModel:
 
     @property
     def total_mass(self) -> Mapping[str, float]:
-        """Direction → the mass that moves when all nodes move by 1 in it, held ones excepted."""
+        """Direction → the mass that moves when all nodes that can move by 1 in it."""
         return total_mass(self.mass, self.labels)
 
     def __str__(self) -> str:
@@ -93,7 +93,7 @@ class ExportedModel:
 def exported_model(
     program: str, matrices: Matrices, labels: Sequence[str] | None = None
 ) -> ExportedModel:
-    """The checked model, in the units of the files, without rows that are held or empty.
+    """The checked model, in the units of the files, without rows that are restrained or empty.
 
     Args:
         program: the program and its format.
@@ -116,11 +116,11 @@ def exported_model(
         for name, of in matrices.dependent.items()
         if names is not None
     }
-    # Held rows go first: a huge stiffness there would hide what is wrong elsewhere.
-    held = np.zeros(matrices.stiffness.shape[0], dtype=bool)
-    held[np.asarray(matrices.removed, dtype=np.intp)] = True
+    # Restrained rows go first: a huge stiffness there would hide what is wrong elsewhere.
+    restrained = np.zeros(matrices.stiffness.shape[0], dtype=bool)
+    restrained[np.asarray(matrices.removed, dtype=np.intp)] = True
     parts = (sp.csc_array(matrices.stiffness), sp.csc_array(matrices.mass), names)
-    stiffness, mass, names = _without(held, "that are held", parts, notes)
+    stiffness, mass, names = _without(restrained, "that are restrained", parts, notes)
     stiffness = checked_matrix(stiffness, matrices.stiffness_from)
     mass = _checked_mass(mass, matrices.mass_from)
     empty = abs(stiffness).sum(axis=0) + abs(mass).sum(axis=0) == 0.0

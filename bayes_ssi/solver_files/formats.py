@@ -24,13 +24,13 @@ class Source:
     mass: Path | None = None
     keys: tuple[str, str] | None = None
 
-    def beside(self, ending: str) -> Path | None:
+    def with_ending(self, ending: str) -> Path | None:
         """The file of the same name with another ending, in capitals or not; None if none is there.
 
         Args:
             ending: such as ".mas".
         """
-        return beside(self.path, self.path.stem + ending)
+        return file_named(self.path, self.path.stem + ending)
 
     def needed(self, ending: str, what: str) -> Path:
         """The file of the same name with another ending.
@@ -38,12 +38,12 @@ class Source:
         Raises:
             ValueError: it is not there.
         """
-        found = self.beside(ending)
-        if found is None:
+        file = self.with_ending(ending)
+        if file is None:
             raise ValueError(
                 f"{self.path}: {self.path.stem}{ending} ({what}) must stand in the same folder"
             )
-        return found
+        return file
 
     def needed_mass(self) -> Path:
         """The file of the mass, where it cannot be known from the name of the stiffness.
@@ -94,7 +94,7 @@ def first_bytes(path: Path) -> bytes:
         return file.read(8192)
 
 
-def beside(path: Path, name: str) -> Path | None:
+def file_named(path: Path, name: str) -> Path | None:
     """The file of a name, in capitals or not, in the folder of another; None if none is there."""
     exact = path.with_name(name)
     if exact.is_file():

@@ -35,14 +35,14 @@ def _recognises(path: Path, head: bytes) -> bool:  # noqa: ARG001
 def _read(source: Source) -> Matrices:
     source.refuse_keys()
     mass = source.needed_mass()
-    mapping = source.beside(".mapping")
+    mapping = source.with_ending(".mapping")
     return Matrices(
         _matrix(source.path),
         _matrix(mass),
         str(source.path),
         str(mass),
         labels=_labels(mapping) if mapping else None,
-        notes=("rows are in the order of the solver, without held degrees of freedom",),
+        notes=("rows are in the order of the solver, without restrained degrees of freedom",),
     )
 
 

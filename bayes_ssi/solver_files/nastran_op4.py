@@ -2,8 +2,8 @@
 
 MSC Nastran DMAP Programmer's Guide, OUTPUT4. The matrices have names (KAA, MAA, KXX, MXX) and no
 labels: which row is which degree of freedom is in other files, such as the punched table of
-``EXTSEOUT``. Matrices of the analysis set are without held, dependent and condensed degrees of
-freedom.
+``EXTSEOUT``. Matrices of the analysis set are without restrained, dependent and condensed degrees
+of freedom.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 MSC Nastran Quick Reference Guide, DMIG and GRID; ``PARAM, EXTOUT, DMIGPCH`` and ``EXTSEOUT (…,
 DMIGPCH)`` write them, as KAAX and MAAX. A header entry gives the form (1 square, 6 symmetric, of
 which one triangle is stated) and the type (1 or 2, real); each column entry a point and a component
-(1 to 6, 0 for scalar points), then point, component and value of each row. Held and condensed
+(1 to 6, 0 for scalar points), then point, component and value of each row. Restrained and condensed
 degrees of freedom have no rows. Fields are 8 or 16 characters wide, or separated by commas.
 """
 
@@ -71,7 +71,7 @@ def _read(source: Source) -> Matrices:
         where[1],
         labels=[_label(*place) for place in places],
         geometry=Geometry(nodes) if nodes else None,
-        notes=("held and condensed degrees of freedom have no rows", *notes),
+        notes=("restrained and condensed degrees of freedom have no rows", *notes),
     )
 
 

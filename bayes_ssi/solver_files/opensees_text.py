@@ -88,5 +88,5 @@ def _rounded_alike(matrix: sp.csc_array, digits: int) -> sp.csc_array:
 
 
 FORMAT = Format(
-    "OpenSees printed matrices", "a text file of rows for each matrix", _recognises, _read
+    "matrices printed as text (OpenSees)", "a file of rows for each matrix", _recognises, _read
 )

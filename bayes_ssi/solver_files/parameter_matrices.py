@@ -114,8 +114,8 @@ def parameter_matrices(
             name: list(_fits(f"{name}: {which}", exports, differences[name], _scale(base), checks))
             for name, exports in by_name.items()
         }
-        chosen, found = _chosen(fits, checks, wanted, _scale(base), which)
-        errors = {file: max(error, found[file]) for file, error in errors.items()}
+        chosen, of_checks = _chosen(fits, checks, wanted, _scale(base), which)
+        errors = {file: max(error, of_checks[file]) for file, error in errors.items()}
         terms.append(_terms(base, chosen))
     affected = {term.name for part in terms for term in part}
     idle = [name for name in by_name if name not in affected]
@@ -188,20 +188,20 @@ def _fits(
         return
     smallest = np.inf
     for count in range(1, len(factors) + 1):
-        found = []
+        fits = []
         for exponents in combinations(EXPONENTS, count):
             fit, error = _fit(factors, exponents, differences, scale)
             smallest = min(smallest, error if count < len(factors) else np.inf)
             if error <= TOLERANCE:
-                found.append(fit)
-        if found and count < len(factors):
-            yield found[0]
+                fits.append(fit)
+        if fits and count < len(factors):
+            yield fits[0]
             return
-        if found and len(factors) == 1:
-            yield found[0]  # affine, the exponent 1
+        if fits and len(factors) == 1:
+            yield fits[0]  # affine, the exponent 1
             return
-        if found and any(name in check.factors for check in checks):
-            yield from found
+        if fits and any(name in check.factors for check in checks):
+            yield from fits
             return
     raise ValueError(
         f"{what}: no power of its factor predicts these exports, the best misses them by "

@@ -1,12 +1,13 @@
 """SAP2000 and ETABS: the text files .TXE, .TXK, .TXM and .TXC.
 
 The programs write them when the solver options name a case whose stiffness and mass are to be
-output; the file .TXA beside them describes their layout (CSI Knowledge Base, "Stiffness matrix").
+output; the file .TXA with them describes their layout (CSI Knowledge Base, "Stiffness matrix").
 Each has a line of headings, then lines of tab-separated fields:
 
 - ``.TXE``: label of a joint and the numbers of the equations of U1, U2, U3, R1, R2, R3, in the
-  joint's own axes. 0 is held or inactive, a positive number an equation (which joints may share
-  through constraints), a negative one a constraint. A line without a tab continues the one before.
+  joint's own axes. 0 is restrained or inactive, a positive number an equation (which joints may
+  share through constraints), a negative one a constraint. A line without a tab continues the one
+  before.
 - ``.TXC``: number of a constraint, equation, coefficient: the displacement that has the negative
   number is the sum of the coefficients times those of the equations.
 - ``.TXK``, ``.TXM``: row, column, value of one half of the symmetric matrices.
@@ -58,7 +59,7 @@ def _read(source: Source) -> Matrices:
     unlabelled = next((i for i in range(size) if i not in labels), None)
     if unlabelled is not None:
         raise ValueError(f"{equations}: no joint has equation {unlabelled + 1}; truncated?")
-    notes = ["directions are those of the joints' own axes; held displacements have no rows"]
+    notes = ["directions are those of the joints' own axes; restrained displacements have no rows"]
     if dependent:
         notes.append(
             f"{len(dependent)} displacements have no row of their own: constraints tie them to "

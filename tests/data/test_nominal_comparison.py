@@ -113,8 +113,8 @@ def by_label(axes):
 
 
 def places(axes):
-    found = by_label(axes)
-    return found if len(found) == len(LABELS) else None
+    labels = by_label(axes)
+    return labels if len(labels) == len(LABELS) else None
 
 
 def test_the_right_axes_pass():

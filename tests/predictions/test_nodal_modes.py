@@ -37,7 +37,7 @@ def test_modes_at_all_nodes_are_those_of_the_matrices():
         rows = np.array([shape[1, 0], shape[2, 0], shape[1, 4], shape[2, 1]])
         vector = vector[[0, 1, 2, 4]] / max(abs(vector[[0, 1, 4]]))
         np.testing.assert_allclose(rows, vector * np.sign(rows @ vector), atol=1e-12)
-        assert not shape[0].any()  # the held node
+        assert not shape[0].any()  # the restrained node
         assert abs(shape[:, :3]).max() == pytest.approx(1.0)
 
 

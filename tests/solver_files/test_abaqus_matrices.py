@@ -7,8 +7,8 @@ from frames import LABELS, assert_is_portal, lower_entries, portal
 import bayes_ssi as bs
 
 NUMBERS = {"x": 1, "z": 3, "ry": 5}
-# Node 1 is held, and node -4 is a multiplier of Abaqus's own.
-HELD = ["1,1, 1,1, 1.000000000000000e+36", "1,3, 1,3, 1.000000000000000e+36"]
+# Node 1 is restrained, and node -4 is a multiplier of Abaqus's own.
+RESTRAINED = ["1,1, 1,1, 1.000000000000000e+36", "1,3, 1,3, 1.000000000000000e+36"]
 
 
 def place(row):
@@ -22,7 +22,7 @@ def labelled(matrix):
 
 def written(folder, *, stiffness=None, mass=None, name="Frame"):
     k, m = portal()
-    stiffness = [*HELD, *labelled(k)] if stiffness is None else stiffness
+    stiffness = [*RESTRAINED, *labelled(k)] if stiffness is None else stiffness
     mass = ["1,1, 1,1, 500.0", *labelled(m)] if mass is None else mass
     (folder / f"{name}_STIF2.mtx").write_text("\n".join([*stiffness, ""]))
     (folder / f"{name}_MASS2.mtx").write_text("\n".join([*mass, ""]))
@@ -36,7 +36,7 @@ def test_read_back_exactly_without_held_rows(tmp_path):
     model = bs.read_model(path)
     assert_is_portal(model)
     assert model.geometry.nodes["7"] == (6.0, 0.0, 3.5)
-    assert any(note == "2 rows that are held are left out: 1 x, 1 z" for note in model.notes)
+    assert any(note == "2 rows that are restrained are left out: 1 x, 1 z" for note in model.notes)
 
 
 def test_both_triangles_and_own_nodes(tmp_path):
@@ -47,7 +47,7 @@ def test_both_triangles_and_own_nodes(tmp_path):
     ]
     path = written(tmp_path, stiffness=["1,1, 1,1, 1e36", *whole])
     assert_is_portal(bs.read_model(path))
-    path = written(tmp_path, stiffness=[*HELD, *labelled(portal()[0]), "-4,1, -4,1, 7.0"])
+    path = written(tmp_path, stiffness=[*RESTRAINED, *labelled(portal()[0]), "-4,1, -4,1, 7.0"])
     model = bs.read_model(path)
     assert model.labels[0] == "internal 4 x"
     # An own node is no point that moves.

@@ -45,8 +45,8 @@ def test_frequencies_are_those_that_the_program_prints(tower):
 
 def test_mass_and_units(tower):
     model = bs.read_model(tower / "tower.sti", units="N, m", mass_kg=1e4)
-    # 2500 kg/m³ · 0.5 · 0.7 · 12 m³, less the share of the held nodes: a third of the lowest layer
-    # at themselves, a third between them and the nodes above.
+    # 2500 kg/m³ · 0.5 · 0.7 · 12 m³, less the share of the restrained nodes: a third of the lowest
+    # layer at themselves, a third between them and the nodes above.
     whole = 2500.0 * 0.5 * 0.7 * 12.0
     for direction in "xyz":
         assert model.total_mass[direction] == pytest.approx(whole * (1.0 - 2.0 / 3.0 / 84.0))
