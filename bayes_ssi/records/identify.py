@@ -244,7 +244,8 @@ def _rejected(frequency_hz: float, against: float) -> Rejected:
 
 def _short(modes: ModalEstimates, record: Record) -> list[str]:
     return [
-        f"mode at {f:.4g} Hz: the record is too short for its damping (ζ f T = {length:.2g})"
+        f"mode at {f:.4g} Hz: no wider than a line of the record (ζ f T = {length:.2g}); the "
+        "record is too short for its damping, or it is a machine's harmonic"
         for f, damping in zip(modes.frequencies_hz, modes.dampings, strict=True)
         if (length := damping * f * record.duration_s) < SHORTEST
     ]

@@ -6,6 +6,8 @@ from scipy.stats import chi2
 from simulated_records import simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
+from bayes_ssi.records.fdd import fdd
+from bayes_ssi.records.tfie import tfie
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)
@@ -105,3 +107,14 @@ def test_what_cannot_be_identified_is_refused(duration, changed, message):
     record = simulated(0, duration_s=duration)
     with pytest.raises(ValueError, match=message):
         bs.identify(record, **{"band_hz": BAND} | changed)
+
+
+@pytest.mark.parametrize("method", [fdd, tfie])
+def test_simple_methods_find_the_modes(method):
+    """To a line or two of their spectra: 0.012 Hz and 0.03 Hz; shapes of the paper's quality."""
+    found = method(simulated(3), BAND, near=TRUTH.frequencies_hz)
+    np.testing.assert_allclose(found.frequencies_hz, TRUTH.frequencies_hz, atol=0.06)
+    cosines = np.abs((found.shapes * TRUTH.shapes).sum(0))
+    assert cosines.min() ** 2 > 0.99
+    with pytest.raises(ValueError, match=r"the record lasts 30 s; from 0\.6 Hz on"):
+        method(simulated(3, duration_s=30.0), BAND, near=TRUTH.frequencies_hz)
