@@ -71,15 +71,20 @@ def import_model(
     from bayes_ssi.solver_files.model_files import read_model
     from bayes_ssi.solver_files.parameter_matrices import Export, parameter_matrices
 
-    def read(text: str, option: str) -> Export:
-        factors, path = _factors_and_file(text, option)
-        return Export(path, factors, read_model(path, units=units))
-
     modes = None if data is None else read_modal_data(data, band_hz=band)
     labels = dict(_sensor(text) for text in sensors)
     if not changed:
         raise ValueError("--changed: give at least one export with an altered property")
     model = read_model(nominal, units=units, mass_kg=mass_kg)
+    wanted = [labels.get(name, name) for name in (modes.sensors if modes is not None else labels)]
+    tied = [label for label in wanted if label in model.dependent]
+    spring = float(model.stiffness.diagonal().mean())
+    model = model.with_rows(tied, spring)
+
+    def read(text: str, option: str) -> Export:
+        factors, path = _factors_and_file(text, option)
+        return Export(path, factors, read_model(path, units=units).with_rows(tied, spring))
+
     matrices = parameter_matrices(
         model,
         [read(text, "--changed") for text in changed],

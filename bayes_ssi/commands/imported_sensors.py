@@ -103,13 +103,7 @@ def _points(path: Path | None, modes: ModalData | None) -> Sequence[SensorPoint]
 
 
 def _not_a_label(model: ExportedModel, name: str, label: str) -> str:
-    hint = ""
-    if label in model.dependent:
-        tied = model.dependent[label].items()
-        hint = ": a constraint makes it " + " + ".join(
-            f"{factor:g} {row!r}" for row, factor in tied
-        )
     return (
-        f"sensor {name!r}: no degree of freedom is labelled {label!r}{hint}; name it by --sensor "
+        f"sensor {name!r}: no degree of freedom is labelled {label!r}; name it by --sensor "
         f"{name!r}=LABEL, with a label such as {next(iter(model.labels or ()))!r}"
     )

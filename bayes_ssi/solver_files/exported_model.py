@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -84,6 +84,51 @@ class ExportedModel:
     def total_mass(self) -> Mapping[str, float]:
         """Direction → the mass that moves when all nodes that can move by 1 in it."""
         return total_mass(self.mass, self.labels)
+
+    def with_rows(self, labels: Sequence[str], spring: float | None = None) -> ExportedModel:
+        """The model with rows for displacements that constraints tie to others.
+
+        A row without mass hangs on those that move it by a spring, ½ k (u - Σ c_i u_i)²: as no
+        force acts on it, u = Σ c_i u_i exactly, whatever k is, and no mode changes.
+
+        Args:
+            labels: of :attr:`dependent`.
+            spring: k; the mean diagonal entry of the stiffness if None, which keeps factors well
+                conditioned. Exports that are compared take the same.
+
+        Raises:
+            ValueError: a label is not among those that are dependent.
+        """
+        unknown = [label for label in labels if label not in self.dependent]
+        if unknown or self.labels is None:
+            raise ValueError(f"no constraint moves {(unknown or labels)[0]!r}")
+        if not labels:
+            return self
+        row = {label: i for i, label in enumerate(self.labels)}
+        for label in labels:
+            missing = [other for other in self.dependent[label] if other not in row]
+            if missing:
+                raise ValueError(f"{label!r} is moved by {missing[0]!r}, which has no stiffness")
+        by_entry = sp.lil_array((len(labels), self.size + len(labels)))
+        for i, label in enumerate(labels):
+            by_entry[i, self.size + i] = 1.0
+            for other, factor in self.dependent[label].items():
+                by_entry[i, row[other]] = -factor
+        ties = sp.csc_array(by_entry)
+        k = float(self.stiffness.diagonal().mean()) if spring is None else spring
+        empty = sp.csc_array((len(labels), len(labels)))
+        return replace(
+            self,
+            stiffness=sp.csc_array(
+                sp.block_diag((self.stiffness, empty), format="csc") + k * (ties.T @ ties)
+            ),
+            mass=sp.csc_array(sp.block_diag((self.mass, empty), format="csc")),
+            labels=(*self.labels, *labels),
+            dependent=MappingProxyType(
+                {name: of for name, of in self.dependent.items() if name not in labels}
+            ),
+            notes=(*self.notes, f"{len(labels)} rows are added for displacements of constraints"),
+        )
 
     def __str__(self) -> str:
         lines = [f"{self.program}: {self.size} degrees of freedom, {self.units}", *self.notes]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.linalg
 from click.testing import CliRunner
 
 import bayes_ssi as bs
@@ -148,6 +149,32 @@ def test_sensors_by_coordinates():
     assert "340 x: 340 x, 0.01 away" in done.output.splitlines()
     assert "Nominal frequencies: 1.943, 2.716, 12.1, 16.8 Hz" in done.output
     assert "(!) with" not in done.output
+
+
+def test_sensors_on_a_rigid_diaphragm(tmp_path, monkeypatch):
+    """SAP2000's text: joint 5 moves as equation 1 less 2 times the rotation, equation 2."""
+    monkeypatch.chdir(tmp_path)
+    for name, (sway, twist) in {"f": (1.0, 1.0), "s": (1.1, 1.0), "t": (1.0, 1.2)}.items():
+        files = {
+            "TXE": "D\t1\t0\t0\t0\t0\t2\n5\t-1\t0\t0\t0\t0\t0\n",
+            "TXC": "-1\t1\t1.0\n-1\t2\t-2.0\n",
+            "TXK": f"1\t1\t{4e5 * sway!r}\n2\t1\t1e4\n2\t2\t{9e6 * twist!r}\n",
+            "TXM": "1\t1\t1e3\n2\t2\t8e3\n",
+        }
+        for ending, text in files.items():
+            Path(f"{name}.{ending}").write_text(f"headings\n{text}")
+    Path("modes.csv").write_text("# band_hz,0,9\nlabel,frequency_hz,5 x,D x\n1,3.2,1,0.98\n")
+    changed = ("--changed", "sway=1.1:s.TXK", "--changed", "twist=1.2:t.TXK")
+    done = run("floor", "--nominal", "f.TXK", *changed, "--data", "modes.csv")
+    assert done.exit_code == 0, done.output
+    assert "1 rows are added for displacements of constraints" in done.output.splitlines()
+    structure = load_study("floor.py").model_classes[1].structure
+    stiffness = np.array([[4.4e5, 1e4], [1e4, 9e6 * 0.9]])
+    values, vectors = scipy.linalg.eigh(stiffness, np.diag([1e3, 8e3]))
+    modes = structure.modes(np.array([[1.1, 0.9]]))
+    assert modes.frequencies_hz[0, 0] == pytest.approx(np.sqrt(values[0]) / (2.0 * np.pi))
+    ratio = (vectors[0, 0] - 2.0 * vectors[1, 0]) / vectors[0, 0]
+    assert modes.shapes[0, 0, 0] / modes.shapes[0, 1, 0] == pytest.approx(ratio)
 
 
 @pytest.mark.parametrize("taken", ["study.py", "study_matrices"])

@@ -73,6 +73,28 @@ def test_constraints_tie_displacements_to_rows(tmp_path):
     assert in_si.dependent["6 x"] == {"2 x": 1.0, "2 ry": pytest.approx(-3e-3)}
 
 
+def test_rows_for_displacements_that_constraints_move(tmp_path):
+    """The modes stay, and the rows move as the constraints say, whatever the spring."""
+    equations = [*EQUATIONS, "5\t4\t0\t0\t0\t0\t0", "6\t-1\t0\t0\t0\t0\t0"]
+    written(tmp_path, TXE=equations, TXC=["-1\t1\t1.0", "-1\t3\t-3.0"])
+    model = bs.read_model(tmp_path / "Portal.TXK")
+    plain = bs.MatrixStructure(model.stiffness, model.mass, labels=model.labels, n_modes=3)
+    expected, shapes = (each[0] for each in plain.modes(np.empty((1, 0))))
+    for spring in (None, 1e5):
+        more = model.with_rows(["6 x", "5 x"], spring)
+        assert more.labels == (*LABELS, "6 x", "5 x")
+        assert not more.dependent
+        assert more.total_mass == model.total_mass
+        structure = bs.MatrixStructure(more.stiffness, more.mass, labels=more.labels, n_modes=3)
+        frequencies, moved = (each[0] for each in structure.modes(np.empty((1, 0))))
+        np.testing.assert_allclose(frequencies, expected, rtol=1e-10)
+        by_hand = (shapes[0] - 3.0 * shapes[2]) / shapes[3]
+        np.testing.assert_allclose(moved[6] / moved[3], by_hand, rtol=1e-7)
+        np.testing.assert_allclose(moved[7], moved[3], rtol=1e-9)
+    with pytest.raises(ValueError, match=r"no constraint moves '2 x'"):
+        model.with_rows(["2 x"])
+
+
 def test_a_record_may_continue_in_lines_without_a_tab(tmp_path):
     split = ["2\t1\t0\t2\t0\t3", "0"]
     written(tmp_path, TXE=[EQUATIONS[0], *split, *EQUATIONS[2:]])
