@@ -116,7 +116,9 @@ class Baselines:
         return hypothesis(baseline, places, options, name, present_in=self.present_in, scale=scale)
 
     def projected(self, name: str, draws: Draws) -> ModelClass:
-        """A baseline with its reduced structures in a basis for draws; others are as they are.
+        """A baseline with its reduced structures in a basis for draws.
+
+        Others, and those that carry elements already, are as they are.
 
         Args:
             name: of the baseline.
@@ -146,7 +148,7 @@ class Baselines:
         columns = [own for _, _, own in baseline.parts(baseline.values(z))]
 
         def changed(structure: Structure, i: int) -> Structure:
-            if not isinstance(structure, ReducedStructure) or structure.appendages:
+            if not isinstance(structure, ReducedStructure) or structure.full.elements:
                 return structure
             return change(structure, columns[i][:, : len(structure.parameters)])
 

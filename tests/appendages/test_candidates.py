@@ -8,7 +8,7 @@ from searches import ONE, by_count
 
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
-from bayes_ssi.appendages.baselines import choose_baselines
+from bayes_ssi.appendages.baselines import choose_baselines, prior_draws
 from bayes_ssi.appendages.candidates import default_candidates
 from bayes_ssi.appendages.hypotheses import hypothesis, scale_of
 from bayes_ssi.appendages.places import PendulumPlace, places_of
@@ -119,6 +119,15 @@ def test_a_place_that_no_sensor_sees_is_tried_and_said(fake_sampling, reduced):
     assert observed == {"pendulum apart": False, "pendulum both": True, "infill tie": True}
     (note,) = [note for note in search_notes(result) if "says nothing" in note]
     assert note.endswith("which move in no mode that a sensor sees: pendulum apart.")
+
+
+def test_a_reduced_structure_with_elements_is_searched_as_it_is(fake_sampling):
+    fake_sampling(by_count(0.0, 1.0))
+    loaded = matrices().reduced().with_element(bs.AddedMass(0.1, (("node 1 x", 1.0),)))
+    result = search(baseline(loaded), ONE)
+    assert len(result.record.hypotheses) == 4
+    chosen = choose_baselines(bs.Study("s", [baseline(loaded)]))
+    assert chosen.compact("b", prior_draws).structure is loaded
 
 
 def two_tests():
