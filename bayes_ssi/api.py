@@ -40,7 +40,7 @@ from bayes_ssi.ranking.changed_settings import ChangedSettings
 from bayes_ssi.ranking.comparison import compare
 from bayes_ssi.ranking.study import Study, rank
 from bayes_ssi.ranking.study_file import load_study
-from bayes_ssi.records.identify import identify
+from bayes_ssi.records.modal_identification import identify
 from bayes_ssi.records.record import Record
 from bayes_ssi.records.record_files import read_record
 from bayes_ssi.report.write import write_report

@@ -14,6 +14,7 @@ from bayes_ssi.commands.check import check
 from bayes_ssi.commands.export import export
 from bayes_ssi.commands.guide import guide
 from bayes_ssi.commands.hierarchy import hierarchy
+from bayes_ssi.commands.identify import identify
 from bayes_ssi.commands.import_model import import_model
 from bayes_ssi.commands.new import new
 from bayes_ssi.commands.predict import predict
@@ -24,6 +25,7 @@ from bayes_ssi.commands.terminal import QUIET_OPTION, OneLineErrors
 from bayes_ssi.commands.what_if import what_if
 
 COMMANDS = (
+    identify,
     calibrate,
     check,
     new,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.records.modal_estimates import ModalEstimates
 from bayes_ssi.tables.layout import add_row, new_table, number
 
 
@@ -29,5 +30,29 @@ def modes_table(data: ModalData, most: int | None = None) -> Table:
             damping,
             f"{mode.n_measured} of {len(data.sensors)}" if has_shape else "-",
             f"{mode.phase_scatter_deg:.1f}" if has_shape else "-",
+        )
+    return table
+
+
+def estimates_table(modes: ModalEstimates) -> Table:
+    """Modes identified from a record, with standard deviations."""
+    table = new_table(
+        f"Modes by {modes.method}",
+        ["mode"],
+        ["frequency Hz", "± %", "damping %", "±", "shape ±"],
+    )
+    rows = zip(
+        modes.frequencies_hz, modes.frequency_covs, modes.dampings, modes.damping_sds,
+        modes.shape_sds, strict=True,
+    )  # fmt: skip
+    for label, (frequency, cov, damping, damping_sd, shape_sd) in enumerate(rows, 1):
+        add_row(
+            table,
+            str(label),
+            f"{frequency:.5g}",
+            f"{100.0 * cov:.2g}",
+            f"{100.0 * damping:.3g}",
+            f"{100.0 * damping_sd:.2g}",
+            f"{shape_sd:.2g}",
         )
     return table

@@ -1,0 +1,113 @@
+"""``bayes-ssi identify``: modes with uncertainties from vibration records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
+
+if TYPE_CHECKING:
+    from bayes_ssi.records.modal_estimates import ModalEstimates
+    from bayes_ssi.records.modal_identification import ModalIdentification
+
+
+@click.command()
+@click.argument("files", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.option(
+    "--band",
+    type=(float, float),
+    metavar="LOW HIGH",
+    required=True,
+    help="Frequencies of the search in Hz.",
+)
+@click.option(
+    "--at",
+    type=float,
+    metavar="HZ",
+    multiple=True,
+    help="Frequency of a mode, in place of those that are looked for; may be repeated.",
+)
+@click.option("--rate", type=float, help="Samples per second, if the files do not state it.")
+@click.option("--quantity", help="acceleration, velocity or displacement, if not stated.")
+@click.option("--unit", help="Unit of the samples, if not stated.")
+@click.option(
+    "--sensor",
+    "sensors",
+    metavar="NAME",
+    multiple=True,
+    help="Name of a sensor, for all in their order, in place of the files' own names.",
+)
+@click.option(
+    "--key",
+    "keys",
+    metavar="NAME",
+    multiple=True,
+    help="Array of a .mat, .npz or HDF5 file, or group of a TDMS file; may be repeated.",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="CSV file for the modes, a new one.")
+@json_option
+def identify(
+    files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], rate: float | None,
+    quantity: str | None, unit: str | None, sensors: tuple[str, ...], keys: tuple[str, ...],
+    out: Path | None,
+) -> None:  # fmt: skip
+    """Identify the modes of the record in FILES, all of one setup and the same instants.
+
+    Writes them with their uncertainties to a CSV file, the data of model classes; --json gives
+    their whole covariance.
+    """
+    from bayes_ssi.data.modal_csv import write_modal_data
+    from bayes_ssi.records import modal_identification
+    from bayes_ssi.records.record_files import read_record
+    from bayes_ssi.tables.mode_tables import estimates_table
+
+    if out is not None and out.exists():
+        raise FileExistsError(f"{out} exists; give another name")
+    record = read_record(
+        files, rate_hz=rate, quantity=quantity, unit=unit, sensors=sensors or None, keys=keys
+    )
+    found = modal_identification.identify(record, band, at=at)
+    where = console()
+    where.print(estimates_table(found.quoted))
+    say(
+        where,
+        f"Quoted: {found.quoted.method}. The record shows {found.fit.loads}; chi-square of its "
+        f"spectra over degrees of freedom {found.fit.whiteness:.2f}.",
+        *(f"Not accepted: {one.frequency_hz:.4g} Hz, {one.reason}." for one in found.rejected),
+        *(f"(!) {remark}" for remark in (*record.warnings(), *found.remarks)),
+        *(f"(!) Failed check: {check}" for check in found.failed_checks),
+    )
+    if out is not None:
+        write_modal_data(found.modal_data(f"identified from {record.source}"), out)
+        say(where, f"Wrote {out}")
+    print_record(lambda: _record(found, record.warnings()))
+    exit_if_failed(found.failed_checks)
+
+
+def _record(found: ModalIdentification, warnings: list[str]) -> dict[str, Any]:
+    return {
+        "quoted": _estimates(found.quoted),
+        "bayesian_fft": _estimates(found.bayesian),
+        "next_era": None if found.era is None else _estimates(found.era),
+        "loads": str(found.fit.loads),
+        "whiteness": found.fit.whiteness,
+        "allowed_whiteness": found.fit.allowed_whiteness,
+        "rejected": [one._asdict() for one in found.rejected],
+        "remarks": [*warnings, *found.remarks],
+        "failed_checks": list(found.failed_checks),
+    }
+
+
+def _estimates(estimates: ModalEstimates) -> dict[str, Any]:
+    return {
+        "method": estimates.method,
+        "band_hz": estimates.band_hz,
+        "sensors": estimates.sensors,
+        "frequencies_hz": estimates.frequencies_hz.tolist(),
+        "dampings": estimates.dampings.tolist(),
+        "shapes": estimates.shapes.T.tolist(),
+        "covariance_of_log_frequencies_log_dampings_shapes": estimates.covariance.tolist(),
+    }

@@ -1,0 +1,56 @@
+"""``bayes-ssi identify`` from files to a CSV of modes, and its exit codes."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from simulated_records import simulated_record, with_infill
+
+import bayes_ssi as bs
+from bayes_ssi.cli import main
+
+SENSORS = ("floor 1", "floor 2", "floor 3")
+BAND = ["--band", "0.6", "4.6"]
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["identify", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    record = simulated_record(
+        with_infill(), SENSORS, np.random.default_rng(0), duration_s=300.0, rate_hz=20.0
+    )
+    path = tmp_path_factory.mktemp("record") / "setup.npz"
+    np.savez(path, samples=record.samples, sensors=SENSORS, rate_hz=20.0, unit="m/s2")
+    return path
+
+
+def test_a_record_becomes_a_file_of_modes(path, tmp_path):
+    out = tmp_path / "modes.csv"
+    done = run(path, *BAND, "--quantity", "acceleration", "--out", out, "--json")
+    assert done.exit_code == 0
+    record = json.loads(done.stdout)
+    modes = bs.read_modal_data(out)
+    assert modes.sensors == SENSORS
+    assert modes.source == "identified from setup.npz"
+    np.testing.assert_allclose(modes.frequencies_hz, [0.983, 2.604, 3.005, 3.984], rtol=0.02)
+    np.testing.assert_array_equal(modes.frequencies_hz, record["quoted"]["frequencies_hz"])
+    covariance = np.array(record["quoted"]["covariance_of_log_frequencies_log_dampings_shapes"])
+    assert covariance.shape == (20, 20)
+    covs = [mode.frequency_cov for mode in modes.modes]
+    np.testing.assert_allclose(covs, np.sqrt(covariance.diagonal()[:4]), rtol=1e-12)
+    again = run(path, *BAND, "--quantity", "acceleration", "--out", out)
+    assert (again.exit_code, "modes.csv exists" in again.stderr) == (2, True)
+
+
+def test_what_is_not_stated_is_asked_for_and_a_failed_check_ends_with_3(path):
+    done = run(path, *BAND)
+    assert done.exit_code == 2
+    assert "the quantity of the samples is not given" in done.stderr
+    # One mode at two peaks: what it becomes is neither of them.
+    wrong = run(path, *BAND, "--quantity", "acceleration", "--at", 1.0, "--at", 2.8, "--at", 4.0)
+    assert wrong.exit_code == 3
+    assert "Failed check" in wrong.stdout
