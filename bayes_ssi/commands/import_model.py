@@ -66,11 +66,12 @@ def import_model(
     by differences of the exports. Nothing is overwritten.
     """
     from bayes_ssi.commands.imported_sensors import imported_sensors
-    from bayes_ssi.commands.imported_study import write_imported_study
+    from bayes_ssi.commands.imported_study import study_paths, write_imported_study
     from bayes_ssi.data.modal_files import read_modal_data
     from bayes_ssi.solver_files.model_files import read_model
     from bayes_ssi.solver_files.parameter_matrices import Export, parameter_matrices
 
+    study_paths(name)  # refused before large files are read
     modes = None if data is None else read_modal_data(data, band_hz=band)
     labels = dict(_sensor(text) for text in sensors)
     if not changed:

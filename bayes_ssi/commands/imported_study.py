@@ -18,6 +18,23 @@ LABELS = "labels.txt"
 TEMPLATE = Path(__file__).with_name("templates") / "imported.py.txt"
 
 
+def study_paths(name: Path) -> tuple[Path, Path]:
+    """The study NAME.py and the folder of its matrices, neither of which exists.
+
+    Raises:
+        FileExistsError: one of them does.
+        ValueError: the name is not a file name.
+    """
+    name = name.with_suffix("") if name.suffix == ".py" else name
+    if not name.name or not name.name.isprintable():
+        raise ValueError(f"name of the study: {str(name)!r} is not a file name")
+    study, folder = (name.with_name(name.name + end) for end in (".py", "_matrices"))
+    for path in (study, folder):
+        if path.exists():
+            raise FileExistsError(f"{path}: exists already and is not overwritten")
+    return study, folder
+
+
 def write_imported_study(
     name: Path,
     matrices: ParameterMatrices,
@@ -46,14 +63,8 @@ def write_imported_study(
     """
     from bayes_ssi.results.new_directory import new_directory
 
-    name = name.with_suffix("") if name.suffix == ".py" else name
-    if not name.name or not name.name.isprintable():
-        raise ValueError(f"name of the study: {str(name)!r} is not a file name")
-    study, folder = (name.with_name(name.name + end) for end in (".py", "_matrices"))
-    for path in (study, folder):
-        if path.exists():
-            raise FileExistsError(f"{path}: exists already and is not overwritten")
-    csv_path = name.with_name(name.name + ".csv") if data is None else data
+    study, folder = study_paths(name)
+    csv_path = study.with_suffix(".csv") if data is None else data
     files = file_names(_names(matrices), "npz")
     text = _study(folder, _read(csv_path, study, band_hz), matrices, files, places, command)
     with new_directory(folder, marker=LABELS) as partial:
