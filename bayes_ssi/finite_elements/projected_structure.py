@@ -18,9 +18,9 @@ the choice of hypotheses, not for results.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -114,6 +114,17 @@ class ProjectedStructure(Structure):
             if single != 0 and single not in (*self.main.rows, *self._own):
                 choices = listed([str(row) for row in self.main.rows])
                 raise ValueError(f"{label}: no place {single!r}; choose from {choices}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State without the places of the model on which it has no element.
+
+        Those of a search are hundreds, and each of its hypotheses goes to another process.
+        """
+        springs = [spring.direction for each in self.elements for spring in each.springs()]
+        masses = [mass.direction for each in self.elements for mass in each.masses()]
+        acted_on = {place for direction in (*springs, *masses) for place, _ in direction}
+        rows = {place: row for place, row in self.main.rows.items() if place in acted_on}
+        return {**self.__dict__, "main": replace(self.main, rows=rows)}
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

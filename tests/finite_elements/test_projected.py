@@ -1,6 +1,7 @@
 """Models in a small basis for draws, against full solutions and flexibilities of the full model."""
 
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -118,3 +119,14 @@ def test_a_row_does_not_depend_on_its_batch(projected):
 def test_other_places_are_refused(projected):
     with pytest.raises(ValueError, match=r"a: no place 's5'; choose from 's40', 's20'"):
         projected.with_element(bs.Pendulum("s5", m, f, label="a"))
+
+
+def test_only_places_with_elements_go_to_other_processes(projected):
+    """A search has hundreds of places and as many hypotheses."""
+    carrying = projected.with_element(bs.Pendulum("s40", m, f))
+    sent = pickle.loads(pickle.dumps(carrying))
+    assert list(sent.main.rows) == ["s40"]
+    assert list(carrying.main.rows) == ["s40", "s20"]
+    values = np.array([[1.1, 0.8, 1.3]])
+    for here, there in zip(carrying.modes(values), sent.modes(values), strict=True):
+        assert np.array_equal(here, there)
