@@ -18,7 +18,7 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.records.modal_estimates import ModalEstimates, Poles, with_positive_largest
-from bayes_ssi.records.scoring import MOST_STEPS, MostProbable, WeakPrior, most_probable
+from bayes_ssi.records.scoring import MostProbable, WeakPrior, most_probable
 from bayes_ssi.records.spectra import Lines, Spectra, spectra
 from bayes_ssi.records.spectral_model import (
     SpectralModel,
@@ -72,6 +72,7 @@ class BandFit:
         whiteness: chi-square of the whitened spectral matrices over degrees of freedom: about 1
             where the model is right.
         allowed_whiteness: the highest that leaves no doubt of the claimed uncertainty.
+        settled: whether the climb to the most probable modes came to an end.
     """
 
     loads: Loads
@@ -82,11 +83,12 @@ class BandFit:
     log_evidence: float
     whiteness: float
     allowed_whiteness: float
+    settled: bool
 
     @property
     def is_white(self) -> bool:
-        """Whether the model explains the spectral matrices."""
-        return self.whiteness <= self.allowed_whiteness
+        """Whether the modes are the most probable ones, and explain the spectral matrices."""
+        return self.settled and self.whiteness <= self.allowed_whiteness
 
     @property
     def poles(self) -> Poles:
@@ -188,8 +190,8 @@ def fit_band(lines: Lines, starts: Poles, q: int, loads: Loads) -> BandFit:
 
         data = spectra(lines, partial(covariances, before, q=q))
         found = most_probable(before, data, q, prior, FINE)
-        if found.n_steps == MOST_STEPS or _moved(before, found) < STILL:
-            break  # it is settled, or does not settle, as where the loads are others
+        if not found.settled or _moved(before, found) < STILL:
+            break  # where loads are others, it may not settle
     return _described(loads, found, lines, q, prior)
 
 
@@ -281,4 +283,5 @@ def _described(
         -value + prior.log_constant + log_volume + equal,
         whiteness,
         allowed,
+        found.settled,
     )

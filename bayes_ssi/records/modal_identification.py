@@ -123,10 +123,7 @@ def identify(
     remarks += _short(bayesian, record)
     quoted, failed = _quoted(fit, bayesian, era)
     if quoted is era:
-        remarks.append(
-            f"the spectral model does not explain the record (chi-square over degrees of freedom "
-            f"{fit.whiteness:.2f}, allowed {fit.allowed_whiteness:.2f}); NExT-ERA is quoted"
-        )
+        remarks.append(f"{_doubt(fit)}; NExT-ERA is quoted")
     return ModalIdentification(
         quoted, bayesian, era, fit, tuple(rejected), tuple(remarks), tuple(failed)
     )
@@ -255,12 +252,8 @@ def _quoted(
     fit: BandFit, bayesian: ModalEstimates, era: ModalEstimates | None
 ) -> tuple[ModalEstimates, list[str]]:
     """What is quoted, and failed checks."""
-    white = (
-        f"the spectral model does not explain the record (chi-square over degrees of freedom "
-        f"{fit.whiteness:.2f}, allowed {fit.allowed_whiteness:.2f})"
-    )
     if era is None:
-        return bayesian, [] if fit.is_white else [white]
+        return bayesian, [] if fit.is_white else [_doubt(fit)]
     frequencies, shapes = bayesian.distances(era)
     apart = [
         f"mode at {f:.4g} Hz: Bayesian FFT and NExT-ERA differ by {max(by_f, by_shape):.1f} "
@@ -269,3 +262,13 @@ def _quoted(
         if max(by_f, by_shape) > FARTHEST_APART
     ]
     return (bayesian if fit.is_white else era), apart
+
+
+def _doubt(fit: BandFit) -> str:
+    """Why the Bayesian FFT's modes are not quoted."""
+    if not fit.settled:
+        return "the Bayesian FFT did not reach its most probable modes"
+    return (
+        f"the spectral model does not explain the record (chi-square over degrees of freedom "
+        f"{fit.whiteness:.2f}, allowed {fit.allowed_whiteness:.2f})"
+    )

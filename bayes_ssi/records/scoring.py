@@ -19,7 +19,10 @@ DAMPING, LOG_DAMPING_SD = 0.015, 1.0
 LOG_NOISE, LOG_NOISE_SD = 0.5 * math.log(1e-6), 0.25 * math.log(1e6)
 # Damping of steps as a share of the curvature: at first, and by what it changes (Marquardt 1963).
 FIRST_DAMPING, DAMPING_FACTOR, MOST_DAMPING = 1e-3, 5.0, 1e10
-MOST_STEPS = 40
+MOST_STEPS = 100
+# A climb that ends at the most steps has arrived if one more should gain less than this in nats:
+# the most probable modes are then within a third of a standard deviation.
+ARRIVED = 0.05
 # A step goes no further than this in ln f (in dampings), ln ζ, ln s and shapes: the derivatives
 # say nothing of what lies beyond.
 LONGEST = {"log_frequencies": 2.0, "log_dampings": 1.0, "log_noise": 2.0, "shapes": 0.3}
@@ -87,12 +90,12 @@ class MostProbable(NamedTuple):
     Attributes:
         model: its modes, forces and noise.
         curvature: (p, p), of -ln posterior in the coordinates of the model.
-        n_steps: that were tried.
+        settled: whether the climb has arrived.
     """
 
     model: SpectralModel
     curvature: FloatArray
-    n_steps: int
+    settled: bool
 
 
 def most_probable(
@@ -120,7 +123,7 @@ def most_probable(
             step = np.asarray(-np.linalg.solve(damped, slope), dtype=np.float64)
             gain = -0.5 * float(slope @ step)
             if gain < settled or n_steps == MOST_STEPS or damping > MOST_DAMPING:
-                return MostProbable(model, curvature, n_steps)
+                return MostProbable(model, curvature, gain < max(settled, ARRIVED))
             trial = model.moved(_shortened(step, model))
             n_steps += 1
             tried = misfit(trial, data, q) + prior.penalty(trial)

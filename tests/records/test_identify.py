@@ -90,6 +90,14 @@ def test_a_spectral_model_that_is_wrong_is_not_quoted():
     assert "differ by" in result.failed_checks[0]
 
 
+def test_a_climb_that_does_not_end_is_not_quoted(monkeypatch):
+    monkeypatch.setattr("bayes_ssi.records.scoring.MOST_STEPS", 2)
+    result = bs.identify(simulated(2, duration_s=300.0), BAND, at=TRUTH.frequencies_hz)
+    assert not result.fit.settled
+    assert result.quoted is result.era
+    assert "did not reach its most probable modes; NExT-ERA is quoted" in result.remarks[-1]
+
+
 @pytest.mark.parametrize(
     ("duration", "changed", "message"),
     [
