@@ -135,6 +135,8 @@ class _Sampling:
         fitting = ProposalFitting(self.sampler, search.maxima)
         best = first = self.sampler.sample(search.maxima.as_mixture().widened())
         enough = DRAWS_PER_DIMENSION * self.target.n_dimensions
+        if first.effective_sample_size < enough:
+            return None  # components added to it may end where it does
         for _ in range(MAX_REFITS):
             if not serves(best):  # more draws that matter give a better fit
                 best = self.sampler.extended(self.sampler.refined(best, math.inf), 4.0)

@@ -22,6 +22,9 @@ from bayes_ssi.sampling.target import Target, log_standard_normal
 
 # Most posterior draws resampled from one importance sample: enough for quantiles, few to store.
 MAX_RESAMPLED = 5000
+# Components are added where others show that a share of the posterior is missing which is this
+# multiple of the wanted error: what chains and particles show of a ridge's end is less than it has.
+SEEN = 0.1
 # Each adds a sixth to the draws, all of them together a factor of six.
 MAX_ADDED_COMPONENTS = 12
 
@@ -227,7 +230,7 @@ class ImportanceSampler:
             if left_to_add and self._is_poor(sample):
                 sample = self._with_component(sample, sample.z[sample.weights.argmax()])
                 left_to_add -= 1
-            elif left_to_add and others and sample.share_beyond(others) > wanted_error:
+            elif left_to_add and others and sample.share_beyond(others) > SEEN * wanted_error:
                 sample = self._with_component(sample, sample.heaviest_of(others))
                 left_to_add -= 1
             elif sample.estimate.error > wanted_error and len(sample.z) < self.max_draws:

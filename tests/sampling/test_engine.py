@@ -284,12 +284,36 @@ def counted_ensembles(monkeypatch):
     return runs
 
 
+ELSEWHERE = StudentMixture(np.ones(1), np.full((1, 2), 9.0), np.eye(2)[None], np.ones(1))
+
+
+def test_too_few_draws_around_the_maxima_lead_to_particles(monkeypatch):
+    """Components could be added where they are heaviest, but might follow a part of a ridge."""
+    sample = ImportanceSampler.sample
+
+    def misplaced(self, _mixture):
+        monkeypatch.setattr(ImportanceSampler, "sample", sample)
+        return sample(self, ELSEWHERE)
+
+    from_maxima, results = engine._Sampling._from_maxima, []
+
+    def recorded(self, search):
+        results.append(from_maxima(self, search))
+        return results[-1]
+
+    monkeypatch.setattr(ImportanceSampler, "sample", misplaced)
+    monkeypatch.setattr(engine._Sampling, "_from_maxima", recorded)
+    result = sample_target(with_suggestions(two_bumps, 2), np.random.SeedSequence(0))
+    assert results == [None]
+    assert len(result.compressions) == 2
+    assert result.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * result.evidence.error)
+
+
 def test_a_mixture_that_fits_worse_than_the_last_is_dropped(monkeypatch):
     """So it does not end in compressions of the prior."""
 
     def misfitted(self, *_draws):
-        elsewhere = StudentMixture(np.ones(1), np.full((1, 2), 9.0), np.eye(2)[None], np.ones(1))
-        return self.sampler.sample(elsewhere)
+        return self.sampler.sample(ELSEWHERE)
 
     monkeypatch.setattr(ProposalFitting, "fitted", misfitted)
     result = sample_target(with_suggestions(two_bumps, 2), np.random.SeedSequence(0))
