@@ -43,7 +43,7 @@ def row(name: str, by_sampler: dict[str, list[Run]]) -> str:
         f"{own['seconds']:.2f}",
         *(compared(by_sampler.get(sampler, []), own) for sampler in SAMPLERS),
     ]
-    return "| " + " | ".join(cells).replace("nan", "–") + " |"
+    return "| " + " | ".join("–" if cell == "nan" else cell for cell in cells) + " |"
 
 
 def main() -> None:
