@@ -25,6 +25,8 @@ MAX_RESAMPLED = 5000
 # Components are added where others show that a share of the posterior is missing which is this
 # multiple of the wanted error: what chains and particles show of a ridge's end is less than it has.
 SEEN = 0.1
+# Log densities of one draw, computed among different others, are the same within so many nats.
+ROUNDING = 1e-6
 # Each adds a sixth to the draws, all of them together a factor of six.
 MAX_ADDED_COMPONENTS = 12
 
@@ -139,7 +141,8 @@ class ImportanceSample:
         What such draws stand for, as the end of a ridge or a far tail, is missing in the evidence.
         Of importance draws whose weights have a finite variance, hardly any share is.
         """
-        heaviest = self.log_weights.max()
+        # Chains begin at importance draws: one of both weighs the same but for rounding.
+        heaviest = self.log_weights.max() + ROUNDING
         return max(float(np.mean(self._log_weights_of(each) > heaviest)) for each in others)
 
     def heaviest_of(self, others: Sequence[ScoredDraws]) -> FloatArray:

@@ -11,7 +11,6 @@ import pytest
 from click.testing import CliRunner
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.calibration.least_squares import NothingToCalibrateError
 from bayes_ssi.cli import main
 from bayes_ssi.posterior.edges import edges
@@ -248,14 +247,6 @@ def test_a_mode_at_the_edge_of_the_band_is_named_with_its_configuration():
     assert edge.statement.startswith("configuration 'loaded': model mode 2 is paired with nothing")
 
 
-def test_a_search_says_that_it_needs_one_configuration():
-    with pytest.raises(
-        ValueError,
-        match=r"model class 'both': a search needs a class with one configuration, got 2: 'bare'",
-    ):
-        search(joint())
-
-
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
@@ -354,7 +345,7 @@ def test_a_study_of_two_configurations_from_the_command_line(tmp_path, monkeypat
     again = CliRunner().invoke(main, ["calibrate", "masses.py", "--only", "yes"])
     assert again.exit_code == 0, again.output
     assert "with/mass: 1" in again.output
-    hidden = CliRunner().invoke(main, ["search", "masses.py", "--out", "s"])
+    hidden = CliRunner().invoke(main, ["search", "masses.py", "--in", "with", "--out", "s"])
     assert hidden.exit_code == 2
-    assert "a search needs a class with one configuration, got 2" in hidden.output
+    assert "'with/mass'" in hidden.output
     assert not (tmp_path / "s").exists()

@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from searches import INFILL_01, PENDULUM_3
 
 from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
-from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.before_and_after import (
     plot_frequency_change,
     plot_mac_change,
@@ -138,8 +136,3 @@ def test_classes_far_behind_do_not_hide_a_close_one():
     assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "symlog"
     row = SensitivityRow("unchanged", {}, {"a": 0.7, "b": 0.3})
     assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "linear"
-
-
-def test_places_of_a_record():
-    ax = plot_places({PENDULUM_3: 0.9, INFILL_01: 0.1})
-    assert {"0.9000", "0.1000"} <= {text.get_text() for text in ax.texts}

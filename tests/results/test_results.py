@@ -13,6 +13,7 @@ from bayes_ssi.file_names import file_names
 from bayes_ssi.posterior.known_modes import draws_with_shapes
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.recorded_classes import recorded_class
+from bayes_ssi.results.result_record import FORMAT
 from bayes_ssi.results.save import save_result
 
 
@@ -208,7 +209,7 @@ EVIDENCE = ("posteriors", 0, "evidence")
         (RESULT, cut, "result.json: damaged: "),
         (RESULT, lambda path: path.write_bytes(b"\xff\xfe\0"), "result.json: damaged: "),
         (RESULT, lambda path: path.write_text("[1, 2]"), "result.json: damaged: not a record"),
-        (RESULT, edited("format", value=99), "a result of format 99, this version reads format 13"),
+        (RESULT, edited("format", value=99), f"of format 99, this version reads format {FORMAT}"),
         (RESULT, edited("posteriors"), "result.json: posteriors: missing"),
         (RESULT, edited("posteriors", value=["one k"]), "posteriors[0]: expected a record, got"),
         (RESULT, edited("posteriors", value=[]), "not of the same model classes"),

@@ -7,7 +7,6 @@ import bayes_ssi as bs
 from bayes_ssi.ranking.averages import averaged_parameters
 from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow
 from bayes_ssi.tables import (
-    appendage_table,
     averaged_table,
     averages_table,
     calibration_modes_table,
@@ -16,6 +15,7 @@ from bayes_ssi.tables import (
     evidence_table,
     modes_table,
     parameter_table,
+    place_table,
     ranking_table,
     search_table,
     sensitivity_table,
@@ -45,7 +45,7 @@ def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
         *determination_tables(open_),
         modes_table(case_c),
         search_table(found_in_case_c),
-        appendage_table(found_in_case_c),
+        place_table(found_in_case_c.record),
         averaged_table(found_in_case_c),
         sensitivity_table(Sensitivity((setting,))),
     )
