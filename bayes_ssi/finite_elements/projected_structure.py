@@ -152,10 +152,11 @@ class ProjectedStructure(Structure):
             stiffness = stiffness + np.einsum("bs,si,sj->bij", forces, vectors, vectors)
         modes = solve_modes(stiffness, mass, self.n_modes).repeated(len(values))
         shapes = self._at_sensors @ modes.shapes
-        for spring, force in zip(self._springs, forces.T, strict=True):
-            elongation = np.einsum("i,bim->bm", spring.vector, modes.shapes)
+        for i, spring in enumerate(self._springs):
+            # One product for each row of the batch, which others do not change in the last digit.
+            elongation = vectors[i : i + 1] @ modes.shapes
             moved = np.append(spring.row.at_sensors, np.zeros(len(self._own)))
-            shapes -= moved[:, None] * (force[:, None] * elongation)[:, None, :]
+            shapes -= moved[:, None] * (forces[:, i, None, None] * elongation)
         return Modes(modes.frequencies_hz, shapes)
 
     def _spring_stiffnesses(self, values: FloatArray) -> FloatArray:
