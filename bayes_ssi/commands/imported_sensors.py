@@ -90,8 +90,8 @@ def imported_sensors(
 
 
 def _points(path: Path | None, modes: ModalData | None) -> Sequence[SensorPoint]:
-    from bayes_ssi.data.modal_uff import is_universal_file
     from bayes_ssi.solver_files.sensor_points import points_of_universal_file, read_sensor_points
+    from bayes_ssi.universal_files import is_universal_file
 
     if path is None:
         return ()

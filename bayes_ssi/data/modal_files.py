@@ -8,7 +8,8 @@ from pathlib import Path
 from bayes_ssi.argument_types import checked
 from bayes_ssi.data.modal_csv import read_modal_csv
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.data.modal_uff import is_universal_file, read_modal_uff
+from bayes_ssi.data.modal_uff import read_modal_uff
+from bayes_ssi.universal_files import is_universal_file
 
 
 @checked

@@ -11,23 +11,11 @@ import numpy as np
 
 from bayes_ssi.data.identified_mode import IdentifiedMode, checked_band
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.text_files import require_regular_file
+from bayes_ssi.universal_files import read_data_sets
 
 DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
 # The analysis types of data sets 55 that are modes.
 NORMAL, COMPLEX, COMPLEX_SECOND_ORDER = 2, 3, 7
-
-
-def is_universal_file(path: Path) -> bool:
-    """Whether the file begins as universal files do, with the delimiter -1 of a data set.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is not a regular file.
-    """
-    require_regular_file(path)
-    with path.open("rb") as file:
-        return file.read(80).split()[:1] == [b"-1"]
 
 
 def read_modal_uff(
@@ -48,21 +36,7 @@ def read_modal_uff(
         ValueError: pyuff is not installed, the file is damaged or holds no modes, or it lacks the
             node of a sensor.
     """
-    try:
-        import pyuff
-    except ImportError:
-        raise ValueError(
-            'pyuff is not installed; install it with pip install "bayes_ssi[uff]"'
-        ) from None
-    try:
-        file = pyuff.UFF(str(path))
-        kinds = np.atleast_1d(file.get_set_types()).astype(int)
-        sets = [file.read_sets(int(i)) for i in np.flatnonzero(kinds == 55)]
-    except Exception as error:  # a damaged file may raise anything there
-        reason = " ".join(str(error).split())
-        raise ValueError(
-            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
-        ) from error
+    sets = read_data_sets(path, 55)
     sets = [s for s in sets if s["analysis_type"] in (NORMAL, COMPLEX, COMPLEX_SECOND_ORDER)]
     if not sets:
         raise ValueError(f"{path}: no data set 55 with a normal or complex mode")

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from bayes_ssi.argument_types import checked
-from bayes_ssi.data.modal_uff import is_universal_file
 from bayes_ssi.records.array_files import READERS, read_arrays
 from bayes_ssi.records.channels import Channels
 from bayes_ssi.records.columns import read_columns_of_record
@@ -22,6 +21,7 @@ from bayes_ssi.records.record import (
     units_of,
 )
 from bayes_ssi.records.tool_files import read_tdms, read_universal
+from bayes_ssi.universal_files import is_universal_file
 
 
 @checked

@@ -11,6 +11,7 @@ import numpy as np
 from bayes_ssi.records.channels import Channels
 from bayes_ssi.records.record import Place
 from bayes_ssi.text_files import require_regular_file
+from bayes_ssi.universal_files import read_data_sets
 
 # Of data sets 58: functions that are time responses, and what their ordinates are.
 TIME_RESPONSE = 1
@@ -27,19 +28,7 @@ def read_universal(path: Path) -> Channels:
         OSError: the file cannot be read.
         ValueError: pyuff is not installed, the file is damaged, or it holds no time responses.
     """
-    try:
-        import pyuff
-    except ImportError:
-        raise ValueError(
-            'pyuff is not installed; install it with pip install "bayes_ssi[uff]"'
-        ) from None
-    try:
-        file = pyuff.UFF(str(path))
-        kinds = np.atleast_1d(file.get_set_types()).astype(int)
-        sets = [file.read_sets(int(i)) for i in np.flatnonzero(kinds == 58)]
-        sets = [each for each in sets if each["func_type"] == TIME_RESPONSE]
-    except Exception as error:  # a damaged file may raise anything there
-        raise _damaged(error) from error
+    sets = [s for s in read_data_sets(path, 58) if s["func_type"] == TIME_RESPONSE]
     if not sets:
         raise ValueError("no data set 58 with a time response")
     if any(each["abscissa_spacing"] != 1 for each in sets):
@@ -89,7 +78,10 @@ def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
     try:
         file = TdmsFile.read(str(path))
     except Exception as error:  # a damaged file may raise anything there
-        raise _damaged(error) from error
+        reason = " ".join(str(error).split())
+        raise ValueError(
+            f"cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
+        ) from error
     groups = {group.name: group for group in file.groups()}
     for key in keys:
         if key not in groups:
@@ -115,8 +107,3 @@ def _rows(rows: Sequence[np.ndarray]) -> np.ndarray:
     if len(lengths) > 1:
         raise ValueError(f"channels of {lengths[0]} to {lengths[-1]} samples")
     return np.array(rows, dtype=float)
-
-
-def _damaged(error: Exception) -> ValueError:
-    reason = " ".join(str(error).split())
-    return ValueError(f"cannot be read; damaged or truncated? {type(error).__name__}: {reason}")

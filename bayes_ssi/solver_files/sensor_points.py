@@ -15,6 +15,7 @@ from bayes_ssi.solver_files.directions import DIRECTIONS, TRANSLATIONS
 from bayes_ssi.solver_files.exported_model import ExportedModel
 from bayes_ssi.structures.geometry import Point, checked_point
 from bayes_ssi.text_files import read_columns
+from bayes_ssi.universal_files import read_data_sets
 
 COLUMNS = ("sensor", "x_coord", "y_coord", "z_coord", "direction")
 # Factors between units of length: what they turn, and the factor.
@@ -78,23 +79,10 @@ def points_of_universal_file(path: Path, sensors: Sequence[str]) -> tuple[Sensor
         ValueError: pyuff is not installed, the file is damaged, or a sensor is at none of its
             nodes.
     """
-    try:
-        import pyuff
-    except ImportError:
-        raise ValueError(
-            'pyuff is not installed; install it with pip install "bayes_ssi[uff]"'
-        ) from None
     nodes: dict[str, Point] = {}
-    try:
-        file = pyuff.UFF(str(path))
-        kinds = np.atleast_1d(file.get_set_types()).astype(int)
-        for i in np.flatnonzero((kinds == 15) | (kinds == 2411)):
-            one = file.read_sets(int(i))
-            for number, *at in zip(one["node_nums"], one["x"], one["y"], one["z"], strict=True):
-                nodes[str(int(number))] = checked_point(at, f"node {int(number)}")
-    except Exception as error:  # a damaged file may raise anything there
-        reason = " ".join(str(error).split())
-        raise ValueError(f"{path}: cannot be read; {type(error).__name__}: {reason}") from error
+    for one in read_data_sets(path, 15, 2411):
+        for number, *at in zip(one["node_nums"], one["x"], one["y"], one["z"], strict=True):
+            nodes[str(int(number))] = checked_point(at, f"{path}: node {int(number)}")
     points = []
     for name in sensors:
         node, _, direction = name.rpartition(" ")

@@ -1,0 +1,45 @@
+"""Universal files, in which programs for vibration tests exchange data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.text_files import require_regular_file
+
+
+def is_universal_file(path: Path) -> bool:
+    """Whether the file begins as universal files do, with the delimiter -1 of a data set.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is not a regular file.
+    """
+    require_regular_file(path)
+    with path.open("rb") as file:
+        return file.read(80).split()[:1] == [b"-1"]
+
+
+def read_data_sets(path: Path, *numbers: int) -> list[dict[str, Any]]:
+    """The data sets of these numbers, such as 55, as pyuff gives them, in the file's order.
+
+    Raises:
+        ValueError: pyuff is not installed, or the file is damaged.
+    """
+    try:
+        import pyuff
+    except ImportError:
+        raise ValueError(
+            'pyuff is not installed; install it with pip install "bayes_ssi[uff]"'
+        ) from None
+    try:
+        file = pyuff.UFF(str(path))
+        kinds = np.atleast_1d(file.get_set_types()).astype(int)
+        return [file.read_sets(i) for i, kind in enumerate(kinds) if kind in numbers]
+    except Exception as error:  # a damaged file may raise anything there
+        reason = " ".join(str(error).split())
+        raise ValueError(
+            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
+        ) from error
