@@ -25,7 +25,7 @@ from bayes_ssi.argument_types import checked
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.posterior.refinement import RefinementSettings
+from bayes_ssi.posterior.refinement_settings import RefinementSettings
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.study import Study, compare_and_diagnose
 from bayes_ssi.sampling.settings import SamplingSettings

@@ -27,7 +27,7 @@ from bayes_ssi.appendages.places import AppendagePlace, places_of
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.reduced_structure import ReducedStructure
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.posterior.refinement import is_approximate
+from bayes_ssi.posterior.required_accuracy import is_approximate
 from bayes_ssi.ranking.class_sampling import is_cheap
 from bayes_ssi.ranking.study import Study
 from bayes_ssi.structures.elements import CarriesElements

@@ -33,7 +33,6 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.adequacy import LIMIT, Hint, adequacy
 from bayes_ssi.posterior.emulation import emulated_again
 from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.posterior.refinement import with_exact_structures
 from bayes_ssi.posterior.repairs import (
     Repair,
     common_factor,
@@ -42,6 +41,7 @@ from bayes_ssi.posterior.repairs import (
     repairs_of_shapes,
     repairs_of_single_shapes,
 )
+from bayes_ssi.posterior.required_accuracy import with_exact_structures
 from bayes_ssi.sampling.maxima import ascend
 from bayes_ssi.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.sampling.target import Target, log_standard_normal

@@ -17,7 +17,8 @@ from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.finite_elements.emulated_structure import EmulatedStructure
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.posterior.refinement import RefinementSettings, refined
+from bayes_ssi.posterior.refinement import refined
+from bayes_ssi.posterior.refinement_settings import RefinementSettings
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.structures.lumped import LumpedStructure

@@ -10,7 +10,9 @@ from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.emulation import sample_emulated, with_emulated_structures
 from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.posterior.refinement import RefinementSettings, is_approximate, refined
+from bayes_ssi.posterior.refinement import refined
+from bayes_ssi.posterior.refinement_settings import RefinementSettings
+from bayes_ssi.posterior.required_accuracy import is_approximate
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
 from bayes_ssi.sampling.settings import SamplingSettings
 

@@ -21,7 +21,7 @@ from bayes_ssi.execution.run import Run
 from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.posterior.refinement import RefinementSettings
+from bayes_ssi.posterior.refinement_settings import RefinementSettings
 from bayes_ssi.posterior.sample import sample
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.structures.lumped import LumpedStructure

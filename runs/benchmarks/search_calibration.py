@@ -45,7 +45,7 @@ from bayes_ssi.appendages.baselines import choose_baselines
 from bayes_ssi.appendages.candidates import default_candidates
 from bayes_ssi.appendages.hypotheses import hypothesis, scale_of
 from bayes_ssi.appendages.places import AppendagePlace, places_of
-from bayes_ssi.posterior.refinement import with_exact_structures
+from bayes_ssi.posterior.required_accuracy import with_exact_structures
 from bayes_ssi.ranking.study_file import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "bare_building.py"

@@ -13,7 +13,7 @@ from bayes_ssi.cli import main
 from bayes_ssi.execution.checkpoint import Checkpoint
 from bayes_ssi.modal import Modes
 from bayes_ssi.posterior.diagnosis import diagnose
-from bayes_ssi.posterior.refinement import RefinementSettings
+from bayes_ssi.posterior.refinement_settings import RefinementSettings
 from bayes_ssi.predictions.posterior_draws import thinned_draws
 from bayes_ssi.results.load import load_result
 
