@@ -6,12 +6,13 @@ import functools
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from bayes_ssi.commands.shown_result import json_record
 from bayes_ssi.commands.terminal import (
     INTERRUPTED,
     command_line,
@@ -26,8 +27,6 @@ from bayes_ssi.commands.terminal import (
 )
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bayes_ssi.execution.checkpoint import Checkpoint
     from bayes_ssi.execution.run import Run
     from bayes_ssi.execution.workers import Workers
@@ -208,7 +207,7 @@ class RunOptions:
             for text, items in answered.warnings
         ]
         say_in_paragraphs(console(), *warnings, *answered.paragraphs)
-        print_record(lambda: _record(result, records))
+        print_record(lambda: json_record(result, records))
         if not self.accept_failed_checks:
             exit_if_failed(result.comparison.failed_checks)
 
@@ -284,51 +283,6 @@ def _recorded(place: ResultPlace) -> Path:
     here = Path.cwd()
     below = place.directory.absolute().is_relative_to(here)
     return place.study_file if below else place.study_file.absolute()
-
-
-def _record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, Any]:
-    """The record that ``--json`` prints: ranking, numbers of posteriors, path of the result."""
-    from bayes_ssi.results.answer import answer
-
-    return {
-        "directory": str(result.directory),
-        "study": result.record.study,
-        "answer": answer(result).paragraphs,
-        **asdict(result.comparison),
-        "failed_checks": list(result.comparison.failed_checks),
-        "not_distinguishable": list(result.comparison.not_distinguishable),
-        "parameters": {
-            posterior.name: [asdict(row) for row in posterior.summary]
-            for posterior in result.ranked_posteriors
-        },
-        "adequacy": {
-            posterior.name: posterior.adequacy and asdict(posterior.adequacy)
-            for posterior in result.ranked_posteriors
-        },
-        "pairings": {
-            posterior.name: {modes.name: dict(modes.pairing) for modes in posterior.configurations}
-            for posterior in result.ranked_posteriors
-        },
-        **{Path(file).stem: record for file, record in records.items()},
-    }
-
-
-def say_misfit(where: Console, result: StoredResult) -> None:
-    """Say ahead of everything else that the best class does not explain the data, if so."""
-    if result.comparison.misfit:
-        say_in_paragraphs(where, f"(!) {result.comparison.misfit}.")
-
-
-def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:
-    """Notes below the tables of a ranking."""
-    from bayes_ssi.tables import comparison_notes, pairing_notes, region_notes
-
-    notes = comparison_notes(result.comparison)
-    for posterior in result.ranked_posteriors[: 1 if best_only else None]:
-        for heading, items in (*pairing_notes(posterior), *region_notes(posterior)):
-            notes += [heading, *(f"  {item}" for item in items)]
-        notes += [f"{posterior.name!r}: {remark}." for remark in posterior.remarks]
-    return notes
 
 
 def _prepare_the_end() -> None:
