@@ -256,15 +256,6 @@ class ModelClass:
         tests = tuple(replace(test, pairing="any") for test in self.configurations)
         return replace(self, name=name, configurations=tests)
 
-    def with_structure(self, structure: Structure, name: str) -> ModelClass:
-        """The class, under another name, with another structure in its one configuration.
-
-        Raises:
-            ValueError: there are several configurations.
-        """
-        test = replace(self.configuration(), structure=structure)
-        return replace(self, name=name, configurations=(test,))
-
     def with_structures(self, change: Callable[[Structure, int], Structure]) -> ModelClass:
         """The class with other structures; the class itself if none changes.
 

@@ -28,6 +28,10 @@ STANDARD_ERRORS = 2.0
 # A class less probable than this is not flagged for lying at the edge of its priors: having to do
 # so is what makes it improbable.
 PROBABLE = 0.01
+# A failed check says that an evidence may be wrong, not by how much. It fails the result where the
+# class would be probable with an evidence higher by this, twice what is very strong on the scale;
+# an improbable class that not even that would bring back changes no answer.
+WRONG_BY = 2.0 * VERY_STRONG
 
 
 def bayes_factor_scale(log_bayes_factor: float) -> str:
@@ -74,7 +78,8 @@ class RankedClass:
         misfit: what of the data the best class does not explain, and likely causes, in words;
             empty where it explains them, and for the other classes.
         failed_checks: failed checks of the sampling, after this misfit.
-        remarks: settings that the posterior depends on, but hardly the ranking, a sentence each.
+        remarks: settings that the posterior depends on, but hardly the ranking, and failed checks
+            of a class too improbable to change the answer, a sentence each.
     """
 
     name: str
@@ -165,7 +170,9 @@ def compare(
     """Rank model classes by evidence.
 
     A probable class whose posterior lies at the edge of a setting fails a check: what the setting
-    does to the ranking is not known here, but in :func:`~bayes_ssi.ranking.study.rank`.
+    does to the ranking is not known here, but in :func:`~bayes_ssi.ranking.study.rank`. Failed
+    checks of sampling a class that would remain improbable with an evidence 10 nats higher are
+    remarks.
 
     Args:
         posteriors: posteriors of the classes, all sampled on the same data.
@@ -211,7 +218,9 @@ def _row(
     best, fit = ranked[0], posterior.adequacy
     evidence, top = posterior.evidence, best.evidence
     misfit = _misfit_of_best(ranked) if posterior is best else ""
-    failed = (*([misfit] if misfit else []), *posterior.failed_checks)
+    matters = can_matter(probability)
+    failed = (*([misfit] if misfit else []), *(posterior.failed_checks if matters else ()))
+    remarks = () if matters else tuple(map(_without_consequence, posterior.failed_checks))
     if probability >= PROBABLE:
         failed = (*failed, *(edge.statement for edge in posterior.edges))
     difference = evidence.log_evidence - top.log_evidence
@@ -242,7 +251,17 @@ def _row(
         misfit_sds=fit.overall.sds if fit else None,
         misfit=misfit,
         failed_checks=failed,
+        remarks=remarks,
     )
+
+
+def can_matter(probability: float) -> bool:
+    """Whether a class of this probability would be probable if its evidence were far too low."""
+    return probability > 0.0 and math.log(probability) + WRONG_BY >= math.log(PROBABLE)
+
+
+def _without_consequence(failed_check: str) -> str:
+    return f"{failed_check}; the class is too improbable for this to change the answer"
 
 
 def _misfit_of_best(ranked: Sequence[Posterior]) -> str:

@@ -67,7 +67,7 @@ def comparison_notes(comparison: Comparison) -> list[str]:
     if comparison.failed_checks:
         notes.append("(!): a check failed, as said below.")
     if comparison.remarks:
-        notes.append("Settings that posteriors depend on, without changing the answer:")
+        notes.append("What does not change the answer:")
         notes.extend(f"  {remark}" for remark in comparison.remarks)
     return notes
 

@@ -132,7 +132,7 @@ def storeys_by_matrices(baseline):
             drift[storey - 1] = -1.0
         storeys.append((k, one * np.outer(drift, drift)))
     model = bs.MatrixStructure(storeys, np.eye(3), labels=baseline.data.sensors, n_modes=3)
-    return baseline.with_structure(model.reduced(), baseline.name)
+    return replace(baseline, structure=model.reduced())
 
 
 def test_a_search_by_matrices_is_that_of_the_building(bare, found_in_case_c):

@@ -8,6 +8,7 @@ from searches import COARSE, INFILL_01, INFILL_12, ONE
 
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
+from bayes_ssi.appendages.hypotheses import SearchSettings
 
 
 def test_the_hidden_infill_is_found_where_it_is(found_in_case_c):
@@ -39,7 +40,8 @@ def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error, two_worker
     modes = [bs.IdentifiedMode(str(i), f, shapes[:, i]) for i, f in enumerate(frequencies)]
     data = bs.ModalData(tuple(modes), (0.0, 6.0), ("floor 1", "floor 2", "floor 3"))
     baseline = bs.ModelClass("bare", frame, data, fixed_error, pairing={})
-    result = search(baseline, ONE, settings=COARSE, run=bs.Run(two_workers))
+    one = SearchSettings(number_weights=(1.0, 1.0))
+    result = search(baseline, one, settings=COARSE, run=bs.Run(two_workers))
     assert result.ranking.comparison.best.name == "no appendage"
     assert result.record.probability_of_any < 0.2
 

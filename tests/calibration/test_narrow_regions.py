@@ -79,7 +79,7 @@ def test_all_exact_fits_of_a_given_pairing_are_reached(model_classes):
     """Four stiffness factors fit the frequencies exactly at four points, as calibration lists."""
     given = model_classes["3"]
     error = bs.ErrorModel(frequency_cov=1e-4, shape_sd=0.05)
-    candidate = replace(given.with_structure(given.structure, "3 on frequencies"), error=error)
+    candidate = replace(given, name="3 on frequencies", error=error)
     test = candidate.configuration()
     test = replace(test, data=test.data.without_shapes())
     candidate = replace(candidate, configurations=(test,))

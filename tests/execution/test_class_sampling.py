@@ -1,6 +1,7 @@
 """Several classes with workers: whole classes or shared evaluations, and the same results."""
 
 import os
+from dataclasses import replace
 
 import pytest
 from conftest import COARSE, assert_one_line_error
@@ -18,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
 def with_structure(candidate, kind, name="x"):
     old = candidate.structure
-    return candidate.with_structure(kind(old.masses, old.stiffnesses), name)
+    return replace(candidate, name=name, structure=kind(old.masses, old.stiffnesses))
 
 
 @pytest.fixture
@@ -73,7 +74,7 @@ def test_workers_report_their_progress(tmp_path):
 
 def test_fewer_classes_share_their_evaluations_unless_they_are_small(tiny_study, alone, shared):
     small, other = tiny_study.model_classes
-    other = other.with_structure(DelegatingStructure(other.structure), other.name)
+    other = replace(other, structure=DelegatingStructure(other.structure))
     assert_same(sample_all([small, other], 7, COARSE, bs.Run(3)), alone)
     assert shared == {other.name}
 

@@ -124,7 +124,7 @@ def test_predictions_take_the_structure_itself(tmp_path):
     assert draws.structure is candidate.structure
     other = replace(candidate.structure.structure, masses=(1.5, 1.5, 1.5))
     with pytest.raises(ValueError, match="is not the one that was sampled"):
-        thinned_draws(stored, candidate.with_structure(BlackBox(other), "black box"))
+        thinned_draws(stored, replace(candidate, name="black box", structure=BlackBox(other)))
 
 
 def test_a_mistake_in_the_data_is_named_by_the_emulator():

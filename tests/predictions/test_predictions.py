@@ -266,12 +266,10 @@ def test_a_class_that_is_not_the_one_sampled(classes, posteriors, tiny_ranking):
     with pytest.raises(ValueError, match=r"'one k' is not the one .* a parameter 'k1', .* are 'k'"):
         thinned_draws(posteriors["one k"], classes["each k"])
     structure = classes["one k"].structure
-    heavier = classes["one k"].with_structure(replace(structure, masses=(1.0, 1.001)), "one k")
+    heavier = replace(classes["one k"], structure=replace(structure, masses=(1.0, 1.001)))
     with pytest.raises(ValueError, match="at a stored draw its structure has the frequencies"):
         thinned_draws(posteriors["one k"], heavier)
-    more = classes["one k"].with_structure(
-        structure.with_element(bs.Pendulum(1, 0.1, 1.0)), "one k"
-    )
+    more = replace(classes["one k"], structure=structure.with_element(bs.Pendulum(1, 0.1, 1.0)))
     with pytest.raises(ValueError, match="at a stored draw its structure has the frequencies"):
         thinned_draws(posteriors["one k"], more)
     with pytest.raises(ValueError, match="number of draws must be at least 1, got 0"):

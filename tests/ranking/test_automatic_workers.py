@@ -1,6 +1,7 @@
 """Workers of a run for which none were chosen: only where they are safe and save time."""
 
 import threading
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -62,7 +63,7 @@ def test_new_processes_for_few_small_classes_cost_more_than_they_save(
 def test_a_users_own_code_stays_in_this_process(model_classes, of_a_function, n_workers):
     classes = list(model_classes.values())
     assert n_workers([*classes, of_a_function]) == 0
-    own = classes[0].with_structure(DelegatingStructure(classes[0].structure), "own")
+    own = replace(classes[0], name="own", structure=DelegatingStructure(classes[0].structure))
     assert n_workers([*classes, own]) == 0
     # Unless workers are asked for; these are no copies of a process that ran the user's code.
     chosen = chosen_workers([*classes, own], 2, lambda: None)

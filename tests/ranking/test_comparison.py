@@ -160,3 +160,15 @@ def test_an_edge_check_is_flagged_for_probable_classes_only(make_posterior, log_
     leaning = make_posterior("leaning", log_evidence, edges=(AtEdge("leans on an edge", 0, "k1"),))
     comparison = bs.compare([make_posterior("upright", 0.0), leaning])
     assert comparison.failed_checks == (("'leaning': leans on an edge",) if flagged else ())
+
+
+@pytest.mark.parametrize(("behind", "fails"), [(4.0, True), (14.0, True), (15.0, False)])
+def test_a_failed_check_fails_the_result_only_where_the_class_could_matter(
+    make_posterior, behind, fails
+):
+    """A class 14.6 nats behind would have 1 % with an evidence 10 nats higher: ln 0.01 = -4.6."""
+    doubtful = make_posterior("doubtful", -behind, failed_checks=("too few draws",))
+    comparison = bs.compare([make_posterior("best", 0.0), doubtful])
+    said = comparison.failed_checks if fails else comparison.remarks
+    assert len(comparison.failed_checks) + len(comparison.remarks) == 1
+    assert said[0].startswith("'doubtful': too few draws")

@@ -60,7 +60,7 @@ def test_a_remark_marks_no_class(make_posterior):
     noted = replace(comparison, classes=(replace(row, remarks=("the band's end",)),))
     assert not [line for line in lines(ranking_table(noted)) if "(!)" in line]
     assert comparison_notes(noted)[-2:] == [
-        "Settings that posteriors depend on, without changing the answer:",
+        "What does not change the answer:",
         "  'a': the band's end",
     ]
 
