@@ -15,9 +15,11 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.records.modal_estimates import ModalEstimates, Poles, with_positive_largest
+from bayes_ssi.records.observed_curvature import observed_curvature
 from bayes_ssi.records.scoring import MostProbable, WeakPrior, most_probable
 from bayes_ssi.records.spectra import Lines, Spectra, spectra
 from bayes_ssi.records.spectral_model import (
@@ -67,7 +69,7 @@ class BandFit:
         model: modes, forces and noise, in units in which the mean power of the band is one.
         data: the spectral matrices, averaged as the model says.
         q: how often accelerations were integrated.
-        curvature: (p, p), of -ln posterior in the model's coordinates.
+        curvature: (p, p), of -ln posterior in the model's coordinates, as the record has it.
         log_evidence: by Laplace's approximation, up to a constant of the lines.
         whiteness: chi-square of the whitened spectral matrices over degrees of freedom: about 1
             where the model is right.
@@ -89,6 +91,14 @@ class BandFit:
     def is_white(self) -> bool:
         """Whether the modes are the most probable ones, and explain the spectral matrices."""
         return self.settled and self.whiteness <= self.allowed_whiteness
+
+    @property
+    def in_band(self) -> NDArray[np.bool_]:
+        """Whether each mode is within the band (m,)."""
+        low, high = self.data.frequencies_hz[[0, -1]]
+        frequencies = self.poles.frequencies_hz
+        inside: NDArray[np.bool_] = (frequencies > low) & (frequencies < high)
+        return inside
 
     @property
     def poles(self) -> Poles:
@@ -257,6 +267,8 @@ def _described(
     """Evidence and whiteness of the most probable model."""
     model, at = found.model, found.model.layout
     data = spectra(lines, partial(covariances, model, q=q))
+    observed = observed_curvature(model, data, q, prior, found.curvature)
+    curvature = found.curvature if observed is None else observed
     covariance = covariances(model, data.frequencies_hz, q)
     inverse = np.linalg.inv(np.linalg.cholesky(covariance))
     white = inverse @ data.matrices @ inverse.conj().swapaxes(1, 2)
@@ -269,7 +281,7 @@ def _described(
     traces = white.diagonal(axis1=1, axis2=2).real.sum(1)
     value = float((data.weights * (log_determinants + traces)).sum()) + prior.penalty(model)
     p = at.n_coordinates
-    log_volume = 0.5 * (p * math.log(2.0 * math.pi) - np.linalg.slogdet(found.curvature)[1])
+    log_volume = 0.5 * (p * math.log(2.0 * math.pi) - np.linalg.slogdet(curvature)[1])
     # The same spectral matrices belong to modes in any order and sources of either sign.
     equal = math.lgamma(model.n_modes + 1) + model.forces.shape[1] * math.log(2.0)
     # Claimed deviations are too small by a tenth at 1.2; the statistic itself scatters.
@@ -279,9 +291,9 @@ def _described(
         model,
         data,
         q,
-        found.curvature,
+        curvature,
         -value + prior.log_constant + log_volume + equal,
         whiteness,
         allowed,
-        found.settled,
+        found.settled and observed is not None,
     )

@@ -19,7 +19,8 @@ from bayes_ssi.records.scoring import DAMPING, LOG_DAMPING_SD
 from bayes_ssi.records.spectra import Lines, lines_of, spectra
 
 # A block of lines is this share of the damping wide, relative to its frequency: an eighth of a
-# resonance's half-power bandwidth. Wider blocks blur what drives all sensors alike.
+# resonance's half-power bandwidth. What leaks to the tapers of wider blocks shows where few sources
+# drive all sensors.
 BLOCK_OVER_DAMPING = 0.25
 INTEGRATIONS = {"acceleration": 0, "velocity": 1, "displacement": 2}
 # Two methods that see the same record should not differ by more claimed standard deviations.
@@ -195,9 +196,7 @@ def _without_needless(fit: BandFit, lines: Lines) -> tuple[BandFit, list[Rejecte
     """
     rejected: list[Rejected] = []
     while fit.model.n_modes > 1:
-        low, high = fit.data.frequencies_hz[[0, -1]]
-        frequencies = fit.poles.frequencies_hz
-        nats = np.where((frequencies > low) & (frequencies < high), fit.nats_of_forces(), -np.inf)
+        nats = np.where(fit.in_band, fit.nats_of_forces(), -np.inf)
         weakest = int(np.argmin(nats))
         if nats[weakest] > BEYOND_DOUBT:
             break
@@ -223,10 +222,12 @@ def _with_needed(fit: BandFit, lines: Lines, others: Poles) -> tuple[BandFit, li
             break
         left.remove(best)
         wider = fit_band(lines, fit.poles.joined(others.at([best])), fit.q, fit.loads)
-        if wider.log_evidence > fit.log_evidence:
+        frequency = float(others.frequencies_hz[best])
+        if not wider.in_band.all():
+            rejected.append(Rejected(frequency, "the spectra are explained by no mode in the band"))
+        elif wider.log_evidence > fit.log_evidence:
             fit = wider
         else:
-            frequency = float(others.frequencies_hz[best])
             rejected.append(_rejected(frequency, fit.log_evidence - wider.log_evidence))
     return fit, rejected + [
         Rejected(float(others.frequencies_hz[i]), "the spectra gain nothing by a mode there")

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.records.observed_curvature import observed_curvature
+from bayes_ssi.records.scoring import WeakPrior, most_probable
 from bayes_ssi.records.spectra import Spectra, lines_of, spectra
 from bayes_ssi.records.spectral_model import (
     SpectralModel,
@@ -127,6 +129,30 @@ def test_the_information_is_the_curvature_where_the_model_is_exact(model_and_dat
         rise = misfit(model.moved(step), data, q) + misfit(model.moved(-step), data, q)
         rise -= 2.0 * exact.misfit
         assert rise == pytest.approx(float(step @ exact.information @ step), rel=2e-3)
+
+
+def test_the_observed_curvature_is_that_of_the_posterior(model_and_data):
+    """Not the expected one, from which the posterior of five transforms a block is far."""
+    model, data, rng = model_and_data
+    data = data._replace(matrices=drawn(covariances(model, data.frequencies_hz, 0), rng))
+    prior = WeakPrior.of(model, data, 0)
+    best = most_probable(model, data, 0, prior, 1e-12)
+    curvature = observed_curvature(best.model, data, 0, prior, best.curvature)
+
+    def value(step):
+        moved = best.model.moved(step)
+        shapes = prior.precisions * step**2
+        flat = prior.penalty(moved) + 0.5 * shapes[best.model.layout.shapes].sum()
+        return misfit(moved, data, 0) + flat
+
+    ratios = []
+    for direction in rng.standard_normal((6, len(curvature))) / np.sqrt(curvature.diagonal()):
+        rise = value(0.01 * direction) + value(-0.01 * direction) - 2.0 * value(0.0 * direction)
+        rises = 1e4 * rise / (direction @ np.stack([curvature, best.curvature]) @ direction)
+        ratios.append(rises)
+    ratios = np.array(ratios)
+    np.testing.assert_allclose(ratios[:, 0], 1.0, rtol=2e-3)
+    assert np.abs(ratios[:, 1] - 1.0).max() > 0.02
 
 
 def test_the_gain_by_a_mode_is_that_of_a_small_step(model_and_data):
