@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 # Far more modes, sensors or warnings than a test has are a mistake, which the first ones show.
 MOST = 100
-MODE_FIELDS = ("label", "frequency_hz", "frequency_cov", "damping", "n_measured")
+MODE_FIELDS = (
+    "label", "frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd", "n_measured",
+)  # fmt: skip
 
 
 @click.command()
@@ -39,6 +41,8 @@ def check(data: Path) -> None:
     say(
         where,
         f"Band: {low:g} to {high:g} Hz. Sensors: {sensors}. Digest: {modes.digest}.",
+        "Errors of frequencies and shapes: "
+        + ("independent." if modes.covariance is None else "joint, by their covariance."),
         *(f"(!) {remark}" for remark in remarks[:MOST]),
         *([_not_shown(len(remarks), "warnings")] if len(remarks) > MOST else []),
         *([] if remarks else ["No warnings."]),
@@ -55,6 +59,7 @@ def _record(data: ModalData) -> dict[str, Any]:
         "band_hz": data.band_hz,
         "sensors": data.sensors,
         "digest": data.digest,
+        "covariance_digest": data.covariance_digest,
         "modes": [{key: getattr(mode, key) for key in MODE_FIELDS} for mode in data.modes],
         "remarks": data.warnings(),
     }

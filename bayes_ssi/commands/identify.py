@@ -59,13 +59,15 @@ def identify(
     Writes them with their uncertainties to a CSV file, the data of model classes; --json gives
     their whole covariance.
     """
-    from bayes_ssi.data.modal_csv import write_modal_data
+    from bayes_ssi.data.covariance_file import covariance_path
+    from bayes_ssi.data.modal_csv import modal_files, write_modal_data
     from bayes_ssi.records import modal_identification
     from bayes_ssi.records.record_files import read_record
     from bayes_ssi.tables.mode_tables import estimates_table
 
-    if out is not None and out.exists():
-        raise FileExistsError(f"{out} exists; give another name")
+    for file in () if out is None else (out, covariance_path(out)):
+        if file.exists():
+            raise FileExistsError(f"{file} exists; give another name")
     record = read_record(
         files, rate_hz=rate, quantity=quantity, unit=unit, sensors=sensors or None, keys=keys
     )
@@ -81,8 +83,9 @@ def identify(
         *(f"(!) Failed check: {check}" for check in found.failed_checks),
     )
     if out is not None:
-        write_modal_data(found.modal_data(f"identified from {record.source}"), out)
-        say(where, f"Wrote {out}")
+        data = found.modal_data(f"identified from {record.source}")
+        write_modal_data(data, out)
+        say(where, "Wrote " + " and ".join(map(str, modal_files(data, out))))
     print_record(lambda: _record(found, record.warnings()))
     exit_if_failed(found.failed_checks)
 

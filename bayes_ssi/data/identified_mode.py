@@ -15,7 +15,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import scaled_shapes
 
 # Columns of a file of modes; no sensor may have one of these names.
-RESERVED_NAMES = ("label", "frequency_hz", "frequency_cov", "shape_sd", "damping")
+RESERVED_NAMES = ("label", "frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd")
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +30,7 @@ class IdentifiedMode:
         frequency_cov: standard deviation of the identified frequency as a fraction of it.
         shape_sd: standard deviation of each component of the shape at unit length.
         damping: fraction of critical damping.
+        damping_sd: standard deviation of ``damping``.
 
     Raises:
         ValueError: a number is out of range, or every component of the shape is zero.
@@ -41,6 +42,7 @@ class IdentifiedMode:
     frequency_cov: float | None = None
     shape_sd: float | None = None
     damping: float | None = None
+    damping_sd: float | None = None
 
     def __post_init__(self) -> None:
         require_name(self.label, "mode label")
@@ -50,7 +52,7 @@ class IdentifiedMode:
                 f"got {self.label!r}"
             )
         _require_positive(self.frequency_hz, self._where("frequency_hz"))
-        for name in ("frequency_cov", "shape_sd"):
+        for name in ("frequency_cov", "shape_sd", "damping_sd"):
             if (number := getattr(self, name)) is not None:
                 _require_positive(number, self._where(name))
         if self.damping is not None and not 0 <= self.damping < 1:
@@ -58,6 +60,8 @@ class IdentifiedMode:
                 f"{self._where('damping')} must be a fraction of critical damping in [0, 1), "
                 f"got {self.damping!r}"
             )
+        if self.damping_sd is not None and self.damping is None:
+            raise ValueError(f"{self._where('damping_sd')} is given without damping")
         if self.shape is not None:
             object.__setattr__(self, "shape", self._checked_shape())
 

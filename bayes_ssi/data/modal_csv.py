@@ -4,17 +4,19 @@
 
     # source, ambient vibration test of 12 May
     # band_hz, 0, 6
+    # covariance, modes.covariance.json
     label, frequency_hz, frequency_cov, damping, floor 1, floor 2, floor 3
     1,     0.983,        0.001,         0.012,   0.331,   0.593,   0.734
     2a,    2.604,        ,              ,        0.674,   0.240,
 
 Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
-the search, required) and ``source`` (text); anything else there is a comment. Then a row of column
-names: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd`` and ``damping``
-(fractions) are optional, and **every other column is a sensor**, named as the structure's degree
-of freedom. An empty cell is a value not measured. Complex components are written ``0.3+0.1j``
-(or ``i``). Columns are separated by commas, semicolons or tabs, as a first line ``sep=;`` may
-say; with semicolons or tabs a decimal comma is understood.
+the search, required), ``source`` (text) and ``covariance`` (a file in the same directory, see
+:mod:`bayes_ssi.data.covariance_file`); anything else there is a comment. Then a row of column
+names: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd``, ``damping`` and
+``damping_sd`` (fractions) are optional, and **every other column is a sensor**, named as the
+structure's degree of freedom. An empty cell is a value not measured. Complex components are written
+``0.3+0.1j`` (or ``i``). Columns are separated by commas, semicolons or tabs, as a first line
+``sep=;`` may say; with semicolons or tabs a decimal comma is understood.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from typing import TypeVar
 import numpy as np
 
 from bayes_ssi.argument_types import checked
+from bayes_ssi.data.covariance_file import covariance_path, read_covariance, write_covariance
 from bayes_ssi.data.identified_mode import RESERVED_NAMES, IdentifiedMode, repeated
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.text_files import read_columns
@@ -38,7 +41,7 @@ T = TypeVar("T", float, complex)
 
 REQUIRED_COLUMNS = ("label", "frequency_hz")
 NUMBER_COLUMNS = RESERVED_NAMES[1:]
-HEAD_KEYS = ("source", "band_hz")
+HEAD_KEYS = ("source", "band_hz", "covariance")
 DELIMITERS = ",;\t"
 
 
@@ -95,7 +98,7 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
     if not modes:
         raise ValueError(f"{path}: no mode below the column names")
 
-    source, file_band = _read_head(head)
+    source, file_band, covariance_name = _read_head(head)
     band = band_hz if band_hz is not None else file_band
     if band is None:
         raise ValueError(
@@ -104,33 +107,43 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
         )
     low, high = band
     sensors = tuple(name for name in columns if name not in RESERVED_NAMES)
+    covariance = None
+    if covariance_name:
+        covariance = read_covariance(path.parent / covariance_name, path, modes, sensors)
     try:
-        return ModalData(modes, (low, high), sensors, source)
+        return ModalData(modes, (low, high), sensors, source, covariance)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
 @checked
 def write_modal_data(data: ModalData, path: str | Path) -> None:
-    """Write identified modes to a new CSV file.
+    """Write identified modes to a new CSV file, and their joint covariance to one next to it.
 
     Args:
         data: the modes; :func:`bayes_ssi.read_modal_data` reads them back unchanged.
-        path: path of the file.
+        path: path of the file; that of a covariance ends in ``.covariance.json`` in place of
+            ``.csv``.
 
     Raises:
-        FileExistsError: the file exists.
+        FileExistsError: a file exists.
     """
+    path = Path(path)
+    for own in modal_files(data, path):
+        if own.exists():
+            raise FileExistsError(f"{own} exists; give another name")
     optional = [
         name
         for name in NUMBER_COLUMNS[1:]
         if any(getattr(mode, name) is not None for mode in data.modes)
     ]
-    with Path(path).open("x", newline="", encoding="utf-8") as file:
+    with path.open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         if data.source:
             writer.writerow(["# source", data.source])
         writer.writerow(["# band_hz", *(repr(float(bound)) for bound in data.band_hz)])
+        if data.covariance is not None:
+            writer.writerow(["# covariance", covariance_path(path).name])
         writer.writerow([*REQUIRED_COLUMNS, *optional, *data.sensors])
         for mode in data.modes:
             numbers = [getattr(mode, name) for name in ("frequency_hz", *optional)]
@@ -140,6 +153,14 @@ def write_modal_data(data: ModalData, path: str | Path) -> None:
                 + ["" if number is None else repr(float(number)) for number in numbers]
                 + [_component_text(component) for component in components]
             )
+    if data.covariance is not None:
+        write_covariance(data, covariance_path(path))
+
+
+def modal_files(data: ModalData, path: str | Path) -> tuple[Path, ...]:
+    """The files that :func:`write_modal_data` writes."""
+    path = Path(path)
+    return (path,) if data.covariance is None else (path, covariance_path(path))
 
 
 def _component_text(component: complex) -> str:
@@ -183,8 +204,8 @@ def _column_names(line: _Line) -> list[str]:
         if required not in names:
             raise line.error(
                 f"no column {required!r} among {', '.join(map(repr, names))}; the columns are "
-                "label, frequency_hz, optionally frequency_cov, shape_sd and damping, and one for "
-                "each sensor"
+                "label, frequency_hz, optionally frequency_cov, shape_sd, damping and damping_sd, "
+                "and one for each sensor"
             )
     for name in names:
         if not name:
@@ -194,9 +215,9 @@ def _column_names(line: _Line) -> list[str]:
     return names
 
 
-def _read_head(head: list[_Line]) -> tuple[str, tuple[float, float] | None]:
-    """The source and the band, from the lines above the column names."""
-    source, band = "", None
+def _read_head(head: list[_Line]) -> tuple[str, tuple[float, float] | None, str]:
+    """The source, the band and the covariance's file, from the lines above the column names."""
+    source, band, covariance = "", None, ""
     first: dict[str, int] = {}
     for line in head:
         cells = [line.cells[0].lstrip("# ").strip(), *line.cells[1:]]
@@ -210,6 +231,10 @@ def _read_head(head: list[_Line]) -> tuple[str, tuple[float, float] | None]:
             raise line.error(f"a second line of {key}; the first is line {first[key]}")
         if key == "source":
             source = ", ".join(values)
+        elif key == "covariance":
+            if len(values) != 1:
+                raise line.error(f"covariance needs the name of one file, got {values!r}")
+            covariance = values[0]
         elif key == "band_hz":
             if not line.decimal_comma:
                 values = [part for value in values for part in re.split(r"[,\s]+", value) if part]
@@ -217,7 +242,7 @@ def _read_head(head: list[_Line]) -> tuple[str, tuple[float, float] | None]:
                 raise line.error(f"band_hz needs two frequencies in Hz, got {values!r}")
             low, high = (line.parse(float, value, "band_hz") for value in values)
             band = (low, high)
-    return source, band
+    return source, band, covariance
 
 
 def _component(text: str, column: str, line: _Line) -> complex:

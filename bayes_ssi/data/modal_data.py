@@ -18,6 +18,11 @@ from bayes_ssi.data.identified_mode import (
     repeated,
     require_name,
 )
+from bayes_ssi.data.joint_covariance import (
+    checked_covariance,
+    of_modes,
+    with_sizes,
+)
 from bayes_ssi.modal import mac_of_pairs
 from bayes_ssi.response.output import HEAVY_DAMPING, heavy_damping_warning
 
@@ -33,16 +38,23 @@ class ModalData:
         band_hz: lowest and highest frequency of the search, in Hz.
         sensors: names of the sensors, the components of every shape.
         source: where the data come from.
+        covariance: joint covariance of the identification errors, (m + m n, m + m n) for m modes
+            at n sensors: of the logarithms of all frequencies, then of the components of all unit
+            shapes, mode by mode, in the order in which ``modes`` are given. Components that were
+            not measured do not count. It gives every mode its ``frequency_cov``, and its
+            ``shape_sd`` as √(trace / (d - 1)) of its d measured components. None where errors of
+            these sizes are independent.
 
     Raises:
         ValueError: labels repeat, a mode lies outside the band, a shape does not have one
-            component per sensor, or the band is empty.
+            component per sensor, the band is empty, or the covariance is not one of these modes.
     """
 
     modes: tuple[IdentifiedMode, ...]
     band_hz: tuple[float, float]
     sensors: tuple[str, ...] = ()
     source: str = ""
+    covariance: FloatArray | None = None
 
     def __post_init__(self) -> None:
         low, high = checked_band(self.band_hz)
@@ -59,7 +71,8 @@ class ModalData:
                 "of modes"
             )
         require(self.modes, tuple[IdentifiedMode, ...], "modal data: modes")
-        ordered = tuple(sorted(self.modes, key=lambda mode: mode.frequency_hz))
+        order = sorted(range(len(self.modes)), key=lambda i: self.modes[i].frequency_hz)
+        ordered = tuple(self.modes[i] for i in order)
         object.__setattr__(self, "modes", ordered)
         if not ordered:
             raise ValueError("modal data: no identified mode")
@@ -78,6 +91,11 @@ class ModalData:
                     f"mode {mode.label!r}: shape has {len(mode.shape)} components for "
                     f"{len(self.sensors)} sensors"
                 )
+        if self.covariance is not None:
+            matrix = of_modes(self.covariance, order, len(order), len(self.sensors))
+            covariance = checked_covariance(matrix, ordered, len(self.sensors))
+            object.__setattr__(self, "covariance", covariance)
+            object.__setattr__(self, "modes", with_sizes(ordered, covariance))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -111,9 +129,14 @@ class ModalData:
 
     def without_shapes(self) -> ModalData:
         """The same modes with their frequencies only."""
-        return replace(
-            self, modes=tuple(replace(m, shape=None, shape_sd=None) for m in self.modes), sensors=()
-        )
+        modes = tuple(replace(m, shape=None, shape_sd=None) for m in self.modes)
+        m = len(modes)
+        covariance = None if self.covariance is None else self.covariance[:m, :m]
+        return replace(self, modes=modes, sensors=(), covariance=covariance)
+
+    def without_covariance(self) -> ModalData:
+        """The same modes, each with errors of its own: ``frequency_cov`` and ``shape_sd``."""
+        return replace(self, covariance=None)
 
     @cached_property
     def digest(self) -> str:
@@ -126,6 +149,13 @@ class ModalData:
         ]
         text = json.dumps([scored, [f"{bound:.12g}" for bound in self.band_hz]])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    @property
+    def covariance_digest(self) -> str | None:
+        """Digest of the joint covariance of the identification errors; None where there is none."""
+        if self.covariance is None:
+            return None
+        return hashlib.sha256(self.covariance.tobytes()).hexdigest()[:16]
 
     def _scored_components(self, mode: IdentifiedMode) -> list[tuple[str, int]]:
         """Sensors and components of a scored shape, the same for a shape and its negative."""

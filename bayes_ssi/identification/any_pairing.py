@@ -27,7 +27,9 @@ class AnyPairing(ModalLikelihood):
     """The log-likelihood of identified modes, summed over all pairings with model modes.
 
     Its ``pairing`` is empty: the weights of all pairings are relative to the one in which every
-    identified mode is spurious and every model mode missed.
+    identified mode is spurious and every model mode missed. Of a joint covariance of the data it
+    takes each mode's own part, of its frequency and its shape: errors of different modes count as
+    independent, because the sum over pairings is one over products.
 
     Raises:
         ValueError: also where prediction errors are correlated.
@@ -91,6 +93,8 @@ class AnyPairing(ModalLikelihood):
             paired[:, self.pairs.with_shape] += self._shape_terms(
                 modes.shape_distances, error_var[:, 1:]
             )
+            if self.joint_pairs is not None:
+                paired += self.joint_pairs.log_ratios_of_pairs(self.residuals(values, modes))
         paired = paired.reshape(len(values), n_data, n_model)
         log_ratios = paired - self._spurious[:, None] - missed[:, None, :]
         frequencies_hz = np.array([mode.frequency_hz for mode in self.data.modes])

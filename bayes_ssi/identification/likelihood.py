@@ -10,7 +10,9 @@ modes,
 
 with p_D the probability that a model mode in the band is identified, ν the expected number of
 spurious modes, uniform over the band and over the sphere of shapes, and P_in the probability
-that a model mode would have been identified inside the band.
+that a model mode would have been identified inside the band. Where the data have a joint
+covariance, the joint density of all pairs takes the place of their product
+(:mod:`~bayes_ssi.identification.joint_errors`).
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
+from bayes_ssi.identification.joint_pairs import JointPairs, Residuals
 from bayes_ssi.identification.likelihood_terms import ComparedModes, ModalTerms, row_sums
 from bayes_ssi.identification.paired_modes import PairedModes, check_pairing
 from bayes_ssi.identification.shape_density import log_shape_normaliser, log_sphere_area
@@ -52,7 +55,8 @@ class ModalLikelihood:
         pairing: label of an identified mode → number of the model mode, from 1.
 
     Raises:
-        ValueError: the structure has no such sensor, or the pairing is not valid.
+        ValueError: the structure has no such sensor, the pairing is not valid, or prediction errors
+            are correlated and identification errors, too.
     """
 
     structure: Structure
@@ -64,6 +68,11 @@ class ModalLikelihood:
     def __post_init__(self) -> None:
         self.structure.sensor_matrix(self.data.sensors)
         check_pairing(self.pairing, self.data, self.structure.n_modes)
+        if self.error.is_correlated and self.data.covariance is not None:
+            raise ValueError(
+                "between_tests and between_modes need independent identification errors, but the "
+                "data have a joint covariance; use data.without_covariance()"
+            )
 
     @cached_property
     def pairs(self) -> PairedModes:
@@ -100,6 +109,7 @@ class ModalLikelihood:
                 shape=self._shape_terms(modes.shape_distances, error_var[:, 1:]),
                 undetected=row_sums(missed),
                 spurious=self._unpaired_data,
+                joint=self._joint_terms(values, modes),
             )
 
     @property
@@ -111,7 +121,8 @@ class ModalLikelihood:
         """The log-likelihood of each datum, (B, n_data); the sum of a row is the whole.
 
         One column for each identified mode, paired or spurious; the last one for what was not
-        identified: unpaired model modes, and no further spurious modes.
+        identified: unpaired model modes, and no further spurious modes. What the paired modes of
+        data with a joint covariance have in common is in the column of the first of them.
 
         Args:
             values: (B, n_parameters).
@@ -126,6 +137,8 @@ class ModalLikelihood:
         )
         log_likelihoods[:, column] = terms.frequency
         log_likelihoods[:, column[self.pairs.with_shape]] += terms.shape
+        if len(column):
+            log_likelihoods[:, column[0]] += terms.joint
         return log_likelihoods
 
     def frequency_sds_hz(self, values: FloatArray) -> FloatArray:
@@ -145,11 +158,14 @@ class ModalLikelihood:
     def compared_modes(self, values: FloatArray, modes: Modes | None = None) -> ComparedModes:
         """The structure's modes at ``values``, or the given ones, compared with the data's."""
         modes = self.modes(values) if modes is None else modes
-        distances = np.zeros((len(values), 0))
+        distances, errors = np.zeros((2, len(values), 0))
         if len(self.pairs.with_shape):
-            distances = self.pairs.shape_distances(self.shapes_at_sensors(modes))
+            shapes = self.shapes_at_sensors(modes)
+            distances = self.pairs.shape_distances(shapes)
+            if self.data.covariance is not None:
+                errors = self.pairs.errors_at_identified(shapes)
         # In memory the rows of the batch next to each other: columns are longer than rows.
-        return ComparedModes(np.asfortranarray(modes.frequencies_hz), distances)
+        return ComparedModes(np.asfortranarray(modes.frequencies_hz), distances, errors)
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised."""
@@ -163,11 +179,14 @@ class ModalLikelihood:
         difference between modes or tests that the data determine best.
         """
         prediction_var = self._error_variances(values) * self._least_independent_share(values)
+        least = self.pairs.frequency_var, self.pairs.shape_var
+        if self.joint_pairs is not None:
+            least = self.joint_pairs.least_variances
         frequency, shape = (
             np.sqrt(prediction_var[:, column] + own.min())
             if len(own)
             else np.full(len(values), np.inf)
-            for column, own in ((0, self.pairs.frequency_var), (-1, self.pairs.shape_var))
+            for column, own in zip((0, -1), least, strict=True)
         )
         return frequency, shape
 
@@ -215,6 +234,38 @@ class ModalLikelihood:
             for limit in limits:
                 near[:, mode] |= np.abs(frequencies[:, mode] - limit) < reach[:, mode]
         return near
+
+    @cached_property
+    def joint_pairs(self) -> JointPairs | None:
+        """The joint errors of the pairs; None where the data give independent ones."""
+        if self.data.covariance is None or not self.pairs.modes:
+            return None
+        return JointPairs(self.data, self.pairs)
+
+    def residuals(self, values: FloatArray, modes: ComparedModes) -> Residuals:
+        """Residuals of all pairs, and squared prediction errors; one row where they are fixed."""
+        fixed = not any(product.parameters for product in self._error_products)
+        variances = self._error_variances(values[:1] if fixed else values)
+        frequencies = self.pairs.frequency_residuals(modes.frequencies_hz)
+        return Residuals(frequencies, modes.shape_errors, variances[:, 0], variances[:, -1])
+
+    def correlated_normals(self, normals: FloatArray, values: FloatArray) -> FloatArray:
+        """Standard-normal numbers (B, P) with the correlation of the pairs' frequencies.
+
+        ``normals`` (B, P) are independent ones, and remain so where the data's errors are.
+        """
+        if self.joint_pairs is None:
+            return normals
+        prediction_var = self._error_variances(values)[:, 0]
+        covariance = self.joint_pairs.together.of_frequencies_with(prediction_var)
+        factors = np.linalg.cholesky(covariance)
+        joint: FloatArray = (factors * normals[:, None, :]).sum(axis=2)
+        return joint / np.sqrt(np.einsum("bii->bi", covariance))
+
+    def _joint_terms(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
+        if self.joint_pairs is None:
+            return np.zeros(len(values))
+        return self.joint_pairs.log_ratio(self.residuals(values, modes))
 
     def _frequency_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
         variance = (prediction_var.T + self._own_var[0]).T

@@ -15,10 +15,14 @@ class ComparedModes(NamedTuple):
     Attributes:
         frequencies_hz: (B, n_modes), of the model.
         shape_distances: (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
+        shape_errors: (B, n_shape_pairs · n_sensors), errors of these shapes in the planes that
+            touch the sphere at the identified ones, pair by pair; (B, 0) where the errors of the
+            data have no joint covariance.
     """
 
     frequencies_hz: FloatArray
     shape_distances: FloatArray
+    shape_errors: FloatArray
 
 
 class ModalTerms(NamedTuple):
@@ -29,16 +33,20 @@ class ModalTerms(NamedTuple):
         shape: (B, n_shape_pairs), terms of the paired modes whose shape is scored.
         undetected: (B,), terms of the unpaired model modes.
         spurious: term of the unpaired identified modes, and of e^(-ν).
+        joint: (B,), log of the joint density of the paired modes' errors over the product of
+            single ones; zero where errors are independent.
     """
 
     frequency: FloatArray
     shape: FloatArray
     undetected: FloatArray
     spurious: float
+    joint: FloatArray
 
     def total(self) -> FloatArray:
         """The log-likelihood (B,)."""
-        return row_sums(self.frequency) + row_sums(self.shape) + self.undetected + self.spurious
+        single = row_sums(self.frequency) + row_sums(self.shape) + self.undetected + self.spurious
+        return single + self.joint
 
 
 def row_sums(terms: FloatArray) -> FloatArray:

@@ -89,6 +89,13 @@ class PairedModes:
         # φ_e - φ cos t is sin t long, and r_φ is 2 sin(t/2).
         return shapes, (self.unit_shapes - cosine * shapes) / np.sqrt(0.5 * (1.0 + cosine))
 
+    def errors_at_identified(self, shapes_at_sensors: FloatArray) -> FloatArray:
+        """Errors of the shapes, (B, S s): r_φ long, at right angles to φ_e and towards φ."""
+        shapes = self.shape_differences(shapes_at_sensors) + self.unit_shapes
+        cosine = row_sums(shapes * self.unit_shapes)[:, None]
+        errors = (shapes - cosine * self.unit_shapes) / np.sqrt(0.5 * (1.0 + cosine))
+        return errors.transpose(0, 2, 1).reshape(len(errors), -1)
+
     def _of_pairs(self, shapes_at_sensors: FloatArray) -> FloatArray:
         """Model shapes of the pairs, (B, s, S), 0 where not measured."""
         return of_modes(shapes_at_sensors, self._modes_with_shape) * self.measured

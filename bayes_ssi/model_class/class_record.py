@@ -42,6 +42,7 @@ class ConfigurationRecord:
         pairing: label of an identified mode → number of the model mode; None where it is inferred.
         spurious: labels of the identified modes that are not paired; None where that is inferred.
         identification_errors: label → name of the error → its size, None where not given.
+        covariance_digest: of the joint covariance of these errors; None where they are independent.
         data_digest: digest of the identified modes.
     """
 
@@ -54,6 +55,7 @@ class ConfigurationRecord:
     pairing: Mapping[str, int] | None
     spurious: tuple[str, ...] | None
     identification_errors: Mapping[str, Mapping[str, float | None]]
+    covariance_digest: str | None
     data_digest: str
 
 
@@ -117,5 +119,6 @@ def _configuration(configuration: Configuration) -> ConfigurationRecord:
             mode.label: {"frequency_cov": mode.frequency_cov, "shape_sd": mode.shape_sd}
             for mode in data.modes
         },
+        covariance_digest=data.covariance_digest,
         data_digest=data.digest,
     )

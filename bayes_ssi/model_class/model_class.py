@@ -256,6 +256,17 @@ class ModelClass:
         tests = tuple(replace(test, pairing="any") for test in self.configurations)
         return replace(self, name=name, configurations=tests)
 
+    def with_independent_errors(self) -> ModelClass:
+        """The class with the identification errors of different data independent, and their sizes
+        as they are; the class itself where no data have a joint covariance.
+        """
+        if all(test.data.covariance is None for test in self.configurations):
+            return self
+        tests = tuple(
+            replace(test, data=test.data.without_covariance()) for test in self.configurations
+        )
+        return replace(self, configurations=tests)
+
     def with_structures(self, change: Callable[[Structure, int], Structure]) -> ModelClass:
         """The class with other structures; the class itself if none changes.
 

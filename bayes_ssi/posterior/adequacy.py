@@ -9,6 +9,7 @@ assessment using pivotal quantities, Bayesian Analysis 2). At every draw these a
 
 - the frequency errors over their standard deviations: normal;
 - the distances of shapes: their probability under the density on the sphere is uniform;
+- where errors are joint, the squares of all of them without their correlation: chi-square;
 - the numbers of spurious modes and of identified model modes: Poisson, and a sum of yes or no;
 - the parameters in standard-normal coordinates: normal. An inferred error size absorbs any misfit,
   which shows by its going where its prior did not expect it.
@@ -212,7 +213,7 @@ def adequacy(
     if model_class.error.is_correlated:
         errors = list(_of_correlated_errors(model_class, values, modes, of_shapes))
     else:
-        errors = [log_combined(of_modes, axis=1)]
+        errors = [_of_paired_modes(parts, of_modes)]
     model = [log_combined(of_counts.reshape(-1, len(values)).T, axis=1)]
     for part, which in ((errors, is_size), (model, ~is_size)):
         if which.any():
@@ -246,6 +247,17 @@ def _of_correlated_errors(
     scored = shapes[:, ~np.isnan(shapes).any(axis=0)]
     if scored.shape[1]:
         yield log_harmonic_mean(scored, axis=1)
+
+
+def _of_paired_modes(parts: Sequence[Misfit], of_modes: FloatArray) -> FloatArray:
+    """Log p-values (B,) of all errors: mode by mode, or together in tests with joint errors."""
+    log_p, first = [], 0
+    for part in parts:
+        end = first + part.frequency_errors.shape[1]
+        of_test = of_modes[:, first:end] if part.joint_log_p is None else part.joint_log_p[:, None]
+        log_p.append(of_test)
+        first = end
+    return log_combined(np.concatenate(log_p, axis=1), axis=1)
 
 
 def _of_each_mode(frequency: FloatArray, shape: FloatArray) -> FloatArray:

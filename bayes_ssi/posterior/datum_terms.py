@@ -27,6 +27,8 @@ class AtDraws(NamedTuple):
         frequency_sds_hz: (B, n_identified), standard deviation of each identified frequency about
             the model's.
         shape_distances: (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
+        shape_errors: (B, n_shape_errors), of data with a joint covariance, as in
+            :class:`~bayes_ssi.identification.likelihood_terms.ComparedModes`.
         sensor_shapes: (B, n_components), shapes at the sensors of the modes that the likelihood
             compares: sensor by sensor, and mode by mode.
     """
@@ -35,6 +37,7 @@ class AtDraws(NamedTuple):
     log_likelihoods: FloatArray
     frequency_sds_hz: FloatArray
     shape_distances: FloatArray
+    shape_errors: FloatArray
     sensor_shapes: FloatArray
 
 
@@ -73,6 +76,7 @@ def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
                 likelihood.log_likelihoods(columns, compared),
                 likelihood.frequency_sds_hz(columns),
                 compared.shape_distances,
+                compared.shape_errors,
                 shapes.reshape(len(values), -1),
             )
         )
@@ -81,21 +85,29 @@ def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
     if not groups:
         return model
     terms = model.log_likelihoods
-    ratios = model_class.correlated_errors.log_ratios(values, of_tests)
-    for group, ratio in zip(groups, ratios.T, strict=True):
-        terms[:, group[0]] = terms[:, group].sum(axis=1) + ratio
+    if model_class.error.is_correlated:  # data with joint errors have their own part already
+        ratios = model_class.correlated_errors.log_ratios(values, of_tests)
+        for group, ratio in zip(groups, ratios.T, strict=True):
+            terms[:, group[0]] += ratio
+    for group in groups:
+        terms[:, group[0]] = terms[:, group].sum(axis=1)
     return model._replace(log_likelihoods=np.delete(terms, _joined_to_others(groups), axis=1))
 
 
 def _joint_columns(model_class: ModelClass) -> list[list[int]]:
-    """The columns of separate terms, all tests in turn, that correlated errors join."""
+    """The columns of separate terms, all tests in turn, that joint or correlated errors join."""
     errors = model_class.correlated_errors
     first = np.cumsum([0, *(len(own.datum_names) for own in model_class.likelihoods)])
     columns = [
         int(first[mode.test]) + model_class.likelihoods[mode.test].data.labels.index(mode.label)
         for mode in errors.modes
     ]
-    return [[columns[position] for position in group] for group in errors.groups]
+    groups = [[columns[position] for position in group] for group in errors.groups]
+    for test, likelihood in enumerate(model_class.likelihoods):
+        if likelihood.joint_pairs is not None and likelihood.pairing:
+            own = [i for i, mode in enumerate(errors.modes) if mode.test == test]
+            groups.append([columns[position] for position in own])
+    return groups
 
 
 def _joined_to_others(groups: list[list[int]]) -> list[int]:
@@ -105,17 +117,20 @@ def _joined_to_others(groups: list[list[int]]) -> list[int]:
 
 def compared_modes(model_class: ModelClass, model: AtDraws) -> list[ComparedModes]:
     """The model's modes at the draws, configuration by configuration."""
-    modes, first_mode, first_shape = [], 0, 0
+    modes, first_mode, first_shape, first_error = [], 0, 0, 0
     for likelihood in model_class.likelihoods:
         end_of_modes = first_mode + likelihood.structure.n_modes
         end_of_shapes = first_shape + len(likelihood.pairs.with_shape)
+        n_errors = 0 if likelihood.joint_pairs is None else likelihood.pairs.unit_shapes.size
+        end_of_errors = first_error + n_errors
         modes.append(
             ComparedModes(
                 model.frequencies_hz[:, first_mode:end_of_modes],
                 model.shape_distances[:, first_shape:end_of_shapes],
+                model.shape_errors[:, first_error:end_of_errors],
             )
         )
-        first_mode, first_shape = end_of_modes, end_of_shapes
+        first_mode, first_shape, first_error = end_of_modes, end_of_shapes, end_of_errors
     return modes
 
 
@@ -158,6 +173,13 @@ def datum_terms(
             for mode in errors.modes
         ]
         numbers[:, columns] = errors.correlated_normals(numbers[:, columns], values)
+    first_mode = 0
+    for _, likelihood, own in model_class.parts(values):
+        labels = likelihood.data.labels
+        if likelihood.joint_pairs is not None and likelihood.pairing:
+            columns = [first_mode + labels.index(mode.label) for mode in likelihood.pairs.modes]
+            numbers[:, columns] = likelihood.correlated_normals(numbers[:, columns], own)
+        first_mode += len(labels)
     predicted = np.stack(centres, axis=-1) + model.frequency_sds_hz * numbers
     return DatumTerms(
         tuple(_datum_names(model_class)),

@@ -5,7 +5,9 @@ frequencies, the pairing. Each class that results is fitted in two steps. Its li
 where the model's modes are computed once, for all mistakes, selects the few that are fitted by an
 ascent to the maximum of likelihood times prior. The gain is the rise of this maximum, in nats.
 
-Where structures are approximate, they are fitted to, and the fitted ones are solved exactly.
+Where structures are approximate, they are fitted to, and the fitted ones are solved exactly. The
+errors of data with a joint covariance count as independent here: what is a mistake stands out from
+them by far.
 
 Inferred error sizes can absorb a mistake, which the p-values of the class then hardly show; the
 gain does. The density of data without a mistake is a density of the data themselves. If the class
@@ -69,8 +71,9 @@ def diagnose(
     """
     if posterior.emulators:
         model_class, workers = emulated_again(model_class, posterior), None
+    given, model_class = model_class, model_class.with_independent_errors()
     points = _points(model_class, posterior, workers)
-    best = _log_maximum(model_class, posterior)
+    best = _log_maximum(model_class, posterior, climbs=model_class is not given)
     kinds = [
         repairs_of_shapes(model_class),
         repairs_of_single_shapes(model_class),
@@ -176,8 +179,12 @@ def _coordinates(model_class: ModelClass, values: FloatArray) -> FloatArray:
     )
 
 
-def _log_maximum(model_class: ModelClass, posterior: Posterior) -> float:
+def _log_maximum(model_class: ModelClass, posterior: Posterior, climbs: bool) -> float:
+    """The maximum of likelihood times prior; ``climbs`` where it is not that of the posterior."""
     z = _coordinates(model_class, posterior.maxima[:1])
+    if climbs:
+        target = Target(model_class.log_likelihood_at, z.shape[1])
+        return float(ascend(target, z, np.eye(z.shape[1])[None])[1][0])
     return float((model_class.log_likelihood_at(z) + log_standard_normal(z))[0])
 
 

@@ -18,7 +18,7 @@ from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.likelihood_terms import ComparedModes
 from bayes_ssi.identification.pairings import sample_pairings
 from bayes_ssi.identification.shape_density import log_shape_survival
-from bayes_ssi.posterior.p_values import log_two_sided
+from bayes_ssi.posterior.p_values import log_chi_square, log_two_sided
 
 # The share of the shapes of a right model whose MAC is at least the one that is called expected.
 EXPECTED_SHARE = 0.95
@@ -38,6 +38,8 @@ class Misfit(NamedTuple):
             be, by their probabilities to lie in the band.
         spurious_log_p: (B,), log probability of as many spurious modes or more.
         detected_log_p: (B,), log probability of as few identified model modes or fewer.
+        joint_log_p: (B,), log probability of a larger misfit of all paired modes together, where
+            their errors are joint; None elsewhere.
     """
 
     frequency_errors: FloatArray
@@ -49,6 +51,7 @@ class Misfit(NamedTuple):
     unidentified: FloatArray
     spurious_log_p: FloatArray
     detected_log_p: FloatArray
+    joint_log_p: FloatArray | None
 
 
 def misfit(
@@ -77,7 +80,14 @@ def misfit(
         _taken(modes.shape_distances, which_shape),
         _taken(shape_sds, which_shape),
     )
+    frequency_log_p = log_two_sided(errors / sds)
     shape_log_p, expected_distances = _shape_misfit(likelihood, distances, shape_sds)
+    if likelihood.joint_pairs is not None:
+        own = likelihood.joint_pairs.errors_of_pairs(likelihood.residuals(values, modes))
+        frequency_log_p = log_two_sided(_taken(own.frequencies, which))
+        directions = np.array([max(mode.n_measured - 1, 0) for mode in likelihood.data.modes])
+        squares = _taken(own.shape_squares, np.where(which_shape < 0, -1, which))
+        shape_log_p = log_chi_square(squares, directions)
     identification = likelihood.identification
     detected = -np.expm1(likelihood.log_missed(values, modes))
     model_modes = np.append(pairs.model_modes, -1)[which]
@@ -87,7 +97,7 @@ def misfit(
         return Misfit(
             frequency_errors=errors,
             frequency_sds=sds,
-            frequency_log_p=log_two_sided(errors / sds),
+            frequency_log_p=frequency_log_p,
             macs=(1.0 - distances) ** 2,
             expected_macs=(1.0 - expected_distances) ** 2,
             shape_log_p=shape_log_p,
@@ -97,7 +107,19 @@ def misfit(
                 _at_least(n_data - n_paired, identification.expected_spurious_modes)
             ),
             detected_log_p=np.log(_at_most(n_paired, detected)),
+            joint_log_p=_joint_misfit(likelihood, values, modes),
         )
+
+
+def _joint_misfit(
+    likelihood: ModalLikelihood, values: FloatArray, modes: ComparedModes
+) -> FloatArray | None:
+    """Log probability (B,) of a larger misfit of all modes of a given pairing with joint errors."""
+    if likelihood.joint_pairs is None or isinstance(likelihood, AnyPairing):
+        return None
+    white = likelihood.joint_pairs.together.white(*likelihood.residuals(values, modes))
+    n_errors = white.frequencies.shape[1] + white.shapes.shape[1]
+    return log_chi_square(white.frequency_squares + white.shape_squares, n_errors)
 
 
 def _which_pairs(

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, log_ndtr, logsumexp, ndtri_exp
+from scipy.special import gammaincc, gammaln, log_ndtr, logsumexp, ndtri_exp
 
 from bayes_ssi.arrays import FloatArray
 
@@ -20,6 +20,16 @@ LOWEST_LOG_P = -1e300
 def log_two_sided(residuals: FloatArray) -> FloatArray:
     """log P(|x| > |residual|) of a standard-normal x."""
     return np.asarray(math.log(2.0) + log_ndtr(-np.abs(residuals)), dtype=float)
+
+
+def log_chi_square(squares: FloatArray, n: NDArray[np.intp] | int) -> FloatArray:
+    """log P(χ² > squares) with ``n`` degrees of freedom; NaN where ``squares`` is."""
+    a, x = 0.5 * np.asarray(n, dtype=float), 0.5 * squares
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_p = np.log(gammaincc(a, x))
+        # Far out, Γ(a, x) ≈ x^(a-1) e^(-x) / (1 - (a - 1)/x), its series taken for a geometric one.
+        far_out = (a - 1.0) * np.log(x) - x - gammaln(a) - np.log1p((1.0 - a) / x)
+    return np.where(np.isneginf(log_p), far_out, log_p)
 
 
 def log_joint(log_p: FloatArray, counted: NDArray[np.bool_]) -> FloatArray:

@@ -129,7 +129,7 @@ def _with_errors_of_approximation(model_class: ModelClass, values: FloatArray) -
             )
             for mode in test.data.modes
         )
-        widened.append(replace(test, data=replace(test.data, modes=modes)))
+        widened.append(replace(test, data=replace(test.data.without_covariance(), modes=modes)))
     return replace(model_class, configurations=tuple(widened))
 
 

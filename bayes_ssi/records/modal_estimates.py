@@ -54,6 +54,7 @@ class ModalEstimates:
         shapes: (n, m), real, at unit length, the largest component positive.
         covariance: of (ln f, ln ζ, shapes), (2m + mn, 2m + mn); shapes mode by mode. A shape at
             unit length has no error along itself.
+        n_segments: of the jackknife that the covariance comes from; 0 where a model gives it.
     """
 
     method: str
@@ -63,6 +64,7 @@ class ModalEstimates:
     dampings: FloatArray
     shapes: FloatArray
     covariance: FloatArray
+    n_segments: int = 0
 
     @property
     def n_modes(self) -> int:
@@ -94,18 +96,26 @@ class ModalEstimates:
     def modal_data(self, source: str = "") -> ModalData:
         """The modes as data of model classes, labelled 1, 2, … in ascending order of frequency.
 
+        Their joint covariance is among them where it is that of a model. A jackknife's has errors
+        of its own, which its inverse multiplies: only the sizes of its errors are.
+
         Args:
             source: where they come from.
         """
         rows = zip(
             self.frequencies_hz, self.frequency_covs, self.shapes.T, self.shape_sds, self.dampings,
-            strict=True,
+            self.damping_sds, strict=True,
         )  # fmt: skip
         modes = tuple(
-            IdentifiedMode(str(i), float(f), shape, float(cov), float(sd), float(damping))
-            for i, (f, cov, shape, sd, damping) in enumerate(rows, 1)
+            IdentifiedMode(
+                str(i), float(f), shape, float(cov), float(sd), float(damping), float(damping_sd)
+            )
+            for i, (f, cov, shape, sd, damping, damping_sd) in enumerate(rows, 1)
         )
-        return ModalData(modes, self.band_hz, self.sensors, source)
+        m, size = self.n_modes, len(self.covariance)
+        kept = np.r_[:m, 2 * m : size]  # without the dampings
+        covariance = self.covariance[np.ix_(kept, kept)] if self.n_segments == 0 else None
+        return ModalData(modes, self.band_hz, self.sensors, source, covariance)
 
     def distances(self, other: ModalEstimates) -> tuple[FloatArray, FloatArray]:
         """How far the modes are from those of other estimates from the same record.

@@ -214,7 +214,7 @@ def next_era(data: Correlations, modes: Poles, sensors: tuple[str, ...]) -> Moda
     n = len(vectors)
     deviations = vectors - vectors.mean(0)
     covariance = (n - 1) / n * deviations.T @ deviations
-    return ModalEstimates("NExT-ERA", data.band_hz, sensors, *center, covariance)
+    return ModalEstimates("NExT-ERA", data.band_hz, sensors, *center, covariance, len(data.sums))
 
 
 def _matched(candidates: Poles, modes: Poles) -> Poles | None:

@@ -10,7 +10,7 @@ from bayes_ssi.model_class.class_record import ClassRecord
 from bayes_ssi.sampling.settings import SamplingSettings
 
 # Increased whenever the format of a result's files changes.
-FORMAT = 16
+FORMAT = 17
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ def assert_same(data, other):
     assert data.source == other.source
     assert data.digest == other.digest
     for mode, same in zip(data.modes, other.modes, strict=True):
-        for name in ("frequency_hz", "frequency_cov", "shape_sd", "damping"):
+        for name in ("frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd"):
             assert getattr(mode, name) == getattr(same, name)
         if mode.shape is None:
             assert same.shape is None

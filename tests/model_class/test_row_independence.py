@@ -113,6 +113,20 @@ def test_rows_with_errors_of_their_own_and_spurious_modes(error):
     assert_rows_are_independent(model_class)
 
 
+@pytest.mark.parametrize("pairing", ["given", "any"])
+@pytest.mark.parametrize("error", [FIXED, bs.ErrorModel()], ids=["fixed", "free"])
+def test_rows_with_joint_errors(error, pairing):
+    structure = building(4)
+    data = as_identified(structure, (1, 2, 3), (1, 3))
+    factor = 0.01 * np.random.default_rng(0).standard_normal((15, 15))
+    data = replace(data, covariance=factor @ factor.T)
+    given = {str(number): number for number in (1, 2, 3)}
+    model_class = bs.ModelClass(
+        "rows", structure, data, error, pairing=given if pairing == "given" else "any"
+    )
+    assert_rows_are_independent(model_class)
+
+
 @pytest.mark.parametrize("between_modes", [0.0, 0.5], ids=["tests", "tests and modes"])
 @pytest.mark.parametrize("error", [FIXED, bs.ErrorModel()], ids=["fixed", "free"])
 def test_rows_with_correlated_errors(error, between_modes):
