@@ -12,6 +12,7 @@ two of them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -29,10 +30,13 @@ from bayes_ssi.sampling.target import Target
 PATIENCE = 3
 SHARE_THAT_MATTERS = 1e-3
 # Prior draws of one search, of 4000 of which a basin with a thousandth of the prior holds four, and
-# most ascents from the highest local maxima among them. Where starts are suggested, which lead to
-# narrow basins, fewer find the wide ones.
+# ascents at once from the highest local maxima among them. Where starts are suggested, which lead
+# to narrow basins, fewer find the wide ones.
 DRAWS, ASCENTS = 4000, 40
 DRAWS_BESIDE_STARTS, ASCENTS_BESIDE_STARTS = 1000, 10
+# A search climbs on while so many maxima, or more, are expected beyond those that it has reached,
+# but no more than so many times: of a rough posterior, each draw may be near a maximum of its own.
+EXPECTED_UNSEEN, MOST_TIMES = 0.5, 5
 # A region counts as excluded where draws would have missed it with no more than this probability.
 MISSED = 0.05
 
@@ -68,9 +72,13 @@ class MultistartSearch:
     @property
     def converged(self) -> bool:
         """Whether every maximum that matters was found by two searches."""
-        masses = self.maxima.log_masses
-        matters = masses - logsumexp(masses) > np.log(SHARE_THAT_MATTERS)
-        return bool((self.found_by[:, matters].sum(axis=0) >= 2).all())
+        return bool((self.found_by[:, _matter(self.maxima)].sum(axis=0) >= 2).all())
+
+
+def _matter(maxima: Maxima) -> NDArray[np.bool_]:
+    """Which of the maxima have more than a negligible share of the posterior, (m,)."""
+    masses = maxima.log_masses
+    return np.asarray(masses - logsumexp(masses) > np.log(SHARE_THAT_MATTERS))
 
 
 def search_maxima(
@@ -90,7 +98,7 @@ def search_maxima(
         progress: called with the completed share of ``n_searches``.
         n_draws: prior draws per search; by default :data:`DRAWS`, or fewer where the target
             suggests starts.
-        n_ascents: most ascents per search from these draws; likewise.
+        n_ascents: ascents at once from these draws; likewise.
 
     Raises:
         ValueError: the likelihood is zero at every draw from the prior.
@@ -123,9 +131,32 @@ def search_maxima(
 
 
 def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator) -> Maxima:
-    """The maxima that one search finds; none if the likelihood is zero at all its starts."""
-    starts = search_starts(target, n_draws, n_ascents, rng)
-    return find_maxima(target, starts) if len(starts) else no_maxima(target.n_dimensions)
+    """The maxima that one search finds; none if the likelihood is zero at all its starts.
+
+    As many further ascents follow, from lower and lower draws, while maxima are likely to be left.
+    """
+    highest, suggested = _starts(target, n_draws, rng)
+    maxima, n_climbed = no_maxima(target.n_dimensions), 0
+    for n in range(0, MOST_TIMES * n_ascents, n_ascents):
+        starts = highest[n : n + n_ascents]
+        if n == 0:
+            starts = np.concatenate([starts, suggested])
+        if not len(starts) or _expected_unseen(maxima, n_climbed) < EXPECTED_UNSEEN:
+            break
+        maxima = find_maxima(target, starts, maxima)
+        n_climbed += len(starts)
+    return maxima
+
+
+def _expected_unseen(maxima: Maxima, n_climbed: int) -> float:
+    """How many maxima are left to find after so many ascents, by how many of these met.
+
+    Of w that n ascents reached, w (w + 1) / (n - w - 2), if the sizes of basins are unknown
+    (Boender and Rinnooy Kan 1987).
+    """
+    reached = int(_matter(maxima).sum()) if n_climbed else 0
+    surplus = n_climbed - reached - 2
+    return reached * (reached + 1) / surplus if surplus > 0 else math.inf
 
 
 def search_starts(
@@ -139,11 +170,18 @@ def search_starts(
         n_ascents: the most of them, those that are higher than their neighbours.
         rng: everything random follows from it.
     """
+    highest, suggested = _starts(target, n_draws, rng)
+    return np.concatenate([highest[:n_ascents], suggested])
+
+
+def _starts(
+    target: Target, n_draws: int, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Prior draws (m, d) that are higher than their neighbours, and suggested starts (n, d)."""
     draws = rng.standard_normal((n_draws, target.n_dimensions))
     log_likelihoods = target.log_likelihood(draws)
     possible = np.isfinite(log_likelihoods)
-    starts = target.suggested(rng)
-    if possible.any():
-        highest = local_maxima(draws[possible], log_likelihoods[possible])
-        starts = np.concatenate([highest[:n_ascents], starts])
-    return starts
+    suggested = target.suggested(rng)
+    if not possible.any():
+        return draws[:0], suggested
+    return local_maxima(draws[possible], log_likelihoods[possible]), suggested

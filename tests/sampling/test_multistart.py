@@ -112,6 +112,14 @@ def test_a_narrow_basin_is_found_by_most_searches(seed):
     assert np.mean(hits, axis=0)[1:].min() > 0.9
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_search_climbs_on_where_there_are_many_maxima(seed):
+    centres = np.random.default_rng(5).uniform(-2.0, 2.0, (32, 3))
+    target = Target(peaks(centres, 0.05, np.full(32, 1.0 / 32.0)), 3)
+    # The highest 40 draws that have no higher neighbours lead to 31 of them.
+    assert finds(one_search(target, seed), centres).all()
+
+
 def test_searches_record_the_maxima_they_found(monkeypatch):
     scripted(monkeypatch, ["A", "AB", "B", "BA"])
     result = searches(two_peaks(0.3), 4)
