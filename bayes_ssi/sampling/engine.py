@@ -133,10 +133,15 @@ class _Sampling:
         Mixtures are fitted to the importance draws until these serve, and are few enough.
         """
         fitting = ProposalFitting(self.sampler, search.maxima)
-        best = first = self.sampler.sample(search.maxima.as_mixture().widened())
+        first = self.sampler.sample(search.maxima.as_mixture().widened())
         enough = DRAWS_PER_DIMENSION * self.target.n_dimensions
         if first.effective_sample_size < enough:
-            return None  # components added to it may end where it does
+            first = self.sampler.extended(first, 4.0)
+        if first.effective_sample_size < enough:
+            # Where it misses a part, more draws show ever heavier ones instead of more that matter,
+            # and components added to it may end where it does.
+            return None
+        best = first
         for _ in range(MAX_REFITS):
             if not serves(best):  # more draws that matter give a better fit
                 best = self.sampler.extended(self.sampler.refined(best, math.inf), 4.0)

@@ -112,12 +112,13 @@ def test_a_narrow_basin_is_found_by_most_searches(seed):
     assert np.mean(hits, axis=0)[1:].min() > 0.9
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_search_climbs_on_where_there_are_many_maxima(seed):
+def test_searches_climb_on_where_there_are_many_maxima():
+    """Four searches from no more than the 40 highest draws agree on 31 of these 32."""
     centres = np.random.default_rng(5).uniform(-2.0, 2.0, (32, 3))
     target = Target(peaks(centres, 0.05, np.full(32, 1.0 / 32.0)), 3)
-    # The highest 40 draws that have no higher neighbours lead to 31 of them.
-    assert finds(one_search(target, seed), centres).all()
+    result = searches(target, seed=1)
+    assert finds(result.maxima, centres).all()
+    assert result.n_searches == 4
 
 
 def test_searches_record_the_maxima_they_found(monkeypatch):
