@@ -219,8 +219,8 @@ def fake_sampling(monkeypatch, make_posterior):
                 searches.screened(each, (approximately or log_evidence)(each)) for each in classes
             ]
 
-        def sample_all(candidates, seed, settings, run, refinement):
-            del seed, settings, refinement
+        def sample_all(candidates, seed, settings, run, refinement, known_starts):
+            del seed, settings, refinement, known_starts
             if run.checkpoint is not None:  # as its journals do
                 run.checkpoint.directory.mkdir(exist_ok=True)
             install.sampled.append([candidate.name for candidate in candidates])

@@ -37,7 +37,7 @@ def screened(model_class, log_evidence, error=0.0):
     d = len(names)
     z = np.random.default_rng(0).standard_normal((100, d))
     wide = StudentMixture(np.ones(1), np.zeros((1, d)), np.eye(d)[None], np.full(1, 5.0))
-    return Screened(names, log_evidence, error, log_evidence, 1, z, np.full(100, 0.01), wide)
+    return Screened(names, log_evidence, error, log_evidence, 1, z[:1], z, np.full(100, 0.01), wide)
 
 
 def place_record(place, probability):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from bayes_ssi.appendages.baselines import Baselines, choose_baselines, prior_draws
 from bayes_ssi.appendages.candidates import Candidate
@@ -155,6 +156,8 @@ def _sampled(
     run: Run,
 ) -> dict[Key, tuple[ModelClass, Posterior]]:
     """Classes and posteriors of the hypotheses on which the answer rests, and their baselines."""
+    # Screening has searched, too.
+    settings = replace(settings, searches=math.ceil(settings.searches / 2))
     approximate = {key: each.approximate_log_mass for key, each in hypotheses.items()}
     sampled: dict[Key, tuple[ModelClass, Posterior]] = {}
     log_masses: dict[Key, float] = {}
@@ -164,7 +167,8 @@ def _sampled(
         chosen |= {Key(key.baseline, ()) for key in chosen}
         now = [key for key in hypotheses if key in chosen and key not in sampled]
         classes = [_to_sample(baselines, hypotheses[key], options) for key in now]
-        posteriors = sample_all(classes, seed, settings, run, KNOWN_REGIONS)
+        starts = [hypotheses[key].screened.maxima for key in now]
+        posteriors = sample_all(classes, seed, settings, run, KNOWN_REGIONS, starts)
         for key, made, posterior in zip(now, classes, posteriors, strict=True):
             sampled[key] = made, posterior
             log_masses[key] = hypotheses[key].log_mass(posterior)

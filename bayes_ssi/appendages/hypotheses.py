@@ -36,8 +36,9 @@ class SearchSettings:
         number_weights: prior weights of no appendage, of one, of two, ...; the weight of a
             number is shared evenly by all ways to place that many. Its length limits the search.
         branches: number of best hypotheses that are extended by one more appendage.
-        most_unsampled: largest probability of all hypotheses together whose evidences are
-            approximations; the others are sampled. All are where it is zero.
+        most_unsampled: as many hypotheses are sampled as it takes until sampling the others, whose
+            evidences are approximations, would change no probability by more than this. All are
+            where it is zero.
         most_sampled: largest number of hypotheses that are sampled, the most probable ones, each
             with a probability above ``most_unsampled``; if None, no limit, except that of
             finite-element models in a reduced basis, each of which takes some 20 full solutions,

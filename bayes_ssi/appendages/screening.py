@@ -80,6 +80,7 @@ class Screened:
         laplace: Laplace's approximation of the log evidence, summed over the maxima; NaN where
             none were climbed to.
         n_evaluations: evaluations of the log-likelihood.
+        maxima: (m, d), those that were climbed to, in standard-normal coordinates.
         z: (n, d), importance draws in standard-normal coordinates.
         weights: (n,), of the draws, which add up to one.
         mixture: the components of the proposal, weighted by their shares of the posterior.
@@ -90,6 +91,7 @@ class Screened:
     error: float
     laplace: float
     n_evaluations: int
+    maxima: FloatArray
     z: FloatArray
     weights: FloatArray
     mixture: StudentMixture
@@ -167,14 +169,14 @@ def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
         parts = []
         if simpler is not None:
             parts.append(_extended(model_class, simpler))
-        laplace = math.nan
+        laplace, positions = math.nan, np.empty((0, target.n_dimensions))
         if effort.n_ascents:
             try:
                 maxima = _maxima(target, hypothesis, (seed_of_starts, seed_of_searches), effort)
             except ValueError as error:
                 raise type(error)(f"model class {model_class.name!r}: {error}") from error
             parts.append(maxima.as_mixture().widened())
-            laplace = maxima.laplace_estimate.log_evidence
+            laplace, positions = maxima.laplace_estimate.log_evidence, maxima.z
         mixture = parts[-1] if len(parts) == 1 else parts[1].mixed_with(parts[0], SHARE_OF_SIMPLER)
         rng = np.random.default_rng(seed_of_draws)
         sample = _importance_sample(target, mixture, rng, effort)
@@ -185,6 +187,7 @@ def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
         error=estimate.error,
         laplace=laplace,
         n_evaluations=target.n_evaluations,
+        maxima=positions,
         z=sample.z,
         weights=sample.weights,
         mixture=sample.mixture.reweighted(sample.z, sample.weights),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.calibration.narrow_regions import NarrowRegions
 from bayes_ssi.execution.journal import Journal
 from bayes_ssi.execution.workers import Workers
@@ -13,6 +14,7 @@ def class_target(
     model_class: ModelClass,
     workers: Workers | None = None,
     journal: Journal | None = None,
+    known_starts: FloatArray | None = None,
 ) -> Target:
     """The log-likelihood of a class, which suggests starts in its posterior's narrow regions.
 
@@ -20,6 +22,8 @@ def class_target(
         model_class: the class.
         workers: where it is evaluated; in this process if None.
         journal: recalls evaluations and suggestions, and records the new ones.
+        known_starts: (m, d), near maxima that an earlier search found, in standard-normal
+            coordinates.
     """
     return Target(
         model_class.log_likelihood_at,
@@ -27,4 +31,5 @@ def class_target(
         workers,
         journal,
         NarrowRegions(model_class, workers),
+        known_starts,
     )

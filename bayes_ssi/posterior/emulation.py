@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.journal import Journal
 from bayes_ssi.execution.recorded_structure import RecordedStructure
 from bayes_ssi.execution.run import Run
@@ -69,13 +70,16 @@ def sample_emulated(
     settings: SamplingSettings,
     run: Run,
     refinement: RefinementSettings | None = None,
+    known_starts: FloatArray | None = None,
 ) -> Posterior:
     """The posterior of a class with emulated structures; ``n_evaluations`` counts solutions.
 
     Arguments and errors are as in :func:`bayes_ssi.posterior.sample.sample`.
     """
     in_process = Run(progress=run.progress)  # emulators are faster than sending them
-    sample_class = partial(sample_as_it_is, seed=seed, settings=settings, run=in_process)
+    sample_class = partial(
+        sample_as_it_is, seed=seed, settings=settings, run=in_process, known_starts=known_starts
+    )
     posterior = refined(
         emulated, sample_class, seed, settings.log_evidence_error, settings=refinement
     )

@@ -6,6 +6,7 @@ from contextlib import nullcontext
 from functools import partial
 
 from bayes_ssi.argument_types import checked
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.run import Run
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.emulation import sample_emulated, with_emulated_structures
@@ -25,6 +26,7 @@ def sample(
     run: Run | None = None,
     *,
     refinement: RefinementSettings | None = None,
+    known_starts: FloatArray | None = None,
 ) -> Posterior:
     """Sample the posterior of a model class and estimate its evidence.
 
@@ -38,6 +40,8 @@ def sample(
         run: workers that share the evaluations, a checkpoint to resume from, and progress; the
             result does not depend on them.
         refinement: how accurate approximate structures are made.
+        known_starts: (m, d), near maxima that an earlier search found, in standard-normal
+            coordinates; it counts as one of the independent searches.
 
     Raises:
         ValueError: the likelihood is zero at every draw from the prior, the model cannot be
@@ -51,9 +55,14 @@ def sample(
             if settings.economical:
                 emulated = with_emulated_structures(model_class, run.workers, journal)
                 if emulated is not model_class:
-                    return sample_emulated(emulated, seed, settings, run, refinement)
+                    return sample_emulated(emulated, seed, settings, run, refinement, known_starts)
             sample_class = partial(
-                sample_as_it_is, seed=seed, settings=settings, run=run, journal=journal
+                sample_as_it_is,
+                seed=seed,
+                settings=settings,
+                run=run,
+                journal=journal,
+                known_starts=known_starts,
             )
             if is_approximate(model_class):
                 return refined(

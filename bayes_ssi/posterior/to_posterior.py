@@ -38,6 +38,7 @@ def sample_as_it_is(
     settings: SamplingSettings | None = None,
     run: Run | None = None,
     journal: Journal | None = None,
+    known_starts: FloatArray | None = None,
 ) -> Posterior:
     """Sample a model class with its structures as they are.
 
@@ -49,7 +50,7 @@ def sample_as_it_is(
     model_class.check_structure()
     n = len(model_class.parameters)
     with run.working():
-        target = class_target(model_class, run.workers, journal)
+        target = class_target(model_class, run.workers, journal, known_starts)
         try:
             sampled = sample_target(
                 target,

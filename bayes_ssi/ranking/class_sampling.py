@@ -11,9 +11,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.checkpoint import Checkpoint
 from bayes_ssi.execution.local_workers import LocalWorkers
 from bayes_ssi.execution.progress_file import ProgressFile
@@ -36,6 +38,7 @@ def sample_all(
     settings: SamplingSettings,
     run: Run | None = None,
     refinement: RefinementSettings | None = None,
+    known_starts: Sequence[FloatArray | None] = (),
 ) -> list[Posterior]:
     """Sample several classes; the posteriors are in their order.
 
@@ -47,6 +50,8 @@ def sample_all(
             of another machine is reported at its end. If the worker of a class died, the class's
             evaluations are shared, so that the points at which workers die are isolated.
         refinement: how accurate approximate structures are made.
+        known_starts: for each class, if given, where an earlier search found maxima, as in
+            :func:`~bayes_ssi.posterior.sample.sample`.
 
     Raises:
         ValueError: a class's likelihood is zero everywhere, the model cannot be evaluated by the
@@ -54,25 +59,27 @@ def sample_all(
     """
     run = run or Run()
     with run.working():
-        posteriors = _side_by_side(candidates, seed, settings, run, refinement)
+        items = list(zip_longest(candidates, known_starts))
+        posteriors = _side_by_side(items, seed, settings, run, refinement)
         return [
             posteriors[i]
             if i in posteriors
-            else sample(candidate, seed, settings, run, refinement=refinement)
-            for i, candidate in enumerate(candidates)
+            else sample(candidate, seed, settings, run, refinement=refinement, known_starts=starts)
+            for i, (candidate, starts) in enumerate(items)
         ]
 
 
 def _side_by_side(
-    candidates: Sequence[ModelClass],
+    items: Sequence[tuple[ModelClass, FloatArray | None]],
     seed: int,
     settings: SamplingSettings,
     run: Run,
     refinement: RefinementSettings | None,
 ) -> dict[int, Posterior]:
     """Posteriors of whole classes, each sampled in one worker; none where the worker died."""
-    if run.workers is None or len(candidates) == 1:
+    if run.workers is None or len(items) == 1:
         return {}
+    candidates = [candidate for candidate, _ in items]
     all_whole = len(candidates) >= run.workers.n_workers
     whole = [i for i, each in enumerate(candidates) if all_whole or is_cheap(each)]
     # The largest first: none should keep a single worker busy at the end.
@@ -96,7 +103,7 @@ def _side_by_side(
                 checkpoint=checkpoint,
                 refinement=refinement,
             ),
-            [(candidates[i], file) for i, file in zip(whole, files, strict=True)],
+            [(*items[i], file) for i, file in zip(whole, files, strict=True)],
             lambda k: run.report(names[k], *END),
             relay,
         )
@@ -104,15 +111,15 @@ def _side_by_side(
 
 
 def _sample_in_worker(
-    item: tuple[ModelClass, ProgressFile],
+    item: tuple[ModelClass, FloatArray | None, ProgressFile],
     seed: int,
     settings: SamplingSettings,
     checkpoint: Checkpoint | None,
     refinement: RefinementSettings | None,
 ) -> Posterior:
-    candidate, progress = item
+    candidate, starts, progress = item
     run = Run(checkpoint=checkpoint, progress=progress)
-    return sample(candidate, seed, settings, run, refinement=refinement)
+    return sample(candidate, seed, settings, run, refinement=refinement, known_starts=starts)
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,8 @@ def search_maxima(
 
     Args:
         target: whose log-likelihood times prior density is climbed.
-        n_searches: the least number; more follow while they do not agree.
+        n_searches: the least number, the target's earlier one included; more follow while they do
+            not agree.
         seed: everything random follows from it.
         progress: called with the completed share of ``n_searches``.
         n_draws: prior draws per search; by default :data:`DRAWS`, or fewer where the target
@@ -106,9 +107,11 @@ def search_maxima(
     alone = target.suggest_starts is None
     n_draws = n_draws or (DRAWS if alone else DRAWS_BESIDE_STARTS)
     n_ascents = n_ascents or (ASCENTS if alone else ASCENTS_BESIDE_STARTS)
-    searches: list[Maxima] = []
+    searches = _earlier_search(target)
+    n_earlier = len(searches)
     seeds = seed.spawn(max(PATIENCE * n_searches, 2))
-    for n, own_seed in enumerate(seeds, start=1):
+    for n_own, own_seed in enumerate(seeds, start=1):
+        n = n_earlier + n_own
         searches.append(_search(target, n_draws, n_ascents, np.random.default_rng(own_seed)))
         progress(min(n / n_searches, 1.0))
         if n < n_searches:
@@ -116,7 +119,7 @@ def search_maxima(
         ends = np.concatenate([search.z for search in searches])
         if not len(ends):
             raise ValueError(
-                f"the likelihood is zero at all of {n * n_draws} draws from the prior; "
+                f"the likelihood is zero at all of {n_own * n_draws} draws from the prior; "
                 "are the priors, the pairing and the units those of the data?"
             )
         # Climbing on from all of them merges those that stopped short of the same maximum.
@@ -124,10 +127,18 @@ def search_maxima(
         found_by = np.array(
             [reached(target, maxima, own.z, own.log_posteriors).any(axis=1) for own in searches]
         )
-        result = MultistartSearch(maxima, found_by, n * n_draws)
+        result = MultistartSearch(maxima, found_by, n_own * n_draws)
         if result.converged:
             break
     return result
+
+
+def _earlier_search(target: Target) -> list[Maxima]:
+    """What an earlier search found, if there was one that found anything."""
+    if target.known_starts is None:
+        return []
+    possible = np.isfinite(target.log_likelihood(target.known_starts))
+    return [find_maxima(target, target.known_starts[possible])] if possible.any() else []
 
 
 def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator) -> Maxima:

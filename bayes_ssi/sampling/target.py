@@ -49,6 +49,8 @@ class Target:
         journal: recalls the evaluations of an earlier run, and records the new ones.
         suggest_starts: where a search should climb from besides its own draws, which each search
             calls with its own generator; None where all that is known is the log-likelihood.
+        known_starts: (m, d), near maxima that an earlier search found, which counts as one of the
+            independent searches; None if there was none.
         n_evaluations: points evaluated so far, those for suggestions included.
         n_failed: points at which the function raised, returned NaN or lost its worker; they
             count as likelihood zero.
@@ -60,6 +62,7 @@ class Target:
     workers: Workers | None = None
     journal: Journal | None = None
     suggest_starts: Callable[[np.random.Generator], SuggestedStarts] | None = None
+    known_starts: FloatArray | None = None
     n_evaluations: int = field(default=0, init=False)
     n_failed: int = field(default=0, init=False)
     first_failure: tuple[FloatArray, str] | None = field(default=None, init=False)

@@ -22,26 +22,32 @@ def estimates(*log_masses, error=0.0):
 
 
 def test_the_least_probable_are_left_out_as_long_as_together_they_are_below_the_share():
-    """Of 1.0109, the last two have 0.0009 and the last three 0.0109, more than a hundredth."""
-    approximate = estimates(math.log(1.0), math.log(0.01), math.log(5e-4), math.log(4e-4))
-    assert to_sample(approximate, {}, 0.01) == ["a", "b"]
+    """Of 1.109, the last two have 0.009, of which an error of 0.69 nats is half."""
+    approximate = estimates(0.0, math.log(0.1), math.log(5e-3), math.log(4e-3), error=0.231)
+    assert to_sample(approximate, {}, 0.0085) == ["a", "b"]
+    assert to_sample(approximate, {}, 0.0075) == ["a", "b", "c"]
     assert to_sample(approximate, {}, 0.0) == ["a", "b", "c", "d"]
-    assert to_sample(approximate, {"a": 0.0, "b": math.log(0.01)}, 0.01) == []
+    assert to_sample(approximate, {"a": 0.0, "b": math.log(0.1)}, 0.0085) == []
+
+
+def test_the_most_probable_is_sampled_however_well_its_evidence_is_known():
+    assert to_sample(estimates(0.0, math.log(0.01)), {}, 0.5) == ["a"]
 
 
 def test_an_evidence_of_unknown_accuracy_is_sampled():
-    """A nat is three standard errors: the bound is e times the approximation."""
-    assert to_sample(estimates(0.0, math.log(0.005)), {}, 0.01) == ["a"]
-    assert to_sample(estimates(0.0, math.log(0.005), error=1.0 / 3.0), {}, 0.01) == ["a", "b"]
+    """A nat is three standard errors: the bound is e times the approximation, or 1.16 times it."""
+    assert to_sample(estimates(0.0, math.log(0.008)), {}, 0.01) == ["a"]
+    assert to_sample(estimates(0.0, math.log(0.008), error=1.0 / 3.0), {}, 0.01) == ["a", "b"]
+    assert to_sample(estimates(0.0, math.log(0.1)), {}, 0.01) == ["a", "b"]
 
 
 def test_others_may_be_as_much_too_low_as_the_worst_of_those_sampled():
-    approximate = estimates(0.0, -1.0, math.log(0.008))
+    approximate = estimates(0.0, -1.0, math.log(0.016))
     right = {"a": 0.0, "b": -1.0}
     assert to_sample(approximate, right, 0.01) == []
-    low = {"a": 0.0, "b": 0.0}  # 1 nat more than was thought: the bound of "c" is 0.008 e of 2
+    low = {"a": 0.0, "b": 0.0}  # 1 nat more than was thought: the bound of "c" is 0.016 e^1.15 of 2
     assert to_sample(approximate, low, 0.01) == ["c"]
-    bound = 0.008 * math.e
+    bound = 0.016 * math.exp(1.0 + 0.15)
     assert most_probability_unsampled(approximate, low) == pytest.approx(bound / (2.0 + bound))
     assert most_probability_unsampled(approximate, low | {"c": -4.0}) == 0.0
 

@@ -145,6 +145,19 @@ def test_patience_ends(monkeypatch, n_searches):
     assert not result.converged
 
 
+@pytest.mark.parametrize(("script", "n_searches"), [(["AB"], 2), (["A", "A", "AB"], 4)])
+def test_an_earlier_search_counts_as_one(monkeypatch, script, n_searches):
+    scripted(monkeypatch, script)
+    target = two_peaks(0.3)
+    target.known_starts = np.array([A, B]) + 0.05
+    result = searches(target, 2)
+    assert result.n_searches == n_searches
+    assert result.found_by[0].all()
+    assert result.converged
+    # It made its draws long ago.
+    assert result.n_draws == (n_searches - 1) * DRAWS
+
+
 def test_a_single_search_is_repeated(monkeypatch):
     scripted(monkeypatch, ["A"])
     result = searches(two_peaks(0.3), 1)
