@@ -19,10 +19,10 @@ from bayes_ssi.appendages.screening import (
 )
 from bayes_ssi.execution.run import Run
 
-# So many hypotheses are screened in full, in half a minute. Of more, only those that have a
-# thousandth of what all have: the error of quick screening, a few tenths of a nat, in any of the
-# others changes no probability noticeably.
-MOST_IN_FULL, SHARE_FOR_FULL = 30, 1e-3
+# So many hypotheses are screened in full, in half a minute. Of more, only those that have three
+# thousandths of what all have: the error of quick screening, a few tenths of a nat, in any of the
+# others changes no probability by more than a thousandth.
+MOST_IN_FULL, SHARE_FOR_FULL = 30, 3e-3
 # Pairs of appendages that are screened quickly, in two minutes; of more, the best by a scan.
 MOST_PAIRS = 300
 
