@@ -15,7 +15,7 @@ PACKAGE = Path(bayes_ssi.__file__).parent
 # Packages, and modules outside of any, each of which may import those before it.
 ORDER = (
     "arrays", "argument_types", "versions", "codec", "file_names", "text_files", "universal_files",
-    "error_places",
+    "error_places", "partial_imports",
     "priors", "parameters", "modal",
     "structures", "finite_elements", "solver_files", "response",
     "data", "identification", "records", "model_class",

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.special import expit
 
 from bayes_ssi.arrays import FloatArray
@@ -39,6 +38,8 @@ class FailingPoints:
         """Fit to points (F, d), with their values, and (N, d) where the model did not fail."""
         if not len(failed):
             return cls(failed, values, None, succeeded)
+        from scipy.optimize import minimize  # takes long to import
+
         terms = _terms(np.vstack([failed, succeeded]))
         signs = np.repeat([1.0, -1.0], [len(failed), len(succeeded)])
 

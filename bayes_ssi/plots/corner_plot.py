@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayes_ssi.partial_imports import importing_without
 from bayes_ssi.plots.figure_style import BLUE, SMALL, figure_of, wrapped
 from bayes_ssi.posterior.posterior import Posterior
 
@@ -84,10 +86,9 @@ def plot_corner(
     return figure
 
 
+@cache
 def import_corner() -> Any:
-    """The module corner, which imports arviz."""
-    with warnings.catch_warnings():
-        # At its import arviz 0.23 announces version 1.
-        warnings.simplefilter("ignore", FutureWarning)
+    """The module corner, which takes arrays without arviz."""
+    with importing_without("arviz", package="corner"):
         import corner
     return corner

@@ -63,16 +63,22 @@ def r_hat(chains: Sequence[FloatArray]) -> FloatArray:
 
 def _r_hat_of_ranks(parts: FloatArray) -> FloatArray:
     """R-hat of normal scores (Blom 1958) of the ranks of ``parts`` (n_parts, n, d); (d,)."""
-    from scipy.stats import rankdata  # takes long to import
-
     size, n = parts[..., 0].size, parts.shape[1]
-    ranks = rankdata(parts.reshape(size, -1), axis=0).reshape(parts.shape)
+    columns = parts.reshape(size, -1).T
+    ranks = np.array([_ranks(column) for column in columns]).T.reshape(parts.shape)
     scores = ndtri((ranks - 0.375) / (size + 0.25))
     within = scores.var(axis=1, ddof=1).mean(axis=0)
     between = scores.mean(axis=1).var(axis=0, ddof=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.sqrt((n - 1) / n + between / within)
     return np.where(within > 0, ratio, np.where(between > 0, np.inf, 1.0))
+
+
+def _ranks(values: FloatArray) -> FloatArray:
+    """Ranks (n,) from 1, those of equal values averaged."""
+    _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
+    ranks: FloatArray = (np.cumsum(counts) - 0.5 * (counts - 1.0))[which]
+    return ranks
 
 
 class ParetoTail(NamedTuple):

@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import emcee
 import numpy as np
-from emcee.moves.red_blue import RedBlueMove
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.partial_imports import importing_without
 from bayes_ssi.sampling.mixture import Proposal, StudentMixture
+
+with importing_without("scipy.stats", package="emcee"):  # of which it has a move not used here
+    import emcee
+    from emcee.moves.red_blue import RedBlueMove
 
 # Proposals that need not wait for one another are evaluated in batches of this size.
 DRAWN_AT_ONCE = 512

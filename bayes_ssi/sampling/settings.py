@@ -59,9 +59,9 @@ class SamplingSettings:
             ValueError: fewer were requested than these need.
         """
         if self.particles is None:
-            # Of fewer, those at the ends of a thin ridge are lost by chance, level after level; and
-            # a lost half, 0.7 nats, is to be four standard errors in a few dimensions.
-            return max(500, 50 * n_dimensions)
+            # Of fewer, those at the ends of a thin ridge are lost by chance, level after level: of
+            # half as many, so much that errors are twice those claimed.
+            return max(1000, 50 * n_dimensions)
         least = LEAST_PER_DIMENSION * n_dimensions
         if self.particles < least:
             raise ValueError(

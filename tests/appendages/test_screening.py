@@ -167,7 +167,7 @@ def test_a_search_by_matrices_is_that_of_the_building(bare, found_in_case_c):
 
 
 def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(monkeypatch):
-    """Of forty, one has 0.97 of what all have, one 0.03 and the others a millionth."""
+    """Of forty, one has 0.95 of what all have, one 0.05 and the others a millionth."""
     calls = []
 
     def screen_all(hypotheses, seed, run, effort):
@@ -176,7 +176,7 @@ def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(monkeypatc
         return [screened(each, each.parameter_names[0]) for each in hypotheses]
 
     monkeypatch.setattr("bayes_ssi.appendages.screening_in_steps.screen_all", screen_all)
-    heights = [0.0, math.log(0.03), *[math.log(1e-6)] * 38]
+    heights = [0.0, math.log(0.05), *[math.log(1e-6)] * 38]
     hypotheses = [SimpleNamespace(parameter_names=(height,)) for height in heights]
     results = screen_best(hypotheses, [1.0] * 40, 1, 0, bs.Run())
     assert [each.log_evidence for each in results] == heights
