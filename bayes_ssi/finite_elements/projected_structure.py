@@ -151,10 +151,12 @@ class ProjectedStructure(Structure):
         if len(self._springs):
             stiffness = stiffness + np.einsum("bs,si,sj->bij", forces, vectors, vectors)
         modes = solve_modes(stiffness, mass, self.n_modes).repeated(len(values))
-        shapes = self._at_sensors @ modes.shapes
+        # One product for each row of the batch, of one layout in memory, so that no other row
+        # changes its last digit.
+        in_basis = np.ascontiguousarray(modes.shapes)
+        shapes = self._at_sensors @ in_basis
         for i, spring in enumerate(self._springs):
-            # One product for each row of the batch, which others do not change in the last digit.
-            elongation = vectors[i : i + 1] @ modes.shapes
+            elongation = vectors[i : i + 1] @ in_basis
             moved = np.append(spring.row.at_sensors, np.zeros(len(self._own)))
             shapes -= moved[:, None] * (forces[:, i, None, None] * elongation)
         return Modes(modes.frequencies_hz, shapes)
