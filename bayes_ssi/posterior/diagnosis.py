@@ -5,7 +5,7 @@ frequencies, the pairing. Each class that results is fitted in two steps. Its li
 where the model's modes are computed once, for all mistakes, selects the few that are fitted by an
 ascent to the maximum of likelihood times prior. The gain is the rise of this maximum, in nats.
 
-Where structures are approximate, they are fitted to, and the fitted ones are solved exactly. The
+Where structures are approximate, they are fitted to, and fits that gain are solved exactly. The
 errors of data with a joint covariance count as independent here: what is a mistake stands out from
 them by far.
 
@@ -43,7 +43,7 @@ from bayes_ssi.posterior.repairs import (
     repairs_of_shapes,
     repairs_of_single_shapes,
 )
-from bayes_ssi.posterior.required_accuracy import with_exact_structures
+from bayes_ssi.posterior.required_accuracy import is_approximate, with_exact_structures
 from bayes_ssi.sampling.maxima import ascend
 from bayes_ssi.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.sampling.target import Target, log_standard_normal
@@ -213,14 +213,16 @@ def _fitted(
     target = Target(changed.log_likelihood_at, z.shape[1], workers)
     z, log_posteriors = ascend(target, z, np.eye(z.shape[1])[None])
     values = changed.values(z)
-    exact = with_exact_structures(changed)
-    if exact is not changed:  # the approximation may be coarse there
-        changed = exact
-        log_posteriors = changed.log_likelihood(values) + log_standard_normal(z)
+    gain = float(log_posteriors[0]) + repair.log_scale - best
+    # The approximation may be coarse there; without any gain it is no hint in either case.
+    if gain > 0.0 and is_approximate(changed):
+        changed = with_exact_structures(changed)
+        exact = changed.log_likelihood(values) + log_standard_normal(z)
+        gain += float((exact - log_posteriors)[0])
     modes = [likelihood.compared_modes(own) for _, likelihood, own in changed.parts(values)]
     return Hint(
         repair.mistake or _other_pairing(repair, values),
-        float(log_posteriors[0]) + repair.log_scale - best,
+        gain,
         adequacy(changed, values, modes, np.random.default_rng(0)).overall,
     )
 
