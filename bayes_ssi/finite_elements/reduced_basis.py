@@ -25,17 +25,25 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.reducible_structure import Coefficients, System
-from bayes_ssi.finite_elements.sparse_factors import is_semidefinite, stiffness_factor
+from bayes_ssi.finite_elements.sparse_factors import (
+    Factor,
+    is_semidefinite,
+    require_positive_definite,
+    stiffness_factor,
+)
 from bayes_ssi.modal import ROUNDING, Eigenpairs, NoModesError, lowest_eigenpairs
 
 # Random combinations in the sketch of a residual, and a factor on their mean square: the square of
 # the norm is larger in 4 of 10 000 cases (χ² with as many degrees of freedom).
 SKETCH_SIZE, SKETCH_MARGIN = 160, 1.5
+# Combinations that are solved for at a time (a divisor of that size), to take little memory.
+BLOCK = 16
 # Eigenvalues that differ by less than this share count as one group: hardly more than the
 # distance of frequencies (half as large) that a test resolves.
 CLOSE = 0.02
@@ -65,7 +73,6 @@ class Reference:
         sketch: (n, SKETCH_SIZE + d), S and, for the d sensors, K_r⁻¹ E.
         sensors: rows of the sensors.
         coefficients: coefficients at the reference values.
-        factor: of the stiffness, which solves K_r x = f.
         definite: whether every K_t is positive semi-definite.
     """
 
@@ -78,13 +85,24 @@ class Reference:
         self.stiffness, self.mass, self.sensors = system.stiffness, system.mass, system.sensor_rows
         self.coefficients = coefficients
         self.matrix = self.stiffness.at(coefficients.stiffness)
-        self.factor = factor = stiffness_factor(self.matrix)
+        # Not kept: with its pivots it is large.
+        factor = stiffness_factor(self.matrix)
+        require_positive_definite(factor)
         n = self.matrix.shape[0]
-        normal = np.random.default_rng(0).standard_normal((n, SKETCH_SIZE)) / np.sqrt(SKETCH_SIZE)
-        unit_loads = np.zeros((n, len(self.sensors)))
-        unit_loads[self.sensors, np.arange(len(self.sensors))] = 1.0
-        self.sketch = np.hstack([factor.solve(factor.root_times(normal)), factor.solve(unit_loads)])
+        self.sketch = sketch = np.zeros((n, SKETCH_SIZE + len(self.sensors)))
+        sketch[self.sensors, SKETCH_SIZE + np.arange(len(self.sensors))] = 1.0
+        sketch[:, :SKETCH_SIZE] = np.random.default_rng(0).standard_normal((n, SKETCH_SIZE))
+        sketch[:, :SKETCH_SIZE] /= np.sqrt(SKETCH_SIZE)
+        for first in range(0, sketch.shape[1], BLOCK):
+            part = sketch[:, first : first + BLOCK]
+            part[:] = factor.solve(factor.root_times(part) if first < SKETCH_SIZE else part)
+        del factor
         self.definite = all(is_semidefinite(each) for each in self.stiffness.matrices)
+
+    @cached_property
+    def factor(self) -> Factor:
+        """Of the stiffness, which solves K_r x = f."""
+        return stiffness_factor(self.matrix)
 
 
 @dataclass(frozen=True, eq=False)

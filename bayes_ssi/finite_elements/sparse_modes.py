@@ -20,6 +20,7 @@ from bayes_ssi.finite_elements.sparse_factors import (
     RELATIVE_GAP,
     Factor,
     count_below,
+    require_positive_definite,
     stiffness_factor,
 )
 from bayes_ssi.modal import (
@@ -67,10 +68,12 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) 
 def _counted(
     stiffness: Matrix, mass: Matrix, factor: Factor, n_modes: int, at_most: int
 ) -> Eigenpairs:
-    """Modes by Lanczos iterations, verified by a count."""
+    """Modes by Lanczos iterations, verified by a count, which also shows K positive definite."""
     n = stiffness.shape[0]
     problem = "there is no gap between eigenvalues"
     for attempt in range(4):  # each with another start vector and more modes
+        if attempt:
+            require_positive_definite(factor)
         n_computed = min(at_most + 2 + 6 * attempt, n - 2)
         try:
             modes = _lanczos(stiffness, mass, factor, n_computed, attempt)
@@ -86,6 +89,9 @@ def _counted(
         except NoModesError:
             continue
         if count == last:
+            # The count includes negative eigenvalues of K: with positive ones alone it has none.
+            if not modes.eigenvalues[0] > 0.0:
+                require_positive_definite(factor)
             return Eigenpairs(modes.eigenvalues[:last], modes.vectors[:, :last])
         problem = f"Lanczos iterations gave {last} modes where Sylvester's law counts {count}"
     # Iterations stop early where M has hardly more modes than are asked for.
@@ -104,6 +110,7 @@ def _modes_under(
 
     Modes are deflections under such loads, so the Rayleigh-Ritz method gives all of them.
     """
+    require_positive_definite(factor)
     moved = factor.solve(loads)
     energies, directions = np.linalg.eigh(loads.T @ moved)
     kept = energies > ROUNDING * energies.max(initial=0.0)
