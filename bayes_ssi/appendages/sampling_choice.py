@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 from bayes_ssi.sampling.estimates import Estimate
 
 H = TypeVar("H", bound=Hashable)
-# An approximate log evidence is taken to be at most this many standard errors too low, and as much
+# An approximate log evidence is taken to be at most this many standard errors too low, or as much
 # too low as the worst of those that were sampled. Some hundred draws show no smaller errors.
 STANDARD_ERRORS, LEAST_ERROR = 3.0, 0.05
 
@@ -28,9 +28,7 @@ def unsampled_bounds(
     """
     excess = max((sampled[h] - approximate[h].log_evidence for h in sampled), default=0.0)
     return {
-        h: estimate.log_evidence
-        + max(excess, 0.0)
-        + STANDARD_ERRORS * max(estimate.error, LEAST_ERROR)
+        h: estimate.log_evidence + max(excess, STANDARD_ERRORS * max(estimate.error, LEAST_ERROR))
         for h, estimate in approximate.items()
         if h not in sampled
     }

@@ -243,7 +243,8 @@ class _Sampling:
     ) -> tuple[ImportanceSample, Regions]:
         """Importance draws that give evidence and regions' shares as precisely as wanted."""
         wanted_error = self.settings.log_evidence_error
-        sample = self.sampler.refined(trial, wanted_error, others)
+        sample = self.sampler.beyond_ends(trial, wanted_error)
+        sample = self.sampler.refined(sample, wanted_error, others)
         regions = find_regions(self.target, *sample.typical_draws)
         if regions.n_regions == 1:
             return sample, regions

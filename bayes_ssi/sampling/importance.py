@@ -241,6 +241,26 @@ class ImportanceSampler:
             else:
                 return sample
 
+    def beyond_ends(self, sample: ImportanceSample, wanted_error: float) -> ImportanceSample:
+        """``sample`` with components at both ends of the posterior's longest axis.
+
+        What a mixture does not propose, as the end of a thin curved ridge beyond the draws that it
+        was fitted to, its own draws cannot show. Components are added at the outermost draws, and
+        at those from them, until what lies beyond is negligible.
+        """
+        for sign in (1.0, -1.0):
+            for _ in range(MAX_ADDED_COMPONENTS // 2):
+                mean = sample.weights @ sample.z
+                away = (sample.z - mean) * np.sqrt(sample.weights)[:, None]
+                axis = np.linalg.eigh(away.T @ away)[1][:, -1]
+                axis = sign * axis * np.sign(axis[np.abs(axis).argmax()])
+                typical, _ = sample.typical_draws
+                end = typical[(typical @ axis).argmax()]
+                sample = self._with_component(sample, end)
+                if sample.weights @ (sample.z @ axis > end @ axis) < SEEN * wanted_error:
+                    break
+        return sample
+
     def extended(self, sample: ImportanceSample, factor: float) -> ImportanceSample:
         """``sample`` with about ``factor`` times as many draws, at most four times."""
         n = len(sample.z)

@@ -45,9 +45,9 @@ def test_others_may_be_as_much_too_low_as_the_worst_of_those_sampled():
     approximate = estimates(0.0, -1.0, math.log(0.016))
     right = {"a": 0.0, "b": -1.0}
     assert to_sample(approximate, right, 0.01) == []
-    low = {"a": 0.0, "b": 0.0}  # 1 nat more than was thought: the bound of "c" is 0.016 e^1.15 of 2
+    low = {"a": 0.0, "b": 0.0}  # 1 nat more than was thought: the bound of "c" is 0.016 e of 2
     assert to_sample(approximate, low, 0.01) == ["c"]
-    bound = 0.016 * math.exp(1.0 + 0.15)
+    bound = 0.016 * math.e
     assert most_probability_unsampled(approximate, low) == pytest.approx(bound / (2.0 + bound))
     assert most_probability_unsampled(approximate, low | {"c": -4.0}) == 0.0
 

@@ -257,3 +257,29 @@ def test_importance_draws_decide_what_a_walker_stands_for(share_there):
     assert estimate.error <= 0.01
     expected = math.log1p(share_there)
     assert estimate.log_evidence == pytest.approx(expected, abs=4.0 * estimate.error)
+
+
+def thin_ridge(z):
+    """Likelihood times prior is N(0, 1) of z₁ times N(0.3 z₁², 0.003²) of z₂."""
+    across = (z[:, 1] - 0.3 * z[:, 0] ** 2) / 0.003
+    log_density = -0.5 * (z[:, 0] ** 2 + across**2) - math.log(2.0 * math.pi * 0.003)
+    return log_density - log_standard_normal(z)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_ends_of_a_ridge_are_reached_from_its_middle(seed):
+    """A tenth of the posterior lies where no component of the mixture leads to."""
+    x = np.linspace(-1.3, 1.3, 27)
+    tangents = np.column_stack([np.ones_like(x), 0.6 * x])
+    across = np.column_stack([-0.6 * x, np.ones_like(x)])
+    factors = np.stack([0.1 * tangents, 0.003 * across], axis=2)
+    mixture = StudentMixture(
+        np.full(27, 1 / 27), np.column_stack([x, 0.3 * x**2]), factors, np.full(27, 30.0)
+    )
+    sampler = sampler_of(Target(thin_ridge, 2), seed)
+    trial = sampler.sample(mixture)
+    assert sampler.refined(trial, 0.01).estimate.log_evidence < -0.05
+    reached = sampler.refined(sampler.beyond_ends(trial, 0.01), 0.01)
+    assert abs(reached.estimate.log_evidence) < 4.0 * reached.estimate.error
+    beyond = reached.weights @ (np.abs(reached.z[:, 0]) > 1.7)
+    assert beyond == pytest.approx(2.0 * stats.norm.sf(1.7), abs=0.01)
