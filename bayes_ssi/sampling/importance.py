@@ -27,8 +27,9 @@ MAX_RESAMPLED = 5000
 SEEN = 0.1
 # Log densities of one draw, computed among different others, are the same within so many nats.
 ROUNDING = 1e-6
-# Each adds a sixth to the draws, all of them together a factor of six.
-MAX_ADDED_COMPONENTS = 12
+# Each adds a sixth to the draws, all of them together a factor of six. One that shows what lies
+# beyond the end of a ridge, mostly nothing, adds a thirtieth.
+MAX_ADDED_COMPONENTS, ADDED, ADDED_AT_AN_END = 12, 1 / 6, 1 / 30
 
 
 class ScoredDraws(Protocol):
@@ -256,7 +257,7 @@ class ImportanceSampler:
                 axis = sign * axis * np.sign(axis[np.abs(axis).argmax()])
                 typical, _ = sample.typical_draws
                 end = typical[(typical @ axis).argmax()]
-                sample = self._with_component(sample, end)
+                sample = self._with_component(sample, end, ADDED_AT_AN_END)
                 if sample.weights @ (sample.z @ axis > end @ axis) < SEEN * wanted_error:
                     break
         return sample
@@ -293,14 +294,16 @@ class ImportanceSampler:
             mixture, z, self.target.log_likelihood(z), mixture.log_pdf(z), strata
         )
 
-    def _with_component(self, sample: ImportanceSample, centre: FloatArray) -> ImportanceSample:
+    def _with_component(
+        self, sample: ImportanceSample, centre: FloatArray, added: float = ADDED
+    ) -> ImportanceSample:
         """The sample with one more component, and draws from it, at ``centre`` (d,).
 
         All draws are reweighted by the larger mixture, in which every component has the share of
         the draws that it gave.
         """
         n = len(sample.z)
-        more = max(self.batch, n) // 6
+        more = round(added * max(self.batch, n))
         component = _around(centre, sample)
         mixture = sample.mixture.mixed_with(component, more / (n + more))
         mixture = replace(mixture, prior_share=sample.mixture.prior_share * n / (n + more))
