@@ -98,6 +98,7 @@ def _write_matrices(folder: Path, matrices: ParameterMatrices, files: Mapping[st
         nodes = ([node, *map(repr, at)] for node, at in model.geometry.nodes.items())
         _write_csv(folder / "nodes.csv", nodes)
         _write_csv(folder / "lines.csv", model.geometry.lines)
+        _write_csv(folder / "faces.csv", model.geometry.faces)
 
 
 def _write_csv(path: Path, rows: Iterable[Iterable[str]]) -> None:
@@ -149,7 +150,9 @@ GEOMETRY = """\
 with (matrices / "nodes.csv").open(encoding="utf-8") as file:
     nodes = {node: tuple(map(float, at)) for node, *at in csv.reader(file)}
 with (matrices / "lines.csv").open(encoding="utf-8") as file:
-    geometry = bs.Geometry(nodes, tuple(map(tuple, csv.reader(file))), unit={UNIT})
+    lines = tuple(map(tuple, csv.reader(file)))
+with (matrices / "faces.csv").open(encoding="utf-8") as file:
+    geometry = bs.Geometry(nodes, lines, {UNIT}, tuple(map(tuple, csv.reader(file))))
 """
 ONE_CLASS = """\
 study = bs.Study(

@@ -300,9 +300,14 @@ def _figures(ranking: Ranking, records: Mapping[str, Any]) -> list[ResultFigure]
     from bayes_ssi.results.load import SEARCH
 
     by_name = {posterior.name: posterior for posterior in ranking.posteriors}
-    return result_figures.result_figures(
-        {each.name: each.data for each in ranking.study.model_classes[0].configurations},
-        [by_name[row.name] for row in ranking.comparison.classes],
-        ranking.comparison,
-        records.get(SEARCH),
-    )
+    ranked = [by_name[row.name] for row in ranking.comparison.classes]
+    classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
+    return [
+        *result_figures.result_figures(
+            {each.name: each.data for each in ranking.study.model_classes[0].configurations},
+            ranked,
+            ranking.comparison,
+            records.get(SEARCH),
+        ),
+        *result_figures.figures_of_modes(classes[ranked[0].name], ranked[0]),
+    ]

@@ -44,7 +44,7 @@ def plot_place_map(
 
     Args:
         places: those without coordinates are left out.
-        geometry: the structure's, whose lines are drawn, or its nodes where it has no lines.
+        geometry: the structure's, whose lines and faces are drawn, or its nodes.
         ax: axes in three dimensions; those of a new figure if None.
 
     Raises:

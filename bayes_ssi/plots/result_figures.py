@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bayes_ssi.appendages.search_result import SearchRecord
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.corner_plot import import_corner, plot_corner
 from bayes_ssi.plots.evidence_plot import plot_evidence
 from bayes_ssi.plots.figure_style import figures_for_files, save_figure
 from bayes_ssi.plots.model_frequencies import plot_frequencies
+from bayes_ssi.plots.modes_in_space import DrawnMode, can_be_drawn, plot_modes_in_space
 from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.predictions.nodal_modes import nodal_modes
 from bayes_ssi.ranking.comparison import Comparison
 
 # Classes that one figure can show legibly.
 MOST_CLASSES = 12
+# Name of the files of modes in space, or its beginning.
+MODES = "modes"
 
 
 @dataclass(frozen=True)
@@ -62,6 +69,32 @@ def result_figures(
     if search is not None:
         figures.append(ResultFigure("places", partial(plot_places, search)))
     return figures
+
+
+def figures_of_modes(model_class: ModelClass, posterior: Posterior) -> Iterator[ResultFigure]:
+    """The paired modes in space, where coordinates are known, one figure for each configuration.
+
+    They are those of the exact structure at the most probable parameters.
+    """
+    for i, test in enumerate(model_class.configurations, 1):
+        structure = test.structure
+        pairing = posterior.configurations[i - 1].pairing
+        if structure.geometry is None or not pairing:
+            continue
+        likeliest = dict(zip(posterior.parameter_names, posterior.maxima[0], strict=True))
+        try:
+            modes = nodal_modes(
+                structure, np.array([likeliest[p.name] for p in structure.parameters])
+            )
+        except ValueError:  # labels name no nodes
+            continue
+        if can_be_drawn(modes):
+            shown = [
+                DrawnMode(f"mode {label}\n{modes.frequencies_hz[number - 1]:.4g} Hz", number - 1)
+                for label, number in pairing.items()
+            ]
+            name = f"{MODES}_{i}" if len(model_class.configurations) > 1 else MODES
+            yield ResultFigure(name, partial(plot_modes_in_space, modes, shown))
 
 
 def prepare() -> None:

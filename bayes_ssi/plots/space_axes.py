@@ -9,6 +9,7 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.plots.figure_style import GREY, SMALL, TEXT, WIDTH, figure_of, title_of, wrapped
+from bayes_ssi.plots.surfaces import draw_faces, outline
 from bayes_ssi.structures.geometry import Geometry
 
 if TYPE_CHECKING:
@@ -107,14 +108,18 @@ def colour_bar_axes(ax: Any) -> Axes:
 
 
 def draw_structure(ax: Any, geometry: Geometry) -> None:
-    """The lines of a structure, or its nodes where no line is known."""
+    """The faces and lines of a structure, or its nodes where neither are known."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    if not geometry.lines:
-        nodes = np.array(list(geometry.nodes.values()))
+    nodes = np.array(list(geometry.nodes.values()))
+    if not geometry.lines and not geometry.faces:
         ax.scatter(*nodes.T, s=0.6, color=GREY, depthshade=False, rasterized=True)
         return
-    segments = [[geometry.nodes[end] for end in line] for line in geometry.lines]
+    number = {node: i for i, node in enumerate(geometry.nodes)}
+    faces = [[number[corner] for corner in face] for face in geometry.faces]
+    draw_faces(ax, nodes, faces, 0.08, GREY)
+    lines = np.array([[number[end] for end in line] for line in geometry.lines], dtype=np.intp)
+    segments = nodes[np.concatenate([outline(nodes, faces), lines.reshape(-1, 2)])]
     many = len(segments) > MOST_VECTORS
     ax.add_collection3d(
         Line3DCollection(segments, colors=GREY, linewidths=0.5, alpha=0.5, rasterized=many)

@@ -45,7 +45,7 @@ def node_numbers(modes: NodalModes) -> list[int]:
 
 
 def write_universal_file(path: Path, modes: NodalModes, title: str) -> None:
-    """Nodes (15) and lines (82), where coordinates are known, and modes (55).
+    """Nodes (15), lines and sides of faces (82), where coordinates are known, and modes (55).
 
     The formats are those of the Structural Dynamics Research Laboratory, University of Cincinnati,
     "Universal File Formats for Modal Analysis Testing"; numbers have six digits.
@@ -61,8 +61,9 @@ def write_universal_file(path: Path, modes: NodalModes, title: str) -> None:
         if known.any():
             file.write(_data_set(15, _node_lines(numbers, modes, known)))
         number = dict(zip(modes.nodes, numbers, strict=True))
-        for start in range(0, len(modes.lines), LINES_IN_A_SET):
-            lines = modes.lines[start : start + LINES_IN_A_SET]
+        edges = modes.geometry.edges if modes.geometry is not None else ()
+        for start in range(0, len(edges), LINES_IN_A_SET):
+            lines = edges[start : start + LINES_IN_A_SET]
             # Zero moves to the next node without drawing.
             entries = [n for a, b in lines for n in (number[a], number[b], 0)][:-1]
             file.write(_data_set(82, _trace_lines(start // LINES_IN_A_SET + 1, entries)))

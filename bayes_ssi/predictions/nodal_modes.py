@@ -11,6 +11,7 @@ from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 from bayes_ssi.modal import frequencies_hz
 from bayes_ssi.solver_files.directions import DIRECTIONS, INTERNAL
+from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.structure import Structure
 
 
@@ -21,7 +22,8 @@ class NodalModes:
     Attributes:
         nodes: their names.
         positions: (n_nodes, 3), x, y and z; NaN where they are not known.
-        lines: pairs of nodes that a drawing joins.
+        geometry: the structure's, with lines and faces between some of the nodes; None if it has
+            none.
         frequencies_hz: (n_modes,).
         displacements: (n_modes, n_nodes, 6), along x, y, z and about them, the largest
             displacement of a mode being 1; zero where the
@@ -30,7 +32,7 @@ class NodalModes:
 
     nodes: tuple[str, ...]
     positions: FloatArray
-    lines: tuple[tuple[str, str], ...]
+    geometry: Geometry | None
     frequencies_hz: FloatArray
     displacements: FloatArray
 
@@ -66,7 +68,7 @@ def nodal_modes(structure: Structure, values: FloatArray) -> NodalModes:
     return NodalModes(
         nodes,
         np.array([known.get(node, (np.nan,) * 3) for node in nodes]),
-        () if geometry is None else geometry.lines,
+        geometry,
         frequencies,
         displacements / np.where(largest > 0.0, largest, 1.0)[:, None, None],
     )

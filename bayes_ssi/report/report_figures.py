@@ -25,7 +25,7 @@ from bayes_ssi.plots.figure_style import figures_for_files, whole_figure
 from bayes_ssi.plots.identified_modes import plot_identified_modes
 from bayes_ssi.plots.matrix_plots import plot_pairing
 from bayes_ssi.plots.model_frequencies import plot_frequencies
-from bayes_ssi.plots.result_figures import MOST_CLASSES
+from bayes_ssi.plots.result_figures import MODES, MOST_CLASSES
 from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
 from bayes_ssi.plots.updated_shapes import plot_mode_shapes
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
@@ -33,7 +33,7 @@ from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.predictions.saved_predictions import SavedPredictions
 from bayes_ssi.report.embedded_figure import EmbeddedFigure, embedded_drawing, embedded_file
 from bayes_ssi.report.limits import LIMITS
-from bayes_ssi.results.load import StoredResult
+from bayes_ssi.results.load import FIGURES, StoredResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,6 +88,7 @@ def draw_figures(
         for i, (section, (caption, plot)) in enumerate(planned, 1):
             section.append(embedded_drawing(whole_figure(plot()), caption, f"figure-{i}"))
             progress(i / len(planned))
+    figures.classes[stored.comparison.best.name].extend(_saved_modes(stored))
     figures.predictions.extend(_of_predictions(predictions))
     return figures
 
@@ -179,6 +180,17 @@ def _of_configuration(modes: ConfigurationModes, data: ModalData, of: str) -> It
         yield (
             f"{where}Probabilities of pairings {of}",
             partial(plot_pairing, inferred, modes.n_modes),
+        )
+
+
+def _saved_modes(stored: StoredResult) -> Iterator[EmbeddedFigure]:
+    """Modes in space, which were drawn when the result was saved."""
+    paths = sorted((stored.directory / FIGURES).glob(f"{MODES}*.png"))
+    for path, name in zip(paths, stored.tests, strict=False):
+        yield embedded_file(
+            path,
+            f"{label_in(name, '')}Modes of {stored.comparison.best.name!r} at its most probable "
+            "parameters, displacements in colour, and the outline at rest",
         )
 
 

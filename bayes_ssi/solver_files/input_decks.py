@@ -6,17 +6,18 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
+from bayes_ssi.solver_files.element_faces import OuterFaces, node_count
 from bayes_ssi.structures.geometry import Geometry, Point
 
 # Keywords whose option INPUT names a file with their data lines, or with more of the deck.
 WITH_INPUT = ("*INCLUDE", "*NODE", "*ELEMENT")
 # Beams and trusses begin so; a drawing joins their nodes in the order in which the deck states
-# them. Solids and shells are not drawn: their nodes are.
+# them.
 MEMBERS = ("B2", "B3", "T2", "T3", "PIPE")
 
 
 def geometry_of_deck(path: Path) -> Geometry | None:
-    """Nodes that a deck states, joined by its beams and trusses; None if it states no node.
+    """Nodes that a deck states, and its beams, shells and solids; None if it states no node.
 
     Decks that it includes are read as well. Nodes that it generates or copies, and parts that it
     places elsewhere, are missing.
@@ -28,14 +29,22 @@ def geometry_of_deck(path: Path) -> Geometry | None:
     """
     nodes: dict[str, Point] = {}
     lines: list[tuple[str, str]] = []
+    faces = OuterFaces()
+    begun: list[int] = []  # the element and nodes of a shell or solid, which may take two lines
     for place, keyword, options, fields in _data_lines(path, "", {}):
         try:
-            numbers = [str(int(each)) for each in fields[: 1 if keyword == "*NODE" else None]]
+            kind = options.get("TYPE", "").upper()
+            numbers = [int(each) for each in fields[: 1 if keyword == "*NODE" else None]]
             if keyword == "*NODE":
                 x, y, z = ([float(each) for each in fields[1:4]] + [0.0] * 3)[:3]
-                nodes[numbers[0]] = (x, y, z)
-            elif options.get("TYPE", "").upper().startswith(MEMBERS):
-                lines += pairwise(numbers[1:])
+                nodes[str(numbers[0])] = (x, y, z)
+            elif kind.startswith(MEMBERS):
+                lines += pairwise(map(str, numbers[1:]))
+            elif (count := node_count(kind)) is not None:
+                begun += numbers
+                if len(begun) > count:
+                    faces.add(kind, begun[1:])
+                    begun = []
         except ValueError:
             raise ValueError(
                 f"{place}: expected whole numbers of nodes and elements, and coordinates, got "
@@ -43,7 +52,12 @@ def geometry_of_deck(path: Path) -> Geometry | None:
             ) from None
     if not nodes:
         return None
-    return Geometry(nodes, tuple(line for line in lines if set(line) <= nodes.keys()))
+    of_faces = (tuple(map(str, face)) for face in faces)
+    return Geometry(
+        nodes,
+        tuple(line for line in lines if set(line) <= nodes.keys()),
+        faces=tuple(face for face in of_faces if set(face) <= nodes.keys()),
+    )
 
 
 def _data_lines(

@@ -16,7 +16,6 @@ import scipy.sparse as sp
 
 from bayes_ssi.solver_files.directions import TRANSLATIONS, direction_of
 from bayes_ssi.solver_files.exported_model import ExportedModel
-from bayes_ssi.structures.geometry import Geometry
 
 # Engineers know the mass of a structure to well within a factor of 2; a mistaken unit of force or
 # length is off by one of 4.4 or more.
@@ -81,7 +80,7 @@ def in_si(model: ExportedModel, units: str) -> ExportedModel:
             name: (system.length * x, system.length * y, system.length * z)
             for name, (x, y, z) in geometry.nodes.items()
         }
-        geometry = Geometry(nodes, geometry.lines, unit="m")
+        geometry = replace(geometry, nodes=nodes, unit="m")
     dependent = {
         name: {
             other: factor * _unit(name, system) / _unit(other, system)

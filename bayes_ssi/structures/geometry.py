@@ -1,10 +1,11 @@
-"""Where a structure's nodes are, and what joins them in a drawing."""
+"""Where a structure's nodes are, and which lines and faces join them in a drawing."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ class Location(NamedTuple):
 
 @dataclass(frozen=True)
 class Geometry:
-    """The nodes of a structure and the lines between them.
+    """The nodes of a structure, and the lines and faces between them.
 
     A degree of freedom belongs to the node that its label names, without the last word where that
     is a direction: ``"node 7 x"`` is the motion of ``"node 7"`` along x, and ``"node 7 rx"`` a
@@ -40,15 +41,18 @@ class Geometry:
         nodes: name → (x, y, z).
         lines: pairs of nodes that a drawing joins, such as the ends of beams.
         unit: of the coordinates, such as "m"; empty where it is not known.
+        faces: corners of surfaces, three or more nodes each, in their order around it: shells, and
+            the outer faces of solids.
 
     Raises:
-        ValueError: a node does not have three finite coordinates, or a line has an end that is no
-            node.
+        ValueError: a node does not have three finite coordinates, or a line or face names what is
+            no node.
     """
 
     nodes: Mapping[str, Point]
     lines: tuple[tuple[str, str], ...] = ()
     unit: str = ""
+    faces: tuple[tuple[str, ...], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.nodes:
@@ -56,6 +60,16 @@ class Geometry:
         nodes = {name: checked_point(at, f"node {name!r}") for name, at in self.nodes.items()}
         object.__setattr__(self, "nodes", nodes)
         object.__setattr__(self, "lines", tuple(_checked_line(line, nodes) for line in self.lines))
+        object.__setattr__(self, "faces", tuple(_checked_face(face, nodes) for face in self.faces))
+
+    @cached_property
+    def edges(self) -> tuple[tuple[str, str], ...]:
+        """The lines, and the sides of all faces, each once."""
+        sides = (
+            side for face in self.faces for side in zip(face, (*face[1:], face[0]), strict=True)
+        )
+        once = {frozenset(side): side for side in (*self.lines, *sides)}
+        return tuple(once.values())
 
     def location(self, motion: Motion) -> Location | None:
         """Where a combination of degrees of freedom moves; None where a node is not known.
@@ -115,6 +129,13 @@ def _checked_line(line: Sequence[str], nodes: Mapping[str, Point]) -> tuple[str,
     if len(ends) != 2 or unknown is not None:
         raise ValueError(f"geometry: a line joins two nodes that it names, got {line!r}")
     return ends[0], ends[1]
+
+
+def _checked_face(face: Sequence[str], nodes: Mapping[str, Point]) -> tuple[str, ...]:
+    corners = tuple(face)
+    if len(corners) < 3 or any(corner not in nodes for corner in corners):
+        raise ValueError(f"geometry: a face joins three or more nodes that it names, got {face!r}")
+    return corners
 
 
 def direction_name(direction: Point) -> str:

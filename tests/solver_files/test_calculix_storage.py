@@ -111,7 +111,8 @@ def test_decks_may_include_others(tower):
     (tower / "tower.inp").write_text("** the mesh\n*include, input=mesh.msh\n*STEP\n")
     geometry = bs.read_model(tower / "tower.sti").geometry
     assert geometry.nodes["340"] == (0.5, 0.7, 12.0)
-    assert geometry.lines == (("4", "8"),)  # beams are drawn, bricks are not
+    assert geometry.lines == (("4", "8"),)
+    assert len(geometry.faces) == 84 * 4 + 2  # of 84 bricks on top of one another
     (tower / "mesh.msh").unlink()
     model = bs.read_model(tower / "tower.sti")
     assert model.geometry is None
