@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,19 @@ def is_universal_file(path: Path) -> bool:
     require_regular_file(path)
     with path.open("rb") as file:
         return file.read(80).split()[:1] == [b"-1"]
+
+
+# Codes of directions, of which negative ones mean that a sensor points the other way.
+AXES = {1: "x", 2: "y", 3: "z"}
+
+
+def response_direction(one: Mapping[str, Any]) -> tuple[str, float] | None:
+    """The axis along which the response of a data set 58 was measured, and its sign, 1 or -1.
+
+    None where it was measured about an axis, or the direction is not stated.
+    """
+    code = int(one["rsp_dir"])
+    return (AXES[abs(code)], math.copysign(1.0, code)) if abs(code) in AXES else None
 
 
 def read_data_sets(path: Path, *numbers: int) -> list[dict[str, Any]]:

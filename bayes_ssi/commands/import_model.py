@@ -31,12 +31,13 @@ if TYPE_CHECKING:
               "where the data do not name it so; repeatable.")  # fmt: skip
 @click.option(
     "--points", type=click.Path(path_type=Path), metavar="FILE",
-    help="Coordinates of sensors, for which the nearest nodes are taken: CSV with columns sensor, "
-    "x_coord, y_coord, z_coord, direction, or a universal file.",
+    help="Where sensors are: CSV with columns sensor, x_coord, y_coord, z_coord, direction, or a "
+    "universal file, and the nearest nodes are taken; or CSV with columns node, model_node.",
 )  # fmt: skip
 @click.option(
-    "--points-scale", type=float, default=1.0, metavar="FACTOR",
-    help="Factor of these coordinates, to those of the model after --units.",
+    "--points-scale", type=float, metavar="FACTOR",
+    help="Factor of these coordinates, to those of the model after --units.  [default: 1, or by "
+    "the units that a universal file states]",
 )  # fmt: skip
 @click.option("--band", type=(float, float), metavar="LOW HIGH",
               help="Band of the search in Hz, where the data are a universal file.")  # fmt: skip
@@ -55,7 +56,7 @@ def import_model(
     data: Path | None,
     sensors: tuple[str, ...],
     points: Path | None,
-    points_scale: float,
+    points_scale: float | None,
     band: tuple[float, float] | None,
     units: str | None,
     mass_kg: float | None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +31,7 @@ def imported_sensors(
     modes: ModalData | None,
     labels: Mapping[str, str],
     points_file: Path | None,
-    scale: float,
+    scale: float | None,
 ) -> ImportedSensors:
     """Sensors of the data, or those given where there are no data yet.
 
@@ -39,8 +39,8 @@ def imported_sensors(
         model: the nominal model.
         modes: the identified modes, if there are any.
         labels: sensor → label, as the user gave them.
-        points_file: coordinates of sensors, or None.
-        scale: factor of these coordinates.
+        points_file: coordinates of sensors, or a table of nodes, or None.
+        scale: factor of these coordinates; None for 1, or what the units of the file give.
 
     Raises:
         ValueError: the model has no labels, or a sensor is at none of them.
@@ -51,9 +51,14 @@ def imported_sensors(
     if model.labels is None:
         raise ValueError("the nominal export has no labels, by which sensors are named")
     known = set(model.labels)
-    points = _points(points_file, modes)
+    given = _given(points_file, modes)
+    points, said = given.points, []
+    if scale is None and given.metres is not None and model.units == "N, m, kg":
+        scale = given.metres
+        said = [f"{points_file}: its coordinates are in units of {scale:g} m"]
+    scale = 1.0 if scale is None else scale
     mapped = nearest_degrees_of_freedom(points, model, scale) if points else ()
-    by_point = {each.name: each.label for each in mapped}
+    by_point = {each.name: each.label for each in mapped} | _by_node(given.nodes, modes)
     names = list(modes.sensors) if modes is not None else list({**by_point, **labels})
     unknown = [name for name in labels if name not in names]
     if unknown:
@@ -62,10 +67,14 @@ def imported_sensors(
     for name, label in places.items():
         if label not in known:
             raise ValueError(_not_a_label(model, name, label))
+    distances = {each.name: f", {each.distance:.3g} away" for each in mapped}
     lines = [
-        f"{each.name}: {each.label}, {each.distance:.3g} away"
-        for each in mapped
-        if places.get(each.name) == each.label
+        *said,
+        *(
+            f"{name}: {label}{distances.get(name, '')}"
+            for name, label in by_point.items()
+            if places.get(name) == label
+        ),
     ]
 
     def with_axes(axes: Mapping[str, str]) -> Mapping[str, str] | None:
@@ -89,17 +98,60 @@ def imported_sensors(
     return ImportedSensors(places, tuple(lines))
 
 
-def _points(path: Path | None, modes: ModalData | None) -> Sequence[SensorPoint]:
-    from bayes_ssi.solver_files.sensor_points import points_of_universal_file, read_sensor_points
+@dataclass(frozen=True)
+class _Given:
+    """What a file says of sensors: coordinates, perhaps with their unit, or nodes of the model."""
+
+    points: Sequence[SensorPoint] = ()
+    metres: float | None = None
+    nodes: Mapping[str, str] = field(default_factory=dict)
+
+
+def _given(path: Path | None, modes: ModalData | None) -> _Given:
+    from bayes_ssi.solver_files.sensor_points import (
+        metres_of_universal_file,
+        points_of_universal_file,
+        read_node_table,
+        read_sensor_points,
+    )
     from bayes_ssi.universal_files import is_universal_file
 
     if path is None:
-        return ()
-    if not is_universal_file(path):
-        return read_sensor_points(path)
+        return _Given()
+    if is_universal_file(path):
+        sensors = modes.sensors if modes is not None else _sensors_of_universal_file(path)
+        return _Given(points_of_universal_file(path, sensors), metres_of_universal_file(path))
+    nodes = read_node_table(path)
+    if nodes is None:
+        return _Given(read_sensor_points(path))
     if modes is None:
-        raise ValueError(f"{path}: a universal file states nodes, not sensors; give --data as well")
-    return points_of_universal_file(path, modes.sensors)
+        raise ValueError(f"{path}: a table of nodes states no sensors; give --data as well")
+    return _Given(nodes=nodes)
+
+
+def _sensors_of_universal_file(path: Path) -> tuple[str, ...]:
+    """Sensors "node direction" of its time responses (data sets 58), else of its modes (55)."""
+    from bayes_ssi.data.modal_uff import moving_sensors
+    from bayes_ssi.universal_files import read_data_sets, response_direction
+
+    measured = [(one, response_direction(one)) for one in read_data_sets(path, 58)]
+    names = tuple(
+        dict.fromkeys(f"{int(one['rsp_node'])} {along[0]}" for one, along in measured if along)
+    )
+    names = names or tuple(moving_sensors(read_data_sets(path, 55)))
+    if not names:
+        raise ValueError(f"{path}: no data sets 55 or 58, which name sensors; give --data as well")
+    return names
+
+
+def _by_node(nodes: Mapping[str, str], modes: ModalData | None) -> dict[str, str]:
+    """Sensor → label, for sensors "node direction" of which a table states the node."""
+    placed = {}
+    for name in modes.sensors if modes is not None else ():
+        node, _, direction = name.rpartition(" ")
+        if node in nodes:
+            placed[name] = f"{nodes[node]} {direction}"
+    return placed
 
 
 def _not_a_label(model: ExportedModel, name: str, label: str) -> str:

@@ -41,7 +41,7 @@ def read_modal_uff(
     if not sets:
         raise ValueError(f"{path}: no data set 55 with a normal or complex mode")
     modes = sorted((_frequency_and_damping(s), i) for i, s in enumerate(sets))
-    named = dict(sensors) if sensors is not None else _moving_sensors(sets)
+    named = dict(sensors) if sensors is not None else moving_sensors(sets)
     try:
         return ModalData(
             tuple(
@@ -68,7 +68,7 @@ def _frequency_and_damping(one: Mapping[str, Any]) -> tuple[float, float]:
     return float(size / (2.0 * math.pi)), float(-np.real(one["eig"]) / size) if size else 0.0
 
 
-def _moving_sensors(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
+def moving_sensors(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
     """All nodes and directions in which some mode moves."""
     moving = {
         (int(node), direction)

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bayes_ssi.records.channels import Channels
 from bayes_ssi.records.record import Place
 from bayes_ssi.text_files import require_regular_file
-from bayes_ssi.universal_files import read_data_sets
+from bayes_ssi.universal_files import read_data_sets, response_direction
 
 # Of data sets 58: functions that are time responses, and what their ordinates are.
 TIME_RESPONSE = 1
 ORDINATES = {8: "displacement", 11: "velocity", 12: "acceleration"}
-AXES = {1: "x", 2: "y", 3: "z"}
 
 
 def read_universal(path: Path) -> Channels:
     """Read the time responses (data sets 58) of a universal file.
 
-    Sensors are named by node and direction, ``12 x``.
+    Sensors are named by node and direction, ``12 x``; what was measured against the direction of
+    an axis is turned to it.
 
     Raises:
         OSError: the file cannot be read.
@@ -33,10 +32,15 @@ def read_universal(path: Path) -> Channels:
         raise ValueError("no data set 58 with a time response")
     if any(each["abscissa_spacing"] != 1 for each in sets):
         raise ValueError("a time response with uneven steps")
-    places = tuple(_place(each) for each in sets)
+    directions = [response_direction(each) for each in sets]
+    places: list[Place] = [
+        (int(each["rsp_node"]), along[0]) if along else None
+        for each, along in zip(sets, directions, strict=True)
+    ]
+    signs = [along[1] if along else 1.0 for along in directions]
     names = [f"{place[0]} {place[1]}" if place else "" for place in places]
     return Channels(
-        _rows([np.real(each["data"]) for each in sets]),
+        _rows([s * np.real(each["data"]) for s, each in zip(signs, sets, strict=True)]),
         tuple(names) if all(names) else (),
         tuple(1.0 / float(each["abscissa_inc"]) for each in sets),
         tuple(ORDINATES[k] for each in sets if (k := each["ordinate_spec_data_type"]) in ORDINATES),
@@ -45,15 +49,8 @@ def read_universal(path: Path) -> Channels:
             for each in sets
             if (label := str(each["ordinate_axis_units_lab"]).strip()) not in ("", "NONE")
         ),
-        places,
+        tuple(places),
     )
-
-
-def _place(one: dict[str, Any]) -> Place:
-    direction = int(one["rsp_dir"])
-    if abs(direction) not in AXES:
-        return None
-    return int(one["rsp_node"]), ("-" if direction < 0 else "") + AXES[abs(direction)]
 
 
 def read_tdms(path: Path, keys: Sequence[str]) -> Channels:

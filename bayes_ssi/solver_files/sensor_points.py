@@ -18,6 +18,7 @@ from bayes_ssi.text_files import read_columns
 from bayes_ssi.universal_files import read_data_sets
 
 COLUMNS = ("sensor", "x_coord", "y_coord", "z_coord", "direction")
+NODE_COLUMNS = ("node", "model_node")
 # Factors between units of length: what they turn, and the factor.
 SCALES = {"mm to m": 1e-3, "m to mm": 1e3, "ft to m": 0.3048, "in to m": 0.0254, "cm to m": 1e-2}
 # Distances that fall by more in other units are no matter of where nodes are.
@@ -49,19 +50,14 @@ def read_sensor_points(path: Path) -> tuple[SensorPoint, ...]:
         OSError: the file cannot be read.
         ValueError: a column is missing, or a cell is not valid; the message names the line.
     """
-    text, delimiter = read_columns(path)
-    reader = csv.reader(text.splitlines(), delimiter=delimiter or ",", skipinitialspace=True)
-    numbered = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
-    lines = [(n, row) for n, row in numbered if any(row) and not row[0].startswith("#")]
-    names = lines[0][1] if lines else []
-    if sorted(names) != sorted(COLUMNS) or len(lines) < 2:
-        raise ValueError(f"{path}: must have the columns {', '.join(COLUMNS)} and a row a sensor")
+    names, lines = _table(path)
+    if sorted(names) != sorted(COLUMNS):
+        raise ValueError(
+            f"{path}: must have the columns {', '.join(COLUMNS)}, or {', '.join(NODE_COLUMNS)}, "
+            "and rows"
+        )
     points = []
-    for number, row in lines[1:]:
-        where = f"{path}, line {number}"
-        cells = dict(zip(names, row, strict=False))
-        if len(row) != len(names) or not cells["sensor"]:
-            raise ValueError(f"{where}: must have a cell in each of the {len(names)} columns")
+    for where, cells in lines:
         if cells["direction"] not in TRANSLATIONS:
             raise ValueError(
                 f"{where}: direction must be x, y or z, got {cells['direction']!r}; where a sensor "
@@ -70,6 +66,43 @@ def read_sensor_points(path: Path) -> tuple[SensorPoint, ...]:
         at = checked_point([cells[name] for name in COLUMNS[1:4]], where)
         points.append(SensorPoint(cells["sensor"], at, cells["direction"]))
     return tuple(points)
+
+
+def read_node_table(path: Path) -> dict[str, str] | None:
+    """Node of the test → node of the model, of a CSV file with columns node and model_node.
+
+    None if it has other columns.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: a row is not whole, or states a node again; the message names the line.
+    """
+    names, lines = _table(path)
+    if sorted(names) != sorted(NODE_COLUMNS):
+        return None
+    nodes: dict[str, str] = {}
+    for where, cells in lines:
+        if cells["node"] in nodes:
+            raise ValueError(f"{where}: node {cells['node']!r} is stated twice")
+        nodes[cells["node"]] = cells["model_node"]
+    return nodes
+
+
+def _table(path: Path) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
+    """Names of columns; file and line of each row, and its cells by these names."""
+    text, delimiter = read_columns(path)
+    reader = csv.reader(text.splitlines(), delimiter=delimiter or ",", skipinitialspace=True)
+    numbered = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+    lines = [(n, row) for n, row in numbered if any(row) and not row[0].startswith("#")]
+    if len(lines) < 2:
+        return [], []
+    (_, names), *rows = lines
+    for number, row in rows:
+        if len(row) != len(names) or not all(row):
+            raise ValueError(
+                f"{path}, line {number}: must have a cell in each of the {len(names)} columns"
+            )
+    return names, [(f"{path}, line {n}", dict(zip(names, row, strict=True))) for n, row in rows]
 
 
 def points_of_universal_file(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint, ...]:
@@ -93,6 +126,14 @@ def points_of_universal_file(path: Path, sensors: Sequence[str]) -> tuple[Sensor
             )
         points.append(SensorPoint(name, nodes[node], direction))
     return tuple(points)
+
+
+def metres_of_universal_file(path: Path) -> float | None:
+    """Metres in its unit of length (data set 164); None where it states no units."""
+    for one in read_data_sets(path, 164):
+        per_metre = float(one["length"])
+        return 1.0 / per_metre if per_metre > 0.0 else None
+    return None
 
 
 def exchanged(points: Sequence[SensorPoint], axes: Mapping[str, str]) -> tuple[SensorPoint, ...]:

@@ -229,14 +229,11 @@ def test_a_universal_file(tmp_path):
         }  # fmt: skip
         pyuff.UFF(path).write_sets([one], "add")
     one = bs.read_record(path)
-    np.testing.assert_allclose(one.samples, SAMPLES, rtol=1e-4, atol=1e-6)
-    assert (one.sensors, one.quantity, one.unit) == (
-        ("1 -x", "2 -x", "3 -x"),
-        "acceleration",
-        "m/s2",
-    )
+    # Measured along -x.
+    np.testing.assert_allclose(one.samples, -SAMPLES, rtol=1e-4, atol=1e-6)
+    assert (one.sensors, one.quantity, one.unit) == (("1 x", "2 x", "3 x"), "acceleration", "m/s2")
     assert one.rate_hz == pytest.approx(RATE, rel=1e-5)
-    assert one.places == ((1, "-x"), (2, "-x"), (3, "-x"))
+    assert one.places == ((1, "x"), (2, "x"), (3, "x"))
 
 
 def test_a_tdms_file(tmp_path):
