@@ -242,18 +242,25 @@ def _scan(
 
     Evenly, so that no part of the band is left out. ``narrow`` (m, d) are further starts.
     """
-    columns = _columns(model_class, simpler)
 
     def starts(rng: np.random.Generator) -> SuggestedStarts:
-        z = _latin_hypercube(effort.n_draws, len(model_class.parameters), rng)
-        rows = rng.permutation(systematic_indices(simpler.weights, effort.n_draws, rng))
-        z[:, columns] = simpler.z[rows]
+        z = scan_draws(model_class, simpler, effort.n_draws, rng)
         log_likelihoods = evaluate(model_class.log_likelihood_at, z).values
         possible = np.isfinite(log_likelihoods)
         scanned = local_maxima(z[possible], log_likelihoods[possible])[: effort.n_ascents]
         return SuggestedStarts(np.concatenate([scanned, narrow]), effort.n_draws)
 
     return starts
+
+
+def scan_draws(
+    model_class: ModelClass, simpler: Screened, n: int, rng: np.random.Generator
+) -> FloatArray:
+    """Draws (n, d) of the simpler hypothesis's posterior, the other parameters' priors scanned."""
+    z = _latin_hypercube(n, len(model_class.parameters), rng)
+    rows = rng.permutation(systematic_indices(simpler.weights, n, rng))
+    z[:, _columns(model_class, simpler)] = simpler.z[rows]
+    return z
 
 
 def _extended(model_class: ModelClass, simpler: Screened) -> StudentMixture:

@@ -187,19 +187,18 @@ class ReducedStructure(ApproximateStructure):
         residual = reference.sketch[at] - motions @ lacking
         known = [place for place, row in rows.items() if row is not None]
         system = self.full.system
-        return ProjectedStructure(
-            Projection(
-                tuple(zip(system.stiffness.products, basis.stiffness, strict=True)),
-                tuple(zip(system.mass.products, basis.mass, strict=True)),
-                basis.at_sensors,
-                self.degrees_of_freedom,
-                {
-                    place: BasisRow(motion, each[:SKETCH_SIZE], each[SKETCH_SIZE:])
-                    for place, motion, each in zip(known, motions, residual, strict=True)
-                },
-                self.n_modes,
-            )
+        main = Projection(
+            tuple(zip(system.stiffness.products, basis.stiffness, strict=True)),
+            tuple(zip(system.mass.products, basis.mass, strict=True)),
+            basis.at_sensors,
+            self.degrees_of_freedom,
+            {
+                place: BasisRow(motion, each[:SKETCH_SIZE], each[SKETCH_SIZE:])
+                for place, motion, each in zip(known, motions, residual, strict=True)
+            },
+            self.n_modes,
         )
+        return ProjectedStructure(main.at_unit_mass())
 
     def compact(self, values: FloatArray) -> Self:
         """This structure in fewer combinations of the basis, certified as before.
