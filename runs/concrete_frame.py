@@ -48,10 +48,10 @@ def structure(path, groups, cov=0.3, n_modes=N_MODES):
     }
     stiffness = [(factor_of[i], bs.read_matrix(path, f"E_{i}")) for i in sorted(factor_of)]
     stiffness += [bs.read_matrix(path, key) for key in FIXED]
-    measured = bs.read_matrix(path, "measDOFs").ravel()
-    sensors = {f"dof {i}": int(i) - 1 for i in measured}
     mass = bs.read_matrix(path, "M0")
-    return bs.MatrixStructure(stiffness, mass, sensors=sensors, n_modes=n_modes)
+    labels = [f"dof {i}" for i in range(1, mass.shape[0] + 1)]
+    sensors = [f"dof {int(i)}" for i in bs.read_matrix(path, "measDOFs").ravel()]
+    return bs.MatrixStructure(stiffness, mass, labels=labels, sensors=sensors, n_modes=n_modes)
 
 
 def simulated_modes(frame, truth, rng):
@@ -64,8 +64,10 @@ def simulated_modes(frame, truth, rng):
     frequencies = modes_of_frame.frequencies_hz[0]
     shapes = frame.sensor_matrix(sensors).apply(modes_of_frame.shapes)[0]
     modes = []
-    for i in np.flatnonzero(frequencies < BAND_HZ[1]):
-        identified = frequencies[i] * (1.0 + FREQUENCY_COV * rng.standard_normal())
+    for i, frequency in enumerate(frequencies):
+        identified = frequency * (1.0 + FREQUENCY_COV * rng.standard_normal())
+        if identified > BAND_HZ[1]:
+            continue
         unit = shapes[:, i] / np.linalg.norm(shapes[:, i])
         shape = unit + SHAPE_SD * rng.standard_normal(len(unit))
         modes.append(bs.IdentifiedMode(str(i + 1), float(identified), shape))

@@ -10,9 +10,13 @@ identifies the modes below 21.2 Hz at all 43 measured degrees of freedom, with e
 the frequencies and 0.01 of the shapes at unit length. The search knows neither factors nor pairing;
 a pendulum may hang on each of the measured degrees of freedom, in its direction.
 
+With ``--directions`` also on two more degrees of freedom of each measured node.
+
 For each seed: the rank and the probability of the true place; by how much the best fit of the place
 that ranks first differs from the true modes, which says whether the sensors can tell the two places
-from each other; the mass and the frequency there with 90 % intervals; and what the search took.
+from each other; the mass and the frequency at either place with 90 % intervals (where the structure
+moves more, a lighter pendulum does the same, so the truth is that of the true place); and what the
+search took. Then a table of all seeds.
 """
 
 import argparse
@@ -29,6 +33,7 @@ from concrete_frame import (
     simulated_modes,
     structure,
 )
+from scipy.stats import norm
 
 import bayes_ssi as bs
 from bayes_ssi.modal import mac
@@ -90,13 +95,65 @@ def all_full_solutions(result, shared):
     return shared + sum(each)
 
 
-def covered(true, quantiles):
-    low, median, high = quantiles
-    inside = "covered" if low <= true <= high else "not covered"
-    return f"{median:.4g} ({low:.4g} to {high:.4g}), true {true:.4g}: {inside}"
+def candidates(path, frame, with_directions):
+    """The measured degrees of freedom, and for each maybe two more of its node.
+
+    The file does not say which degrees of freedom are those of a node. But elements couple them to
+    the same ones: of all that have a mass, the two that have the most of these in common.
+    """
+    labels = list(frame.degrees_of_freedom)
+    if with_directions:
+        coupled = (abs(bs.read_matrix(path, "K0")) > 0.0).astype(float)
+        mass = bs.read_matrix(path, "M0").diagonal()
+        number = np.asarray(coupled.sum(axis=0)).ravel()
+        for label in frame.degrees_of_freedom:
+            row = int(label.split()[1]) - 1
+            common = (coupled @ coupled[:, [row]]).toarray().ravel()
+            alike = np.where(mass > 0.0, common / (number + number[row] - common), 0.0)
+            labels += [f"dof {i + 1}" for i in np.argsort(-alike)[1:3]]
+    return [bs.Candidate(label, label) for label in dict.fromkeys(labels)]
 
 
-def searched(path, seed, workers):
+class Compared(NamedTuple):
+    """A true value against 5, 50 and 95 % of a posterior."""
+
+    true: float
+    low: float
+    median: float
+    high: float
+
+    @property
+    def covered(self):
+        return self.low <= self.true <= self.high
+
+    @property
+    def deviations(self):
+        """How many standard deviations the truth is above the median, on a logarithmic scale."""
+        width = np.log(self.high / self.low) / (2.0 * norm.ppf(0.95))
+        return np.log(self.true / self.median) / width
+
+    def __str__(self):
+        inside = "covered" if self.covered else "not covered"
+        return (
+            f"{self.median:.4g} ({self.low:.4g} to {self.high:.4g}), true {self.true:.4g}, "
+            f"{self.deviations:+.1f} sd: {inside}"
+        )
+
+
+class Outcome(NamedTuple):
+    """One search: the true place's rank and probability, and the appendage if it hangs there."""
+
+    seed: int
+    rank: int
+    probability: float
+    alike: float
+    mass: Compared
+    frequency: Compared
+    n_full_solutions: int
+    cpu_seconds: float
+
+
+def searched(path, seed, workers, with_directions):
     """Simulate a test, search it, and print what comes out."""
     rng = np.random.default_rng(seed)
     frame = structure(path, GROUPS["columns by storey"], FACTOR_COV, N_MODES)
@@ -106,10 +163,10 @@ def searched(path, seed, workers):
     data = simulated_modes(carrying, truth, rng)
     error = bs.ErrorModel(FREQUENCY_COV, SHAPE_SD)
     baseline = bs.ModelClass("frame", frame.reduced(), data, error, pairing="any")
-    candidates = [bs.Candidate(sensor, sensor) for sensor in data.sensors]
+    places = candidates(path, frame, with_directions)
     settings = bs.SearchSettings(number_weights=(1.0, 1.0))
     begun, cpu_begun = perf_counter(), cpu_seconds()
-    result = bs.search(baseline, settings, seed, run=bs.Run(workers), candidates=candidates)
+    result = bs.search(baseline, settings, seed, run=bs.Run(workers), candidates=places)
     seconds, cpu = perf_counter() - begun, cpu_seconds() - cpu_begun
 
     record, checks = result.record, result.ranking.comparison.failed_checks
@@ -117,25 +174,60 @@ def searched(path, seed, workers):
     names = [each.place.candidate.name for each in places]
     rank = names.index(hidden.place)
     best = record.most_probable_with_appendages
-    (found,) = best.appendages
+    (first,) = best.appendages
     fitted = at_sensors(*best_fit(result.ranking, best.name), data)
     true = at_sensors(carrying, truth, data)
     off, alike = np.abs(fitted[0] / true[0] - 1.0).max(), np.diag(mac(fitted[1], true[1])).min()
+    there = places[rank].appendage
+    outcome = Outcome(
+        seed,
+        rank + 1,
+        places[rank].probability,
+        alike,
+        Compared(hidden.mass, *there.mass),
+        Compared(hidden.frequency_hz, *there.frequency_hz),
+        all_full_solutions(result, baseline.structure.n_full_solutions),
+        cpu,
+    )
     print(
         f"seed {seed}: {hidden.mass_ratio:.1%} of the modal mass of mode {hidden.mode} at "
         f"{hidden.place}; {len(data.modes)} modes identified\n"
         f"  an appendage {record.probability_of_any:.4f}; true place ranks {rank + 1} with "
         f"{places[rank].probability:.4f}; first is {names[0]} with {places[0].probability:.4f}, "
         f"its best fit within {off:.2%} of the true frequencies, MAC {alike:.5f} or more\n"
-        f"  mass {covered(hidden.mass, found.mass)}\n"
-        f"  frequency {covered(hidden.frequency_hz, found.frequency_hz)}\n"
+        f"  at the true place: mass {outcome.mass}\n"
+        f"                     frequency {outcome.frequency}\n"
+        f"  at the first: mass {Compared(hidden.mass, *first.mass)}\n"
+        f"                frequency {Compared(hidden.frequency_hz, *first.frequency_hz)}\n"
         f"  {len(record.hypotheses)} hypotheses, {len(result.ranking.posteriors)} sampled, "
-        f"{all_full_solutions(result, baseline.structure.n_full_solutions)} full solutions, "
+        f"{outcome.n_full_solutions} full solutions, "
         f"{len(checks)} failed checks, {seconds:.0f} s, {cpu:.0f} s of CPU time",
         flush=True,
     )
     for check in checks:
         print(f"    (!) {check}")
+    return outcome
+
+
+def print_table(outcomes):
+    """All searches, and how often the truth is within the intervals."""
+    print("seed  rank  probability   MAC      mass      frequency  full sol.  CPU")
+    for each in outcomes:
+        deviations = "  ".join(
+            f"{compared.deviations:+5.2f} sd{' ' if compared.covered else '*'}"
+            for compared in (each.mass, each.frequency)
+        )
+        print(
+            f"{each.seed:4}  {each.rank:4}  {each.probability:11.4f}  {each.alike:.5f}  "
+            f"{deviations}  {each.n_full_solutions:9}  {each.cpu_seconds:3.0f} s"
+        )
+    for name in ("mass", "frequency"):
+        compared = [getattr(each, name) for each in outcomes]
+        squares = np.mean([each.deviations**2 for each in compared])
+        print(
+            f"{name}: within 90 % intervals {sum(each.covered for each in compared)} of "
+            f"{len(compared)} (* outside); root mean square {np.sqrt(squares):.2f} sd"
+        )
 
 
 def main():
@@ -143,9 +235,10 @@ def main():
     arguments.add_argument("file", help="concrete_frame_fe.mat")
     arguments.add_argument("--seeds", type=int, nargs="+", default=[0])
     arguments.add_argument("--workers", type=int, default=2)
+    arguments.add_argument("--directions", action="store_true",
+                           help="three degrees of freedom of each measured node")  # fmt: skip
     given = arguments.parse_args()
-    for seed in given.seeds:
-        searched(given.file, seed, given.workers)
+    print_table([searched(given.file, s, given.workers, given.directions) for s in given.seeds])
 
 
 if __name__ == "__main__":
