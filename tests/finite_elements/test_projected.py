@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
+from bayes_ssi.finite_elements.alternative_places import AlternativePlaces
 
 N, MASS, STIFFNESS = 60, 1.0, 4000.0
 SENSORS = {f"s{i}": i for i in (5, 20, 40, 59)}
@@ -116,6 +117,37 @@ def test_a_row_does_not_depend_on_its_batch(projected):
     whole, alone = light.modes(values), light.modes(values[4:5])
     assert whole.frequencies_hz[4].tobytes() == alone.frequencies_hz[0].tobytes()
     assert np.array_equal(whole.shapes[4], alone.shapes[0])
+
+
+@pytest.mark.parametrize(
+    "elements",
+    [
+        [bs.Pendulum(place, m, f, label="a") for place in ("s40", "s20")],
+        [bs.OutOfPlaneInfill(ends, m, f, label="a") for ends in ((0, "s20"), ("s20", "s40"))],
+    ],
+)
+def test_alternative_places_are_those_of_each_structure(projected, elements):
+    each = [projected.with_element(element) for element in elements]
+    values = np.random.default_rng(4).lognormal(0.0, 0.05, (6, 3))
+    which = np.array([0, 1, 1, 0, 1, 0])
+    modes = AlternativePlaces.of(each).modes(values, which)
+    for i, number in enumerate(which):
+        alone = each[number].modes(values[[i]])
+        assert np.array_equal(modes.frequencies_hz[i], alone.frequencies_hz[0])
+        assert np.array_equal(modes.shapes[i], alone.shapes[0])
+
+
+def test_a_mass_with_parameters_is_kept_as_it_is():
+    """Coordinates of unit mass are those of all values only where the mass is known."""
+    density = bs.Parameter("density", bs.LogNormal(1.0, 0.1))
+    model = bs.MatrixStructure(
+        matrices(1.0), [(density, MASS * np.eye(N))], sensors=SENSORS, n_modes=4
+    )
+    light = model.reduced().projected(np.ones((1, 1)), ["s40"])
+    carrying = light.with_element(bs.Pendulum("s40", 2.0, 0.4, label="a"))
+    ours = carrying.modes(np.array([[1.2]])).frequencies_hz
+    theirs = model.with_element(bs.Pendulum("s40", 2.0, 0.4, label="a")).modes(np.array([[1.2]]))
+    assert ours == pytest.approx(theirs.frequencies_hz, rel=2e-3)
 
 
 def test_other_places_are_refused(projected):

@@ -1,0 +1,108 @@
+"""A first look at many hypotheses on a finite-element model, against screening each of them."""
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+import bayes_ssi as bs
+from bayes_ssi.appendages import screening_in_steps
+from bayes_ssi.appendages.appendage_search import screened_hypotheses
+from bayes_ssi.appendages.baselines import choose_baselines
+from bayes_ssi.appendages.first_look import first_looks
+from bayes_ssi.appendages.screening import ToScreen
+from bayes_ssi.appendages.screening_in_steps import LEFT_OUT, screen_best
+
+N, PLACES = 40, range(6, 40, 6)
+
+
+@pytest.fixture(scope="module")
+def chain():
+    """Hypotheses of one pendulum on a chain of springs, and what full screening gives.
+
+    The data have one at degree of freedom 30, in resonance with the second mode.
+    """
+    lower, upper = np.zeros((N, N)), np.zeros((N, N))
+    for i in range(N):
+        drift = np.zeros(N)
+        drift[i], drift[i - 1] = 1.0, -1.0 if i else 1.0
+        whole = lower if i < N // 2 else upper
+        whole += 4000.0 * np.outer(drift, drift)
+    factors = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.1)) for i in (1, 2)]
+    model = bs.MatrixStructure(
+        list(zip(factors, (lower, upper), strict=True)),
+        np.eye(N),
+        labels=[str(i) for i in range(N)],
+        sensors=["6", "15", "26", "39"],
+        n_modes=4,
+    )
+    frequencies = model.modes(np.array([[1.05, 0.9]])).frequencies_hz[0]
+    carrying = model.with_element(bs.Pendulum("30", 0.8, float(frequencies[1])))
+    modes = carrying.modes(np.array([[1.05, 0.9]]))
+    at_sensors = carrying.sensor_matrix(model.degrees_of_freedom).apply(modes.shapes)[0]
+    identified = tuple(
+        bs.IdentifiedMode(str(j), float(modes.frequencies_hz[0, j]), at_sensors[:, j])
+        for j in range(4)
+    )
+    band = (0.0, float(1.1 * modes.frequencies_hz[0, 3]))
+    data = bs.ModalData(identified, band, model.degrees_of_freedom)
+    error = bs.ErrorModel(frequency_cov=0.003, shape_sd=0.02)
+    baseline = bs.ModelClass("chain", model.reduced(), data, error, pairing="any")
+    candidates = [bs.Candidate(str(i), str(i)) for i in PLACES]
+    chosen = choose_baselines(bs.Study("chain", [baseline]), None, candidates)
+    settings = bs.SearchSettings(number_weights=(1.0, 1.0))
+    without, *ones = screened_hypotheses(chosen, settings, 0, bs.Run()).values()
+    wanted = [ToScreen(each.model_class, without.screened) for each in ones]
+    return wanted, [each.screened for each in ones]
+
+
+def test_the_greatest_likelihood_is_that_of_full_screening(chain):
+    """Within a few nats, at the true place within a hundredth; evidences are well below it."""
+    hypotheses, screened = chain
+    looks = first_looks(hypotheses, 0, bs.Run())
+    names = [each.model_class.name for each in hypotheses]
+    for i, (hypothesis, full) in enumerate(zip(hypotheses, screened, strict=True)):
+        of_class = hypothesis.model_class.log_likelihood_at
+        at_maxima = of_class(full.maxima).max()
+        within = 0.01 if names[i] == "pendulum 30" else 6.0
+        assert looks[i].greatest == pytest.approx(at_maxima, abs=within)
+        assert looks[i].greatest > full.log_evidence + 5.0
+        assert looks[i].log_likelihoods == pytest.approx(of_class(looks[i].z), abs=1e-9)
+
+
+def test_looking_together_changes_nothing(chain, two_workers):
+    hypotheses, _ = chain
+    alone = [first_looks([each], 0, bs.Run())[0] for each in hypotheses]
+    for together in (
+        first_looks(hypotheses, 0, bs.Run()),
+        first_looks(hypotheses, 0, bs.Run(two_workers)),
+    ):
+        for i, look in enumerate(alone):
+            assert np.array_equal(look.z, together[i].z)
+            assert np.array_equal(look.log_likelihoods, together[i].log_likelihoods)
+
+
+def test_what_a_first_look_leaves_out_does_not_matter(chain, monkeypatch):
+    """Of more hypotheses than are screened in full, only those within reach go on."""
+    hypotheses, full = chain
+    monkeypatch.setattr(screening_in_steps, "MOST_IN_FULL", 2)
+    steps = screen_best(hypotheses, [1.0] * len(hypotheses), 1, 0, bs.Run())
+    left_out = [i for i, each in enumerate(steps) if np.isnan(each.laplace)]
+    assert len(left_out) == len(hypotheses) - 2
+    true = [each.model_class.name for each in hypotheses].index("pendulum 30")
+    assert steps[true].log_evidence == full[true].log_evidence
+    total = logsumexp([each.log_evidence for each in full])
+    bounds = {i: steps[i].log_evidence + 3.0 * steps[i].error for i in left_out}
+    assert logsumexp(list(bounds.values())) < total + np.log(LEFT_OUT)
+    for i, bound in bounds.items():
+        assert full[i].log_evidence < bound
+        # As far below its greatest likelihood as the others, which may be higher than was seen.
+        assert steps[i].log_evidence == pytest.approx(full[i].log_evidence, abs=6.0)
+
+
+def test_hypotheses_that_explain_nothing_are_all_screened(chain, monkeypatch):
+    """Where evidences are alike, none is out of reach of the others."""
+    hypotheses, _ = chain
+    monkeypatch.setattr(screening_in_steps, "MOST_IN_FULL", 2)
+    some = [each for each in hypotheses if each.model_class.name != "pendulum 30"]
+    steps = screen_best(some, [1.0] * len(some), 1, 0, bs.Run())
+    assert not np.isnan([each.laplace for each in steps]).any()
