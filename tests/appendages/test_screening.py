@@ -175,7 +175,9 @@ def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(monkeypatc
         calls.append((effort, len(hypotheses)))
         return [screened(each, each.parameter_names[0]) for each in hypotheses]
 
-    monkeypatch.setattr("bayes_ssi.appendages.screening_in_steps.screen_all", screen_all)
+    steps = "bayes_ssi.appendages.screening_in_steps"
+    monkeypatch.setattr(f"{steps}.screen_all", screen_all)
+    monkeypatch.setattr(f"{steps}.first_looks", lambda *_: {})
     heights = [0.0, math.log(0.05), *[math.log(1e-6)] * 38]
     hypotheses = [SimpleNamespace(parameter_names=(height,)) for height in heights]
     results = screen_best(hypotheses, [1.0] * 40, 1, 0, bs.Run())
