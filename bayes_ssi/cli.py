@@ -16,6 +16,7 @@ from bayes_ssi.commands.guide import guide
 from bayes_ssi.commands.hierarchy import hierarchy
 from bayes_ssi.commands.identify import identify
 from bayes_ssi.commands.import_model import import_model
+from bayes_ssi.commands.merge import merge
 from bayes_ssi.commands.new import new
 from bayes_ssi.commands.predict import predict
 from bayes_ssi.commands.rank import rank
@@ -26,6 +27,7 @@ from bayes_ssi.commands.what_if import what_if
 
 COMMANDS = (
     identify,
+    merge,
     calibrate,
     check,
     new,

@@ -20,9 +20,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.data.joint_covariance import tangent_planes
+from bayes_ssi.data.joint_covariance import plane_bases
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_groups import conditional_errors
 from bayes_ssi.identification.likelihood_terms import row_sums
@@ -94,8 +95,8 @@ class JointErrors:
         places = [data.labels.index(label) for label in labels]
         scored = [i for i in places if data.modes[i].scored_shape is not None]
         rows = [m + n * i + k for i in scored for k in range(n)]
-        planes = tangent_planes([data.modes[i] for i in scored], n)
-        basis = _block_bases(planes)
+        bases = plane_bases([data.modes[i] for i in scored], n)
+        basis = block_diag(*bases) if bases else np.zeros((0, 0))
         of_shapes = basis.T @ data.covariance[np.ix_(rows, rows)] @ basis
         variances, turn = np.linalg.eigh(of_shapes)
         axes = basis @ turn
@@ -181,16 +182,3 @@ class JointErrors:
             single += row_sums(squares / of_shapes)
             single += row_sums(self.dimensions * np.log(of_shapes))
         return 0.5 * (single - joint)
-
-
-def _block_bases(planes: FloatArray) -> FloatArray:
-    """Orthonormal bases (S n, K) of the planes (S, n, n) at right angles to the shapes."""
-    s, n, _ = planes.shape
-    columns = []
-    for i, plane in enumerate(planes):
-        values, vectors = np.linalg.eigh(plane)  # eigenvalues are zero or one
-        for vector in vectors[:, values > 0.5].T:
-            column = np.zeros(s * n)
-            column[n * i : n * (i + 1)] = vector
-            columns.append(column)
-    return np.array(columns).reshape(len(columns), s * n).T

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rich.table import Table
 
+from bayes_ssi.data.merging import MergedModes
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.records.modal_estimates import ModalEstimates
 from bayes_ssi.tables.layout import add_row, new_table, number
@@ -54,5 +55,27 @@ def estimates_table(modes: ModalEstimates) -> Table:
             f"{100.0 * damping:.3g}",
             f"{100.0 * damping_sd:.2g}",
             f"{shape_sd:.2g}",
+        )
+    return table
+
+
+def merged_table(merged: MergedModes) -> Table:
+    """Merged modes, with the scatter between tests over the errors that these claim."""
+    table = new_table(
+        merged.data.source,
+        ["mode"],
+        ["frequency Hz", "± %", "scatter/±", "shape ±", "scatter/±", "tests"],
+    )
+    for row, mode in zip(merged.modes, merged.data.modes, strict=True):
+        cov = mode.frequency_cov
+        add_row(
+            table,
+            row.label,
+            f"{mode.frequency_hz:.5g}",
+            number(None if cov is None else 100.0 * cov, ".2g"),
+            number(None if row.frequency is None else row.frequency.ratio, ".2f"),
+            number(mode.shape_sd, ".2g"),
+            number(None if row.shape is None else row.shape.ratio, ".2f"),
+            str(len(row.labels)),
         )
     return table

@@ -1,0 +1,89 @@
+"""``bayes-ssi merge``: one file of modes from those of several setups or records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
+
+if TYPE_CHECKING:
+    from bayes_ssi.data.merging import MergedModes
+
+
+@click.command()
+@click.argument("files", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.option("--out", type=click.Path(path_type=Path), help="CSV file for the modes, a new one.")
+@json_option
+def merge(files: tuple[Path, ...], out: Path | None) -> None:
+    """Merge the modes in FILES: of setups that share reference sensors, or of several records.
+
+    Modes that are nearest to each other are the same; frequencies and shapes have the weights of
+    their errors. The scatter between files is compared with these.
+    """
+    from bayes_ssi.data.covariance_file import covariance_path
+    from bayes_ssi.data.merging import merge_modal_data
+    from bayes_ssi.data.modal_csv import modal_files, write_modal_data
+    from bayes_ssi.data.modal_files import read_modal_data
+    from bayes_ssi.tables.mode_tables import merged_table
+
+    for file in () if out is None else (out, covariance_path(out)):
+        if file.exists():
+            raise FileExistsError(f"{file} exists; give another name")
+    names = _names(files)
+    merged = merge_modal_data(
+        {name: read_modal_data(file) for name, file in zip(names, files, strict=True)}
+    )
+    where = console()
+    where.print(merged_table(merged))
+    say(
+        where,
+        *(f"(!) {remark}" for remark in merged.remarks),
+        *(f"(!) Failed check: {check}" for check in merged.failed_checks),
+    )
+    if out is not None:
+        write_modal_data(merged.data, out)
+        say(where, "Wrote " + " and ".join(map(str, modal_files(merged.data, out))))
+    print_record(lambda: _record(merged))
+    exit_if_failed(merged.failed_checks)
+
+
+def _names(files: tuple[Path, ...]) -> list[str]:
+    """The files' names; with their directories where two are alike.
+
+    Raises:
+        ValueError: a file is given twice.
+    """
+    names = [file.name for file in files]
+    if len(set(names)) < len(names):
+        names = [str(file) for file in files]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise ValueError(f"{name} is given twice; a record counts once")
+    return names
+
+
+def _record(merged: MergedModes) -> dict[str, Any]:
+    return {
+        "source": merged.data.source,
+        "band_hz": merged.data.band_hz,
+        "sensors": merged.data.sensors,
+        "modes": [
+            {
+                "label": row.label,
+                "labels": dict(row.labels),
+                "frequency_hz": mode.frequency_hz,
+                "frequency_cov": mode.frequency_cov,
+                "shape_sd": mode.shape_sd,
+                "damping": mode.damping,
+                "damping_sd": mode.damping_sd,
+                "frequency_scatter": row.frequency,
+                "shape_scatter": row.shape,
+            }
+            for row, mode in zip(merged.modes, merged.data.modes, strict=True)
+        ],
+        "remarks": merged.remarks,
+        "failed_checks": merged.failed_checks,
+    }

@@ -1,0 +1,104 @@
+"""Which modes of several tests are the same, and their shapes joined at shared sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.data.identified_mode import IdentifiedMode
+from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.modal import mac_of_pairs
+
+# Name of a test → its mode.
+Group = dict[str, IdentifiedMode]
+
+
+def matched_modes(tests: Mapping[str, ModalData], sensors: Sequence[str]) -> list[Group]:
+    """Groups of modes that are the same, in ascending order of frequency.
+
+    A mode of one more test belongs to a group where each is the nearest to the other, by the square
+    of the difference of ln f and by 1 - MAC at the sensors that both have.
+
+    Args:
+        tests: name → modes.
+        sensors: those of all tests.
+    """
+    groups: list[Group] = []
+    for name, data in tests.items():
+        shapes = {mode.label: scattered(mode, data, sensors) for mode in data.modes}
+        distances = np.array(
+            [
+                [_distance(mode, shapes[mode.label], g, tests, sensors) for mode in data.modes]
+                for g in groups
+            ]
+        ).reshape(len(groups), len(data.modes))
+        for j, mode in enumerate(data.modes):
+            nearest = int(distances[:, j].argmin()) if groups and len(distances) else -1
+            if nearest >= 0 and int(distances[nearest].argmin()) == j:
+                groups[nearest][name] = mode
+            else:
+                groups.append({name: mode})
+    return sorted(groups, key=mean_log_frequency)
+
+
+def mean_log_frequency(group: Group) -> float:
+    """The mean of ln f over the tests."""
+    return float(np.mean([np.log(mode.frequency_hz) for mode in group.values()]))
+
+
+def scattered(mode: IdentifiedMode, data: ModalData, sensors: Sequence[str]) -> FloatArray:
+    """The unit shape (N,) at all sensors; NaN where not measured."""
+    shape = np.full(len(sensors), np.nan)
+    if mode.scored_shape is not None:
+        shape[[sensors.index(sensor) for sensor in data.sensors]] = mode.scored_shape
+    return shape
+
+
+def joined_shape(
+    group: Group, tests: Mapping[str, ModalData], sensors: Sequence[str]
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """A first estimate of the shape (N,) at unit length, and which components were measured.
+
+    Raises:
+        ValueError: a test shares no sensor with the others.
+    """
+    left = {name: scattered(mode, tests[name], sensors) for name, mode in group.items()}
+    left = {name: shape for name, shape in left.items() if np.isfinite(shape).any()}
+    if not left:
+        return np.zeros(len(sensors)), np.zeros(len(sensors), dtype=bool)
+    joined = left.pop(max(left, key=lambda name: int(np.isfinite(left[name]).sum())))
+    while left:
+        shared = {
+            name: int((np.isfinite(joined) & np.isfinite(shape)).sum())
+            for name, shape in left.items()
+        }
+        name = max(shared, key=lambda each: shared[each])
+        if shared[name] == 0:
+            raise ValueError(
+                f"merging: {name} shares no sensor with the other tests in the mode at "
+                f"{group[name].frequency_hz:.4g} Hz; setups are joined by reference sensors"
+            )
+        shape = left.pop(name)
+        common = np.isfinite(joined) & np.isfinite(shape)
+        product, length = joined[common] @ shape[common], shape[common] @ shape[common]
+        scale = product / length if product and length else 1.0
+        joined = np.where(np.isfinite(joined), joined, scale * shape)
+    measured = np.isfinite(joined)
+    joined = np.nan_to_num(joined)
+    return joined / np.linalg.norm(joined), measured
+
+
+def _distance(
+    mode: IdentifiedMode,
+    shape: FloatArray,
+    group: Group,
+    tests: Mapping[str, ModalData],
+    sensors: Sequence[str],
+) -> float:
+    apart = (np.log(mode.frequency_hz) - mean_log_frequency(group)) ** 2
+    others = np.array([scattered(own, tests[name], sensors) for name, own in group.items()])
+    alike = mac_of_pairs(np.broadcast_to(shape, others.shape), others)
+    return float(apart + (1.0 - np.nanmean(alike) if np.isfinite(alike).any() else 0.0))

@@ -1,0 +1,59 @@
+"""``bayes-ssi merge`` from files of modes to one, and its exit codes."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import bayes_ssi as bs
+from bayes_ssi.cli import main
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["merge", *map(str, arguments)])
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Two setups of one mode, joined by sensor b."""
+    for name, sensors, shape, frequency in (
+        ("one", ("a", "b"), [0.6, 0.8], 1.000),
+        ("two", ("b", "c"), [0.8, -0.6], 1.002),
+    ):
+        mode = bs.IdentifiedMode("1", frequency, shape, frequency_cov=0.002, shape_sd=0.01)
+        bs.write_modal_data(bs.ModalData((mode,), (0.5, 2.0), sensors), tmp_path / f"{name}.csv")
+    return tmp_path / "one.csv", tmp_path / "two.csv"
+
+
+def test_setups_become_one_file(files, tmp_path):
+    out = tmp_path / "merged.csv"
+    done = run(*files, "--out", out, "--json")
+    assert done.exit_code == 0
+    modes = bs.read_modal_data(out)
+    assert modes.sensors == ("a", "b", "c")
+    (mode,) = modes.modes
+    np.testing.assert_allclose(mode.shape / mode.shape[1], [0.75, 1.0, -0.75], rtol=1e-9)
+    assert mode.frequency_cov == pytest.approx(0.002 / np.sqrt(2.0))
+    (row,) = json.loads(done.stdout)["modes"]
+    assert row["labels"] == {"one.csv": "1", "two.csv": "1"}
+    # ln(1.002) over 0.002 √2
+    assert row["frequency_scatter"]["ratio"] == pytest.approx(np.log(1.002) / 0.002 / np.sqrt(2.0))
+    again = run(*files, "--out", out)
+    assert (again.exit_code, "merged.csv exists" in again.stderr) == (2, True)
+
+
+def test_files_that_disagree_end_with_3_and_are_written(files, tmp_path):
+    text = files[1].read_text().replace("1.002", "1.02")
+    files[1].write_text(text)
+    out = tmp_path / "merged.csv"
+    done = run(*files, "--out", out)
+    assert done.exit_code == 3
+    assert "Failed check: mode '1' at 1.01 Hz: the tests' frequencies scatter by 7.0" in done.stdout
+    assert out.exists()
+
+
+def test_a_file_given_twice_is_refused(files):
+    done = run(files[0], files[0])
+    assert done.exit_code == 2
+    assert "one.csv is given twice; a record counts once" in done.stderr
