@@ -262,6 +262,15 @@ class ImportanceSampler:
                     break
         return sample
 
+    def renewed(self, sample: ImportanceSample) -> ImportanceSample:
+        """A batch of new draws from the mixture of ``sample``.
+
+        A component that is added at a draw is densest at that very draw, and takes most of its
+        weight: the draws to which a mixture owes components make the evidence too low, the more so
+        the more dimensions there are.
+        """
+        return self._draw(sample.mixture, self.batch)
+
     def extended(self, sample: ImportanceSample, factor: float) -> ImportanceSample:
         """``sample`` with about ``factor`` times as many draws, at most four times."""
         n = len(sample.z)

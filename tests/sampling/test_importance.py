@@ -283,3 +283,20 @@ def test_the_ends_of_a_ridge_are_reached_from_its_middle(seed):
     assert abs(reached.estimate.log_evidence) < 4.0 * reached.estimate.error
     beyond = reached.weights @ (np.abs(reached.z[:, 0]) > 1.7)
     assert beyond == pytest.approx(2.0 * stats.norm.sf(1.7), abs=0.01)
+
+
+def test_new_draws_owe_nothing_to_those_that_components_were_added_at():
+    """In twelve dimensions the latter make log evidences too low by more than their error."""
+    d = 12
+    mixture = StudentMixture(np.ones(1), np.zeros((1, d)), 0.55 * np.eye(d)[None], np.full(1, 30.0))
+    pulls = []
+    for seed in range(12):
+        sampler = sampler_of(Target(lambda z: -1.5 * (z**2).sum(1), d), seed)  # N(0, 1/4)
+        sample = sampler.sample(mixture)
+        for _ in range(3):
+            sample = sampler._with_component(sample, sample.z[sample.weights.argmax()])
+        both = (sample.estimate, sampler.renewed(sample).estimate)
+        pulls.append([(each.log_evidence + 0.5 * d * math.log(4.0)) / each.error for each in both])
+    old, new = np.mean(pulls, axis=0) * math.sqrt(len(pulls))
+    assert old < -4.0
+    assert abs(new) < 4.0
