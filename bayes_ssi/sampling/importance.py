@@ -263,13 +263,17 @@ class ImportanceSampler:
         return sample
 
     def renewed(self, sample: ImportanceSample) -> ImportanceSample:
-        """A batch of new draws from the mixture of ``sample``.
+        """A batch of new draws from the mixture of ``sample``, half of it by posterior shares.
 
         A component that is added at a draw is densest at that very draw, and takes most of its
         weight: the draws to which a mixture owes components make the evidence too low, the more so
         the more dimensions there are.
         """
-        return self._draw(sample.mixture, self.batch)
+        mixture = sample.mixture
+        by_share = mixture.reweighted(sample.z, sample.weights)
+        by_share = by_share.with_prior_component(mixture.prior_share)
+        weights = 0.5 * (mixture.weights + by_share.weights)
+        return self._draw(replace(mixture, weights=weights), self.batch)
 
     def extended(self, sample: ImportanceSample, factor: float) -> ImportanceSample:
         """``sample`` with about ``factor`` times as many draws, at most four times."""
