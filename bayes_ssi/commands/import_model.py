@@ -11,7 +11,7 @@ import click
 from bayes_ssi.commands.terminal import console, say
 
 if TYPE_CHECKING:
-    from bayes_ssi.solver_files.parameter_matrices import Export, ParameterMatrices
+    from bayes_ssi.solver_files.parameter_matrices import Export, ParameterMatrices, Powers
 
 
 @click.command("import")
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
               help="Export with nominal properties, in any format of bs.read_model.")  # fmt: skip
 @click.option("--changed", multiple=True, metavar="PROPERTY=FACTOR:FILE",
               help="Export with one property altered, as in columns=1.1:frame_columns.TXK; "
-              "repeatable, also with other factors of a property.")  # fmt: skip
+              "repeatable, also with other factors of a property, and with two properties whose "
+              "product matters, as in E=1.1,t=1.2:both.TXK.")  # fmt: skip
 @click.option("--check", "checks", multiple=True, metavar="PROPERTY=FACTOR,…:FILE",
               help="Export with several properties altered, which must be predicted to 1e-8; "
               "repeatable.")  # fmt: skip
@@ -134,7 +135,7 @@ def _sensor(text: str) -> tuple[str, str]:
 def _formulas(matrices: ParameterMatrices) -> list[str]:
     """What stiffness and mass depend on, and how well checks are predicted."""
     lines = [
-        f"{symbol} = " + " + ".join(_shown(symbol, term.name, term.exponent) for term in terms)
+        f"{symbol} = " + " + ".join(_shown(symbol, term.powers) for term in terms)
         for symbol, terms in (("K", matrices.stiffness), ("M", matrices.mass))
     ]
     lines += [f"{file}: predicted to {error:.1e}" for file, error in matrices.errors.items()]
@@ -143,11 +144,12 @@ def _formulas(matrices: ParameterMatrices) -> list[str]:
     return lines
 
 
-def _shown(symbol: str, name: str | None, exponent: int) -> str:
-    if name is None:
+def _shown(symbol: str, powers: Powers) -> str:
+    if not powers:
         return f"{symbol}_0"
-    power = name if exponent == 1 else f"{name}^{exponent}"
-    return f"{power} {symbol}_{name}" + ("" if exponent == 1 else f"{exponent}")
+    factors = " ".join(name if e == 1 else f"{name}^{e}" for name, e in powers)
+    names = "_".join(name if e == 1 else f"{name}{e}" for name, e in powers)
+    return f"{factors} {symbol}_{names}"
 
 
 def _command() -> str:

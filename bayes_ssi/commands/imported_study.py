@@ -81,9 +81,8 @@ def _names(matrices: ParameterMatrices) -> Iterable[str]:
 
 
 def _name(symbol: str, term: Term) -> str:
-    if term.name is None:
-        return symbol
-    return f"{symbol}_{term.name}" + ("" if term.exponent == 1 else f"_{term.exponent}")
+    parts = (name if exponent == 1 else f"{name}_{exponent}" for name, exponent in term.powers)
+    return "_".join([symbol, *parts])
 
 
 def _write_matrices(folder: Path, matrices: ParameterMatrices, files: Mapping[str, str]) -> None:
@@ -119,7 +118,7 @@ def _study(
     from bayes_ssi.modal import BATCHED_UP_TO
 
     properties = list(
-        dict.fromkeys(t.name for t in (*matrices.stiffness, *matrices.mass) if t.name)
+        dict.fromkeys(n for t in (*matrices.stiffness, *matrices.mass) for n, _ in t.powers)
     )
     model = matrices.nominal
     text = TEMPLATE.read_text("utf-8")
@@ -202,9 +201,9 @@ def _terms(symbol: str, terms: Iterable[Term], files: Mapping[str, str]) -> str:
     lines = []
     for term in terms:
         read = f"read({_quoted(files[_name(symbol, term)])})"
-        if term.name is None:
-            lines.append(f"            {read},")
-            continue
-        power = "" if term.exponent == 1 else f"**{term.exponent}"
-        lines.append(f"            (factors[{_quoted(term.name)}]{power}, {read}),")
+        powers = " * ".join(
+            f"factors[{_quoted(name)}]" + ("" if exponent == 1 else f"**{exponent}")
+            for name, exponent in term.powers
+        )
+        lines.append(f"            ({powers}, {read})," if powers else f"            {read},")
     return "\n".join(lines)

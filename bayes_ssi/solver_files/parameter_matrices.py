@@ -9,11 +9,16 @@ shell. With factors θ_j of properties, 1 being nominal,
 and K_je follow from exports in which one property has other factors, by least squares in f^e - 1.
 The fewest exponents are taken with which all exports of the property are predicted; further
 exports, with several properties altered at once, must be predicted as well.
+
+Where the product of two properties matters, as of the modulus and the thickness of a shell,
+exports with both altered give terms θ_j^e θ_k^f in the same way, from what they change beyond each
+alone, by least squares in (f_j^e - 1)(f_k^f - 1), which is zero where either is nominal.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 
@@ -47,18 +52,21 @@ class Export:
     model: ExportedModel
 
 
+# Properties with the exponents of their factors, whose powers are multiplied; () is 1.
+Powers = tuple[tuple[str, int], ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Term:
-    """A matrix times a power of a property's factor; the constant term has no property."""
+    """A matrix times powers of properties' factors; the constant term has none."""
 
     matrix: sp.csc_array
-    name: str | None = None
-    exponent: int = 0
+    powers: Powers = ()
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterMatrices:
-    """Stiffness and mass as sums of matrices times powers of factors.
+    """Stiffness and mass as sums of matrices times powers of factors and their products.
 
     Attributes:
         nominal: the model as exported with nominal properties.
@@ -79,45 +87,54 @@ def parameter_matrices(
 
     Args:
         nominal: the model with nominal properties.
-        changed: exports with one altered property each; several of a property with other factors
-            find powers and polynomials.
+        changed: exports with one altered property each, or with two whose product matters; several
+            with other factors find powers and polynomials.
         checks: exports with any properties altered, which must be predicted.
 
     Raises:
-        ValueError: an export is of another model, alters no or several properties, or changes
+        ValueError: an export is of another model, alters no or more than two properties, or changes
             nothing; or the exports are not predicted to 1e-8, and the message gives the error.
     """
     by_name: dict[str, list[Export]] = {}
+    by_pair: dict[tuple[str, ...], list[Export]] = {}
     for export in changed:
-        if len(export.factors) != 1:
-            raise ValueError(f"{export.file}: must alter one property, got {dict(export.factors)}")
-        by_name.setdefault(next(iter(export.factors)), []).append(export)
-    for name, exports in by_name.items():
-        _require_other_factors(name, exports)
-    for check in checks:
-        unknown = [name for name in check.factors if name not in by_name]
+        names = tuple(sorted(export.factors))
+        if len(names) == 1:
+            by_name.setdefault(names[0], []).append(export)
+        elif len(names) == 2:
+            by_pair.setdefault(names, []).append(export)
+        else:
+            raise ValueError(
+                f"{export.file}: must alter one property, or two whose product matters, got "
+                f"{dict(export.factors)}"
+            )
+    for names, exports in [*(((name,), each) for name, each in by_name.items()), *by_pair.items()]:
+        _require_other_factors(names, exports)
+    for other in (*checks, *(export for exports in by_pair.values() for export in exports)):
+        unknown = [name for name in other.factors if name not in by_name]
         if unknown:
             raise ValueError(
-                f"{check.file}: {unknown[0]!r} is not altered by any other export; altered are "
-                f"{', '.join(map(repr, by_name))}"
+                f"{other.file}: {unknown[0]!r} is not altered alone by any other export; altered "
+                f"are {', '.join(map(repr, by_name))}"
             )
     errors = {check.file: 0.0 for check in checks}
     terms = []
     for which in ("stiffness", "mass"):
         base = getattr(nominal, which)
-        differences = {
-            name: [_difference(nominal, export, which) for export in exports]
+        changes = _Changes(
+            which,
+            _scale(base),
+            {id(export): _difference(nominal, export, which) for export in (*changed, *checks)},
+            checks,
+        )
+        fits = [
+            list(_fits(changes, [((name, e),) for e in EXPONENTS], exports, ()))
             for name, exports in by_name.items()
-        }
-        wanted = [_difference(nominal, check, which) for check in checks]
-        fits = {
-            name: list(_fits(f"{name}: {which}", exports, differences[name], _scale(base), checks))
-            for name, exports in by_name.items()
-        }
-        chosen, of_checks = _chosen(fits, checks, wanted, _scale(base), which)
+        ]
+        chosen, of_checks = _chosen(changes, fits, by_pair)
         errors = {file: max(error, of_checks[file]) for file, error in errors.items()}
         terms.append(_terms(base, chosen))
-    affected = {term.name for part in terms for term in part}
+    affected = {name for part in terms for term in part for name, _ in term.powers}
     idle = [name for name in by_name if name not in affected]
     if idle:
         raise ValueError(
@@ -127,15 +144,18 @@ def parameter_matrices(
     return ParameterMatrices(nominal, terms[0], terms[1], errors)
 
 
-def _require_other_factors(name: str, exports: Sequence[Export]) -> None:
-    factors = [export.factors[name] for export in exports]
-    for export, factor in zip(exports, factors, strict=True):
-        if not (np.isfinite(factor) and factor > 0.0 and factor != 1.0):
-            raise ValueError(
-                f"{export.file}: the factor of {name!r} must be positive and not 1, got {factor:g}"
-            )
-    if len(set(factors)) < len(factors):
-        raise ValueError(f"{exports[-1].file}: another export has the same factor of {name!r}")
+def _require_other_factors(names: Sequence[str], exports: Sequence[Export]) -> None:
+    for export in exports:
+        for name in names:
+            factor = export.factors[name]
+            if not (np.isfinite(factor) and factor > 0.0 and factor != 1.0):
+                raise ValueError(
+                    f"{export.file}: the factor of {name!r} must be positive and not 1, got "
+                    f"{factor:g}"
+                )
+    if len({tuple(export.factors[name] for name in names) for export in exports}) < len(exports):
+        what = " and ".join(map(repr, names))
+        raise ValueError(f"{exports[-1].file}: another export has the same factor of {what}")
 
 
 def _difference(nominal: ExportedModel, export: Export, which: str) -> sp.csc_array:
@@ -166,64 +186,98 @@ def _error(difference: sp.csc_array, scale: sp.dia_array) -> float:
     return float(abs(scale @ difference @ scale).max())
 
 
-Fit = tuple[tuple[int, sp.csc_array], ...]
+@dataclass(frozen=True, eq=False)
+class _Changes:
+    """What exports change of the stiffness or mass.
+
+    Attributes:
+        which: stiffness or mass, for messages.
+        scale: makes errors of entries relative.
+        differences: identity of an export → altered minus nominal matrix.
+        checks: exports that must be predicted.
+    """
+
+    which: str
+    scale: sp.dia_array
+    differences: Mapping[int, sp.csc_array]
+    checks: Sequence[Export]
+
+
+# Matrices with powers; the change is the sum of the matrices times products of f^e - 1.
+Fit = tuple[tuple[Powers, sp.csc_array], ...]
 
 
 def _fits(
-    what: str,
-    exports: Sequence[Export],
-    differences: Sequence[sp.csc_array],
-    scale: sp.dia_array,
-    checks: Sequence[Export],
+    changes: _Changes, possible: Sequence[Powers], exports: Sequence[Export], known: Fit
 ) -> Iterator[Fit]:
-    """Exponents and matrices that predict all exports of a property, the fewest first.
+    """Powers and matrices that, with those ``known``, predict exports of the same properties.
 
-    With as many exponents as exports, each set of them does: more than one is then offered, and
-    other exports must tell.
+    The fewest first. With as many powers as exports, each set of them does: more than one is then
+    offered, and other exports must tell.
+
+    Raises:
+        ValueError: none does.
     """
-    name = next(iter(exports[0].factors))
-    factors = np.array([export.factors[name] for export in exports])
-    if max(_error(each, scale) for each in differences) <= NEGLIGIBLE:
+    differences = [
+        sp.csc_array(changes.differences[id(each)] - _predicted(known, each.factors, changes.scale))
+        for each in exports
+    ]
+    # What is known may predict them, as well as printed digits allow.
+    allowed = TOLERANCE if known else NEGLIGIBLE
+    if max(_error(each, changes.scale) for each in differences) <= allowed:
         yield ()
         return
+    names = sorted(exports[0].factors)
     smallest = np.inf
-    for count in range(1, len(factors) + 1):
+    for count in range(1, min(len(exports), len(possible)) + 1):
         fits = []
-        for exponents in combinations(EXPONENTS, count):
-            fit, error = _fit(factors, exponents, differences, scale)
-            smallest = min(smallest, error if count < len(factors) else np.inf)
+        for powers in combinations(possible, count):
+            fit, error = _fit(powers, exports, differences, changes.scale)
+            smallest = min(smallest, error if count < len(exports) else np.inf)
             if error <= TOLERANCE:
                 fits.append(fit)
-        if fits and count < len(factors):
+        if fits and count < len(exports):
             yield fits[0]
             return
-        if fits and len(factors) == 1:
+        if fits and len(exports) == 1 and (len(names) == 1 or len(possible) == 1):
             yield fits[0]  # affine, the exponent 1
             return
-        if fits and any(name in check.factors for check in checks):
+        if fits and (
+            count == len(possible)
+            or any(all(name in check.factors for name in names) for check in changes.checks)
+        ):
             yield from fits
             return
+    what = "power of its factor predicts" if len(names) == 1 else "product of their powers predicts"
+    missed = (
+        f", the best misses them by {smallest:.1e} of √(K_ii K_jj)" if smallest < np.inf else ""
+    )
     raise ValueError(
-        f"{what}: no power of its factor predicts these exports, the best misses them by "
-        f"{smallest:.1e} of √(K_ii K_jj); export it with one more factor, for a sum of powers"
+        f"{' and '.join(names)}: {changes.which}: no {what} these exports{missed}; export "
+        f"{'it' if len(names) == 1 else 'both'} with one more factor, for a sum of powers"
     )
 
 
 def _fit(
-    factors: FloatArray,
-    exponents: tuple[int, ...],
+    powers: Sequence[Powers],
+    exports: Sequence[Export],
     differences: Sequence[sp.csc_array],
     scale: sp.dia_array,
 ) -> tuple[Fit, float]:
-    """Matrices of the exponents by least squares, and the largest error of a prediction."""
-    design = factors[:, None] ** np.array(exponents, dtype=float) - 1.0
+    """Matrices of the powers by least squares, and the largest error of a prediction."""
+    design = np.array([[_change(each, export.factors) for each in powers] for export in exports])
     weights = np.linalg.pinv(design)
     matrices = [_sum(row, differences) for row in weights]
     errors = [
         _error(_sum([-1.0, *row], [difference, *matrices]), scale)
         for row, difference in zip(design, differences, strict=True)
     ]
-    return tuple(zip(exponents, matrices, strict=True)), max(errors)
+    return tuple(zip(powers, matrices, strict=True)), max(errors)
+
+
+def _change(powers: Powers, factors: Mapping[str, float]) -> float:
+    """The product of f^e - 1, which is zero where a property is nominal."""
+    return math.prod(factors.get(name, 1.0) ** exponent - 1.0 for name, exponent in powers)
 
 
 def _sum(weights: Sequence[float] | FloatArray, matrices: Sequence[sp.csc_array]) -> sp.csc_array:
@@ -234,52 +288,72 @@ def _sum(weights: Sequence[float] | FloatArray, matrices: Sequence[sp.csc_array]
 
 
 def _chosen(
-    fits: Mapping[str, list[Fit]],
-    checks: Sequence[Export],
-    wanted: Sequence[sp.csc_array],
-    scale: sp.dia_array,
-    which: str,
-) -> tuple[dict[str, Fit], dict[str, float]]:
-    """One fit of each property, with which all checks are predicted, and their errors."""
+    changes: _Changes,
+    fits: Sequence[Sequence[Fit]],
+    by_pair: Mapping[tuple[str, ...], Sequence[Export]],
+) -> tuple[Fit, dict[str, float]]:
+    """One fit of each property and pair, with which all checks are predicted, and their errors."""
     best: tuple[float, str] = (np.inf, "")
-    for combination in product(*fits.values()):
-        chosen = dict(zip(fits, combination, strict=True))
-        errors = {
-            check.file: _error(difference - _predicted(chosen, check.factors, difference), scale)
-            for check, difference in zip(checks, wanted, strict=True)
+    for alone in map(_joined, product(*fits)):
+        exponents = {
+            name: [p for p, _ in alone if p[0][0] == name] for p, _ in alone for name, _ in p
         }
-        largest = max(errors.items(), key=lambda item: item[1], default=("", 0.0))
-        if largest[1] <= TOLERANCE:
-            return chosen, errors
-        best = min(best, (largest[1], largest[0]))
+        pairs = [
+            list(
+                _fits(
+                    changes,
+                    [(*a, *b) for a, b in product(*(exponents.get(name, ()) for name in names))],
+                    exports,
+                    alone,
+                )
+            )
+            for names, exports in by_pair.items()
+        ]
+        for together in map(_joined, product(*pairs)):
+            chosen = (*alone, *together)
+            errors = {
+                check.file: _error(
+                    changes.differences[id(check)]
+                    - _predicted(chosen, check.factors, changes.scale),
+                    changes.scale,
+                )
+                for check in changes.checks
+            }
+            largest = max(errors.items(), key=lambda item: item[1], default=("", 0.0))
+            if largest[1] <= TOLERANCE:
+                return chosen, errors
+            best = min(best, (largest[1], largest[0]))
     raise ValueError(
-        f"{best[1]}: its {which} is missed by {best[0]:.1e} of √(K_ii K_jj), {TOLERANCE:g} is "
-        "allowed: it is not a sum of these properties' powers; export each with one more factor, "
-        "and with more digits if they are few"
+        f"{best[1]}: its {changes.which} is missed by {best[0]:.1e} of √(K_ii K_jj), "
+        f"{TOLERANCE:g} is allowed: it is not a sum of these properties' powers; export each with "
+        "one more factor, two whose product matters also together, and with more digits if they "
+        "are few"
     )
 
 
-def _predicted(
-    chosen: Mapping[str, Fit], factors: Mapping[str, float], like: sp.csc_array
-) -> sp.csc_array:
+def _joined(fits: Iterable[Fit]) -> Fit:
+    return tuple(part for fit in fits for part in fit)
+
+
+def _predicted(fit: Fit, factors: Mapping[str, float], like: sp.dia_array) -> sp.csc_array:
     total = sp.csc_array(like.shape)
-    for name, factor in factors.items():
-        for exponent, matrix in chosen[name]:
-            total = total + (factor**exponent - 1.0) * matrix
+    for powers, matrix in fit:
+        change = _change(powers, factors)
+        if change != 0.0:
+            total = total + change * matrix
     return total
 
 
-def _terms(base: sp.csc_array, chosen: Mapping[str, Fit]) -> tuple[Term, ...]:
-    terms = [
-        Term(cleaned, name, exponent)
-        for name, fit in chosen.items()
-        for exponent, matrix in fit
-        if (cleaned := _without_rounding(matrix, base)).nnz
-    ]
-    constant = _without_rounding(
-        _sum([1.0, *[-1.0] * len(terms)], [base, *(t.matrix for t in terms)]), base
-    )
-    return (Term(constant), *terms) if constant.nnz else tuple(terms)
+def _terms(base: sp.csc_array, chosen: Fit) -> tuple[Term, ...]:
+    """Products of f^e - 1 multiplied out, without what is rounding."""
+    of_powers: dict[Powers, sp.csc_array] = {(): base}
+    for powers, matrix in chosen:
+        for count in range(len(powers), -1, -1):
+            for kept in combinations(powers, count):
+                part = (-1.0) ** (len(powers) - count) * matrix
+                of_powers[kept] = of_powers[kept] + part if kept in of_powers else part
+    cleaned = {powers: _without_rounding(each, base) for powers, each in of_powers.items()}
+    return tuple(Term(matrix, powers) for powers, matrix in cleaned.items() if matrix.nnz)
 
 
 def _without_rounding(matrix: sp.csc_array, base: sp.csc_array) -> sp.csc_array:

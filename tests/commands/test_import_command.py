@@ -103,7 +103,10 @@ def test_sensors_of_other_names_and_data_to_come(folder):
     ("arguments", "message"),
     [
         ((*FRAME, "--check", "lower=1.1,upper=1.3:both.sti"), "both.sti: its stiffness is missed"),
-        ((*FRAME, "--check", "foot=1.1:both.sti"), "both.sti: 'foot' is not altered by any other"),
+        (
+            (*FRAME, "--check", "foot=1.1:both.sti"),
+            "both.sti: 'foot' is not altered alone by any other",
+        ),
         ((*FRAME[:2], "--changed", "lower:lower.sti"), "--changed: expected PROPERTY=FACTOR:FILE,"),
         ((*FRAME[:2], "--changed", "lower=1.2"), "--changed: expected PROPERTY=FACTOR:FILE, got"),
         (FRAME[:2], "--changed: give at least one export with an altered property"),
