@@ -1,9 +1,9 @@
 """The search for hidden appendages: is there one, where, how heavy, and at which frequency?
 
 On each of several baseline classes it builds hypotheses: no appendage; one appendage of each kind
-at each of its places; then one more added to the best of these, as long as the evidence grows. No
-pairing of modes is assumed: every hypothesis is scored over all pairings. All are screened, which
-gives approximate evidences; those on which the answer rests are sampled.
+at each of its places; then one more, as long as the evidence grows. No pairing of modes is assumed:
+every hypothesis is scored over all pairings. All are screened, which gives approximate evidences;
+those on which the answer rests are sampled.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from bayes_ssi.appendages.baselines import Baselines, choose_baselines, prior_dr
 from bayes_ssi.appendages.candidates import Candidate
 from bayes_ssi.appendages.findings import search_record
 from bayes_ssi.appendages.hypotheses import SearchSettings, name_of
+from bayes_ssi.appendages.next_level import NextLevel, next_level
 from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.appendages.sampling_choice import to_sample
 from bayes_ssi.appendages.screened_hypothesis import Key, ScreenedHypothesis
@@ -80,7 +81,7 @@ def search(
     hidden_in = chosen.classes[0].name if len(chosen.classes) == 1 else baseline.name
     run = run or Run()
     with run.working():
-        hypotheses = screened_hypotheses(chosen, options, seed, run)
+        hypotheses, levels = screened_hypotheses(chosen, options, seed, run)
         wanted = [ToScreen(rival, None) for rival in chosen.rivals]
         rivals = screen_all(wanted, seed, run) if wanted else []
         sampled = _sampled(chosen, hypotheses, options, seed, settings, run)
@@ -93,19 +94,25 @@ def search(
             },
         )
         ranking = compare_and_diagnose(study, posteriors, seed, settings, run)
-    record = search_record(chosen, rivals, options, ranking, tuple(hypotheses.values()))
+    record = search_record(chosen, rivals, options, ranking, tuple(hypotheses.values()), levels)
     return AppendageSearch(ranking, record)
 
 
 def screened_hypotheses(
     baselines: Baselines, options: SearchSettings, seed: int, run: Run
-) -> dict[Key, ScreenedHypothesis]:
-    """All hypotheses with their approximate evidences."""
+) -> tuple[dict[Key, ScreenedHypothesis], list[NextLevel]]:
+    """All hypotheses with their approximate evidences, and the levels in which they were tried."""
     names = [each.name for each in baselines.classes]
     carriers = {name: baselines.projected(name, prior_draws) for name in names}
     hypotheses: dict[Key, ScreenedHypothesis] = {}
-    level = [Key(name, ()) for name in names]
-    while level:
+
+    def prior_weight(name: str, number: int) -> float:
+        """That of a number of appendages, shared by all ways to place them."""
+        share = options.number_weights[number] / math.comb(len(baselines.places[name]), number)
+        return baselines.prior_probability(name) * share
+
+    levels = [NextLevel([Key(name, ()) for name in names])]
+    while keys := levels[-1].keys:
         wanted = [
             ToScreen(
                 baselines.hypothesis(
@@ -113,23 +120,22 @@ def screened_hypotheses(
                 ),
                 _simpler(Key(name, places), hypotheses),
             )
-            for name, places in level
+            for name, places in keys
         ]
-        weights = [
-            baselines.prior_probability(name)
-            * _prior_weight(len(places), len(baselines.places[name]), options)
-            for name, places in level
-        ]
-        results = screen_best(wanted, weights, len(level[0].places), seed, run)
-        for key, (made, _), weight, screened in zip(level, wanted, weights, results, strict=True):
+        weights = [prior_weight(name, len(places)) for name, places in keys]
+        results = screen_best(wanted, weights, len(keys[0].places), seed, run)
+        for key, (made, _), weight, screened in zip(keys, wanted, weights, results, strict=True):
             hypotheses[key] = ScreenedHypothesis(key, made, weight, screened)
         if len(hypotheses) == len(names):
             # Where the posterior is, a smaller basis is more accurate.
             for name in names:
                 draws = hypotheses[Key(name, ())].screened.wide_draws
                 carriers[name] = baselines.projected(name, draws)
-        level = _next_level(hypotheses, baselines.places, options)
-    return hypotheses
+        most = len(options.number_weights) - 1
+        levels.append(
+            next_level(hypotheses, baselines.places, prior_weight, most, options.branches)
+        )
+    return hypotheses, levels
 
 
 def _full_name(baseline: str, places: Sequence[AppendagePlace], names: Sequence[str]) -> str:
@@ -182,39 +188,3 @@ def _to_sample(
     baseline, places = hypothesis.key
     carrier = baselines.compact(baseline, hypothesis.screened.draws)
     return baselines.hypothesis(carrier, places, options, hypothesis.model_class.name)
-
-
-def _next_level(
-    hypotheses: Hypotheses,
-    places_of: Mapping[str, Sequence[AppendagePlace]],
-    options: SearchSettings,
-) -> list[Key]:
-    """Hypotheses with one more appendage than the best so far; none if more do not help.
-
-    On every baseline, one appendage is tried everywhere.
-    """
-
-    def log_evidence(key: Key) -> float:
-        return hypotheses[key].screened.log_evidence
-
-    most = max(len(key.places) for key in hypotheses)
-    if most + 1 == len(options.number_weights):
-        return []
-    best = [key for key in hypotheses if len(key.places) == most]
-    if most > 0:
-        fewer = [key for key in hypotheses if len(key.places) == most - 1]
-        if max(map(log_evidence, best)) <= max(map(log_evidence, fewer)):
-            return []
-        best = sorted(best, key=log_evidence, reverse=True)[: options.branches]
-    extended = [
-        Key(name, tuple(place for place in places_of[name] if place in (*places, new)))
-        for name, places in best
-        for new in places_of[name]
-        if new not in places
-    ]
-    return list(dict.fromkeys(extended))
-
-
-def _prior_weight(number: int, n_places: int, options: SearchSettings) -> float:
-    """Prior weight of a number of appendages, shared by all ways to place them."""
-    return options.number_weights[number] / math.comb(n_places, number)

@@ -6,10 +6,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 
-from scipy.special import logsumexp
+from scipy.special import expit, logsumexp
 
 from bayes_ssi.appendages.baselines import Baselines
 from bayes_ssi.appendages.hypotheses import SearchSettings
+from bayes_ssi.appendages.next_level import NextLevel
 from bayes_ssi.appendages.place_findings import AppendageDraws, appendage_draws, place_records
 from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.appendages.sampling_choice import most_probability_unsampled
@@ -32,6 +33,7 @@ def search_record(
     search_settings: SearchSettings,
     ranking: Ranking,
     hypotheses: Sequence[ScreenedHypothesis],
+    levels: Sequence[NextLevel],
 ) -> SearchRecord:
     """The record of a search.
 
@@ -41,6 +43,7 @@ def search_record(
         search_settings: what an appendage may be.
         ranking: ranking of those hypotheses that were sampled.
         hypotheses: all of them.
+        levels: how many hypotheses were not tried.
     """
     posteriors = {posterior.name: posterior for posterior in ranking.posteriors}
     draws = {
@@ -62,6 +65,9 @@ def search_record(
         for each in hypotheses
         if each.model_class.name in posteriors
     }
+    not_tried = float(logsumexp([level.log_mass_not_tried for level in levels]))
+    known = {key: each.log_evidence for key, each in approximate.items()} | sampled
+    tried = float(logsumexp(list(known.values())))
     return SearchRecord(
         baselines=(*_searched(baselines, rows), *_compared(baselines, rivals)),
         left_out=dict(baselines.left_out),
@@ -75,6 +81,8 @@ def search_record(
         geometry=baselines.geometry,
         hypotheses=rows,
         averaged_parameters=tuple(_averaged(ranking, hypotheses)),
+        n_not_tried=sum(level.n_not_tried for level in levels),
+        expected_not_tried=float(expit(not_tried - tried)),
     )
 
 

@@ -202,19 +202,17 @@ def _maxima(
 ) -> Maxima:
     """The maxima of a hypothesis; ``seeds`` are those of starts in residuals and of searches."""
     model_class, simpler = hypothesis
+    narrow = np.empty((0, target.n_dimensions))
     if simpler is not None:
-        narrow = np.empty((0, target.n_dimensions))
         if effort.is_full:
             # They take as many evaluations as all else: once is enough.
             narrow = target.suggested(np.random.default_rng(seeds[0]))
-        target.suggest_starts = _scan(model_class, simpler, narrow, effort)
-    if effort.is_full:
-        search = search_maxima(
-            target, 1, seeds[1], n_draws=effort.n_draws, n_ascents=effort.n_ascents
-        )
-        return search.maxima
-    rng = np.random.default_rng(seeds[1])
-    return find_maxima(target, search_starts(target, effort.n_draws, effort.n_ascents, rng))
+        target.suggest_starts = _scan(model_class, simpler, effort)
+    if not effort.is_full:
+        rng = np.random.default_rng(seeds[1])
+        return find_maxima(target, search_starts(target, effort.n_draws, effort.n_ascents, rng))
+    search = search_maxima(target, 1, seeds[1], n_draws=effort.n_draws, n_ascents=effort.n_ascents)
+    return find_maxima(target, narrow, search.maxima) if len(narrow) else search.maxima
 
 
 def _importance_sample(
@@ -236,11 +234,11 @@ def _importance_sample(
 
 
 def _scan(
-    model_class: ModelClass, simpler: Screened, narrow: FloatArray, effort: Effort
+    model_class: ModelClass, simpler: Screened, effort: Effort
 ) -> Callable[[np.random.Generator], SuggestedStarts]:
     """Starts from the simpler hypothesis's posterior, the other parameters all over their priors.
 
-    Evenly, so that no part of the band is left out. ``narrow`` (m, d) are further starts.
+    Evenly, so that no part of the band is left out.
     """
 
     def starts(rng: np.random.Generator) -> SuggestedStarts:
@@ -248,7 +246,7 @@ def _scan(
         log_likelihoods = evaluate(model_class.log_likelihood_at, z).values
         possible = np.isfinite(log_likelihoods)
         scanned = local_maxima(z[possible], log_likelihoods[possible])[: effort.n_ascents]
-        return SuggestedStarts(np.concatenate([scanned, narrow]), effort.n_draws)
+        return SuggestedStarts(scanned, effort.n_draws)
 
     return starts
 

@@ -134,6 +134,10 @@ class SearchRecord:
         geometry: where the structure's nodes are, as far as it is known, for drawings.
         hypotheses: the most probable first.
         averaged_parameters: averaged parameters of the baselines.
+        n_not_tried: the number of hypotheses with several appendages that were not tried though
+            others with as many were.
+        expected_not_tried: the probability that these would have together, if every appendage
+            added what it adds alone.
     """
 
     baselines: tuple[BaselineRecord, ...]
@@ -146,6 +150,8 @@ class SearchRecord:
     geometry: Geometry | None
     hypotheses: tuple[HypothesisRecord, ...]
     averaged_parameters: tuple[AveragedAndNaive, ...]
+    n_not_tried: int = 0
+    expected_not_tried: float = 0.0
 
     @property
     def place_probabilities(self) -> dict[AppendagePlace, float]:

@@ -141,6 +141,13 @@ def search_notes(search: AppendageSearch) -> list[str]:
         notes.append(f"{n_hidden} less probable hypotheses are in the saved result.")
     if note := unsampled_note(record):
         notes.append(note)
+    if record.n_not_tried:
+        notes.append(
+            f"Not tried: {record.n_not_tried} further hypotheses with several appendages, which "
+            "would together have a probability of "
+            f"{probability_text(record.expected_not_tried)} if each appendage added what it adds "
+            "alone."
+        )
     return notes
 
 

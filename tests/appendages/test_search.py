@@ -259,7 +259,7 @@ def test_two_are_not_tried_where_one_does_not_help(bare, fake_sampling):
 def test_three_are_not_tried_where_two_do_not_help(bare, fake_sampling):
     levels = fake_sampling(by_count(0.0, 9.0, 8.0, 50.0))
     search(bare, SearchSettings(number_weights=(1.0, 1.0, 1.0, 1.0)))
-    assert [len(level) for level in levels] == [1, 6, 9]
+    assert [len(level) for level in levels] == [1, 6, 15]
 
 
 def test_more_than_there_are_places_are_not_tried(tiny_study, fake_sampling):
