@@ -66,7 +66,8 @@ def search(
             compared without any.
         candidates: where appendages may hang; floors and storeys where a structure has them, else
             all sensors, if None.
-        present_in: names of the configurations that have the appendages; all if None.
+        present_in: names of the configurations that have the appendages; if None, all whose
+            structures have the candidates' places.
 
     Raises:
         ValueError: appendages cannot be hung on any structure, a candidate is not on it or is

@@ -20,6 +20,7 @@ from bayes_ssi.appendages.hypotheses import (
     hypothesis,
     scale_of,
     tests_with_appendages,
+    tests_with_places,
 )
 from bayes_ssi.appendages.mass_scale import MassScale
 from bayes_ssi.appendages.observed_places import are_observed
@@ -184,7 +185,8 @@ def choose_baselines(
             that carry an appendage of their own where others do not: they are hypotheses of the
             kind that the search makes.
         candidates: where appendages may hang; those of the structure if None.
-        present_in: names of the configurations that have appendages; all if None.
+        present_in: names of the configurations that have appendages; if None, all whose structures
+            have the candidates' places.
 
     Raises:
         ValueError: the study has no class of such a name, appendages cannot be hung on one of
@@ -196,6 +198,8 @@ def choose_baselines(
     left_out: dict[str, str] = {}
     possible: list[ModelClass] = []
     chosen = study if names is None else study.only(names)
+    if present_in is None:
+        present_in = tests_with_places(chosen.model_classes[0], candidates)
     for each in chosen.model_classes:
         try:
             each.with_any_pairing(each.name)

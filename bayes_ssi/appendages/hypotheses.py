@@ -6,6 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from bayes_ssi.appendages.candidates import (
+    Candidate,
+    default_candidates,
+    require_on_structure,
+)
 from bayes_ssi.appendages.mass_scale import MassScale, mass_scale
 from bayes_ssi.appendages.places import AppendagePlace
 from bayes_ssi.model_class.configuration import Configuration
@@ -157,6 +162,30 @@ def tests_with_appendages(
                 f"{type(test.structure).__name__}"
             )
     return tests
+
+
+def tests_with_places(
+    model_class: ModelClass, candidates: Sequence[Candidate] | None
+) -> tuple[str, ...] | None:
+    """Names of the tests whose structures have the candidates' places; None if all do, or none.
+
+    A structure may describe a part of the motion alone, such as torsion.
+    """
+    first = model_class.configurations[0]
+    if candidates is None:
+        candidates = default_candidates(first.structure, first.data.sensors)
+
+    def has_places(structure: Structure) -> bool:
+        if not isinstance(structure, CarriesElements):
+            return False
+        try:
+            require_on_structure(candidates, structure)
+        except ValueError:
+            return False
+        return True
+
+    names = tuple(test.name for test in model_class.configurations if has_places(test.structure))
+    return names if 0 < len(names) < len(model_class.configurations) else None
 
 
 def scale_of(baseline: ModelClass, present_in: Sequence[str] | None = None) -> MassScale:

@@ -35,7 +35,8 @@ from bayes_ssi.commands.terminal import console, say
     "present_in",
     metavar="TEST",
     multiple=True,
-    help="Configuration that has the appendages; may be repeated. All if not given.",
+    help="Configuration that has the appendages; may be repeated. All with these places if not "
+    "given.",
 )
 @click.option(
     "--mass-ratio",

@@ -150,6 +150,21 @@ def test_an_appendage_is_in_all_tests_or_in_some(fake_sampling, present_in, coun
         assert len(made.parameters) == 3  # shared by the tests
 
 
+def test_appendages_are_in_the_tests_whose_structures_have_their_places(fake_sampling):
+    """The other structure describes torsion alone."""
+    fake_sampling(lambda made: float(len(made.parameters)))
+    sideways, twisting = baseline(matrices()), baseline(bs.ShearBuilding((1.0,), (k,)), ())
+    tests = [
+        bs.Configuration(name, own.structure, own.data, pairing="any")
+        for name, own in (("sideways", sideways), ("torsion", twisting))
+    ]
+    both = bs.ModelClass("b", error=sideways.error, configurations=tests)
+    result = search(both, ONE)
+    assert result.record.present_in == ("sideways",)
+    for made in result.ranking.study.model_classes[1:]:
+        assert [len(test.structure.appendages) for test in made.configurations] == [1, 0]
+
+
 def test_a_class_with_an_appendage_of_its_own_is_no_baseline_where_others_have_none(fake_sampling):
     fake_sampling(by_count(0.0, 1.0, 2.0))
     bare = baseline(matrices())
