@@ -45,9 +45,9 @@ class SearchSettings:
             evidences are approximations, would change no probability by more than this. All are
             where it is zero.
         most_sampled: largest number of hypotheses that are sampled, the most probable ones, each
-            with a probability above ``most_unsampled``; if None, no limit, except that of
-            finite-element models in a reduced basis, each of which takes some 20 full solutions,
-            six are.
+            with a probability above ``most_unsampled``; if None, twelve, or all where
+            ``most_unsampled`` is zero; but six of finite-element models in a reduced basis, each of
+            which takes some 20 full solutions.
 
     Raises:
         ValueError: there are fewer than two weights, one is not positive, there is no branch, none

@@ -177,6 +177,12 @@ class SearchRecord:
         return sum(not each.is_sampled for each in self.hypotheses)
 
     @property
+    def errors_of_screening(self) -> tuple[float, float]:
+        """How much approximate log evidences exceed those sampled, least and most, in nats."""
+        errors = [each.screened - each.log_evidence for each in self.hypotheses if each.is_sampled]
+        return min(errors), max(errors)
+
+    @property
     def beaten(self) -> tuple[BaselineRecord, ...]:
         """Baselines that another class beats without any appendage, by very strong evidence.
 

@@ -176,8 +176,10 @@ def unsampled_note(record: SearchRecord) -> str:
     """How many hypotheses were not sampled, and how probable they are at most; empty if none."""
     if not record.n_unsampled:
         return ""
+    low, high = record.errors_of_screening
     return (
         f"{APPROXIMATELY.strip()}: not sampled, {record.n_unsampled} of {len(record.hypotheses)} "
         "hypotheses; probability together at most "
-        f"{probability_text(record.most_probability_unsampled)}."
+        f"{probability_text(record.most_probability_unsampled)}. Where sampled, these "
+        f"approximations are off by {low:+.2f} to {high:+.2f} nats."
     )
