@@ -60,3 +60,13 @@ def test_of_too_many_the_best_are_tried(bare, fake_sampling, monkeypatch):
     assert len(levels[2]) == 10
     assert sum("pendulum 3" in name for name in levels[2]) == 5
     assert "infill 1-2 + infill 2-3" not in levels[2]
+
+
+def test_where_the_answer_rests_on_many_twelve_are_sampled(bare, fake_sampling):
+    """And no appendage. What approximations of the others may be off by is said."""
+    fake_sampling(lambda _: 0.0, lambda made: 0.1 * len(made.structure.appendages))
+    result = search(bare, SearchSettings(number_weights=(1.0, 6.0, 15.0), branches=6))
+    assert len(result.record.hypotheses) == 22
+    assert sum(row.is_sampled for row in result.record.hypotheses) == 13
+    (note,) = [note for note in search_notes(result) if "not sampled" in note]
+    assert note.endswith("Where sampled, these approximations are off by +0.00 to +0.20 nats.")

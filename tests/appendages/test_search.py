@@ -273,7 +273,7 @@ def test_more_than_there_are_places_are_not_tried(tiny_study, fake_sampling):
 
 def test_a_number_shares_its_weight_among_all_placements(bare, fake_sampling):
     fake_sampling(by_count(0.0, 1.0, 2.0))
-    result = search(bare, SearchSettings(number_weights=(2.0, 3.0, 0.5)))
+    result = search(bare, SearchSettings(number_weights=(2.0, 3.0, 0.5), most_unsampled=0.0))
     numbers = {name: len(places) for name, places in places_of_hypotheses(result).items()}
     assert result.ranking.study.prior_weights == pytest.approx(
         {name: (2.0, 3.0, 0.5)[n] / math.comb(6, n) for name, n in numbers.items()}
@@ -294,7 +294,7 @@ def shares(result, log_evidence):
 def test_probabilities_of_places_are_sums_over_hypotheses(bare, fake_sampling):
     log_evidence = by_count(0.0, 1.0, 3.0)
     fake_sampling(log_evidence)
-    result = search(bare)
+    result = search(bare, ALL)
     expected = shares(result, log_evidence)
     places = places_of_hypotheses(result)
     for place in places_of_building(bare.structure):
@@ -356,8 +356,8 @@ def test_the_record_is_json(bare, fake_sampling):
 def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior):
     calls = []
 
-    def sample_all(candidates, seed, settings, run, refinement):
-        del refinement
+    def sample_all(candidates, seed, settings, run, refinement, known_starts):
+        del refinement, known_starts
         calls.append((seed, settings, run.checkpoint.directory.name))
         run.report(candidates[0].name, "evidence", 1.0)
         return [make_posterior(c.name, names=c.parameter_names) for c in candidates]
