@@ -12,6 +12,7 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.joint_errors import JointErrors
+from bayes_ssi.identification.likelihood_terms import row_sums
 from bayes_ssi.identification.paired_modes import PairedModes
 
 
@@ -38,10 +39,14 @@ class OwnErrors(NamedTuple):
         frequencies: (B, P), standard-normal: residuals given those of the shape.
         shape_squares: (B, P), chi-square with as many degrees of freedom as the shape has
             directions to err in; zero without a shape.
+        shape_variances: (B, P), the sum of the variances in these directions.
+        shape_squared_variances: (B, P), the sum of their squares.
     """
 
     frequencies: FloatArray
     shape_squares: FloatArray
+    shape_variances: FloatArray
+    shape_squared_variances: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +83,18 @@ class JointPairs:
 
     def errors_of_pairs(self, residuals: Residuals) -> OwnErrors:
         """The errors of each pair, whatever those of the others."""
-        n, frequencies, squares = len(residuals.frequencies), [], []
+        n, parts = len(residuals.frequencies), []
         for errors, own in self._each(residuals):
             white = errors.white(*own)
-            normal = white.frequencies / np.sqrt(white.frequency_var)
-            frequencies.append(normal.reshape(n, -1))
-            squares.append(white.shape_squares.reshape(n, -1))
-        return OwnErrors(np.concatenate(frequencies, axis=1), np.concatenate(squares, axis=1))
+            variances = np.broadcast_to(white.shape_var, white.shapes.shape)
+            each = (
+                white.frequencies / np.sqrt(white.frequency_var),
+                white.shape_squares,
+                row_sums(variances),
+                row_sums(variances * variances),
+            )
+            parts.append([rows.reshape(n, -1) for rows in each])
+        return OwnErrors(*(np.concatenate(rows, axis=1) for rows in zip(*parts, strict=True)))
 
     def _each(self, residuals: Residuals) -> Iterator[tuple[JointErrors, Residuals]]:
         """The errors of each identified mode, and its pairs' residuals, a row for each of them."""

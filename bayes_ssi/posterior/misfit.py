@@ -86,8 +86,16 @@ def misfit(
         own = likelihood.joint_pairs.errors_of_pairs(likelihood.residuals(values, modes))
         frequency_log_p = log_two_sided(_taken(own.frequencies, which))
         directions = np.array([max(mode.n_measured - 1, 0) for mode in likelihood.data.modes])
-        squares = _taken(own.shape_squares, np.where(which_shape < 0, -1, which))
+        squares, variances, squared_variances = (
+            _taken(each, np.where(which_shape < 0, -1, which)) for each in own[1:]
+        )
         shape_log_p = log_chi_square(squares, directions)
+        # The sum of squares with these variances, as a multiple of chi-square of the same mean and
+        # variance (Satterthwaite 1946).
+        with np.errstate(invalid="ignore"):
+            quantile = chdtri(variances**2 / squared_variances, 1.0 - EXPECTED_SHARE)
+            expected_distances = 0.5 * squared_variances / variances * quantile
+        expected_distances = np.minimum(expected_distances, 1.0)
     identification = likelihood.identification
     detected = -np.expm1(likelihood.log_missed(values, modes))
     model_modes = np.append(pairs.model_modes, -1)[which]

@@ -316,6 +316,27 @@ def test_misfit_is_chi_square_of_all_errors_together_and_of_each_mode(building):
             assert result.shape_log_p[b, j] == pytest.approx(expected, rel=1e-8)
 
 
+def test_expected_macs_are_those_of_the_directions_in_which_a_shape_errs(building):
+    data = identified(building, missing=False)
+    plane = plane_of(data.mode("b"))
+    covariance = 1e-6 * np.eye(12)
+    # Mode b errs in one direction, the others in two equally.
+    covariance[6:9, 6:9] = 1e-4 * np.outer(plane[:, 0], plane[:, 0])
+    data = replace(data, covariance=None, modes=tuple(
+        replace(mode, frequency_cov=None, shape_sd=None) for mode in data.modes
+    ))  # fmt: skip
+    data = replace(data, covariance=covariance)
+    error = bs.ErrorModel(1e-6, 1e-6)
+    joint = bs.ModelClass("joint", building, data, error, pairing=PAIRING)
+    values = drawn(joint)
+    likelihood = joint.likelihoods[0]
+    modes = likelihood.compared_modes(values)
+    result = misfit(likelihood, values, modes, np.random.default_rng(0))
+    exact = 0.5 * np.array([1e-6 * chi2.ppf(0.95, 2), 1e-4 * chi2.ppf(0.95, 1)])
+    np.testing.assert_allclose(result.expected_macs[:, 0], (1.0 - exact[0]) ** 2, atol=1e-9)
+    np.testing.assert_allclose(result.expected_macs[:, 1], (1.0 - exact[1]) ** 2, atol=1e-9)
+
+
 def test_paired_modes_are_one_datum_and_predicted_together(building):
     data = identified(building)
     pairing = {"a": 1, "c": 4}
@@ -338,3 +359,15 @@ def test_prediction_errors_that_repeat_need_independent_identification_errors(bu
     error = bs.ErrorModel(0.01, 0.05, between_modes=0.5)
     with pytest.raises(ValueError, match=r"joint covariance; use data.without_covariance\(\)"):
         bs.ModelClass("joint", building, data, error, pairing=PAIRING)
+
+
+def test_a_stored_result_keeps_the_joint_errors(building, tmp_path):
+    data = identified(building)
+    joint = bs.ModelClass("joint", building, data, FIXED, pairing=PAIRING)
+    coarse = bs.SamplingSettings(log_evidence_error=0.1)
+    ranking = bs.rank(bs.Study("joint", [joint]), settings=coarse)
+    bs.save_result(ranking, tmp_path / "result")
+    stored = bs.load_result(tmp_path / "result")
+    np.testing.assert_array_equal(stored.data.covariance, data.covariance)
+    record = stored.record.model_class("joint").configurations[0]
+    assert record.covariance_digest == data.covariance_digest
