@@ -7,7 +7,8 @@ Simulates ``--sets`` data sets of a structure with one appendage, whose place, m
 are drawn from the search's own priors, and as many without: stiffnesses from their priors, modes
 from the likelihood itself (errors of frequencies and shapes, missed and spurious modes). Each is
 searched over all hypotheses of at most one appendage. If everything is right, hypotheses with a
-stated probability p are true in a share p of the cases.
+stated probability p are true in a share p of the cases, and the true mass and frequency of an
+appendage lie within intervals of the true hypothesis's posterior as often as these say.
 
 The structure is a three-storey building with seven hypotheses; or ``--on tower``, the tower of
 search_scaling.py with 1536 degrees of freedom, three inferred stiffness factors, a pendulum in x or
@@ -27,6 +28,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache
@@ -35,7 +37,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import softmax
-from scipy.stats import beta
+from scipy.stats import beta, kstest
 from search_scaling import tower
 from simulated import IdentificationErrors, print_bands, simulate
 
@@ -43,7 +45,12 @@ import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import screened_hypotheses
 from bayes_ssi.appendages.baselines import choose_baselines
 from bayes_ssi.appendages.candidates import default_candidates
-from bayes_ssi.appendages.hypotheses import hypothesis, scale_of
+from bayes_ssi.appendages.hypotheses import (
+    frequency_name,
+    hypothesis,
+    mass_name,
+    scale_of,
+)
 from bayes_ssi.appendages.places import AppendagePlace, places_of
 from bayes_ssi.posterior.required_accuracy import with_exact_structures
 from bayes_ssi.ranking.study_file import load_study
@@ -123,7 +130,9 @@ class Searched(NamedTuple):
 
     ``detuning`` is the relative distance of the appendage's frequency from the nearest mode of the
     building without it; NaN without appendage. ``errors`` are those of Laplace's approximation and
-    of screening, in nats, for every hypothesis that was sampled.
+    of screening, in nats, for every hypothesis that was sampled. ``ranks`` are the posterior
+    probabilities, under the true hypothesis, of a lower mass and of a lower frequency than the true
+    ones; none without appendage, or where the search chose not to sample it.
     """
 
     truth: str
@@ -131,6 +140,7 @@ class Searched(NamedTuple):
     detuning: float
     failed_checks: tuple[str, ...] = ()
     errors: tuple[tuple[float, float], ...] = ()
+    ranks: tuple[float, ...] = ()
 
 
 class Task(NamedTuple):
@@ -144,10 +154,43 @@ class Task(NamedTuple):
         return " ".join(map(str, self))
 
 
-def one(task: Task) -> Searched:
-    """Draw one data set and search it."""
+class Drawn(NamedTuple):
+    """A simulated data set.
+
+    Attributes:
+        truth: name of the true hypothesis, and ``places`` where its appendage is, if it has one.
+        appendage: its mass ratio, as the search defines it, and its frequency.
+        detuning: as in :class:`Searched`.
+        baseline: what is searched.
+        settings: of the search.
+    """
+
+    truth: str
+    places: tuple[AppendagePlace, ...]
+    appendage: np.ndarray
+    detuning: float
+    baseline: bs.ModelClass
+    settings: bs.SearchSettings
+
+    def ranks(
+        self, parameter_names: Sequence[str], values: np.ndarray, weights: np.ndarray
+    ) -> tuple[float, ...]:
+        """Those of the appendage, if there is one, among draws of the true hypothesis."""
+        if not self.places:
+            return ()
+        columns = columns_of(parameter_names, self.places[0])
+        return tuple((weights @ (values[:, columns] < self.appendage)).tolist())
+
+
+def columns_of(parameter_names: Sequence[str], place: AppendagePlace) -> list[int]:
+    """The columns of an appendage's mass ratio and frequency."""
+    names = list(parameter_names)
+    return [names.index(mass_name(place)), names.index(frequency_name(place))]
+
+
+def drawn(task: Task, question: Question) -> Drawn:
+    """Draw a truth from the search's own priors, and data from the likelihood."""
     rng = np.random.default_rng([11, task.index, task.with_appendage])
-    question = building() if task.on == "building" else tower_question(task.off)
     all_places = places_of(question.candidates)
     places: tuple[AppendagePlace, ...] = ()
     if task.with_appendage:
@@ -156,25 +199,27 @@ def one(task: Task) -> Searched:
     settings = search_settings(question, 1.0, task.sampled)
     truth = hypothesis(question.true_baseline, places, settings, scale=scale)
     values, data, _ = simulate(with_exact_structures(truth), rng, question.stated)
-    detuning = float("nan")
+    baseline = replace(question.baseline, data=data)
+    # The mass to which ratios refer follows from the data, and the prior of the mass must not.
+    share = scale.mass / scale_of(baseline).mass
+    appendage, detuning = np.empty(0), float("nan")
     if places:
         structure = question.true_baseline.structure
         bare = structure.modes(values[None, : len(structure.parameters)])
-        column = truth.parameter_names.index(f"frequency, {places[0].name}")
-        detuning = float(np.abs(values[column] / bare.frequencies_hz[0] - 1.0).min())
-    baseline = replace(question.baseline, data=data)
-    # The mass to which ratios refer follows from the data, and the prior of the mass must not.
-    settings = search_settings(question, scale.mass / scale_of(baseline).mass, task.sampled)
+        appendage = values[columns_of(truth.parameter_names, places[0])] * (share, 1.0)
+        detuning = float(np.abs(appendage[1] / bare.frequencies_hz[0] - 1.0).min())
+    settings = search_settings(question, share, task.sampled)
+    return Drawn(truth.name, places, appendage, detuning, baseline, settings)
+
+
+def one(task: Task) -> Searched:
+    """Draw one data set and search it."""
+    question = building() if task.on == "building" else tower_question(task.off)
+    made = drawn(task, question)
     if task.sampled == "none":
-        study = bs.Study(baseline.name, [baseline])
-        screened = screened_hypotheses(
-            choose_baselines(study, None, question.candidates), settings, task.index, bs.Run()
-        ).values()
-        shares = softmax([each.approximate_log_mass.log_evidence for each in screened])
-        names = [each.model_class.name for each in screened]
-        return Searched(truth.name, dict(zip(names, shares.tolist(), strict=True)), detuning)
+        return screened(made, question, task.index)
     result = bs.search(
-        baseline, settings, task.index, question.sampling, candidates=question.candidates
+        made.baseline, made.settings, task.index, question.sampling, candidates=question.candidates
     )
     rows = result.record.hypotheses
     errors = tuple(
@@ -182,9 +227,28 @@ def one(task: Task) -> Searched:
         for row in rows
         if row.is_sampled
     )
+    ranks: tuple[float, ...] = ()
+    for posterior in result.ranking.posteriors:
+        if posterior.name == made.truth:
+            n = len(posterior.values)
+            ranks = made.ranks(posterior.parameter_names, posterior.values, np.full(n, 1.0 / n))
     probabilities = {row.name: row.probability for row in rows}
     failed_checks = result.ranking.comparison.failed_checks
-    return Searched(truth.name, probabilities, detuning, failed_checks, errors)
+    return Searched(made.truth, probabilities, made.detuning, failed_checks, errors, ranks)
+
+
+def screened(made: Drawn, question: Question, seed: int) -> Searched:
+    """What screening alone says of a data set."""
+    study = bs.Study(made.baseline.name, [made.baseline])
+    baselines = choose_baselines(study, None, question.candidates)
+    hypotheses = screened_hypotheses(baselines, made.settings, seed, bs.Run()).values()
+    shares = softmax([each.approximate_log_mass.log_evidence for each in hypotheses])
+    by_name = {each.model_class.name: each for each in hypotheses}
+    true = by_name[made.truth]
+    values = true.model_class.values(true.screened.z)
+    ranks = made.ranks(true.model_class.parameter_names, values, true.screened.weights)
+    probabilities = dict(zip(by_name, shares.tolist(), strict=True))
+    return Searched(made.truth, probabilities, made.detuning, ranks=ranks)
 
 
 def search_settings(question: Question, share: float, sampled: str) -> bs.SearchSettings:
@@ -227,6 +291,7 @@ def report(results: list[Searched]) -> None:
             f"Appendages {where}: {len(own)}; true hypothesis first {first}, true place first "
             f"among places {place}, an appendage stated with more than {ALARM} {seen}"
         )
+    report_ranks([result.ranks for result in with_one if result.ranks])
     errors = np.array([error for result in results for error in result.errors])
     for name, own in zip(("Laplace", "Screened"), errors.T, strict=False):
         low, middle, high = np.quantile(own, [0.05, 0.5, 0.95])
@@ -238,6 +303,16 @@ def report(results: list[Searched]) -> None:
     print(f"{len(flagged)} of {len(results)} sets with a failed check")
     for check in sorted({check for result in flagged for check in result.failed_checks}):
         print(f"    {check}")
+
+
+def report_ranks(ranks: Sequence[Sequence[float]]) -> None:
+    """How often true masses and frequencies lie within intervals of their posteriors."""
+    for name, own in zip(("mass", "frequency"), np.transpose(ranks), strict=False):
+        half, most = (int((np.abs(own - 0.5) < 0.5 * share).sum()) for share in (0.5, 0.9))
+        print(
+            f"True {name} of {len(own)} appendages within the posterior's 50 % interval {half}, "
+            f"90 % {most}; ranks are uniform with p = {kstest(own, 'uniform').pvalue:.2f}"
+        )
 
 
 def known(path: Path | None) -> dict[str, Searched]:
