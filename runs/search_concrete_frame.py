@@ -20,6 +20,7 @@ search took. Then a table of all seeds.
 """
 
 import argparse
+import re
 import resource
 from time import perf_counter
 from typing import NamedTuple
@@ -29,7 +30,6 @@ from concrete_frame import (
     FREQUENCY_COV,
     GROUPS,
     SHAPE_SD,
-    full_solutions,
     simulated_modes,
     structure,
 )
@@ -89,10 +89,16 @@ def cpu_seconds():
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
-def all_full_solutions(result, shared):
-    """Numbers of full solutions of a search, with those for the basis that all classes share."""
-    each = (full_solutions(posterior) - shared for posterior in result.ranking.posteriors)
-    return shared + sum(each)
+def all_full_solutions(result):
+    """Numbers of full solutions of a search: of the basis that all classes share, and of each."""
+    shared, own = 0, 0
+    for posterior in result.ranking.posteriors:
+        for remark in posterior.remarks:
+            if count := re.search(r"reduced to \d+ by (\d+) full solutions", remark):
+                shared = max(shared, int(count.group(1)))
+            elif count := re.search(r"confirmed by (\d+) full solutions", remark):
+                own += int(count.group(1))
+    return shared + own
 
 
 def candidates(path, frame, with_directions):
@@ -186,7 +192,7 @@ def searched(path, seed, workers, with_directions):
         alike,
         Compared(hidden.mass, *there.mass),
         Compared(hidden.frequency_hz, *there.frequency_hz),
-        all_full_solutions(result, baseline.structure.n_full_solutions),
+        all_full_solutions(result),
         cpu,
     )
     print(

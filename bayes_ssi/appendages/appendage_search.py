@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from bayes_ssi.appendages.baselines import Baselines, choose_baselines, prior_draws
+from bayes_ssi.appendages.baselines import Baselines, choose_baselines, compact, prior_draws
 from bayes_ssi.appendages.candidates import Candidate
 from bayes_ssi.appendages.findings import search_record
 from bayes_ssi.appendages.hypotheses import SearchSettings, name_of
@@ -33,9 +33,10 @@ from bayes_ssi.ranking.study import Study, compare_and_diagnose
 from bayes_ssi.sampling.settings import SamplingSettings
 
 Hypotheses = Mapping[Key, ScreenedHypothesis]
-# Screening has found where posteriors lie, so that no search precedes sampling and no basis is
-# enlarged: 16 full solutions at draws correct each evidence, and a check fails where the correction
-# is too large for them, or the certified error may exceed the data's own.
+# Screening has found where posteriors lie, so that no search precedes sampling. The basis that all
+# share is accurate there, so that none is enlarged for one hypothesis: 16 full solutions at draws
+# correct each evidence, and a check fails where the correction is too large for them, or the
+# certified error may exceed the data's own.
 KNOWN_REGIONS = RefinementSettings(error_share=0.5, most_searches=0, most_rounds=1)
 
 
@@ -168,12 +169,19 @@ def _sampled(
     approximate = {key: each.approximate_log_mass for key, each in hypotheses.items()}
     sampled: dict[Key, tuple[ModelClass, Posterior]] = {}
     log_masses: dict[Key, float] = {}
+    accurate: dict[str, ModelClass] = {}
     most = baselines.most_sampled(options)
     while chosen := set(to_sample(approximate, log_masses, options.most_unsampled, most)):
         # Parameters without any appendage are part of the answer.
         chosen |= {Key(key.baseline, ()) for key in chosen}
         now = [key for key in hypotheses if key in chosen and key not in sampled]
-        classes = [_to_sample(baselines, hypotheses[key], options) for key in now]
+        for name in {key.baseline for key in now} - accurate.keys():
+            own = [each for key, each in hypotheses.items() if key.baseline == name]
+            best = max(own, key=lambda each: each.approximate_log_mass.log_evidence)
+            accurate[name] = baselines.accurate(name, best.screened.posterior_draws)
+        classes = [
+            _to_sample(baselines, accurate[key.baseline], hypotheses[key], options) for key in now
+        ]
         starts = [hypotheses[key].screened.maxima for key in now]
         posteriors = sample_all(classes, seed, settings, run, KNOWN_REGIONS, starts)
         for key, made, posterior in zip(now, classes, posteriors, strict=True):
@@ -183,9 +191,13 @@ def _sampled(
 
 
 def _to_sample(
-    baselines: Baselines, hypothesis: ScreenedHypothesis, options: SearchSettings
+    baselines: Baselines,
+    accurate: ModelClass,
+    hypothesis: ScreenedHypothesis,
+    options: SearchSettings,
 ) -> ModelClass:
     """The class of a hypothesis, its reduced structures compact where its posterior lies."""
-    baseline, places = hypothesis.key
-    carrier = baselines.compact(baseline, hypothesis.screened.draws)
-    return baselines.hypothesis(carrier, places, options, hypothesis.model_class.name)
+    carrier = compact(accurate, hypothesis.screened.draws)
+    return baselines.hypothesis(
+        carrier, hypothesis.key.places, options, hypothesis.model_class.name
+    )

@@ -28,7 +28,8 @@ from bayes_ssi.appendages.places import AppendagePlace, places_of
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.reduced_structure import ReducedStructure
 from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.posterior.required_accuracy import is_approximate
+from bayes_ssi.posterior.refinement_settings import RefinementSettings
+from bayes_ssi.posterior.required_accuracy import is_approximate, more_accurate
 from bayes_ssi.ranking.class_sampling import is_cheap
 from bayes_ssi.ranking.study import Study
 from bayes_ssi.structures.elements import CarriesElements
@@ -133,31 +134,18 @@ class Baselines:
         singles = dict.fromkeys(
             single for end in ends for single, _ in motion_of(end) if single != 0
         )
-        return self._with_reduced(name, draws, lambda s, values: s.projected(values, singles))
+        return _with_reduced(self[name], draws, lambda s, values: s.projected(values, singles))
 
-    def compact(self, name: str, draws: Draws) -> ModelClass:
-        """As :meth:`projected`, but with reduced structures whose error is certified."""
-        return self._with_reduced(name, draws, lambda s, values: s.compact(values))
+    def accurate(self, name: str, draws: Draws) -> ModelClass:
+        """A baseline with reduced structures as accurate at draws as sampling requires.
 
-    def _with_reduced(
-        self,
-        name: str,
-        draws: Draws,
-        change: Callable[[ReducedStructure, FloatArray], Structure],
-    ) -> ModelClass:
+        All hypotheses on it share this basis, to which an element adds what its force needs.
+        """
         baseline = self[name]
-        structures = [test.structure for test in baseline.configurations]
-        if not any(isinstance(structure, ReducedStructure) for structure in structures):
+        if not is_approximate(baseline):
             return baseline
-        z = draws(baseline.parameter_names, N_DRAWS)
-        columns = [own for _, _, own in baseline.parts(baseline.values(z))]
-
-        def changed(structure: Structure, i: int) -> Structure:
-            if not isinstance(structure, ReducedStructure) or structure.full.elements:
-                return structure
-            return change(structure, columns[i][:, : len(structure.parameters)])
-
-        return baseline.with_structures(changed)
+        values = baseline.values(draws(baseline.parameter_names, N_DRAWS))
+        return more_accurate(baseline, values, RefinementSettings())
 
     def most_sampled(self, options: SearchSettings) -> int | None:
         """How many hypotheses are sampled at most; None if there is no limit."""
@@ -175,6 +163,30 @@ class Baselines:
     def original_names(self, baseline: str) -> tuple[str, ...]:
         """The classes of the study that a baseline represents."""
         return self.study.stands_for[baseline]
+
+
+def compact(baseline: ModelClass, draws: Draws) -> ModelClass:
+    """As :meth:`Baselines.projected`, but with reduced structures whose error is certified."""
+    return _with_reduced(baseline, draws, lambda s, values: s.compact(values))
+
+
+def _with_reduced(
+    baseline: ModelClass,
+    draws: Draws,
+    change: Callable[[ReducedStructure, FloatArray], Structure],
+) -> ModelClass:
+    structures = [test.structure for test in baseline.configurations]
+    if not any(isinstance(structure, ReducedStructure) for structure in structures):
+        return baseline
+    z = draws(baseline.parameter_names, N_DRAWS)
+    columns = [own for _, _, own in baseline.parts(baseline.values(z))]
+
+    def changed(structure: Structure, i: int) -> Structure:
+        if not isinstance(structure, ReducedStructure) or structure.full.elements:
+            return structure
+        return change(structure, columns[i][:, : len(structure.parameters)])
+
+    return baseline.with_structures(changed)
 
 
 def choose_baselines(

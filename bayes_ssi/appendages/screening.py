@@ -104,6 +104,11 @@ class Screened:
             np.concatenate([of_posterior, _drawn(self.mixture, n - n // 2, rng)]), names
         )
 
+    def posterior_draws(self, names: Sequence[str], n: int) -> FloatArray:
+        """Draws (n, d) of some parameters from the posterior."""
+        rng = np.random.default_rng(0)
+        return self._columns(self.z[systematic_indices(self.weights, n, rng)], names)
+
     def wide_draws(self, names: Sequence[str], n: int) -> FloatArray:
         """Draws (n, d) of some parameters from a region twice as wide as the posterior.
 

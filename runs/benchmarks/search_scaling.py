@@ -10,7 +10,7 @@ sensors and identifies the modes below 10 Hz, with errors of 0.2 % of the freque
 the shapes at unit length. A pendulum is searched for at each of the nodes in each of three
 directions: in models of each size, and in the middle one also at fewer nodes.
 
-For each search: wall and CPU time; hypotheses that were sampled; full solutions of the shared
+For each search: wall and CPU time; hypotheses that were sampled; full solutions of the first
 basis; the peak of memory, of this process and of its largest worker; and the rank of the true
 place. Writes runs/results/search_scaling.png.
 """
@@ -177,7 +177,7 @@ def searched(levels: int, n_places: int, workers: int) -> Searched:
         f"{full.size} degrees of freedom, {n_places} places in three directions, "
         f"{len(data.modes)} identified modes: {seconds:.0f} s, {cpu:.0f} s of CPU time; "
         f"{len(sampled)} of {len(record.hypotheses)} hypotheses sampled; "
-        f"{baseline.structure.n_full_solutions} full solutions for the shared basis; "
+        f"{baseline.structure.n_full_solutions} full solutions for the basis over the prior; "
         f"{memory[0]:.1f} GB, {memory[1]:.1f} GB in a worker\n"
         f"  an appendage {record.probability_of_any:.4f}; true place "
         f"{located(hidden.place, nodes)} ranks {rank + 1} with {places[rank].probability:.3f}; "

@@ -8,7 +8,7 @@ from searches import ONE, by_count
 
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
-from bayes_ssi.appendages.baselines import choose_baselines, prior_draws
+from bayes_ssi.appendages.baselines import choose_baselines, compact, prior_draws
 from bayes_ssi.appendages.candidates import default_candidates
 from bayes_ssi.appendages.hypotheses import hypothesis, scale_of
 from bayes_ssi.appendages.places import PendulumPlace, places_of
@@ -127,7 +127,7 @@ def test_a_reduced_structure_with_elements_is_searched_as_it_is(fake_sampling):
     result = search(baseline(loaded), ONE)
     assert len(result.record.hypotheses) == 4
     chosen = choose_baselines(bs.Study("s", [baseline(loaded)]))
-    assert chosen.compact("b", prior_draws).structure is loaded
+    assert compact(chosen["b"], prior_draws).structure is loaded
 
 
 def two_tests():

@@ -1,5 +1,7 @@
 """A first look at many hypotheses on a finite-element model, against screening each of them."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from scipy.special import logsumexp
@@ -7,17 +9,25 @@ from scipy.special import logsumexp
 import bayes_ssi as bs
 from bayes_ssi.appendages import screening_in_steps
 from bayes_ssi.appendages.appendage_search import screened_hypotheses
-from bayes_ssi.appendages.baselines import choose_baselines
+from bayes_ssi.appendages.baselines import Baselines, choose_baselines, compact
 from bayes_ssi.appendages.first_look import first_looks
-from bayes_ssi.appendages.screening import ToScreen
+from bayes_ssi.appendages.screening import Screened, ToScreen
 from bayes_ssi.appendages.screening_in_steps import LEFT_OUT, screen_best
 
 N, PLACES = 40, range(6, 40, 6)
 
 
+class Chain(NamedTuple):
+    """Baselines of a search, hypotheses of one pendulum, and what full screening gives."""
+
+    baselines: Baselines
+    hypotheses: list[ToScreen]
+    screened: list[Screened]
+
+
 @pytest.fixture(scope="module")
 def chain():
-    """Hypotheses of one pendulum on a chain of springs, and what full screening gives.
+    """A chain of springs with one pendulum, at most.
 
     The data have one at degree of freedom 30, in resonance with the second mode.
     """
@@ -52,12 +62,12 @@ def chain():
     settings = bs.SearchSettings(number_weights=(1.0, 1.0))
     without, *ones = screened_hypotheses(chosen, settings, 0, bs.Run()).values()
     wanted = [ToScreen(each.model_class, without.screened) for each in ones]
-    return wanted, [each.screened for each in ones]
+    return Chain(chosen, wanted, [each.screened for each in ones])
 
 
 def test_the_greatest_likelihood_is_that_of_full_screening(chain):
     """Within a few nats, at the true place within a hundredth; evidences are well below it."""
-    hypotheses, screened = chain
+    _, hypotheses, screened = chain
     looks = first_looks(hypotheses, 0, bs.Run())
     names = [each.model_class.name for each in hypotheses]
     for i, (hypothesis, full) in enumerate(zip(hypotheses, screened, strict=True)):
@@ -70,7 +80,7 @@ def test_the_greatest_likelihood_is_that_of_full_screening(chain):
 
 
 def test_looking_together_changes_nothing(chain, two_workers):
-    hypotheses, _ = chain
+    hypotheses = chain.hypotheses
     alone = [first_looks([each], 0, bs.Run())[0] for each in hypotheses]
     for together in (
         first_looks(hypotheses, 0, bs.Run()),
@@ -83,7 +93,7 @@ def test_looking_together_changes_nothing(chain, two_workers):
 
 def test_what_a_first_look_leaves_out_does_not_matter(chain, monkeypatch):
     """Of more hypotheses than are screened in full, only those within reach go on."""
-    hypotheses, full = chain
+    _, hypotheses, full = chain
     monkeypatch.setattr(screening_in_steps, "MOST_IN_FULL", 2)
     steps = screen_best(hypotheses, [1.0] * len(hypotheses), 1, 0, bs.Run())
     left_out = [i for i, each in enumerate(steps) if np.isnan(each.laplace)]
@@ -101,8 +111,25 @@ def test_what_a_first_look_leaves_out_does_not_matter(chain, monkeypatch):
 
 def test_hypotheses_that_explain_nothing_are_all_screened(chain, monkeypatch):
     """Where evidences are alike, none is out of reach of the others."""
-    hypotheses, _ = chain
+    hypotheses = chain.hypotheses
     monkeypatch.setattr(screening_in_steps, "MOST_IN_FULL", 2)
     some = [each for each in hypotheses if each.model_class.name != "pendulum 30"]
     steps = screen_best(some, [1.0] * len(some), 1, 0, bs.Run())
     assert not np.isnan([each.laplace for each in steps]).any()
+
+
+def test_the_basis_that_all_share_is_accurate_where_the_best_one_lies(chain):
+    """To a tenth of the data's errors, also with the pendulum, and in few combinations of it."""
+    true = [each.model_class.name for each in chain.hypotheses].index("pendulum 30")
+    screened = chain.screened[true]
+    accurate = chain.baselines.accurate("chain", screened.posterior_draws)
+    names = accurate.parameter_names
+    values = accurate.values(screened.posterior_draws(names, 20))
+    bounds = accurate.structure.bounds(values, 4)
+    assert bounds.frequency.max() < 0.1 * 0.003
+    assert bounds.shape.max() < 0.1 * 0.02
+    carrying = compact(accurate, screened.draws).structure.with_element(
+        bs.Pendulum("30", 0.8, 1.5, label="a")
+    )
+    ours, theirs = (each.modes(values).frequencies_hz[:, :4] for each in (carrying, carrying.full))
+    assert ours == pytest.approx(theirs, rel=0.1 * 0.003)
