@@ -241,9 +241,9 @@ def screened(made: Drawn, question: Question, seed: int) -> Searched:
     """What screening alone says of a data set."""
     study = bs.Study(made.baseline.name, [made.baseline])
     baselines = choose_baselines(study, None, question.candidates)
-    hypotheses = screened_hypotheses(baselines, made.settings, seed, bs.Run()).values()
-    shares = softmax([each.approximate_log_mass.log_evidence for each in hypotheses])
-    by_name = {each.model_class.name: each for each in hypotheses}
+    hypotheses, _ = screened_hypotheses(baselines, made.settings, seed, bs.Run())
+    by_name = {each.model_class.name: each for each in hypotheses.values()}
+    shares = softmax([each.approximate_log_mass.log_evidence for each in by_name.values()])
     true = by_name[made.truth]
     values = true.model_class.values(true.screened.z)
     ranks = made.ranks(true.model_class.parameter_names, values, true.screened.weights)

@@ -60,7 +60,7 @@ def chain():
     candidates = [bs.Candidate(str(i), str(i)) for i in PLACES]
     chosen = choose_baselines(bs.Study("chain", [baseline]), None, candidates)
     settings = bs.SearchSettings(number_weights=(1.0, 1.0))
-    without, *ones = screened_hypotheses(chosen, settings, 0, bs.Run()).values()
+    without, *ones = screened_hypotheses(chosen, settings, 0, bs.Run())[0].values()
     wanted = [ToScreen(each.model_class, without.screened) for each in ones]
     return Chain(chosen, wanted, [each.screened for each in ones])
 
