@@ -14,6 +14,7 @@ from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.records.bayesian_fft import BandFit, Loads, fit_band
 from bayes_ssi.records.modal_estimates import ModalEstimates, Poles
 from bayes_ssi.records.next_era import Correlations, clusters, correlations, next_era, realisation
+from bayes_ssi.records.peaks import BEYOND_DOUBT, Peak, split_peaks
 from bayes_ssi.records.record import Record
 from bayes_ssi.records.scoring import DAMPING, LOG_DAMPING_SD
 from bayes_ssi.records.spectra import Lines, lines_of, spectra
@@ -30,8 +31,6 @@ FARTHEST_APART = 4.0
 SHORTEST = 1.0
 # Of the orders up to the highest, modes have a pole at nearly all from twice their number on.
 PERSISTENT, POSSIBLE = 0.65, 0.3
-# A mode whose forces are this many nats from zero is not tried without: priors weigh far less.
-BEYOND_DOUBT = 200.0
 # Where one direction carries nearly all power in most blocks, one process drives the modes.
 COHERENT = 0.98
 
@@ -58,6 +57,7 @@ class ModalIdentification:
         bayesian: modes by Bayesian FFT.
         era: modes by NExT-ERA with jackknife errors; None where it could not identify them.
         fit: the Bayesian FFT's spectral model, its evidence and whiteness.
+        peaks: of the spectra, with the probability that each holds two modes.
         rejected: candidates that were not accepted.
         remarks: what to know of the result, a sentence each.
         failed_checks: why the claimed errors may be wrong, a sentence each; empty if all is well.
@@ -67,6 +67,7 @@ class ModalIdentification:
     bayesian: ModalEstimates
     era: ModalEstimates | None
     fit: BandFit
+    peaks: tuple[Peak, ...]
     rejected: tuple[Rejected, ...]
     remarks: tuple[str, ...]
     failed_checks: tuple[str, ...]
@@ -113,7 +114,7 @@ def identify(
     else:
         modes, others = _candidates(data)
     lines = lines_of(record, band, BLOCK_OVER_DAMPING * float(np.median(modes.dampings)))
-    fit, rejected = _under_best_loads(lines, modes, others, INTEGRATIONS[record.quantity])
+    fit, peaks, rejected = _under_best_loads(lines, modes, others, INTEGRATIONS[record.quantity])
     bayesian = fit.estimates(band, record.sensors)
     era = None
     if data is not None:
@@ -126,7 +127,7 @@ def identify(
     if quoted is era:
         remarks.append(f"{_doubt(fit)}; NExT-ERA is quoted")
     return ModalIdentification(
-        quoted, bayesian, era, fit, tuple(rejected), tuple(remarks), tuple(failed)
+        quoted, bayesian, era, fit, peaks, tuple(rejected), tuple(remarks), tuple(failed)
     )
 
 
@@ -164,9 +165,15 @@ def _given(record: Record, band: tuple[float, float], at: Sequence[float]) -> Po
     return Poles(frequencies, np.full(len(frequencies), DAMPING), shapes)
 
 
-def _under_best_loads(
-    lines: Lines, modes: Poles, others: Poles | None, q: int
-) -> tuple[BandFit, list[Rejected]]:
+class _Tried(NamedTuple):
+    """A fit under some loads."""
+
+    fit: BandFit
+    peaks: tuple[Peak, ...]
+    rejected: list[Rejected]
+
+
+def _under_best_loads(lines: Lines, modes: Poles, others: Poles | None, q: int) -> _Tried:
     """The fit under the first loads that explain the lines, or else those of most evidence.
 
     Modes are fixed where there are no others to choose from.
@@ -183,10 +190,11 @@ def _under_best_loads(
             fit, rejected = _without_needless(fit, lines)
             fit, more = _with_needed(fit, lines, others)
             rejected = sorted(rejected + more)
+        fit, peaks = split_peaks(fit, lines, fixed=others is None)
+        tried.append(_Tried(fit, peaks, rejected))
         if fit.is_white:
-            return fit, rejected
-        tried.append((fit, rejected))
-    return max(tried, key=lambda one: one[0].log_evidence)
+            return tried[-1]
+    return max(tried, key=lambda one: one.fit.log_evidence)
 
 
 def _without_needless(fit: BandFit, lines: Lines) -> tuple[BandFit, list[Rejected]]:

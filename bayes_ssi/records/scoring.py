@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.shape_density import log_sphere_area
 from bayes_ssi.records.spectra import Spectra
-from bayes_ssi.records.spectral_model import Layout, SpectralModel, derivatives, misfit
+from bayes_ssi.records.spectral_model import Layout, SpectralModel, derivatives, misfit, transfer
 
 # Structures in service mostly have a damping of 0.5 to 4 %, two thirds within this factor.
 DAMPING, LOG_DAMPING_SD = 0.015, 1.0
@@ -53,8 +53,10 @@ class WeakPrior:
         centres[at.log_dampings] = math.log(DAMPING)
         precisions[at.log_dampings] = LOG_DAMPING_SD**-2
         power = data.matrices.diagonal(axis1=1, axis2=2).real
-        accelerations = (2.0 * np.pi * data.frequencies_hz) ** (2 * q) * power.sum(1)
-        precisions[at.diagonal.start : at.imaginary.stop] = 1.0 / accelerations.mean()
+        # Forces of this density, on modes of usual damping, cause the power of the band.
+        usual = replace(model, log_dampings=np.full(model.n_modes, math.log(DAMPING)))
+        caused = (np.abs(transfer(usual, data.frequencies_hz, q)) ** 2).sum(1)
+        precisions[at.diagonal.start : at.imaginary.stop] = caused.mean() / power.sum(1).mean()
         n = len(model.shapes)
         half = log_sphere_area(n) - math.log(2.0)
         precisions[at.shapes] = 2.0 * math.pi * math.exp(-2.0 * half / (n - 1))

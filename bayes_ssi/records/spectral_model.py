@@ -140,6 +140,11 @@ def covariances(model: SpectralModel, frequencies_hz: FloatArray, q: int) -> Com
     return _covariances(model, _form(model, _transfer(model, frequencies_hz, q)[0]))
 
 
+def transfer(model: SpectralModel, frequencies_hz: FloatArray, q: int) -> ComplexArray:
+    """h (K, M) at frequencies (K,)."""
+    return _transfer(model, frequencies_hz, q)[0]
+
+
 def misfit(model: SpectralModel, data: Spectra, q: int) -> float:
     """-ln p without constants; infinite where a matrix is not positive definite."""
     try:
@@ -362,10 +367,20 @@ def gain_of_mode(
         shapes=np.insert(model.shapes, m, shape, axis=1),
         forces=np.insert(model.forces, m, 0.0, axis=0),
     )
-    # By forces that go with those of other modes, to first order in the new row of L,
+    # By forces that go with those of other modes, to first order in the new row of L, while the
+    # rest of the model follows; the new mode's frequency, damping and shape have no effect yet.
     exact, rows = derivatives(wider, data, q), _entries(wider.forces)[0]
-    own = wider.layout.diagonal.start + np.flatnonzero(rows == m)
-    slope, information = exact.gradient[own], exact.information[np.ix_(own, own)]
+    at = wider.layout
+    own = at.diagonal.start + np.flatnonzero(rows == m)
+    n_free = len(shape) - 1
+    idle = [at.log_frequencies.start + m, at.log_dampings.start + m]
+    idle += range(at.shapes.start + m * n_free, at.shapes.start + (m + 1) * n_free)
+    rest = np.setdiff1d(np.arange(at.n_coordinates), [*own, *idle])
+    follow = np.linalg.lstsq(
+        exact.information[np.ix_(rest, rest)], exact.information[np.ix_(rest, own)], rcond=None
+    )[0]
+    slope = exact.gradient[own] - follow.T @ exact.gradient[rest]
+    information = exact.information[np.ix_(own, own)] - exact.information[own][:, rest] @ follow
     gain = 0.5 * float(slope @ np.linalg.lstsq(information, slope, rcond=None)[0])
     # and by forces of its own, to first order in their density.
     if n_sources == len(model.forces):
