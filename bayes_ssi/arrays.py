@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
 # What selects along one axis.
 Places = NDArray[np.intp] | slice
 

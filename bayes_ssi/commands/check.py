@@ -1,16 +1,19 @@
-"""``bayes-ssi check``: show a file of identified modes as it is read."""
+"""``bayes-ssi check``: show a file of identified modes, or a vibration record, as it is read."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from bayes_ssi.commands.record_options import record_of, record_options
 from bayes_ssi.commands.terminal import console, json_option, print_record, say
 
 if TYPE_CHECKING:
     from bayes_ssi.data.modal_data import ModalData
+    from bayes_ssi.records.record import Record
 
 # Far more modes, sensors or warnings than a test has are a mistake, which the first ones show.
 MOST = 100
@@ -20,33 +23,89 @@ MODE_FIELDS = (
 
 
 @click.command()
-@click.argument("data", type=click.Path(path_type=Path))
+@click.argument("data", type=click.Path(path_type=Path), nargs=-1, required=True)
+@record_options
 @json_option
-def check(data: Path) -> None:
-    """Show the identified modes read from DATA (CSV), with warnings about them."""
+def check(
+    data: tuple[Path, ...], rate: float | None, quantity: str | None, unit: str | None,
+    sensors: tuple[str, ...], keys: tuple[str, ...],
+) -> None:  # fmt: skip
+    """Show the identified modes read from DATA (CSV), with warnings about them.
+
+    Where DATA is a vibration record, in one file or in several of the same instants, warns of
+    sensors that are dead, clipped, drifting, late or alike, of gaps and of machines.
+    """
+    from bayes_ssi.records.record_files import is_record
+
+    if len(data) > 1 or is_record(data[0]):
+        _check_record(record_of(data, rate, quantity, unit, sensors, keys))
+        return
+    stated = {
+        "--rate": rate,
+        "--quantity": quantity,
+        "--unit": unit,
+        "--sensor": sensors,
+        "--key": keys,
+    }
+    for name, value in stated.items():
+        if value:
+            raise ValueError(f"--{name}: applies to vibration records, but {data[0]} holds modes")
+    _check_modes(data[0])
+
+
+def _check_record(record: Record) -> None:
+    where = console()
+    remarks = record.warnings()
+    say(
+        where,
+        f"{record.source}: {record.quantity} in {record.unit}, {record.n_samples:,} samples at "
+        f"{record.rate_hz:g} Hz ({record.duration_s:g} s), up to {record.nyquist_hz:g} Hz. "
+        f"Sensors: {_listed(record.sensors)}.",
+        *(f"(!) {remark}" for remark in remarks[:MOST]),
+        *([_not_shown(len(remarks), "warnings")] if len(remarks) > MOST else []),
+        *([] if remarks else ["No warnings."]),
+    )
+    print_record(
+        lambda: {
+            "source": record.source,
+            "quantity": record.quantity,
+            "unit": record.unit,
+            "rate_hz": record.rate_hz,
+            "n_samples": record.n_samples,
+            "sensors": record.sensors,
+            "remarks": remarks,
+        }
+    )
+
+
+def _check_modes(path: Path) -> None:
     from bayes_ssi.data.modal_files import read_modal_data
     from bayes_ssi.tables import modes_table
 
-    modes = read_modal_data(data)
+    modes = read_modal_data(path)
     low, high = modes.band_hz
     where = console()
     where.print(modes_table(modes, MOST))
     if len(modes.modes) > MOST:
         say(where, _not_shown(len(modes.modes), "modes"))
     print_record(lambda: _record(modes))
-    sensors = ", ".join(modes.sensors[:MOST]) or "none"
-    if len(modes.sensors) > MOST:
-        sensors += "; " + _not_shown(len(modes.sensors), "sensors").removesuffix(".")
     remarks = modes.warnings()
     say(
         where,
-        f"Band: {low:g} to {high:g} Hz. Sensors: {sensors}. Digest: {modes.digest}.",
+        f"Band: {low:g} to {high:g} Hz. Sensors: {_listed(modes.sensors)}. Digest: {modes.digest}.",
         "Errors of frequencies and shapes: "
         + ("independent." if modes.covariance is None else "joint, by their covariance."),
         *(f"(!) {remark}" for remark in remarks[:MOST]),
         *([_not_shown(len(remarks), "warnings")] if len(remarks) > MOST else []),
         *([] if remarks else ["No warnings."]),
     )
+
+
+def _listed(sensors: Sequence[str]) -> str:
+    listed = ", ".join(sensors[:MOST]) or "none"
+    if len(sensors) > MOST:
+        listed += "; " + _not_shown(len(sensors), "sensors").removesuffix(".")
+    return listed
 
 
 def _not_shown(n: int, what: str) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from bayes_ssi.commands.record_options import record_of, record_options
 from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
 
 if TYPE_CHECKING:
@@ -30,23 +31,7 @@ if TYPE_CHECKING:
     multiple=True,
     help="Frequency of a mode, in place of those that are looked for; may be repeated.",
 )
-@click.option("--rate", type=float, help="Samples per second, if the files do not state it.")
-@click.option("--quantity", help="acceleration, velocity or displacement, if not stated.")
-@click.option("--unit", help="Unit of the samples, if not stated.")
-@click.option(
-    "--sensor",
-    "sensors",
-    metavar="NAME",
-    multiple=True,
-    help="Name of a sensor, for all in their order, in place of the files' own names.",
-)
-@click.option(
-    "--key",
-    "keys",
-    metavar="NAME",
-    multiple=True,
-    help="Array of a .mat, .npz or HDF5 file, or group of a TDMS file; may be repeated.",
-)
+@record_options
 @click.option("--out", type=click.Path(path_type=Path), help="CSV file for the modes, a new one.")
 @json_option
 def identify(
@@ -62,15 +47,13 @@ def identify(
     from bayes_ssi.data.covariance_file import covariance_path
     from bayes_ssi.data.modal_csv import modal_files, write_modal_data
     from bayes_ssi.records import modal_identification
-    from bayes_ssi.records.record_files import read_record
     from bayes_ssi.tables.mode_tables import estimates_table
 
     for file in () if out is None else (out, covariance_path(out)):
         if file.exists():
             raise FileExistsError(f"{file} exists; give another name")
-    record = read_record(
-        files, rate_hz=rate, quantity=quantity, unit=unit, sensors=sensors or None, keys=keys
-    )
+    record = record_of(files, rate, quantity, unit, sensors, keys)
+    warnings = record.warnings()
     found = modal_identification.identify(record, band, at=at)
     where = console()
     where.print(estimates_table(found.quoted))
@@ -78,15 +61,16 @@ def identify(
         where,
         f"Quoted: {found.quoted.method}. The record shows {found.fit.loads}; chi-square of its "
         f"spectra over degrees of freedom {found.fit.whiteness:.2f}.",
+        *(f"{str(peak)[0].upper()}{str(peak)[1:]}." for peak in found.peaks),
         *(f"Not accepted: {one.frequency_hz:.4g} Hz, {one.reason}." for one in found.rejected),
-        *(f"(!) {remark}" for remark in (*record.warnings(), *found.remarks)),
+        *(f"(!) {remark}" for remark in (*warnings, *found.remarks)),
         *(f"(!) Failed check: {check}" for check in found.failed_checks),
     )
     if out is not None:
         data = found.modal_data(f"identified from {record.source}")
         write_modal_data(data, out)
         say(where, "Wrote " + " and ".join(map(str, modal_files(data, out))))
-    print_record(lambda: _record(found, record.warnings()))
+    print_record(lambda: _record(found, warnings))
     exit_if_failed(found.failed_checks)
 
 
@@ -98,6 +82,8 @@ def _record(found: ModalIdentification, warnings: list[str]) -> dict[str, Any]:
         "loads": str(found.fit.loads),
         "whiteness": found.fit.whiteness,
         "allowed_whiteness": found.fit.allowed_whiteness,
+        "peaks": [peak._asdict() for peak in found.peaks],
+        "modes_too_short_for_damping_and_shape": [i + 1 for i in found.too_short],
         "rejected": [one._asdict() for one in found.rejected],
         "remarks": [*warnings, *found.remarks],
         "failed_checks": list(found.failed_checks),

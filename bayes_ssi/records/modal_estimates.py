@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.arrays import ComplexArray, FloatArray
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.records.spectra import ComplexArray
 
 
 class Poles(NamedTuple):

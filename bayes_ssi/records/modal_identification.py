@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from bayes_ssi.argument_types import checked
+from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.records.bayesian_fft import BandFit, Loads, fit_band
 from bayes_ssi.records.modal_estimates import ModalEstimates, Poles
@@ -59,6 +60,8 @@ class ModalIdentification:
         fit: the Bayesian FFT's spectral model, its evidence and whiteness.
         peaks: of the spectra, with the probability that each holds two modes.
         rejected: candidates that were not accepted.
+        too_short: places of the quoted modes that the record is too short for: nothing is claimed
+            of their damping and shape.
         remarks: what to know of the result, a sentence each.
         failed_checks: why the claimed errors may be wrong, a sentence each; empty if all is well.
     """
@@ -69,16 +72,29 @@ class ModalIdentification:
     fit: BandFit
     peaks: tuple[Peak, ...]
     rejected: tuple[Rejected, ...]
+    too_short: tuple[int, ...]
     remarks: tuple[str, ...]
     failed_checks: tuple[str, ...]
 
     def modal_data(self, source: str = "") -> ModalData:
         """The quoted modes as data of model classes.
 
+        Modes that the record is too short for have their frequency alone, and the data then no
+        joint covariance.
+
         Args:
             source: where they come from.
         """
-        return self.quoted.modal_data(source)
+        data = self.quoted.modal_data(source)
+        if not self.too_short:
+            return data
+        modes = tuple(
+            IdentifiedMode(mode.label, mode.frequency_hz, frequency_cov=mode.frequency_cov)
+            if i in self.too_short
+            else mode
+            for i, mode in enumerate(data.modes)
+        )
+        return replace(data, modes=modes, covariance=None)
 
 
 @checked
@@ -122,12 +138,14 @@ def identify(
             era = next_era(data, bayesian.poles, record.sensors)
         except ValueError as error:
             remarks.append(str(error))
-    remarks += _short(bayesian, record)
     quoted, failed = _quoted(fit, bayesian, era)
+    lengths = quoted.dampings * quoted.frequencies_hz * record.duration_s
+    too_short = tuple(np.flatnonzero(lengths < SHORTEST).tolist())
+    remarks += [_short(float(quoted.frequencies_hz[i]), float(lengths[i])) for i in too_short]
     if quoted is era:
         remarks.append(f"{_doubt(fit)}; NExT-ERA is quoted")
     return ModalIdentification(
-        quoted, bayesian, era, fit, peaks, tuple(rejected), tuple(remarks), tuple(failed)
+        quoted, bayesian, era, fit, peaks, tuple(rejected), too_short, tuple(remarks), tuple(failed)
     )
 
 
@@ -248,13 +266,13 @@ def _rejected(frequency_hz: float, against: float) -> Rejected:
     return Rejected(frequency_hz, f"a mode there has the probability {probability:.2g}")
 
 
-def _short(modes: ModalEstimates, record: Record) -> list[str]:
-    return [
-        f"mode at {f:.4g} Hz: no wider than a line of the record (ζ f T = {length:.2g}); the "
-        "record is too short for its damping, or it is a machine's harmonic"
-        for f, damping in zip(modes.frequencies_hz, modes.dampings, strict=True)
-        if (length := damping * f * record.duration_s) < SHORTEST
-    ]
+def _short(frequency_hz: float, length: float) -> str:
+    return (
+        f"mode at {frequency_hz:.4g} Hz: no wider than a line of the record (ζ f T = "
+        f"{length:.2g}); "
+        "nothing is claimed of its damping and shape, for which the record is too short, or it is "
+        "a machine's harmonic"
+    )
 
 
 def _quoted(

@@ -10,6 +10,7 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.identified_mode import RESERVED_NAMES, checked_band, repeated, require_name
+from bayes_ssi.records.record_checks import remarks_on
 from bayes_ssi.response.ground_motion import UNITS, checked_unit
 
 # Quantity → units in which it may be given; spellings of accelerations are those of ground motion.
@@ -218,26 +219,7 @@ class Record:
 
     def warnings(self) -> list[str]:
         """What looks wrong with the record, a sentence each."""
-        warnings = []
-        for name, row in zip(self.sensors, self.samples, strict=True):
-            low, high = row.min(), row.max()
-            if low == high:
-                warnings.append(f"sensor {name!r}: dead, all samples are {low:g}")
-                continue
-            # A sensor that moves stays at its extreme for one sample, two if it is coarse.
-            at_end = (row == low) | (row == high)
-            if np.any(at_end[2:] & at_end[1:-1] & at_end[:-2] & (row[2:] == row[:-2])):
-                warnings.append(
-                    f"sensor {name!r}: stays at its extreme value for three samples or more; is it "
-                    "clipped?"
-                )
-        for i, name in enumerate(self.sensors):
-            for other in range(i):
-                if np.array_equal(self.samples[i], self.samples[other]):
-                    warnings.append(
-                        f"sensors {self.sensors[other]!r} and {name!r}: the same samples"
-                    )
-        return warnings
+        return remarks_on(self.samples, self.rate_hz, self.sensors)
 
 
 def checked_rate(rate_hz: float) -> float:

@@ -21,7 +21,11 @@ from bayes_ssi.records.record import (
     units_of,
 )
 from bayes_ssi.records.tool_files import read_tdms, read_universal
-from bayes_ssi.universal_files import is_universal_file
+from bayes_ssi.text_files import require_regular_file
+from bayes_ssi.universal_files import is_universal_file, read_data_sets
+
+# Bytes at the beginning of a file, in which its rows of names are.
+HEAD = 4096
 
 
 @checked
@@ -86,6 +90,26 @@ def read_record(
         )
     except ValueError as error:
         raise ValueError(f"{whole}: {error}") from None
+
+
+def is_record(path: Path) -> bool:
+    """Whether a file that exists holds a record rather than identified modes.
+
+    A file of text does where none of its first rows of names has a column ``frequency_hz``.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is not a regular file, or a universal file is damaged.
+    """
+    suffix = path.suffix.lower()
+    require_regular_file(path)
+    if suffix in READERS or suffix == ".tdms":
+        return True
+    if is_universal_file(path):
+        return bool(read_data_sets(path, 58))
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    return bool(head.strip()) and b"frequency_hz" not in head and b"label" not in head
 
 
 def _read(path: Path, keys: Sequence[str]) -> Channels:

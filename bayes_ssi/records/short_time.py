@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.arrays import ComplexArray, FloatArray
 from bayes_ssi.records.record import Record
-from bayes_ssi.records.spectra import ComplexArray
 
 
 class Peaks(NamedTuple):

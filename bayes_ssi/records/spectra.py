@@ -14,15 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.arrays import ComplexArray, FloatArray
 from bayes_ssi.records.record import Record
-
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 # Blocks of fewer lines overlap too much: of two, a quarter of the information is counted twice.
 FEWEST_TAPERS = 3

@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.records.spectra import ComplexArray, Spectra
+from bayes_ssi.arrays import ComplexArray, FloatArray
+from bayes_ssi.records.spectra import Spectra
 
 
 @dataclass(frozen=True, eq=False)

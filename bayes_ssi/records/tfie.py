@@ -12,11 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.arrays import ComplexArray, FloatArray
 from bayes_ssi.records.modal_estimates import with_positive_largest
 from bayes_ssi.records.record import Record
 from bayes_ssi.records.short_time import Peaks, peaks_of, short_time_spectra
-from bayes_ssi.records.spectra import ComplexArray
 
 # Windows long enough to tell modes apart, and short enough for many instants.
 PERIODS = 20.0

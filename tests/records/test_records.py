@@ -84,16 +84,6 @@ def test_detrending_and_decimation():
         record().decimated(0)
 
 
-def test_dead_clipped_and_repeated_channels_are_said():
-    rows = [SAMPLES[0], np.clip(SAMPLES[0], -0.9, 0.9), np.full(400, 0.2), SAMPLES[0]]
-    assert record(samples=rows, sensors=("a", "b", "c", "d")).warnings() == [
-        "sensor 'b': stays at its extreme value for three samples or more; is it clipped?",
-        "sensor 'c': dead, all samples are 0.2",
-        "sensors 'a' and 'd': the same samples",
-    ]
-    assert record().warnings() == []
-
-
 STATED = {"rate_hz": RATE, "quantity": "acceleration", "unit": "g"}
 
 
