@@ -244,7 +244,8 @@ class _Sampling:
         """Importance draws that give evidence and regions' shares as precisely as wanted."""
         wanted_error = self.settings.log_evidence_error
         sample = self.sampler.beyond_ends(trial, wanted_error)
-        sample = self.sampler.refined(self.sampler.renewed(sample), wanted_error, others)
+        sample = self.sampler.renewed(sample, self.sampler.batch)
+        sample = self.sampler.refined(sample, wanted_error, others)
         regions = find_regions(self.target, *sample.typical_draws)
         if regions.n_regions == 1:
             return sample, regions

@@ -227,16 +227,22 @@ class ImportanceSampler:
         added at the heaviest draws (incremental mixture importance sampling, Raftery and Bao
         2010). So they are at the heaviest of ``others`` where these weigh more: a walker or
         particle that stays where no importance draw goes may be stuck, or stand for a part of the
-        posterior, which the draws from such a component decide.
+        posterior, which the draws from such a component decide. Then all draws are new.
         """
         left_to_add = MAX_ADDED_COMPONENTS
         while True:
-            if left_to_add and self._is_poor(sample):
-                sample = self._with_component(sample, sample.z[sample.weights.argmax()])
+            n_before, left_before = len(sample.z), left_to_add
+            while left_to_add:
+                if self._is_poor(sample):
+                    centre = sample.z[sample.weights.argmax()]
+                elif others and sample.share_beyond(others) > SEEN * wanted_error:
+                    centre = sample.heaviest_of(others)
+                else:
+                    break
+                sample = self._with_component(sample, centre)
                 left_to_add -= 1
-            elif left_to_add and others and sample.share_beyond(others) > SEEN * wanted_error:
-                sample = self._with_component(sample, sample.heaviest_of(others))
-                left_to_add -= 1
+            if left_to_add < left_before:
+                sample = self.renewed(sample, n_before)
             elif sample.estimate.error > wanted_error and len(sample.z) < self.max_draws:
                 sample = self.extended(sample, (sample.estimate.error / wanted_error) ** 2)
             else:
@@ -262,18 +268,18 @@ class ImportanceSampler:
                     break
         return sample
 
-    def renewed(self, sample: ImportanceSample) -> ImportanceSample:
-        """A batch of new draws from the mixture of ``sample``, half of it by posterior shares.
+    def renewed(self, sample: ImportanceSample, n: int) -> ImportanceSample:
+        """``n`` new draws from the mixture of ``sample``, half of it by posterior shares.
 
-        A component that is added at a draw is densest at that very draw, and takes most of its
-        weight: the draws to which a mixture owes components make the evidence too low, the more so
-        the more dimensions there are.
+        A component that is added at a draw, with the spread of those near it, is denser at them
+        than at others, and takes most of their weight: the draws to which a mixture owes components
+        make the evidence too low, the more so the more dimensions there are.
         """
         mixture = sample.mixture
         by_share = mixture.reweighted(sample.z, sample.weights)
         by_share = by_share.with_prior_component(mixture.prior_share)
         weights = 0.5 * (mixture.weights + by_share.weights)
-        return self._draw(replace(mixture, weights=weights), self.batch)
+        return self._draw(replace(mixture, weights=weights), n)
 
     def extended(self, sample: ImportanceSample, factor: float) -> ImportanceSample:
         """``sample`` with about ``factor`` times as many draws, at most four times."""
