@@ -17,7 +17,8 @@ from bayes_ssi.modal import mac
 from bayes_ssi.solver_files.directions import TRANSLATIONS
 from bayes_ssi.solver_files.exported_model import ExportedModel
 
-# Errors of identified shapes and of a nominal model take less from the mean MAC.
+# Errors of identified shapes and of a nominal model take less from the mean MAC, and from its
+# product with the ratio of frequencies.
 MUCH_BETTER = 0.2
 # Nominal frequencies are not off by such a factor; in units that do not belong together they are
 # off by √1000 = 32, or √9.81 = 3.1 (kgf) to √(1000/9.81) = 10.
@@ -33,19 +34,23 @@ class AxisExchange:
 
     Attributes:
         axes: axis of the test → axis of the model.
-        mean_mac: mean over identified modes of the largest MAC with any mode of the model.
-        stated_mean_mac: the same with the axes as stated.
+        measure: MAC, or MAC times ratio of frequencies, which tells a tower's alike modes in two
+            directions apart.
+        mean: over identified modes, the largest with any mode of the model.
+        stated_mean: the same with the axes as stated.
     """
 
     axes: Exchange
-    mean_mac: float
-    stated_mean_mac: float
+    measure: str
+    mean: float
+    stated_mean: float
 
     def __str__(self) -> str:
         pairs = ", ".join(f"{a} of the test as {b}" for a, b in self.axes.items() if a != b)
         return (
-            f"with {pairs} the identified modes would be like the nominal model's (mean MAC "
-            f"{self.mean_mac:.2f} instead of {self.stated_mean_mac:.2f}): are the axes the same?"
+            f"with {pairs} the identified modes would be like the nominal model's (mean "
+            f"{self.measure} {self.mean:.2f} instead of {self.stated_mean:.2f}): are the axes the "
+            "same?"
         )
 
 
@@ -116,26 +121,35 @@ def compared_with_nominal(
     frequencies, shapes = (each[0] for each in structure.modes(np.empty((1, 0))))
     row = {label: i for i, label in enumerate(labels)}
     identified = np.array([_real(mode.shape, len(modes.sensors)) for mode in modes.modes]).T
-    means = {
-        order: _mean_of_largest(mac(identified, shapes[[row[label] for label in each]]))
+    macs = {
+        order: mac(identified, shapes[[row[label] for label in each]])
         for order, each in mapped.items()
     }
+    logarithms = np.log([mode.frequency_hz for mode in modes.modes])
+    ratios = np.exp(-abs(logarithms[:, None] - np.log(frequencies)))
     return NominalComparison(
         tuple(frequencies[:n].tolist()),
         tuple(sorted(mode.frequency_hz for mode in modes.modes)),
-        _much_better(means),
+        _much_better(macs, "MAC")
+        or _much_better(
+            {order: each * ratios for order, each in macs.items()}, "MAC times ratio of frequencies"
+        ),
     )
 
 
-def _much_better(means: Mapping[tuple[str, ...], float]) -> AxisExchange | None:
-    """The axes of the largest mean MAC, where it is much larger than that of the stated ones."""
+def _much_better(
+    likeness: Mapping[tuple[str, ...], FloatArray], measure: str
+) -> AxisExchange | None:
+    """The axes of the largest mean likeness, where it is much larger than with the stated ones."""
+    means = {order: _mean_of_largest(each) for order, each in likeness.items()}
     if TRANSLATIONS not in means:
         return None
     stated = means[TRANSLATIONS]
     best = max(means, key=lambda order: means[order])
     if means[best] < stated + MUCH_BETTER:
         return None
-    return AxisExchange(dict(zip(TRANSLATIONS, best, strict=True)), means[best], stated)
+    axes = dict(zip(TRANSLATIONS, best, strict=True))
+    return AxisExchange(axes, measure, means[best], stated)
 
 
 def _real(shape: NDArray[Any] | None, n: int) -> FloatArray:

@@ -166,8 +166,10 @@ def exported_model(
     restrained[np.asarray(matrices.removed, dtype=np.intp)] = True
     parts = (sp.csc_array(matrices.stiffness), sp.csc_array(matrices.mass), names)
     stiffness, mass, names = _without(restrained, "that are restrained", parts, notes)
-    stiffness = checked_matrix(stiffness, matrices.stiffness_from)
-    mass = _checked_mass(mass, matrices.mass_from)
+    stiffness = _checked(stiffness, matrices.stiffness_from, "stiffness")
+    mass = _checked(mass, matrices.mass_from, "mass")
+    if not mass.diagonal().any():
+        raise ValueError(f"{matrices.mass_from}: there is no mass; does the model state a density?")
     empty = abs(stiffness).sum(axis=0) + abs(mass).sum(axis=0) == 0.0
     stiffness, mass, names = _without(
         empty, "without stiffness and mass", (stiffness, mass, names), notes
@@ -215,17 +217,15 @@ def _require_one_size(matrices: Matrices, names: Sequence[str] | None) -> None:
         raise ValueError(f"{matrices.stiffness_from}: {len(names)} labels for {size} rows")
 
 
-def _checked_mass(mass: sp.csc_array, name: str) -> sp.csc_array:
-    mass = checked_matrix(mass, name)
-    diagonal = mass.diagonal()
+def _checked(given: sp.csc_array, name: str, what: str) -> sp.csc_array:
+    matrix = checked_matrix(given, name)
+    diagonal = matrix.diagonal()
     if diagonal.min() < 0.0:
         raise ValueError(
-            f"{name}: row {diagonal.argmin() + 1} has the negative mass {diagonal.min():.3g}; is "
+            f"{name}: row {diagonal.argmin() + 1} has the negative {what} {diagonal.min():.3g}; is "
             "it another matrix?"
         )
-    if not diagonal.any():
-        raise ValueError(f"{name}: there is no mass; does the model state a density?")
-    return mass
+    return matrix
 
 
 def _without(left_out: BoolArray, why: str, parts: Parts, notes: list[str]) -> Parts:

@@ -42,6 +42,8 @@ def geometry_of_deck(path: Path) -> Geometry | None:
                 lines += pairwise(map(str, numbers[1:]))
             elif (count := node_count(kind)) is not None:
                 begun += numbers
+                if len(begun) > count + 1:
+                    raise ValueError(kind)
                 if len(begun) > count:
                     faces.add(kind, begun[1:])
                     begun = []

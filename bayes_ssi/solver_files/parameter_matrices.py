@@ -325,9 +325,9 @@ def _chosen(
             best = min(best, (largest[1], largest[0]))
     raise ValueError(
         f"{best[1]}: its {changes.which} is missed by {best[0]:.1e} of √(K_ii K_jj), "
-        f"{TOLERANCE:g} is allowed: it is not a sum of these properties' powers; export each with "
-        "one more factor, two whose product matters also together, and with more digits if they "
-        "are few"
+        f"{TOLERANCE:g} is allowed: if files and factors are right, it is not a sum of these "
+        "properties' powers; export each with one more factor, two whose product matters also "
+        "together, and with more digits if they are few"
     )
 
 

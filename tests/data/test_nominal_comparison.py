@@ -136,10 +136,28 @@ def test_exchanged_axes_are_said():
     data = bs.ModalData((bs.IdentifiedMode("1", 2.0, sway),), (0.0, 1e4), sensors=tuple(LABELS))
     exchange = compared_with_nominal(model, data, places).exchange
     assert exchange.axes == {"x": "y", "y": "x", "z": "z"}
-    assert exchange.mean_mac == pytest.approx(1.0, abs=1e-4)
+    assert exchange.mean == pytest.approx(1.0, abs=1e-4)
     # (sin, cos) · (cos, sin), squared; sway across is no mode as low.
-    assert exchange.stated_mean_mac == pytest.approx(math.sin(2.0 * angle) ** 2, abs=1e-4)
+    assert exchange.stated_mean == pytest.approx(math.sin(2.0 * angle) ** 2, abs=1e-4)
     assert "x of the test as y, y of the test as x" in str(exchange)
+
+
+def test_alike_modes_in_two_directions_are_told_apart_by_their_frequencies():
+    """Modes along x and y have the same shapes; those along y have √9 times the frequencies."""
+    stiffness = np.kron(CHAIN, np.diag([1e3, 9e3]))
+    model = exported_model("test", Matrices(stiffness, np.eye(6), "K", "M", labels=LABELS))
+    values, vectors = np.linalg.eigh(CHAIN * 1e3)
+    first = float(np.sqrt(values[0]) / (2.0 * np.pi))
+    sways = [
+        bs.IdentifiedMode(str(i + 1), factor * first, np.kron(vectors[:, 0], along))
+        for i, (factor, along) in enumerate(((1.0, [0.0, 1.0]), (3.0, [1.0, 0.0])))
+    ]
+    data = bs.ModalData(tuple(sways), (0.0, 1e4), sensors=tuple(LABELS))
+    exchange = compared_with_nominal(model, data, places).exchange
+    assert exchange.axes == {"x": "y", "y": "x", "z": "z"}
+    assert exchange.measure == "MAC times ratio of frequencies"
+    assert exchange.mean == pytest.approx(1.0)
+    assert exchange.stated_mean == pytest.approx(1.0 / 3.0)
 
 
 def test_points_are_exchanged_with_their_directions():

@@ -96,6 +96,12 @@ def cut_lines(path, keep):
         (lambda f: (f / "tower.dof").write_text("1.1\n1.7\n"), r"dof: line 2: expected node.dir"),
         (lambda f: (f / "tower.mas").unlink(), r"tower.mas \(mass\) must stand in the same folder"),
         (lambda f: (f / "tower.inp").write_text("*NODE\n1, a\n"), r"inp: line 2: expected whole"),
+        (
+            lambda f: (f / "tower.inp").write_text(
+                "*NODE\n1, 0\n*ELEMENT, TYPE=S4\n1, 1, 2\n2, 1, 2, 3, 4\n"
+            ),
+            r"inp: line 5: expected whole numbers of nodes and elements",
+        ),
     ],
 )  # fmt: skip
 def test_wrong_files_are_refused_in_one_line(tower, spoil, message):
