@@ -116,7 +116,7 @@ def test_a_record_may_continue_in_lines_without_a_tab(tmp_path):
         ({"TXM": ["1\t1\tnan"]}, r"TXM: line 2: expected row, column, value, got 1 1 nan"),
         ({"TXM": ["1.5\t1\t2.0"]}, r"TXM: line 2: row and column must be a whole number, got 1.5"),
         ({"TXM": ["1\t1\t-2.0"]}, r"TXM: row 1 has the negative mass -2"),
-        ({"TXK": ["1\t1\t-2.0"]}, r"TXK: row 1 has the negative stiffness -2"),
+        ({"TXK": ["1\t1\t-2.0", "6\t6\t1.0"]}, r"TXK: row 1 has the negative stiffness -2"),
         ({"TXM": ["1\t1\t0.0"]}, r"TXM: there is no mass"),
         ({"TXM": []}, r"TXM: no line of numbers \(row, column, value\); truncated\?"),
     ],
