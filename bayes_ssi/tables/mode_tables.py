@@ -15,7 +15,7 @@ def modes_table(data: ModalData, most: int | None = None) -> Table:
     table = new_table(
         data.source,
         ["mode"],
-        ["frequency Hz", "c.o.v. %", "damping %", "shape at", "phases °"],
+        ["frequency Hz", "c.o.v. %", "damping %", "shape at", "shape ±", "phases °"],
     )
     for mode in data.modes[:most]:
         cov, damping = (
@@ -30,6 +30,7 @@ def modes_table(data: ModalData, most: int | None = None) -> Table:
             cov,
             damping,
             f"{mode.n_measured} of {len(data.sensors)}" if has_shape else "-",
+            number(mode.shape_sd, ".2g"),
             f"{mode.phase_scatter_deg:.1f}" if has_shape else "-",
         )
     return table
