@@ -79,8 +79,7 @@ class ModalIdentification:
     def modal_data(self, source: str = "") -> ModalData:
         """The quoted modes as data of model classes.
 
-        Modes that the record is too short for have their frequency alone, and the data then no
-        joint covariance.
+        Modes that the record is too short for have their frequency alone.
 
         Args:
             source: where they come from.
@@ -94,7 +93,7 @@ class ModalIdentification:
             else mode
             for i, mode in enumerate(data.modes)
         )
-        return replace(data, modes=modes, covariance=None)
+        return replace(data, modes=modes)
 
 
 @checked

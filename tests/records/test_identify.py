@@ -179,5 +179,8 @@ def test_nothing_is_claimed_of_damping_and_shape_of_a_short_record():
     assert data.modes[0].shape is None
     assert data.modes[0].damping is None
     assert data.modes[3].damping is not None
-    assert data.covariance is None
+    # Frequencies come first, then three components of each shape.
+    assert not data.covariance[4:7].any()
+    assert data.covariance[13:16].any()
+    assert np.sqrt(data.covariance[0, 0]) == data.modes[0].frequency_cov
     assert "nothing is claimed of its damping and shape" in result.remarks[-1]
