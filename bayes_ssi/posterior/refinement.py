@@ -26,7 +26,7 @@ from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.finite_elements.emulated_structure import EmulatedStructure
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.class_target import class_target
-from bayes_ssi.posterior.confirmation import confirmed, corrected
+from bayes_ssi.posterior.confirmation import Confirmation, confirmed, corrected
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.refinement_settings import RefinementSettings
 from bayes_ssi.posterior.required_accuracy import (
@@ -40,6 +40,9 @@ from bayes_ssi.posterior.required_accuracy import (
 )
 from bayes_ssi.sampling.maxima import find_maxima
 
+# The step in which exact structures confirm the evidence, for reports of progress.
+FULL_SOLUTIONS = "full solutions"
+
 
 def refined(
     model_class: ModelClass,
@@ -48,6 +51,7 @@ def refined(
     log_evidence_error: float,
     workers: Workers | None = None,
     settings: RefinementSettings | None = None,
+    report: Callable[[str, float], None] = lambda *_: None,
 ) -> Posterior:
     """The posterior of a class with approximate structures, refined, certified and corrected.
 
@@ -58,8 +62,17 @@ def refined(
         log_evidence_error: wanted standard error of the log evidence.
         workers: where the quick search evaluates the model; in this process if None.
         settings: how accurate structures are made.
+        report: called when full solutions begin and end, which may take longer than sampling, with
+            the name of this step and 0 or 1.
     """
     settings = settings or RefinementSettings()
+
+    def confirmed_by_full_solutions() -> Confirmation:
+        report(FULL_SOLUTIONS, 0.0)
+        done = confirmed(model_class, posterior, log_evidence_error, settings)
+        report(FULL_SOLUTIONS, 1.0)
+        return done
+
     model_class.check_structure()
     model_class = _accurate_near_maxima(model_class, seed, workers, settings)
     better = model_class
@@ -72,13 +85,13 @@ def refined(
             break
         better = more_accurate(model_class, values, settings)
         if better is model_class:
-            confirmation = confirmed(model_class, posterior, log_evidence_error, settings)
+            confirmation = confirmed_by_full_solutions()
             if confirmation.error > log_evidence_error:
                 better = with_solutions_at(model_class, confirmation.values)
         if better is model_class:
             break
     if confirmation is None:
-        confirmation = confirmed(model_class, posterior, log_evidence_error, settings)
+        confirmation = confirmed_by_full_solutions()
     posterior = certified(model_class, posterior, settings)
     structures = [test.structure for test in model_class.configurations]
     emulators = [s.fitted if isinstance(s, EmulatedStructure) else None for s in structures]

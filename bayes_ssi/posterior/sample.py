@@ -72,6 +72,7 @@ def sample(
                     settings.log_evidence_error,
                     run.workers,
                     refinement,
+                    partial(run.report, model_class.name),
                 )
             return sample_class(model_class)
     except ValueError:
