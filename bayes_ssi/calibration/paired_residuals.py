@@ -65,7 +65,7 @@ class PairedResiduals:
 
     def errors(self, own: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
         """Errors of frequencies (B, J) and shapes (B, S), their own and ``width`` together."""
-        sizes = self.likelihood.pair_errors(own)
+        sizes = self.likelihood.errors.of_pairs(own)
         each = self.likelihood.structure.n_modes if self.any_pairing else 1
         frequency, shape = (np.sqrt(size[:, ::each] ** 2 + width**2) for size in sizes)
         return frequency, shape

@@ -93,8 +93,7 @@ def _check_modes(path: Path) -> None:
     say(
         where,
         f"Band: {low:g} to {high:g} Hz. Sensors: {_listed(modes.sensors)}. Digest: {modes.digest}.",
-        "Errors of frequencies and shapes: "
-        + ("independent." if modes.covariance is None else "joint, by their covariance."),
+        *([] if modes.covariance is None else ["Errors have a joint covariance."]),
         *(f"(!) {remark}" for remark in remarks[:MOST]),
         *([_not_shown(len(remarks), "warnings")] if len(remarks) > MOST else []),
         *([] if remarks else ["No warnings."]),

@@ -84,7 +84,7 @@ class AnyPairing(ModalLikelihood):
     ) -> tuple[PairingWeights, FloatArray]:
         """Weights of pairs, and log probabilities (B, I) that a model mode is missed."""
         modes = self.compared_modes(values) if modes is None else modes
-        error_var = self._error_variances(values)
+        error_var = self.errors.prediction_var(values)
         n_data, n_model = len(self.data.modes), self.structure.n_modes
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             every = list(range(n_model))

@@ -32,10 +32,11 @@ from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.joint_pairs import JointPairs, Residuals
 from bayes_ssi.identification.likelihood_terms import ComparedModes, ModalTerms, row_sums
+from bayes_ssi.identification.pair_errors import PairErrors, prediction_sizes
 from bayes_ssi.identification.paired_modes import PairedModes, check_pairing
 from bayes_ssi.identification.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.modal import Modes
-from bayes_ssi.parameters import Parameter, Product, ProductTable, as_product, collect_parameters
+from bayes_ssi.parameters import Parameter, as_product, collect_parameters
 from bayes_ssi.structures.sensors import SensorMatrix
 from bayes_ssi.structures.structure import Structure
 
@@ -81,7 +82,8 @@ class ModalLikelihood:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The structure's parameters, then those of the errors that the paired data need."""
-        products = (*self._error_products, *self.error.correlations)
+        sizes = prediction_sizes(self.error, self.pairs)
+        products = (*sizes, *self.error.correlations)
         of_errors = (p for product in products for p in product.parameters)
         return collect_parameters((*self.structure.parameters, *of_errors))
 
@@ -100,7 +102,7 @@ class ModalLikelihood:
         ``modes`` are the modes at ``values``, where already known.
         """
         modes = self.compared_modes(values) if modes is None else modes
-        error_var = self._error_variances(values)
+        error_var = self.errors.prediction_var(values)
         # Far out in the tail of its prior an error size can be so small that its square is zero.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             missed = self._missed_terms(modes, error_var[:, :1], self._unpaired_model_modes)
@@ -144,12 +146,8 @@ class ModalLikelihood:
     def frequency_sds_hz(self, values: FloatArray) -> FloatArray:
         """Standard deviation of each identified frequency about the model's, (B, n_modes) in Hz."""
         own = np.array([mode.frequency_cov or 0.0 for mode in self.data.modes])
-        variance = self._error_variances(values)[:, :1] + own**2
+        variance = self.errors.prediction_var(values)[:, :1] + own**2
         return np.sqrt(variance) * self.data.frequencies_hz
-
-    def _error_variances(self, values: FloatArray) -> FloatArray:
-        """Squared prediction errors (B, 1 or 2) of frequencies and, where scored, shapes."""
-        return self._error_sizes.evaluate(values) ** 2
 
     def modes(self, values: FloatArray) -> Modes:
         """The structure's modes at ``values``, columns as in :attr:`parameters`."""
@@ -171,49 +169,26 @@ class ModalLikelihood:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised."""
         return self._sensor_matrix.apply(modes.shapes)
 
+    @cached_property
+    def errors(self) -> PairErrors:
+        """Sizes of the errors of the pairs."""
+        return PairErrors(self.error, self.pairs, self.parameters)
+
     def least_errors(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Smallest standard errors (B,) of a paired frequency and of a paired shape.
 
         They combine identification and prediction errors, and are infinite where no mode is
-        paired or no shape is scored. Where errors are correlated, this is the error of the
-        difference between modes or tests that the data determine best.
+        paired or no shape is scored.
         """
-        prediction_var = self._error_variances(values) * self._least_independent_share(values)
-        least = self.pairs.frequency_var, self.pairs.shape_var
+        own = self.pairs.frequency_var, self.pairs.shape_var
         if self.joint_pairs is not None:
-            least = self.joint_pairs.least_variances
-        frequency, shape = (
-            np.sqrt(prediction_var[:, column] + own.min())
-            if len(own)
-            else np.full(len(values), np.inf)
-            for column, own in zip((0, -1), least, strict=True)
-        )
-        return frequency, shape
-
-    def _least_independent_share(self, values: FloatArray) -> FloatArray | float:
-        """A bound (B, 1) on the smallest eigenvalue of the correlation matrix of errors."""
-        if not self.error.is_correlated:
-            return 1.0
-        table = ProductTable(self.error.correlations, self.parameters)
-        tests, modes = table.evaluate(values).T
-        # 1 - ρ for one correlation for all, (1 - ρ)/(1 + ρ) for ρ^|i - j|.
-        return ((1.0 - tests) * (1.0 - modes) / (1.0 + modes))[:, None]
-
-    def pair_errors(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Standard errors of the paired frequencies (B, P), as fractions, and shapes (B, S).
-
-        They combine identification and prediction errors.
-        """
-        prediction_var = self._error_variances(values)
-        frequency_sds = np.sqrt(prediction_var[:, :1] + self.pairs.frequency_var)
-        if not len(self.pairs.with_shape):
-            return frequency_sds, np.zeros((len(values), 0))
-        return frequency_sds, np.sqrt(prediction_var[:, 1:] + self.pairs.shape_var)
+            own = self.joint_pairs.least_variances
+        return self.errors.least(values, own)
 
     def log_missed(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
         """Log probability (B, n_modes) that a model mode is not identified in the band."""
         every = list(range(self.structure.n_modes))
-        return self._missed_terms(modes, self._error_variances(values)[:, :1], every)
+        return self._missed_terms(modes, self.errors.prediction_var(values)[:, :1], every)
 
     def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         """Whether each model mode is unpaired and at the edge of the band, (B, n_modes).
@@ -226,7 +201,7 @@ class ModalLikelihood:
     def _near_a_limit(
         self, values: FloatArray, frequencies: FloatArray, which: Iterable[int]
     ) -> NDArray[np.bool_]:
-        prediction_var = self._error_variances(values)[:, :1]
+        prediction_var = self.errors.prediction_var(values)[:, :1]
         reach = 2.0 * np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
         limits = [limit for limit in self.data.band_hz if limit > 0]
         near = np.zeros(frequencies.shape, dtype=bool)
@@ -244,8 +219,7 @@ class ModalLikelihood:
 
     def residuals(self, values: FloatArray, modes: ComparedModes) -> Residuals:
         """Residuals of all pairs, and squared prediction errors; one row where they are fixed."""
-        fixed = not any(product.parameters for product in self._error_products)
-        variances = self._error_variances(values[:1] if fixed else values)
+        variances = self.errors.prediction_var_once(values)
         frequencies = self.pairs.frequency_residuals(modes.frequencies_hz)
         return Residuals(frequencies, modes.shape_errors, variances[:, 0], variances[:, -1])
 
@@ -256,7 +230,7 @@ class ModalLikelihood:
         """
         if self.joint_pairs is None:
             return normals
-        prediction_var = self._error_variances(values)[:, 0]
+        prediction_var = self.errors.prediction_var(values)[:, 0]
         covariance = self.joint_pairs.together.of_frequencies_with(prediction_var)
         factors = np.linalg.cholesky(covariance)
         joint: FloatArray = (factors * normals[:, None, :]).sum(axis=2)
@@ -290,7 +264,7 @@ class ModalLikelihood:
     @cached_property
     def _fixed_normalisers(self) -> FloatArray | None:
         """log Z_d(σ) where no parameter enters the shape error; None where one does."""
-        shape_sd = self._error_products[1]
+        shape_sd = as_product(self.error.shape_sd)
         if shape_sd.parameters:
             return None
         variance = (np.array([[shape_sd.scale**2]]) + self._own_var[1]).T
@@ -327,17 +301,6 @@ class ModalLikelihood:
         With those of prediction (1, B) they make (P, B), which lets operations run along the batch.
         """
         return _column(self.pairs.frequency_var), _column(self.pairs.shape_var)
-
-    @cached_property
-    def _error_products(self) -> list[Product]:
-        products = [as_product(self.error.frequency_cov)]
-        if len(self.pairs.with_shape):
-            products.append(as_product(self.error.shape_sd))
-        return products
-
-    @cached_property
-    def _error_sizes(self) -> ProductTable:
-        return ProductTable(tuple(self._error_products), self.parameters)
 
     @cached_property
     def _sensor_matrix(self) -> SensorMatrix:

@@ -73,7 +73,7 @@ def misfit(
     shape_of_pair = np.full(len(pairs.modes) + 1, -1, dtype=np.intp)  # the last one is of no pair
     shape_of_pair[pairs.with_shape] = np.arange(len(pairs.with_shape))
     which_shape = shape_of_pair[which]
-    frequency_sds, shape_sds = likelihood.pair_errors(values)
+    frequency_sds, shape_sds = likelihood.errors.of_pairs(values)
     errors = _taken(pairs.frequency_residuals(modes.frequencies_hz), which)
     sds = _taken(frequency_sds, which)
     distances, shape_sds = (
