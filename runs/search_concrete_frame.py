@@ -12,11 +12,11 @@ a pendulum may hang on each of the measured degrees of freedom, in its direction
 
 With ``--directions`` also on two more degrees of freedom of each measured node.
 
-For each seed: the rank and the probability of the true place; by how much the best fit of the place
-that ranks first differs from the true modes, which says whether the sensors can tell the two places
-from each other; the mass and the frequency at either place with 90 % intervals (where the structure
-moves more, a lighter pendulum does the same, so the truth is that of the true place); and what the
-search took. Then a table of all seeds.
+For each seed: the rank and the probability of the true place; by how much the best fit of the first
+place that was sampled differs from the true modes, which says whether the sensors can tell the two
+places from each other; the mass and the frequency at either place with 90 % intervals (where the
+structure moves more, a lighter pendulum does the same, so the truth is that of the true place); and
+what the search took. Then a table of all seeds.
 """
 
 import argparse
@@ -179,7 +179,8 @@ def searched(path, seed, workers, with_directions):
     places = record.places_by_probability
     names = [each.place.candidate.name for each in places]
     rank = names.index(hidden.place)
-    best = record.most_probable_with_appendages
+    # Of those alike, not all are sampled.
+    best = next(each for each in record.hypotheses if each.is_sampled and each.appendages)
     (first,) = best.appendages
     fitted = at_sensors(*best_fit(result.ranking, best.name), data)
     true = at_sensors(carrying, truth, data)
@@ -199,12 +200,13 @@ def searched(path, seed, workers, with_directions):
         f"seed {seed}: {hidden.mass_ratio:.1%} of the modal mass of mode {hidden.mode} at "
         f"{hidden.place}; {len(data.modes)} modes identified\n"
         f"  an appendage {record.probability_of_any:.4f}; true place ranks {rank + 1} with "
-        f"{places[rank].probability:.4f}; first is {names[0]} with {places[0].probability:.4f}, "
-        f"its best fit within {off:.2%} of the true frequencies, MAC {alike:.5f} or more\n"
+        f"{places[rank].probability:.4f}; first is {names[0]} with {places[0].probability:.4f}; "
+        f"the best fit of {first.place.candidate.name} is within {off:.2%} of the true "
+        f"frequencies, MAC {alike:.5f} or more\n"
         f"  at the true place: mass {outcome.mass}\n"
         f"                     frequency {outcome.frequency}\n"
-        f"  at the first: mass {Compared(hidden.mass, *first.mass)}\n"
-        f"                frequency {Compared(hidden.frequency_hz, *first.frequency_hz)}\n"
+        f"  at {first.place.candidate.name}: mass {Compared(hidden.mass, *first.mass)}\n"
+        f"      frequency {Compared(hidden.frequency_hz, *first.frequency_hz)}\n"
         f"  {len(record.hypotheses)} hypotheses, {len(result.ranking.posteriors)} sampled, "
         f"{outcome.n_full_solutions} full solutions, "
         f"{len(checks)} failed checks, {seconds:.0f} s, {cpu:.0f} s of CPU time",
