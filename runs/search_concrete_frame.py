@@ -10,7 +10,8 @@ identifies the modes below 21.2 Hz at all 43 measured degrees of freedom, with e
 the frequencies and 0.01 of the shapes at unit length. The search knows neither factors nor pairing;
 a pendulum may hang on each of the measured degrees of freedom, in its direction.
 
-With ``--directions`` also on two more degrees of freedom of each measured node.
+With ``--directions`` also on two more degrees of freedom of each measured node. With
+``--known-place`` nothing is searched: posteriors that know the place are compared with the truth.
 
 For each seed: the rank and the probability of the true place; by how much the best fit of the first
 place that was sampled differs from the true modes, which says whether the sensors can tell the two
@@ -36,13 +37,18 @@ from concrete_frame import (
 from scipy.stats import norm
 
 import bayes_ssi as bs
+from bayes_ssi.appendages.hypotheses import frequency_name, hypothesis, mass_name, scale_of
+from bayes_ssi.appendages.places import PendulumPlace
 from bayes_ssi.modal import mac
+from bayes_ssi.posterior.class_target import class_target
+from bayes_ssi.sampling.maxima import find_maxima
 
 FACTOR_COV = 0.1
 N_MODES = 6  # five in the band, and one above
 LOWEST_MODES = 4
 MASS_RATIOS = (0.01, 0.05)
 LEAST_MOTION = 0.5
+NEAR_TRUTH = (0.01 * FREQUENCY_COV, 0.02 * SHAPE_SD)  # errors of the reduced frame, known place
 
 
 class Hidden(NamedTuple):
@@ -159,14 +165,59 @@ class Outcome(NamedTuple):
     cpu_seconds: float
 
 
-def searched(path, seed, workers, with_directions):
-    """Simulate a test, search it, and print what comes out."""
+class Simulated(NamedTuple):
+    """A test of the frame, with the values of the frame's parameters (n_parameters,)."""
+
+    frame: bs.MatrixStructure
+    values: np.ndarray
+    hidden: Hidden
+    carrying: bs.MatrixStructure
+    data: bs.ModalData
+
+
+def simulated(path, seed):
     rng = np.random.default_rng(seed)
     frame = structure(path, GROUPS["columns by storey"], FACTOR_COV, N_MODES)
-    truth = np.array([p.prior.from_normal(rng.standard_normal()) for p in frame.parameters])
-    hidden = hidden_pendulum(frame, truth, rng)
+    values = np.array([p.prior.from_normal(rng.standard_normal()) for p in frame.parameters])
+    hidden = hidden_pendulum(frame, values, rng)
     carrying = frame.with_element(bs.Pendulum(hidden.place, hidden.mass, hidden.frequency_hz))
-    data = simulated_modes(carrying, truth, rng)
+    return Simulated(frame, values, hidden, carrying, simulated_modes(carrying, values, rng))
+
+
+def at_known_place(path, seeds):
+    """Masses and frequencies of the posteriors that know the place, by Laplace's approximation.
+
+    Without a search, many tests say whether the truth is where these posteriors say it is.
+    """
+    error = bs.ErrorModel(FREQUENCY_COV, SHAPE_SD)
+    reduced, deviations = None, []
+    for seed in seeds:
+        frame, values, hidden, _, data = simulated(path, seed)
+        # All tests are of one frame. Factors within a few per cent of the true ones matter.
+        near = values * np.random.default_rng(seed).lognormal(0.0, 0.02, (8, len(values)))
+        reduced = (reduced or frame.reduced()).accurate_at(near, *NEAR_TRUTH)
+        baseline = bs.ModelClass("frame", reduced, data, error, pairing="any")
+        place = PendulumPlace(bs.Candidate(hidden.place, hidden.place))
+        known = hypothesis(baseline, (place,))
+        ratio = hidden.mass / scale_of(baseline).mass
+        true = {mass_name(place): ratio, frequency_name(place): hidden.frequency_hz}
+        true |= dict(zip((p.name for p in frame.parameters), values, strict=True))
+        z = np.array([p.prior.to_normal(true[p.name]) for p in known.parameters])
+        maxima = find_maxima(class_target(known), z[None])
+        spread = np.sqrt(np.diag(maxima.covariances[0]))
+        columns = [known.parameter_names.index(name) for name in list(true)[:2]]
+        deviations.append(((z - maxima.z[0]) / spread)[columns])
+    for name, own in zip(("mass", "frequency"), np.transpose(deviations), strict=True):
+        inside = int((np.abs(own) < norm.ppf(0.95)).sum())
+        print(
+            f"{name} at the known place: within 90 % intervals {inside} of {len(own)}; mean "
+            f"{own.mean():+.2f}, root mean square {np.sqrt(np.mean(own**2)):.2f} sd"
+        )
+
+
+def searched(path, seed, workers, with_directions):
+    """Simulate a test, search it, and print what comes out."""
+    frame, truth, hidden, carrying, data = simulated(path, seed)
     error = bs.ErrorModel(FREQUENCY_COV, SHAPE_SD)
     baseline = bs.ModelClass("frame", frame.reduced(), data, error, pairing="any")
     places = candidates(path, frame, with_directions)
@@ -245,7 +296,11 @@ def main():
     arguments.add_argument("--workers", type=int, default=2)
     arguments.add_argument("--directions", action="store_true",
                            help="three degrees of freedom of each measured node")  # fmt: skip
+    arguments.add_argument("--known-place", action="store_true", help="do not search")
     given = arguments.parse_args()
+    if given.known_place:
+        at_known_place(given.file, given.seeds)
+        return
     print_table([searched(given.file, s, given.workers, given.directions) for s in given.seeds])
 
 
