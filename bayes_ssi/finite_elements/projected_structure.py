@@ -1,105 +1,35 @@
 """A finite-element model in a small fixed basis, for comparing many places of elements quickly.
 
-A reduced basis is accurate over the prior. Where a posterior lies, far fewer vectors describe the
-modes: those combinations of the basis that the modes at some draws consist of. An element on the
-model then adds no vector, but what the basis lacks of the static answer K_r⁻¹ v to its force, the
-residual flexibility: ρ = vᵀ K_r⁻¹ v - |Vᵀ v|² at its place, V being orthonormal in K_r, and the
-displacements of the sensors likewise. The former is in series with the element's spring,
+An element on the model adds no vector to the basis, but what that lacks of the static answer
+K_r⁻¹ v to its force, the residual flexibility: ρ = vᵀ K_r⁻¹ v - |Vᵀ v|² at its place, V being
+orthonormal in K_r, and the displacements of the sensors likewise. The former is in series with the
+element's spring,
 
     1/k' = 1/k + ρ,
 
-the latter add to the mode shapes in proportion to the spring's force. No equation is solved for a
-place: the sketch S of the reduced model's error has S Sᵀ ≈ K_r⁻¹, to about a tenth, and K_r⁻¹ E is
-known for the sensors. Inertia of the residual is neglected, its flexibility that of the prior
-medians, and flexibility between two elements left out, so errors are not certified: this is for
-the choice of hypotheses, not for results.
+the latter add to the mode shapes in proportion to the spring's force. Both are known for every
+place (:mod:`~bayes_ssi.finite_elements.projection`). Inertia of the residual is neglected, its
+flexibility that of the prior medians, and flexibility between two elements left out, so errors are
+not certified: this is for the choice of hypotheses, not for results.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.finite_elements.projection import BasisRow, Projection
 from bayes_ssi.modal import Modes, solve_modes
 from bayes_ssi.parameters import Parameter, Product, ProductTable, collect_parameters
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
-from bayes_ssi.structures.motion import Motion, Place, SinglePlace, motion_of
+from bayes_ssi.structures.motion import Motion, Place, motion_of
 from bayes_ssi.structures.structure import Structure, listed
-
-
-@dataclass(frozen=True, eq=False)
-class BasisRow:
-    """How one degree of freedom moves, and answers to forces: linear in the degree of freedom.
-
-    Attributes:
-        motion: (N,), row of V.
-        flexibility: (k,), row of what the basis lacks of S, whose square is ρ.
-        at_sensors: (d,), displacements of the sensors under a unit force, as far as V lacks them.
-    """
-
-    motion: FloatArray
-    flexibility: FloatArray
-    at_sensors: FloatArray
-
-    def times(self, share: float) -> BasisRow:
-        return BasisRow(share * self.motion, share * self.flexibility, share * self.at_sensors)
-
-    def plus(self, other: BasisRow) -> BasisRow:
-        return BasisRow(
-            self.motion + other.motion,
-            self.flexibility + other.flexibility,
-            self.at_sensors + other.at_sensors,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Projection:
-    """The model without elements in the basis.
-
-    Attributes:
-        stiffness, mass: coefficients and matrices (N, N), term by term; of the mass only the
-            diagonals (N,) where all terms are diagonal.
-        at_sensors: (d, N), motions of the sensors.
-        sensors: their names.
-        rows: degrees of freedom on which elements may be put.
-        n_modes: number of lowest modes.
-    """
-
-    stiffness: tuple[tuple[Product, FloatArray], ...]
-    mass: tuple[tuple[Product, FloatArray], ...]
-    at_sensors: FloatArray
-    sensors: tuple[str, ...]
-    rows: Mapping[SinglePlace, BasisRow]
-    n_modes: int
-
-    @property
-    def size(self) -> int:
-        return int(self.at_sensors.shape[1])
-
-    def at_unit_mass(self) -> Projection:
-        """The same in coordinates of unit mass, where the mass depends on no parameter.
-
-        Then only the elements' masses change it, and their modes take a third less time.
-        """
-        if any(coefficient.powers for coefficient, _ in self.mass):
-            return self
-        squares, axes = np.linalg.eigh(sum(c.scale * matrix for c, matrix in self.mass))
-        change = axes / np.sqrt(squares)
-        return replace(
-            self,
-            stiffness=tuple((c, change.T @ matrix @ change) for c, matrix in self.stiffness),
-            mass=((Product(1.0, ()), np.ones(self.size)),),
-            at_sensors=self.at_sensors @ change,
-            rows={
-                place: replace(row, motion=row.motion @ change) for place, row in self.rows.items()
-            },
-        )
 
 
 class _Term(NamedTuple):

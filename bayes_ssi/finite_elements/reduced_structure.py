@@ -14,9 +14,9 @@ from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.approximate_structure import Accuracy, ApproximateStructure
 from bayes_ssi.finite_elements.carrying_basis import CarryingBasis
-from bayes_ssi.finite_elements.projected_structure import BasisRow, ProjectedStructure, Projection
+from bayes_ssi.finite_elements.projected_structure import ProjectedStructure
+from bayes_ssi.finite_elements.projection import Projection
 from bayes_ssi.finite_elements.reduced_basis import (
-    SKETCH_SIZE,
     Bounds,
     ReducedBasis,
     Reference,
@@ -172,33 +172,12 @@ class ReducedStructure(ApproximateStructure):
         """
         if self.full.elements:
             raise TypeError("a structure that carries elements is not projected")
-        reference = self._reference
         shares, directions = self._directions(values)
         # The energy that is neglected of a mode is about twice the relative error of its frequency.
         neglected = np.cumsum(shares) <= 2.0 * 0.01 * self.frequency_error
         n_kept = max(int((~neglected).sum()), min(self.n_modes, len(shares)))
         basis = self._main_basis.combined(directions[:, -n_kept:])
-        vectors = basis.vectors
-        # What the basis lacks of K_r⁻¹ times forces; the vectors are orthonormal in K_r.
-        lacking = vectors.T @ (reference.matrix @ reference.sketch)
-        rows = {place: self.full.system_row_of(place, "place") for place in places}
-        at = np.array([row for row in rows.values() if row is not None], dtype=np.intp)
-        motions = vectors[at]
-        residual = reference.sketch[at] - motions @ lacking
-        known = [place for place, row in rows.items() if row is not None]
-        system = self.full.system
-        main = Projection(
-            tuple(zip(system.stiffness.products, basis.stiffness, strict=True)),
-            tuple(zip(system.mass.products, basis.mass, strict=True)),
-            basis.at_sensors,
-            self.degrees_of_freedom,
-            {
-                place: BasisRow(motion, each[:SKETCH_SIZE], each[SKETCH_SIZE:])
-                for place, motion, each in zip(known, motions, residual, strict=True)
-            },
-            self.n_modes,
-        )
-        return ProjectedStructure(main.at_unit_mass())
+        return ProjectedStructure(Projection.of(basis, self.full, places, self._reference))
 
     def compact(self, values: FloatArray) -> Self:
         """This structure in fewer combinations of the basis, certified as before.
