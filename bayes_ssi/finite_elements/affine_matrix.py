@@ -112,6 +112,10 @@ class AffineMatrix:
         positions = _positions(self.pattern)
         return [np.searchsorted(positions, _positions(matrix)) for matrix in self.matrices]
 
+    def __getstate__(self) -> dict[str, Any]:
+        """State without what is as large as the matrices, and soon computed from them again."""
+        return {name: self.__dict__[name] for name in ("products", "matrices")}
+
     def with_terms(
         self, size: int, terms: Iterable[tuple[Product, Mapping[int, float]]]
     ) -> AffineMatrix:

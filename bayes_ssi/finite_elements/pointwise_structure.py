@@ -80,4 +80,6 @@ class PointwiseStructure(Structure):
 
     def __getstate__(self) -> dict[str, Any]:
         """State without the cache, which need not be sent to workers."""
-        return {name: value for name, value in self.__dict__.items() if name != "_cache"}
+        state = super().__getstate__()
+        assert isinstance(state, dict)
+        return {name: value for name, value in state.items() if name != "_cache"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -128,8 +128,7 @@ class ReducibleStructure(Structure):
         whole._main, whole.elements = main, (*self.elements, element)
         size = main.size + len(carried.labels)
         whole._carried = carried
-        whole._stiffness = main._stiffness.with_terms(size, carried.springs)
-        whole._mass = main._mass.with_terms(size, carried.masses)
+        whole._add_terms()
         whole._names = (*names, *carried.labels)
         whole._rows = np.append(rows, np.arange(main.size, size))
         if main._influence is not None:
@@ -138,6 +137,30 @@ class ReducibleStructure(Structure):
             [*whole._stiffness.parameters, *whole._mass.parameters]
         )
         return whole
+
+    def _add_terms(self) -> None:
+        """Make the matrices from those of the model without elements."""
+        assert self._main is not None
+        carried, size = self._carried, self._main.size + len(self._carried.labels)
+        self._stiffness = self._main._stiffness.with_terms(size, carried.springs)
+        self._mass = self._main._mass.with_terms(size, carried.masses)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State without matrices that follow from those of the model without elements.
+
+        A large model with elements goes to other processes many times.
+        """
+        state = super().__getstate__()
+        assert isinstance(state, dict)
+        if self._main is None:
+            return state
+        derived = ("_stiffness", "_mass", "system")
+        return {name: value for name, value in state.items() if name not in derived}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        if self._main is not None:
+            self._add_terms()
 
     def require_place(self, place: Place, label: str) -> None:
         """See :class:`~bayes_ssi.structures.elements.CarriesElements`."""

@@ -292,3 +292,18 @@ def test_a_tank_that_resonates_is_found_in_the_basis_of_the_chain_alone(reduced)
 def test_places_that_do_not_exist_are_refused(make, element, message):
     with pytest.raises(ValueError, match=message):
         make().with_element(element)
+
+
+def test_a_model_with_elements_is_sent_without_matrices_of_its_own():
+    """A search sends a large model once for each hypothesis; its matrices are most of it."""
+    n = 500
+    stiffness = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    main = bs.MatrixStructure([(k, stiffness)], np.eye(n), sensors={"top": n - 1}, n_modes=2)
+    carrying = main.with_element(bs.Pendulum("top", m, f))
+    values = np.array([[1.0, 0.2, 0.01]])
+    expected = carrying.modes(values)
+    sent = pickle.dumps(carrying)
+    assert len(sent) < len(pickle.dumps(main)) + 5000
+    for here, there in zip(expected, pickle.loads(sent).modes(values), strict=True):
+        assert np.array_equal(here, there)
+    assert repr(pickle.loads(sent)) == repr(carrying)
