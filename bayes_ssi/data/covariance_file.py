@@ -103,10 +103,14 @@ def _record(path: Path, csv_path: Path) -> dict[str, Any]:
         record = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ValueError(
-            f"{csv_path}: no file {path.name}, which its line 'covariance' names, in its directory"
+            f"{csv_path}: no file {path.name}, which its line 'covariance' names, in its "
+            "directory; put it there, or remove the line to use each mode's own errors"
         ) from None
     except ValueError as error:
         raise ValueError(f"{path}: not JSON: {error}") from None
-    if not isinstance(record, dict) or (missing := [key for key in KEYS if key not in record]):
-        raise ValueError(f"{path}: no {(missing if isinstance(record, dict) else KEYS)[0]!r}")
+    if not isinstance(record, dict):
+        raise ValueError(f"{path}: not a record of {', '.join(map(repr, KEYS))}")
+    for key in KEYS:
+        if key not in record:
+            raise ValueError(f"{path}: no {key!r}")
     return record

@@ -131,6 +131,7 @@ def _change(path, **changes):
         (lambda _, file: file.unlink(), "no file modes.covariance.json"),
         (lambda _, file: file.write_text("{"), "not JSON"),
         (lambda _, file: file.write_text("{}"), "no 'sensors'"),
+        (lambda _, file: file.write_text("[]"), "not a record of 'sensors'"),
         (lambda _, file: _change(file, frequencies_hz=[1.0]), "1 modes at 3 sensors"),
         (lambda _, file: _change(file, frequencies_hz=["one", 2.5]), "not arrays of numbers"),
     ],
