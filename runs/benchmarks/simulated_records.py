@@ -43,6 +43,12 @@ class Truth(NamedTuple):
     dampings: np.ndarray
     shapes: np.ndarray
 
+    def within(self, band_hz: tuple[float, float]) -> Truth:
+        """The modes of a band."""
+        low, high = band_hz
+        kept = (self.frequencies_hz > low) & (self.frequencies_hz < high)
+        return Truth(self.frequencies_hz[kept], self.dampings[kept], self.shapes[:, kept])
+
 
 def truth_of(structure: bs.Structure, sensors: tuple[str, ...], damping: float) -> Truth:
     """The modes of a structure without parameters, at sensors."""

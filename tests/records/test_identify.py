@@ -1,5 +1,7 @@
 """Modes from simulated records: right within their claimed errors, which the checks judge."""
 
+import sys
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
@@ -8,6 +10,8 @@ from simulated_records import simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
 from bayes_ssi.records.fdd import fdd
+from bayes_ssi.records.modal_estimates import Poles
+from bayes_ssi.records.ssi_cov import ssi_cov
 from bayes_ssi.records.tfie import tfie
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
@@ -127,6 +131,26 @@ def test_simple_methods_find_the_modes(method):
     assert cosines.min() ** 2 > 0.99
     with pytest.raises(ValueError, match=r"the record lasts 30 s; from 0\.6 Hz on"):
         method(simulated(3, duration_s=30.0), BAND, near=TRUTH.frequencies_hz)
+
+
+def test_ssi_through_pyoma2_agrees_with_the_bayesian_fft():
+    """From one record, to three of its own standard deviations, which are twice as large."""
+    pytest.importorskip("pyoma2", reason="pip install bayes_ssi[oma]")
+    record = simulated(1)
+    found = ssi_cov(record, BAND, Poles(*TRUTH))
+    result = bs.identify(record, BAND)
+    apart = found.poles.frequencies_hz - result.quoted.frequencies_hz
+    assert np.abs(apart / found.frequency_sds).max() < 3.0
+    assert (np.abs((found.poles.shapes * TRUTH.shapes).sum(0)) > 0.999).all()
+    ratios = found.frequency_sds / result.quoted.frequencies_hz / result.quoted.frequency_covs
+    assert ((ratios > 1.0) & (ratios < 3.0)).all()
+
+
+def test_ssi_without_pyoma2_says_how_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyoma2", None)
+    monkeypatch.setitem(sys.modules, "pyoma2.functions", None)
+    with pytest.raises(ValueError, match=r"pip install \"bayes_ssi\[oma\]\""):
+        ssi_cov(simulated(1, duration_s=60.0), BAND, Poles(*TRUTH))
 
 
 @pytest.mark.parametrize(
