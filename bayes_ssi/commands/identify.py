@@ -33,11 +33,16 @@ if TYPE_CHECKING:
 )
 @record_options
 @click.option("--out", type=click.Path(path_type=Path), help="CSV file for the modes, a new one.")
+@click.option(
+    "--figures",
+    type=click.Path(path_type=Path),
+    help="Directory for figures of spectra, poles, residuals and shapes, a new one.",
+)
 @json_option
 def identify(
     files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], rate: float | None,
     quantity: str | None, unit: str | None, sensors: tuple[str, ...], keys: tuple[str, ...],
-    out: Path | None,
+    out: Path | None, figures: Path | None,
 ) -> None:  # fmt: skip
     """Identify the modes of the record in FILES, all of one setup and the same instants.
 
@@ -49,7 +54,8 @@ def identify(
     from bayes_ssi.records import modal_identification
     from bayes_ssi.tables.mode_tables import estimates_table
 
-    for file in () if out is None else (out, covariance_path(out)):
+    written = () if out is None else (out, covariance_path(out))
+    for file in (*written, *(() if figures is None else (figures,))):
         if file.exists():
             raise FileExistsError(f"{file} exists; give another name")
     record = record_of(files, rate, quantity, unit, sensors, keys)
@@ -70,6 +76,11 @@ def identify(
         data = found.modal_data(f"identified from {record.source}")
         write_modal_data(data, out)
         say(where, "Wrote " + " and ".join(map(str, modal_files(data, out))))
+    if figures is not None:
+        from bayes_ssi.plots.record_plots import save_record_figures
+
+        n_figures = len(save_record_figures(figures, record, found))
+        say(where, f"Wrote {n_figures} figures in {figures}")
     print_record(lambda: _record(found, warnings))
     exit_if_failed(found.failed_checks)
 

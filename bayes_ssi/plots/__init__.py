@@ -16,6 +16,13 @@ from bayes_ssi.plots.identified_modes import plot_identified_modes
 from bayes_ssi.plots.matrix_plots import plot_mac, plot_pairing
 from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.plots.population_plot import plot_population
+from bayes_ssi.plots.record_plots import (
+    plot_complexity,
+    plot_identified_shapes,
+    plot_singular_values,
+    plot_stabilisation,
+    plot_whitened_residuals,
+)
 from bayes_ssi.plots.response_plots import plot_time_history, plot_transfer_functions
 from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
 from bayes_ssi.plots.shape_plots import plot_building_shape, plot_shape_components
@@ -23,11 +30,13 @@ from bayes_ssi.plots.updated_shapes import plot_mode_shapes
 
 __all__ = [
     "plot_building_shape",
+    "plot_complexity",
     "plot_corner",
     "plot_evidence",
     "plot_frequencies",
     "plot_frequency_change",
     "plot_identified_modes",
+    "plot_identified_shapes",
     "plot_mac",
     "plot_mac_change",
     "plot_mode_shapes",
@@ -37,7 +46,10 @@ __all__ = [
     "plot_population",
     "plot_sensitivity",
     "plot_shape_components",
+    "plot_singular_values",
+    "plot_stabilisation",
     "plot_time_history",
     "plot_transfer_functions",
+    "plot_whitened_residuals",
     "style",
 ]

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.arrays import ComplexArray, FloatArray
 from bayes_ssi.records.modal_estimates import ModalEstimates, Poles, with_positive_largest
 from bayes_ssi.records.observed_curvature import observed_curvature
 from bayes_ssi.records.scoring import MostProbable, WeakPrior, most_probable
@@ -68,6 +68,7 @@ class BandFit:
         loads: what drives the modes.
         model: modes, forces and noise, in units in which the mean power of the band is one.
         data: the spectral matrices, averaged as the model says.
+        n_tapers: (K,), of their blocks.
         q: how often accelerations were integrated.
         curvature: (p, p), of -ln posterior in the model's coordinates, as the record has it.
         log_evidence: by Laplace's approximation, up to a constant of the lines.
@@ -80,6 +81,7 @@ class BandFit:
     loads: Loads
     model: SpectralModel
     data: Spectra
+    n_tapers: NDArray[np.intp]
     q: int
     curvature: FloatArray
     log_evidence: float
@@ -105,6 +107,16 @@ class BandFit:
         """The modes without their errors, in the order of the model."""
         model, m = self.model, self.model.n_modes
         return Poles(np.exp(model.log_frequencies), np.exp(model.log_dampings), model.shapes[:, :m])
+
+    def residuals(self) -> tuple[FloatArray, FloatArray]:
+        """Frequencies of the blocks (K,), and what each adds to the whiteness (K,).
+
+        The squared deviations of the whitened spectral matrix from the unit matrix, over their
+        number.
+        """
+        frequencies = self.data.frequencies_hz
+        squares = _squares(covariances(self.model, frequencies, self.q), self.data)[0]
+        return frequencies, self.n_tapers * squares / len(self.model.shapes) ** 2
 
     def nats_of_forces(self) -> FloatArray:
         """(m,): half the squared distance of every mode's forces from zero, in their covariance.
@@ -269,16 +281,11 @@ def _described(
     data = spectra(lines, partial(covariances, model, q=q))
     observed = observed_curvature(model, data, q, prior, found.curvature)
     curvature = found.curvature if observed is None else observed
-    covariance = covariances(model, data.frequencies_hz, q)
-    inverse = np.linalg.inv(np.linalg.cholesky(covariance))
-    white = inverse @ data.matrices @ inverse.conj().swapaxes(1, 2)
-    n = white.shape[1]
-    squares = (np.abs(white - np.eye(n)) ** 2).sum((1, 2))
-    dof = len(white) * n * n - at.n_coordinates
+    squares, traces = _squares(covariances(model, data.frequencies_hz, q), data)
+    dof = len(squares) * len(model.shapes) ** 2 - at.n_coordinates
     whiteness = float((lines.n_tapers * squares).sum() / max(1, dof))
     # ln|E| of every line, as each was whitened by its own.
     log_determinants = data.log_determinants
-    traces = white.diagonal(axis1=1, axis2=2).real.sum(1)
     value = float((data.weights * (log_determinants + traces)).sum()) + prior.penalty(model)
     p = at.n_coordinates
     log_volume = 0.5 * (p * math.log(2.0 * math.pi) - np.linalg.slogdet(curvature)[1])
@@ -290,6 +297,7 @@ def _described(
         loads,
         model,
         data,
+        lines.n_tapers,
         q,
         curvature,
         -value + prior.log_constant + log_volume + equal,
@@ -297,3 +305,11 @@ def _described(
         allowed,
         found.settled and observed is not None,
     )
+
+
+def _squares(covariance: ComplexArray, data: Spectra) -> tuple[FloatArray, FloatArray]:
+    """Squared deviations of whitened spectral matrices from the unit matrix, and their traces."""
+    inverse = np.linalg.inv(np.linalg.cholesky(covariance))
+    white = inverse @ data.matrices @ inverse.conj().swapaxes(1, 2)
+    squares = (np.abs(white - np.eye(white.shape[1])) ** 2).sum((1, 2))
+    return squares, white.diagonal(axis1=1, axis2=2).real.sum(1)

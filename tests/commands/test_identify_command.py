@@ -30,9 +30,15 @@ def path(tmp_path_factory):
 
 def test_a_record_becomes_a_file_of_modes(path, tmp_path):
     out = tmp_path / "modes.csv"
-    done = run(path, *BAND, "--quantity", "acceleration", "--out", out, "--json")
+    figures = tmp_path / "figures"
+    to = ["--out", out, "--figures", figures]
+    done = run(path, *BAND, "--quantity", "acceleration", *to, "--json")
     assert done.exit_code == 0
     record = json.loads(done.stdout)
+    assert [len(peak["frequencies_hz"]) for peak in record["peaks"]] == [1, 1, 1, 1]
+    assert sorted(file.stem for file in figures.iterdir()) == [
+        "complexity", "shapes", "singular_values", "stabilisation", "whitened_residuals",
+    ]  # fmt: skip
     modes = bs.read_modal_data(out)
     assert modes.sensors == SENSORS
     assert modes.source == "identified from setup.npz"
@@ -44,6 +50,8 @@ def test_a_record_becomes_a_file_of_modes(path, tmp_path):
     np.testing.assert_allclose(covs, np.sqrt(covariance.diagonal()[:4]), rtol=1e-12)
     again = run(path, *BAND, "--quantity", "acceleration", "--out", out)
     assert (again.exit_code, "modes.csv exists" in again.stderr) == (2, True)
+    again = run(path, *BAND, "--quantity", "acceleration", "--figures", figures)
+    assert (again.exit_code, "figures exists" in again.stderr) == (2, True)
 
 
 def test_what_is_not_stated_is_asked_for_and_a_failed_check_ends_with_3(path):

@@ -1,0 +1,221 @@
+"""From a vibration record to its modes: spectra, stabilisation, residuals, shapes and phases."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayes_ssi.plots.figure_style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    SMALL,
+    VERMILION,
+    axes_of,
+    figure_of,
+    figures_for_files,
+    hover,
+    legend_below,
+    panels_across,
+    save_figure,
+    title_of,
+    width_of_panels,
+    without_math,
+)
+from bayes_ssi.records.modal_identification import ModalIdentification
+from bayes_ssi.records.next_era import correlations, poles, realisation
+from bayes_ssi.records.record import Record
+from bayes_ssi.records.spectral_model import covariances
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SIZE = (6.3, 3.2)
+# Standard deviations to either side that hold 90 %.
+WITHIN_90 = 1.645
+
+
+def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> Axes:
+    """Singular values of the spectral matrices, those of the fit, and the modes with 90 % widths.
+
+    Args:
+        found: the modes of a record.
+        ax: axes; new ones if None.
+    """
+    ax = axes_of(ax, SIZE)
+    data, fit = found.fit.data, found.fit
+    frequencies = data.frequencies_hz
+    measured = np.linalg.eigvalsh(data.matrices)[:, ::-1]
+    fitted = np.linalg.eigvalsh(covariances(fit.model, frequencies, fit.q))[:, ::-1]
+    for k in range(measured.shape[1]):
+        ax.semilogy(frequencies, measured[:, k], color=BLUE, linewidth=0.6, alpha=0.6,
+                    label=None if k else "record")  # fmt: skip
+        ax.semilogy(frequencies, fitted[:, k], color=VERMILION, linewidth=1.0,
+                    label=None if k else f"fit, {fit.loads}")  # fmt: skip
+    _modes(ax, found)
+    for i, one in enumerate(found.rejected):
+        ax.axvline(one.frequency_hz, color=GREY, linewidth=0.8, linestyle=":",
+                   label=None if i else "candidate not accepted")  # fmt: skip
+    ax.set_xlim(frequencies[0], frequencies[-1])
+    ax.set_xlabel("frequency (Hz)")
+    ax.set_ylabel("singular values, relative")
+    title_of(ax, "Singular values of the spectral matrices")
+    legend_below(ax, columns=4)
+    return ax
+
+
+def plot_stabilisation(record: Record, found: ModalIdentification, ax: Axes | None = None) -> Axes:
+    """Poles of NExT-ERA at every order, and the modes with 90 % widths.
+
+    Args:
+        record: from which the modes were identified.
+        found: the modes.
+        ax: axes; new ones if None.
+
+    Raises:
+        ValueError: the record is too short for NExT-ERA.
+    """
+    ax = axes_of(ax, SIZE)
+    band = found.quoted.band_hz
+    data = correlations(record.detrended(), band)
+    whole = realisation(data.whole, data)
+    for order in range(2, len(whole.singular_values) + 1, 2):
+        of_order = poles(whole, order)
+        ax.plot(of_order.frequencies_hz, np.full(len(of_order.dampings), order), "o", color=BLUE,
+                markersize=3, label="pole" if order == 2 else None)  # fmt: skip
+    _modes(ax, found)
+    ax.set_xlim(*band)
+    ax.set_xlabel("frequency (Hz)")
+    ax.set_ylabel("order")
+    ax.set_yticks(range(4, len(whole.singular_values) + 1, 4))
+    title_of(ax, "Stabilisation of NExT-ERA's poles")
+    legend_below(ax, columns=3)
+    return ax
+
+
+def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) -> Axes:
+    """What is left of each spectral matrix when it is divided by the fit's.
+
+    Squared deviations from the unit matrix, over their number: 1 on average where the fit is right.
+
+    Args:
+        found: the modes of a record.
+        ax: axes; new ones if None.
+    """
+    ax = axes_of(ax, SIZE)
+    frequencies, left = found.fit.residuals()
+    ax.semilogy(frequencies, left, ".", color=BLUE, markersize=3)
+    ax.axhline(1.0, color=GREY, linewidth=0.8)
+    n_near = max(1, len(left) // 40)
+    smooth = np.convolve(left, np.full(n_near, 1.0 / n_near), "valid")
+    middle = np.convolve(frequencies, np.full(n_near, 1.0 / n_near), "valid")
+    ax.plot(middle, smooth, color=ORANGE, linewidth=1.2, label=f"mean of {n_near} blocks")
+    ax.set_xlim(frequencies[0], frequencies[-1])
+    ax.set_xlabel("frequency (Hz)")
+    ax.set_ylabel("chi-square over its number")
+    title_of(
+        ax,
+        f"Whitened residuals: {found.fit.whiteness:.2f} in all, up to "
+        f"{found.fit.allowed_whiteness:.2f} is as it should be",
+    )
+    legend_below(ax, columns=2)
+    return ax
+
+
+def plot_identified_shapes(found: ModalIdentification, figure: Figure | None = None) -> Figure:
+    """Quoted shapes at unit length over the sensors, with 90 % intervals of every component.
+
+    Args:
+        found: the modes of a record.
+        figure: an empty figure; a new one if None.
+    """
+    modes = found.quoted
+    m, n = modes.shapes.shape[1], len(modes.sensors)
+    across = panels_across(m)
+    rows = -(-m // across)
+    figure = figure_of(figure, (width_of_panels(across), (0.7 + 0.22 * n) * rows))
+    sds = np.sqrt(modes.covariance.diagonal()[2 * m :]).reshape(m, n)
+    axes = figure.subplots(rows, across, squeeze=False)
+    for i, ax in enumerate(axes.ravel()):
+        if i >= m:
+            ax.set_visible(False)
+            continue
+        places = np.arange(n)
+        ax.axvline(0.0, color=GREY, linewidth=0.8)
+        ax.plot(modes.shapes[:, i], places, color=BLUE, linewidth=0.8)
+        bars = ax.errorbar(modes.shapes[:, i], places, xerr=WITHIN_90 * sds[i], fmt="o", color=BLUE,
+                           markersize=3, capsize=2, ecolor=VERMILION)  # fmt: skip
+        hover(bars, f"{modes.frequencies_hz[i]:.4g} Hz, ± {modes.shape_sds[i]:.2g} a component")
+        ax.set_xlim(-1.1, 1.1)
+        ax.set_ylim(-0.6, n - 0.4)
+        ax.set_yticks(places, modes.sensors if i % across == 0 else [""] * n)
+        without_math(*ax.get_yticklabels())
+        ax.set_title(
+            f"{modes.frequencies_hz[i]:.4g} Hz, ± {modes.shape_sds[i]:.1g}", fontsize=SMALL
+        )
+    return figure
+
+
+def plot_complexity(found: ModalIdentification, figure: Figure | None = None) -> Figure:
+    """Phases of the motion at each quoted frequency: 0 or 180 degrees for a real mode alone.
+
+    Components of the first singular vector of the nearest spectral matrix.
+
+    Args:
+        found: the modes of a record.
+        figure: an empty figure; a new one if None.
+    """
+    frequencies = found.quoted.frequencies_hz
+    across = panels_across(len(frequencies))
+    rows = -(-len(frequencies) // across)
+    figure = figure_of(figure, (width_of_panels(across), 2.0 * rows))
+    data = found.fit.data
+    for i, frequency in enumerate(frequencies):
+        ax = figure.add_subplot(rows, across, i + 1, projection="polar")
+        nearest = np.abs(data.frequencies_hz - frequency).argmin()
+        motion = np.linalg.eigh(data.matrices[nearest])[1][:, -1]
+        motion = motion * np.exp(-0.5j * np.angle((motion**2).sum()))
+        for component in motion:
+            ax.plot([0.0, np.angle(component)], [0.0, abs(component)], color=BLUE, marker="o",
+                    markersize=3, linewidth=1.2)  # fmt: skip
+        ax.set_ylim(0.0, 1.0)
+        ax.set_yticklabels([])
+        ax.set_xticks(np.pi * np.arange(4) / 2.0, ["0°", "", "180°", ""], fontsize=SMALL)
+        ax.set_title(f"{frequency:.4g} Hz", fontsize=SMALL)
+    return figure
+
+
+def save_record_figures(directory: Path, record: Record, found: ModalIdentification) -> list[Path]:
+    """Write the figures of an identification as PNG files.
+
+    Args:
+        directory: where; it is made.
+        record: from which the modes were identified.
+        found: the modes.
+    """
+    directory.mkdir(parents=True)
+    with figures_for_files():
+        drawn: dict[str, Axes | Figure] = {
+            "singular_values": plot_singular_values(found),
+            "whitened_residuals": plot_whitened_residuals(found),
+            "shapes": plot_identified_shapes(found),
+            "complexity": plot_complexity(found),
+        }
+        if found.era is not None:
+            drawn["stabilisation"] = plot_stabilisation(record, found)
+        return [save_figure(each, directory / f"{name}.png") for name, each in drawn.items()]
+
+
+def _modes(ax: Axes, found: ModalIdentification) -> None:
+    modes = found.quoted
+    for i, (frequency, cov) in enumerate(
+        zip(modes.frequencies_hz, modes.frequency_covs, strict=True)
+    ):
+        half = WITHIN_90 * cov * frequency
+        ax.axvspan(frequency - half, frequency + half, color=ORANGE, alpha=0.6, linewidth=0)
+        line = ax.axvline(frequency, color=ORANGE, linewidth=0.8,
+                          label=None if i else f"mode by {modes.method}, 90 %")  # fmt: skip
+        hover(line, f"{frequency:.5g} Hz ± {100 * cov:.2g} %")
