@@ -178,7 +178,8 @@ class Record:
         from scipy.signal import detrend
 
         samples = np.array(self.samples)
-        detrend(samples, axis=1, overwrite_data=True)
+        for row in samples:  # one by one: scipy works on copies
+            row[:] = detrend(row)
         return replace(self, samples=_read_only(samples))
 
     def decimated(self, factor: int) -> Record:

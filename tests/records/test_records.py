@@ -1,5 +1,7 @@
 """Records are checked, and read from every format with what files state about them."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -71,6 +73,17 @@ def test_a_band_must_be_in_the_record():
         ValueError, match=r"0\.05 Hz is below 0\.125 Hz, the lowest frequency in 8 s"
     ):
         record().checked_band((0.05, 2))
+
+
+def test_detrending_a_long_record_needs_memory_for_one_more():
+    samples = np.random.default_rng(0).standard_normal((20, 50_000))
+    long = record(samples=samples, sensors=tuple(f"sensor {i}" for i in range(20)))
+    long.detrended()  # scipy is imported
+    tracemalloc.start()
+    detrended = long.detrended()
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 1.5 * detrended.samples.nbytes
 
 
 def test_detrending_and_decimation():
