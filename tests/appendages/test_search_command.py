@@ -8,6 +8,7 @@ from conftest import assert_one_line_error
 from searches import INFILL_01, INFILL_12, PENDULUM_1, by_count
 
 import bayes_ssi as bs
+from bayes_ssi.appendages.next_level import NextLevel
 from bayes_ssi.appendages.screened_hypothesis import Key
 from bayes_ssi.codec import to_record
 from bayes_ssi.results.load import load_result
@@ -233,10 +234,10 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
 
     def one_with_both(hypotheses, *_):
         levels = {1: [(PENDULUM_1,), (INFILL_01,)], 3: [(PENDULUM_1, INFILL_01)]}
-        return [Key("one k", places) for places in levels.get(len(hypotheses), [])]
+        return NextLevel([Key("one k", places) for places in levels.get(len(hypotheses), [])])
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayes_ssi.appendages.appendage_search._next_level", one_with_both)
+        patch.setattr("bayes_ssi.appendages.appendage_search.next_level", one_with_both)
         patch.setattr("bayes_ssi.appendages.appendage_search.compare_and_diagnose", stop)
         assert run(*arguments).exit_code == 130
     names = {"no appendage", "pendulum 1", "infill 0-1"}
