@@ -220,6 +220,8 @@ def draw(by_size: list[Searched], by_places: list[Searched], path: Path) -> None
             for place, row in zip(at, rows, strict=True):
                 ax.annotate(f"{row.seconds:.0f} s", (place, row.seconds), (0, 6),
                             textcoords="offset points", ha="center")  # fmt: skip
+            ax.set_xticks(at, [f"{each:,}" for each in at], minor=False)
+            ax.set_xticks([], minor=True)
             ax.set_xlabel(label)
             ax.margins(0.2)
         axes[0].set_ylabel("CPU time of the search (s)")
