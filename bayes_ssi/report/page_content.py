@@ -29,7 +29,7 @@ from bayes_ssi.tables import (
     mass_scales,
     pairing_notes,
     region_notes,
-    unsampled_note,
+    unsampled_notes,
     unseen_note,
 )
 
@@ -81,7 +81,7 @@ def page_content(
         "mass_scales": mass_scales(stored.search) if stored.search else (),
         "baseline_notes": baseline_notes(stored.search) if stored.search else (),
         "unseen": unseen_note(stored.search) if stored.search else "",
-        "unsampled": unsampled_note(stored.search) if stored.search else "",
+        "unsampled": " ".join(unsampled_notes(stored.search)) if stored.search else "",
         "sensitivity": stored.sensitivity,
         "turning": stored.sensitivity.turning if stored.sensitivity else (),
         "predictions": predictions,

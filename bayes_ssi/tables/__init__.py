@@ -30,7 +30,7 @@ from bayes_ssi.tables.search_tables import (
     place_table,
     search_notes,
     search_table,
-    unsampled_note,
+    unsampled_notes,
     unseen_note,
 )
 from bayes_ssi.tables.sensitivity_tables import sensitivity_notes, sensitivity_table
@@ -65,7 +65,7 @@ __all__ = [
     "sensitivity_notes",
     "sensitivity_table",
     "shape_table",
-    "unsampled_note",
+    "unsampled_notes",
     "unseen_note",
     "what_if_notes",
     "what_if_table",

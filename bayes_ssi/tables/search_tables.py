@@ -139,14 +139,11 @@ def search_notes(search: AppendageSearch) -> list[str]:
     n_hidden = len(record.hypotheses) - len(_shown(search))
     if n_hidden > 0:
         notes.append(f"{n_hidden} less probable hypotheses are in the saved result.")
-    if note := unsampled_note(record):
-        notes.append(note)
+    notes.extend(unsampled_notes(record))
     if record.n_not_tried:
         notes.append(
-            f"Not tried: {record.n_not_tried} further hypotheses with several appendages, which "
-            "would together have a probability of "
-            f"{probability_text(record.expected_not_tried)} if each appendage added what it adds "
-            "alone."
+            f"Not tried: {record.n_not_tried} with several appendages; expected probability "
+            f"{probability_text(record.expected_not_tried)}."
         )
     return notes
 
@@ -172,14 +169,14 @@ def unseen_note(record: SearchRecord) -> str:
     )
 
 
-def unsampled_note(record: SearchRecord) -> str:
-    """How many hypotheses were not sampled, and how probable they are at most; empty if none."""
+def unsampled_notes(record: SearchRecord) -> list[str]:
+    """How many hypotheses were not sampled, how probable they are at most, and how far off."""
     if not record.n_unsampled:
-        return ""
+        return []
     low, high = record.errors_of_screening
-    return (
-        f"{APPROXIMATELY.strip()}: not sampled, {record.n_unsampled} of {len(record.hypotheses)} "
-        "hypotheses; probability together at most "
-        f"{probability_text(record.most_probability_unsampled)}. Where sampled, these "
-        f"approximations are off by {low:+.2f} to {high:+.2f} nats."
-    )
+    sign = APPROXIMATELY.strip()
+    return [
+        f"{sign}: not sampled, {record.n_unsampled} of {len(record.hypotheses)} hypotheses; "
+        f"probability together at most {probability_text(record.most_probability_unsampled)}.",
+        f"{sign}: off by {low:+.2f} to {high:+.2f} nats where hypotheses were sampled.",
+    ]

@@ -97,7 +97,9 @@ def searched(tmp_path_factory):
     directory = tmp_path_factory.mktemp("search")
     (directory / "tiny.py").write_text(TINY_STUDY, "utf-8")
     (baseline,) = load_study(directory / "tiny.py").only(["each k"]).model_classes
-    settings = SearchSettings(mass_ratio=bs.LogNormal(0.04, 0.5), number_weights=(1.0, 0.5))
+    settings = SearchSettings(
+        mass_ratio=bs.LogNormal(0.04, 0.5), number_weights=(1.0, 0.5), most_unsampled=0.0
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_ssi.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01))
         actual = search(baseline, settings, settings=searches.COARSE)

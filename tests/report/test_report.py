@@ -263,7 +263,7 @@ def test_remarks_on_settings_are_no_failed_checks(make_posterior, tmp_path):
     save_result(replace(ranking, comparison=comparison), tmp_path / "r")
     shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
     assert "All checks passed" in shown
-    assert shown.index("without changing the answer") > shown.index("Model classes")
+    assert shown.index("What does not change the answer") > shown.index("Model classes")
     assert f"{first.name!r}: the band's end hardly matters" in shown
 
 
