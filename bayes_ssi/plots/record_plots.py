@@ -119,7 +119,7 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     title_of(
         ax,
         f"Whitened residuals: {found.fit.whiteness:.2f} in all, up to "
-        f"{found.fit.allowed_whiteness:.2f} is as it should be",
+        f"{found.fit.allowed_whiteness:.2f} is accepted",
     )
     legend_below(ax, columns=2)
     return ax
@@ -148,13 +148,13 @@ def plot_identified_shapes(found: ModalIdentification, figure: Figure | None = N
         ax.plot(modes.shapes[:, i], places, color=BLUE, linewidth=0.8)
         bars = ax.errorbar(modes.shapes[:, i], places, xerr=WITHIN_90 * sds[i], fmt="o", color=BLUE,
                            markersize=3, capsize=2, ecolor=VERMILION)  # fmt: skip
-        hover(bars, f"{modes.frequencies_hz[i]:.4g} Hz, ± {modes.shape_sds[i]:.2g} a component")
+        hover(bars, f"{modes.frequencies_hz[i]:.4g} Hz, shape ± {modes.shape_sds[i]:.2g}")
         ax.set_xlim(-1.1, 1.1)
         ax.set_ylim(-0.6, n - 0.4)
         ax.set_yticks(places, modes.sensors if i % across == 0 else [""] * n)
         without_math(*ax.get_yticklabels())
         ax.set_title(
-            f"{modes.frequencies_hz[i]:.4g} Hz, ± {modes.shape_sds[i]:.1g}", fontsize=SMALL
+            f"{modes.frequencies_hz[i]:.4g} Hz, shape ± {modes.shape_sds[i]:.1g}", fontsize=SMALL
         )
     return figure
 
