@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -75,6 +76,9 @@ def split_peaks(fit: BandFit, lines: Lines, *, fixed: bool) -> tuple[BandFit, tu
     Returns:
         The fit with the modes that are more probable, and its peaks in ascending order.
     """
+    for members in _peaks_of(fit.poles):
+        for pair in pairwise(members):
+            fit = _exchanged(fit, list(pair), lines)
     log_odds: dict[float, float] = {}
     # A fit with one mode more moves the others, so that they are asked one after the other.
     while (now := _not_asked(fit.poles, log_odds)) is not None:
@@ -139,6 +143,7 @@ def _of_a_second_mode(fit: BandFit, i: int, lines: Lines) -> tuple[float, BandFi
     if not arrived:
         return min(unlikely, 0.0), None
     two = max(arrived, key=lambda each: each.log_evidence)
+    two = _exchanged(two, _nearest_two(two.poles, float(one.frequencies_hz[0])), lines)
     return two.log_evidence - fit.log_evidence + _by_place(two, float(one.frequencies_hz[0])), two
 
 
@@ -169,6 +174,18 @@ def _by_place(two: BandFit, frequency_hz: float) -> float:
     off = math.log(frequency_hz) - 0.5 * (high + low)
     in_peak = -0.5 * (apart / width) ** 2 - math.log(width)
     return in_peak + 0.5 * (off / half) ** 2 + math.log(half)
+
+
+def _exchanged(fit: BandFit, pair: Sequence[int], lines: Lines) -> BandFit:
+    """The fit, or that from the pair's shapes exchanged where it is the more probable.
+
+    Two modes of a peak have two local optima: either shape can be that of the lower frequency.
+    """
+    shapes = fit.poles.shapes.copy()
+    shapes[:, pair] = shapes[:, pair[::-1]]
+    other = fit_band(lines, fit.poles._replace(shapes=shapes), fit.q, fit.loads)
+    arrived = other.settled and other.in_band.all()
+    return other if arrived and other.log_evidence > fit.log_evidence else fit
 
 
 def _nearest_two(poles: Poles, frequency_hz: float) -> list[int]:
