@@ -13,7 +13,7 @@ all else. A second mode costs half the logarithm of the lines in the bandwidth f
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -80,26 +80,23 @@ def split_peaks(fit: BandFit, lines: Lines, *, fixed: bool) -> tuple[BandFit, tu
         for pair in pairwise(members):
             fit = _exchanged(fit, list(pair), lines)
     log_odds: dict[float, float] = {}
-    # A fit with one mode more moves the others, so that they are asked one after the other.
-    while (now := _not_asked(fit.poles, log_odds)) is not None:
-        frequency = float(fit.poles.frequencies_hz[now])
+    alone = [members[0] for members in _peaks_of(fit.poles) if len(members) == 1]
+    for frequency in fit.poles.frequencies_hz[alone].tolist():
+        now = int(np.abs(fit.poles.frequencies_hz - frequency).argmin())
         log_odds[frequency], two = _of_a_second_mode(fit, now, lines)
         if log_odds[frequency] > 0.0 and two is not None and not fixed:
             fit = two
     peaks = []
     for members in _peaks_of(fit.poles):
         inside = [f for f in log_odds if _spans(fit.poles.at(members), f)]
-        odds = log_odds[inside[0]] if inside else _of_a_pair(fit, members, lines)
+        if inside:
+            odds = log_odds[inside[0]]
+        elif len(members) == 1:  # moved by a mode more in another peak
+            odds, _ = _of_a_second_mode(fit, members[0], lines)
+        else:
+            odds = _of_a_pair(fit, members, lines)
         peaks.append(_described(fit, members, odds, lines))
     return fit, tuple(peaks)
-
-
-def _not_asked(poles: Poles, asked: Iterable[float]) -> int | None:
-    """The lowest mode alone in its peak, if none of the frequencies ``asked`` is in the peak."""
-    for members in _peaks_of(poles):
-        if len(members) == 1 and not any(_spans(poles.at(members), f) for f in asked):
-            return members[0]
-    return None
 
 
 def _peaks_of(poles: Poles) -> list[list[int]]:
