@@ -105,8 +105,13 @@ class LocalWorkers(Workers):
     def _stop_processes(self) -> None:
         executor, self._executor = self._executor, None
         if executor is not None:
+            feeder = getattr(getattr(executor, "_call_queue", None), "_thread", None)
             # Loky's own argument: otherwise its workers would first finish their tasks.
             executor.shutdown(wait=True, kill_workers=True)  # type: ignore[call-arg]
+            if feeder is not None:
+                # Loky does not wait for the thread that feeds its queue. If this process ends while
+                # that thread gives a semaphore back, it is half removed, which loky then reports.
+                feeder.join()
 
     def _while_busy(self) -> None:
         while_busy, self.while_busy = self.while_busy, None

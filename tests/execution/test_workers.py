@@ -296,6 +296,24 @@ def test_no_warnings_and_nothing_left_behind():
     assert done.stdout == "0.0 1.0 2.0 nan 4.0\n"
 
 
+def test_no_thread_is_left_when_workers_stop(monkeypatch):
+    """One that still gives back a semaphore when the process ends leaves it half removed."""
+    from loky.backend.queues import Queue
+
+    feed = Queue._feed
+
+    def slowly(*args):
+        feed(*args)
+        time.sleep(0.2)
+
+    monkeypatch.setattr(Queue, "_feed", staticmethod(slowly))
+    before = set(threading.enumerate())
+    with LocalWorkers(1) as workers:
+        workers.evaluate(sums, points(3))
+        assert set(threading.enumerate()) > before
+    assert set(threading.enumerate()) == before
+
+
 COPIES = """
 import os
 import sys
