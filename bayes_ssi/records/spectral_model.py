@@ -210,26 +210,34 @@ def _form(model: SpectralModel, h: ComplexArray) -> ComplexArray:
     return driven @ driven.conj().swapaxes(1, 2)
 
 
-def _form_and_slopes(
-    model: SpectralModel, data: Spectra, q: int
-) -> tuple[ComplexArray, ComplexArray]:
-    """N (K, M, M), and its derivatives (K, a, M, M) in ln f, ln ζ and the entries of L."""
+class _Slopes(NamedTuple):
+    """Derivatives of N in ln f, ln ζ and the entries of L: dN_a = e_i g* + g e_i*, i the row of a.
+
+    Each of them changes one row of diag(h) L, and so no more than one row and column of N.
+
+    Attributes:
+        rows: (a,)
+        vectors: (K, a, M), g.
+    """
+
+    rows: NDArray[np.intp]
+    vectors: ComplexArray
+
+
+def _form_and_slopes(model: SpectralModel, data: Spectra, q: int) -> tuple[ComplexArray, _Slopes]:
+    """N (K, M, M), and its derivatives."""
     h, by_frequency, by_damping = _transfer(model, data.frequencies_hz, q)
-    form = _form(model, h)
-    at, force = model.layout, model.forces
-    density = force @ force.conj().T
-    slopes = np.zeros((len(form), at.n_of_forms, *form.shape[1:]), dtype=complex)
-    for part, by in ((at.log_frequencies, by_frequency), (at.log_dampings, by_damping)):
-        for i, a in enumerate(range(part.start, part.stop)):
-            row = by[:, i, None] * h.conj() * density[i]
-            slopes[:, a, i, :] += row
-            slopes[:, a, :, i] += row.conj()
-    products = h[:, :, None] * h[:, None, :].conj()
-    for a, (i, j, unit) in enumerate(zip(*_entries(force), strict=True), at.diagonal.start):
-        change = np.zeros_like(density)
-        change[i] = unit * force[:, j].conj()
-        slopes[:, a] = products * (change + change.conj().T)
-    return form, slopes
+    force, modes = model.forces, np.arange(model.n_modes)
+    driven = h[:, :, None] * force
+    rows, columns, units = _entries(force)
+    all_rows = np.concatenate([modes, modes, rows])
+    # Changes of that row, (K, a), and the columns of diag(h) L with which they make N.
+    changes = np.concatenate([by_frequency, by_damping, h[:, rows] * units], axis=1)
+    with_all = (driven @ force[modes].conj().T).swapaxes(1, 2)
+    partners = np.concatenate([with_all, with_all, driven[:, :, columns].swapaxes(1, 2)], axis=1)
+    return driven @ driven.conj().swapaxes(1, 2), _Slopes(
+        all_rows, changes.conj()[:, :, None] * partners
+    )
 
 
 def _entries(forces: ComplexArray) -> tuple[NDArray[np.intp], NDArray[np.intp], ComplexArray]:
@@ -250,14 +258,15 @@ def _gradient(
     model: SpectralModel,
     data: Spectra,
     form: ComplexArray,
-    slopes: ComplexArray,
+    slopes: _Slopes,
     inverse: ComplexArray,
 ) -> FloatArray:
     at, shapes = model.layout, model.shapes
     difference = data.weights[:, None, None] * (inverse - inverse @ data.matrices @ inverse)
     total = np.empty(at.n_coordinates)
     on_modes = shapes.T @ difference @ shapes
-    total[: at.n_of_forms] = np.einsum("kij,kaji->a", on_modes, slopes, optimize=True).real
+    rows, vectors = slopes
+    total[: at.n_of_forms] = 2.0 * (on_modes[:, rows] * vectors).real.sum((0, 2))
     by_entry = 2.0 * np.einsum("kij,kjc->ci", form, shapes.T @ difference, optimize=True).real
     total[at.shapes] = np.einsum("ci,ict->it", by_entry, model.planes).ravel()
     noise = np.exp(model.log_noise)
@@ -269,31 +278,37 @@ def _information(
     model: SpectralModel,
     data: Spectra,
     form: ComplexArray,
-    slopes: ComplexArray,
+    slopes: _Slopes,
     inverse: ComplexArray,
 ) -> FloatArray:
     """Σ_k w_k Re tr(E⁻¹ ∂_a E E⁻¹ ∂_b E), from matrices of the size of N where that serves.
 
-    With A = E⁻¹, Y = A P, V = Pᵀ Y and F = Y N the terms of the entries (c, i), (d, j) of P are
-    2 Re(F_di F_cj + A_cd (N V N)_ji), that of an entry and dN 2 Re(N V dN Y*)_ic, and those of
-    noise follow from Y dN Y* and A_dc F_di*.
+    With A = E⁻¹, Y = A P, V = Pᵀ Y, F = Y N and x_a = V g_a, a coordinate a of N (row i) and one
+    b (row j) have 2 Re((x_a)_j (x_b)_i + V_ij g_b* x_a). The terms of the entries (c, i), (d, j)
+    of P are 2 Re(F_di F_cj + A_cd (N V N)_ji), that of an entry and dN 2 Re(N V dN Y*)_ic, and
+    those of noise follow from Y dN Y* and A_dc F_di*.
     """
     at, shapes, n_columns = model.layout, model.shapes, model.shapes.shape[1]
     n, n_forms = len(shapes), at.n_of_forms
-    noise, weights = np.exp(model.log_noise), data.weights
+    noise, w = np.exp(model.log_noise), data.weights[:, None, None]
+    rows, vectors = slopes
     y = inverse @ shapes
     v = shapes.T @ y
     f = y @ form
-    nvn = form @ v @ form
-    products = v[:, None] @ slopes  # (K, a, M, M)
+    nv = form @ v
+    nvn = nv @ form
     information = np.zeros((at.n_coordinates,) * 2)
 
-    flat = np.swapaxes(products, 2, 3).reshape(len(v), n_forms, -1)
-    weighted = weights[:, None, None] * products.reshape(len(v), n_forms, -1)
-    of_forms = np.einsum("kax,kbx->ab", weighted, flat, optimize=True).real
-    information[:n_forms, :n_forms] = of_forms
+    # Sums over lines of all products come first, since they are products of matrices.
+    a = np.arange(n_forms)
+    x = vectors @ v.swapaxes(1, 2)
+    crossed = np.einsum("kaj,kbi->ajbi", w * x, x, optimize=True)[
+        a[:, None], rows, a, rows[:, None]
+    ]
+    products = x @ vectors.conj().swapaxes(1, 2)
+    products *= (w * v)[:, rows[:, None], rows]
+    information[:n_forms, :n_forms] = 2.0 * (crossed.real + products.real.sum(0))
 
-    w = weights[:, None, None]
     entries = np.einsum("kdi,kcj->cidj", w * f, f, optimize=True).real
     entries += np.einsum("kcd,kji->cidj", w * inverse, nvn, optimize=True).real
     blocks = np.zeros((n, n_columns, n_columns, n - 1))
@@ -302,8 +317,10 @@ def _information(
     planes = blocks.reshape(n * n_columns, -1)
     information[at.shapes, at.shapes] = 2.0 * planes.T @ entries.reshape(n * n_columns, -1) @ planes
 
-    left = w * form
-    mixed = np.einsum("kil,kalm,kcm->cia", left, products, y.conj(), optimize=True).real
+    in_space = vectors @ y.swapaxes(1, 2)  # Y g
+    by_row = np.einsum("kij,kac->cija", w * nv, in_space.conj(), optimize=True)
+    by_column = np.einsum("kai,kcj->cija", x @ form.swapaxes(1, 2), w * y.conj(), optimize=True)
+    mixed = (by_row + by_column)[:, :, rows, a].real
     mixed = 2.0 * planes.T @ mixed.reshape(n * n_columns, n_forms)
     information[at.shapes, :n_forms], information[:n_forms, at.shapes] = mixed, mixed.T
 
@@ -313,7 +330,7 @@ def _information(
     with_shapes = noise[:, None] * with_shapes.reshape(n, -1) @ planes
     information[at.log_noise, at.shapes] = with_shapes
     information[at.shapes, at.log_noise] = with_shapes.T
-    with_forms = np.einsum("kdi,kaij,kdj->da", w * y, slopes, y.conj(), optimize=True).real
+    with_forms = 2.0 * np.einsum("kda,kad->da", w * y[:, :, rows], in_space.conj()).real
     with_forms *= noise[:, None]
     information[at.log_noise, :n_forms] = with_forms
     information[:n_forms, at.log_noise] = with_forms.T
