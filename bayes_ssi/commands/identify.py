@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +12,8 @@ from bayes_ssi.commands.record_options import record_of, record_options
 from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
 
 if TYPE_CHECKING:
+    from bayes_ssi.records.identification_result import ModalIdentification
     from bayes_ssi.records.modal_estimates import ModalEstimates
-    from bayes_ssi.records.modal_identification import ModalIdentification
 
 
 @click.command()
@@ -49,12 +50,12 @@ def identify(
     Writes them with their uncertainties to a CSV file, the data of model classes; --json gives
     their whole covariance.
     """
-    from bayes_ssi.data.covariance_file import covariance_path
-    from bayes_ssi.data.modal_csv import modal_files, write_modal_data
+    from bayes_ssi.data.modal_csv import modal_files, possible_modal_files, write_modal_data
     from bayes_ssi.records import modal_identification
+    from bayes_ssi.results.wording import listed
     from bayes_ssi.tables.mode_tables import estimates_table
 
-    written = () if out is None else (out, covariance_path(out))
+    written = () if out is None else possible_modal_files(out)
     for file in (*written, *(() if figures is None else (figures,))):
         if file.exists():
             raise FileExistsError(f"{file} exists; give another name")
@@ -72,15 +73,19 @@ def identify(
         *(f"(!) {remark}" for remark in (*warnings, *found.remarks)),
         *(f"(!) Failed check: {check}" for check in found.failed_checks),
     )
-    if out is not None:
-        data = found.modal_data(f"identified from {record.source}")
-        write_modal_data(data, out)
-        say(where, "Wrote " + " and ".join(map(str, modal_files(data, out))))
+    drawn: list[Path] = []
     if figures is not None:
         from bayes_ssi.plots.record_plots import save_record_figures
 
-        n_figures = len(save_record_figures(figures, record, found))
-        say(where, f"Wrote {n_figures} figures in {figures}")
+        drawn = save_record_figures(figures, record, found)
+        say(where, f"Wrote {len(drawn)} figures in {figures}.")
+    if out is not None:
+        data = found.modal_data(f"identified from {record.source}")
+        (own,) = data.identifications
+        own = replace(own, remarks=(*warnings, *own.remarks), figures=tuple(map(str, drawn)))
+        data = replace(data, identifications=(own,))
+        write_modal_data(data, out)
+        say(where, f"Wrote {listed(modal_files(data, out))}.")
     print_record(lambda: _record(found, warnings))
     exit_if_failed(found.failed_checks)
 

@@ -23,13 +23,13 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     Modes that are nearest to each other are the same; frequencies and shapes have the weights of
     their errors. The scatter between files is compared with these.
     """
-    from bayes_ssi.data.covariance_file import covariance_path
     from bayes_ssi.data.merging import merge_modal_data
-    from bayes_ssi.data.modal_csv import modal_files, write_modal_data
+    from bayes_ssi.data.modal_csv import modal_files, possible_modal_files, write_modal_data
     from bayes_ssi.data.modal_files import read_modal_data
+    from bayes_ssi.results.wording import listed
     from bayes_ssi.tables.mode_tables import merged_table
 
-    for file in () if out is None else (out, covariance_path(out)):
+    for file in () if out is None else possible_modal_files(out):
         if file.exists():
             raise FileExistsError(f"{file} exists; give another name")
     names = _names(files)
@@ -45,7 +45,7 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     )
     if out is not None:
         write_modal_data(merged.data, out)
-        say(where, "Wrote " + " and ".join(map(str, modal_files(merged.data, out))))
+        say(where, f"Wrote {listed(modal_files(merged.data, out))}.")
     print_record(lambda: _record(merged))
     exit_if_failed(merged.failed_checks)
 

@@ -189,7 +189,8 @@ def _modal_data(
         )
     band = next(iter(tests.values())).band_hz
     source = "merged from " + ", ".join(tests)
-    return ModalData(tuple(modes), band, sensors, source, merged.covariance)
+    identifications = tuple(each for data in tests.values() for each in data.identifications)
+    return ModalData(tuple(modes), band, sensors, source, merged.covariance, identifications)
 
 
 def _damping(modes: Sequence[IdentifiedMode]) -> tuple[float | None, float | None]:

@@ -5,13 +5,15 @@
     # source, ambient vibration test of 12 May
     # band_hz, 0, 6
     # covariance, modes.covariance.json
+    # identification, modes.identification.json
     label, frequency_hz, frequency_cov, damping, floor 1, floor 2, floor 3
     1,     0.983,        0.001,         0.012,   0.331,   0.593,   0.734
     2a,    2.604,        ,              ,        0.674,   0.240,
 
 Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
-the search, required), ``source`` (text) and ``covariance`` (a file in the same directory, see
-:mod:`bayes_ssi.data.covariance_file`); anything else there is a comment. Then a row of column
+the search, required), ``source`` (text), ``covariance`` and ``identification`` (files in the same
+directory, see :mod:`bayes_ssi.data.covariance_file` and
+:mod:`bayes_ssi.data.identification_file`); anything else there is a comment. Then a row of column
 names: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd``, ``damping`` and
 ``damping_sd`` (fractions) are optional, and **every other column is a sensor**, named as the
 structure's degree of freedom. An empty cell is a value not measured. Complex components are written
@@ -26,13 +28,20 @@ import io
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from bayes_ssi.argument_types import checked
 from bayes_ssi.data.covariance_file import covariance_path, read_covariance, write_covariance
+from bayes_ssi.data.identification_file import (
+    identification_path,
+    read_identifications,
+    write_identifications,
+)
+from bayes_ssi.data.identification_record import IdentificationRecord
 from bayes_ssi.data.identified_mode import RESERVED_NAMES, IdentifiedMode, repeated
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.text_files import read_columns
@@ -41,7 +50,8 @@ T = TypeVar("T", float, complex)
 
 REQUIRED_COLUMNS = ("label", "frequency_hz")
 NUMBER_COLUMNS = RESERVED_NAMES[1:]
-HEAD_KEYS = ("source", "band_hz", "covariance")
+FILE_KEYS = ("covariance", "identification")
+HEAD_KEYS = ("source", "band_hz", *FILE_KEYS)
 DELIMITERS = ",;\t"
 
 
@@ -98,8 +108,8 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
     if not modes:
         raise ValueError(f"{path}: no mode below the column names")
 
-    source, file_band, covariance_name = _read_head(head)
-    band = band_hz if band_hz is not None else file_band
+    stated = _read_head(head)
+    band = band_hz if band_hz is not None else stated.band_hz
     if band is None:
         raise ValueError(
             f"{path}: no band; add a line such as '# band_hz, 0, 6' above the column names: the "
@@ -108,22 +118,27 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
     low, high = band
     sensors = tuple(name for name in columns if name not in RESERVED_NAMES)
     covariance = None
-    if covariance_name:
-        covariance = read_covariance(path.parent / covariance_name, path, modes, sensors)
+    identifications: tuple[IdentificationRecord, ...] = ()
+    if name := stated.files.get("covariance"):
+        covariance = read_covariance(path.parent / name, path, modes, sensors)
+    if name := stated.files.get("identification"):
+        identifications = read_identifications(path.parent / name, path)
     try:
-        return ModalData(modes, (low, high), sensors, source, covariance)
+        return ModalData(modes, (low, high), sensors, stated.source, covariance, identifications)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
 @checked
 def write_modal_data(data: ModalData, path: str | Path) -> None:
-    """Write identified modes to a new CSV file, and their joint covariance to one next to it.
+    """Write identified modes to a new CSV file.
+
+    Their joint covariance, and how they were identified, are in files next to it.
 
     Args:
         data: the modes; :func:`bayes_ssi.read_modal_data` reads them back unchanged.
-        path: path of the file; that of a covariance ends in ``.covariance.json`` in place of
-            ``.csv``.
+        path: path of the file; the others end in ``.covariance.json`` and
+            ``.identification.json`` in place of ``.csv``.
 
     Raises:
         FileExistsError: a file exists.
@@ -144,6 +159,8 @@ def write_modal_data(data: ModalData, path: str | Path) -> None:
         writer.writerow(["# band_hz", *(repr(float(bound)) for bound in data.band_hz)])
         if data.covariance is not None:
             writer.writerow(["# covariance", covariance_path(path).name])
+        if data.identifications:
+            writer.writerow(["# identification", identification_path(path).name])
         writer.writerow([*REQUIRED_COLUMNS, *optional, *data.sensors])
         for mode in data.modes:
             numbers = [getattr(mode, name) for name in ("frequency_hz", *optional)]
@@ -155,12 +172,20 @@ def write_modal_data(data: ModalData, path: str | Path) -> None:
             )
     if data.covariance is not None:
         write_covariance(data, covariance_path(path))
+    if data.identifications:
+        write_identifications(data.identifications, identification_path(path))
 
 
 def modal_files(data: ModalData, path: str | Path) -> tuple[Path, ...]:
     """The files that :func:`write_modal_data` writes."""
-    path = Path(path)
-    return (path,) if data.covariance is None else (path, covariance_path(path))
+    every = possible_modal_files(path)
+    is_written = (True, data.covariance is not None, bool(data.identifications))
+    return tuple(compress(every, is_written))
+
+
+def possible_modal_files(path: str | Path) -> tuple[Path, ...]:
+    """The files that :func:`write_modal_data` may write."""
+    return Path(path), covariance_path(path), identification_path(path)
 
 
 def _component_text(component: complex) -> str:
@@ -215,9 +240,17 @@ def _column_names(line: _Line) -> list[str]:
     return names
 
 
-def _read_head(head: list[_Line]) -> tuple[str, tuple[float, float] | None, str]:
-    """The source, the band and the covariance's file, from the lines above the column names."""
-    source, band, covariance = "", None, ""
+class _Head(NamedTuple):
+    """What the lines above the column names state; ``files`` by their keys."""
+
+    source: str
+    band_hz: tuple[float, float] | None
+    files: dict[str, str]
+
+
+def _read_head(head: list[_Line]) -> _Head:
+    source, band = "", None
+    files: dict[str, str] = {}
     first: dict[str, int] = {}
     for line in head:
         cells = [line.cells[0].lstrip("# ").strip(), *line.cells[1:]]
@@ -231,10 +264,10 @@ def _read_head(head: list[_Line]) -> tuple[str, tuple[float, float] | None, str]
             raise line.error(f"a second line of {key}; the first is line {first[key]}")
         if key == "source":
             source = ", ".join(values)
-        elif key == "covariance":
+        elif key in FILE_KEYS:
             if len(values) != 1:
-                raise line.error(f"covariance needs the name of one file, got {values!r}")
-            covariance = values[0]
+                raise line.error(f"{key} needs the name of one file, got {values!r}")
+            files[key] = values[0]
         elif key == "band_hz":
             if not line.decimal_comma:
                 values = [part for value in values for part in re.split(r"[,\s]+", value) if part]
@@ -242,7 +275,7 @@ def _read_head(head: list[_Line]) -> tuple[str, tuple[float, float] | None, str]
                 raise line.error(f"band_hz needs two frequencies in Hz, got {values!r}")
             low, high = (line.parse(float, value, "band_hz") for value in values)
             band = (low, high)
-    return source, band, covariance
+    return _Head(source, band, files)
 
 
 def _component(text: str, column: str, line: _Line) -> complex:

@@ -11,6 +11,7 @@ import numpy as np
 
 from bayes_ssi.argument_types import require
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.data.identification_record import IdentificationRecord
 from bayes_ssi.data.identified_mode import (
     RESERVED_NAMES,
     IdentifiedMode,
@@ -44,6 +45,8 @@ class ModalData:
             not measured do not count. It gives every mode its ``frequency_cov``, and its
             ``shape_sd`` as √(trace / (d - 1)) of its d measured components. None where errors of
             these sizes are independent.
+        identifications: how the modes were identified from vibration records, for reports; empty
+            where that is not known.
 
     Raises:
         ValueError: labels repeat, a mode lies outside the band, a shape does not have one
@@ -55,6 +58,7 @@ class ModalData:
     sensors: tuple[str, ...] = ()
     source: str = ""
     covariance: FloatArray | None = None
+    identifications: tuple[IdentificationRecord, ...] = ()
 
     def __post_init__(self) -> None:
         low, high = checked_band(self.band_hz)

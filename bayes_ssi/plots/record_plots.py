@@ -24,7 +24,7 @@ from bayes_ssi.plots.figure_style import (
     width_of_panels,
     without_math,
 )
-from bayes_ssi.records.modal_identification import ModalIdentification
+from bayes_ssi.records.identification_result import ModalIdentification
 from bayes_ssi.records.next_era import correlations, poles, realisation
 from bayes_ssi.records.record import Record
 from bayes_ssi.records.spectral_model import covariances
@@ -34,6 +34,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SIZE = (6.3, 3.2)
+# The figures of an identification by the names of their files.
+CAPTIONS = {
+    "singular_values": "Singular values of the record's spectral matrices and of the fit's; modes "
+    "with 90 % intervals",
+    "stabilisation": "Poles of NExT-ERA over its orders; modes with 90 % intervals",
+    "whitened_residuals": "What is left of each spectral matrix divided by the fit's: 1 on average "
+    "where the fit is right",
+    "shapes": "Identified shapes at unit length, with 90 % intervals",
+    "complexity": "Phases of the motion at each mode: on one line where the mode is real and alone",
+}
 # Standard deviations to either side that hold 90 %.
 WITHIN_90 = 1.645
 

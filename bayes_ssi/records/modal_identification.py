@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from bayes_ssi.argument_types import checked
-from bayes_ssi.data.identified_mode import IdentifiedMode
-from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.records.bayesian_fft import BandFit, Loads, fit_band
+from bayes_ssi.records.identification_result import ModalIdentification, Rejected, measured_record
 from bayes_ssi.records.modal_estimates import ModalEstimates, Poles
 from bayes_ssi.records.next_era import Correlations, clusters, correlations, next_era, realisation
 from bayes_ssi.records.peaks import BEYOND_DOUBT, Peak, split_peaks
@@ -34,66 +32,6 @@ SHORTEST = 1.0
 PERSISTENT, POSSIBLE = 0.65, 0.3
 # Where one direction carries nearly all power in most blocks, one process drives the modes.
 COHERENT = 0.98
-
-
-class Rejected(NamedTuple):
-    """A candidate that is no mode of the result.
-
-    Attributes:
-        frequency_hz: where it was.
-        reason: why it was not accepted.
-    """
-
-    frequency_hz: float
-    reason: str
-
-
-@dataclass(frozen=True, eq=False)
-class ModalIdentification:
-    """The modes identified from a record by two methods, and which of them are quoted.
-
-    Attributes:
-        quoted: the modes to use: those of the Bayesian FFT where its spectral model explains the
-            record, otherwise those of NExT-ERA.
-        bayesian: modes by Bayesian FFT.
-        era: modes by NExT-ERA with jackknife errors; None where it could not identify them.
-        fit: the Bayesian FFT's spectral model, its evidence and whiteness.
-        peaks: of the spectra, with the probability that each holds two modes.
-        rejected: candidates that were not accepted.
-        too_short: places of the quoted modes that the record is too short for: nothing is claimed
-            of their damping and shape.
-        remarks: what to know of the result, a sentence each.
-        failed_checks: why the claimed errors may be wrong, a sentence each; empty if all is well.
-    """
-
-    quoted: ModalEstimates
-    bayesian: ModalEstimates
-    era: ModalEstimates | None
-    fit: BandFit
-    peaks: tuple[Peak, ...]
-    rejected: tuple[Rejected, ...]
-    too_short: tuple[int, ...]
-    remarks: tuple[str, ...]
-    failed_checks: tuple[str, ...]
-
-    def modal_data(self, source: str = "") -> ModalData:
-        """The quoted modes as data of model classes.
-
-        Modes that the record is too short for have their frequency alone.
-
-        Args:
-            source: where they come from.
-        """
-        data = self.quoted.modal_data(source)
-        if not self.too_short:
-            return data
-        modes = tuple(
-            IdentifiedMode(mode.label, mode.frequency_hz, frequency_cov=mode.frequency_cov)
-            if i in self.too_short
-            else mode
-            for i, mode in enumerate(data.modes)
-        )
-        return replace(data, modes=modes)
 
 
 @checked
@@ -144,8 +82,9 @@ def identify(
     if quoted is era:
         remarks.append(f"{_doubt(fit)}; NExT-ERA is quoted")
     return ModalIdentification(
-        quoted, bayesian, era, fit, peaks, tuple(rejected), too_short, tuple(remarks), tuple(failed)
-    )
+        measured_record(record), quoted, bayesian, era, fit, peaks, tuple(rejected), too_short,
+        tuple(remarks), tuple(failed),
+    )  # fmt: skip
 
 
 def _candidates(data: Correlations | None) -> tuple[Poles, Poles]:

@@ -19,6 +19,8 @@ from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.predictions.saved_predictions import SavedPredictions
 from bayes_ssi.ranking.averages import averaged_parameters
 from bayes_ssi.ranking.comparison import RankedClass
+from bayes_ssi.records.modal_identification import FARTHEST_APART, SHORTEST
+from bayes_ssi.report.identifications import identifications
 from bayes_ssi.report.limits import LIMITS
 from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.results.answer import answer
@@ -48,6 +50,11 @@ def page_content(
     """
     record, comparison = stored.record, stored.comparison
     ranked = list(zip(comparison.classes, stored.ranked_posteriors, strict=True))
+    classes = [
+        # A hypothesis of a search carries the description of the class that it was built on.
+        _class(row, posterior, stored, described=stored.search is None)
+        for row, posterior in ranked[: LIMITS.classes]
+    ]
     return {
         "title": record.study,
         "question": record.description,
@@ -68,11 +75,10 @@ def page_content(
             for name, data in stored.tests.items()
         ],
         "several": len(stored.tests) > 1,
-        "classes": [
-            # A hypothesis of a search carries the description of the class that it was built on.
-            _class(row, posterior, stored, described=stored.search is None)
-            for row, posterior in ranked[: LIMITS.classes]
-        ],
+        "identifications": identifications(stored.tests, classes),
+        "most_apart": FARTHEST_APART,
+        "shortest": SHORTEST,
+        "classes": classes,
         "n_more": max(0, len(ranked) - LIMITS.classes),
         "checks": [(row, posterior, _chain_lengths(posterior)) for row, posterior in ranked],
         "check_names": check_names(stored.posteriors),

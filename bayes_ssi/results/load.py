@@ -1,10 +1,10 @@
 """Reading a result directory.
 
 A result directory holds ``result.json`` (study, inputs, versions, seed, settings and everything
-but the draws), ``data.csv`` (the identified modes; where there are several configurations, a
-file for each in ``data/``), ``comparison.json`` and ``comparison.csv``, and ``posteriors/*.nc``
-(draws of each class, which arviz opens). Results of commands have ``figures``. ``digests.json``
-holds the digests of all these files.
+but the draws), ``data.csv`` (the identified modes; next to it, how they were identified; where
+there are several configurations, files for each in ``data/``), ``comparison.json`` and
+``comparison.csv``, and ``posteriors/*.nc`` (draws of each class, which arviz opens). Results of
+commands have ``figures``. ``digests.json`` holds the digests of all these files.
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import csv
+import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from bayes_ssi.argument_types import checked
 from bayes_ssi.codec import to_record
 from bayes_ssi.data.modal_csv import write_modal_data
+from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.execution.run import Run
 from bayes_ssi.file_names import file_names
 from bayes_ssi.model_class.class_record import class_record
@@ -111,8 +113,22 @@ def _save_tests(study: Study, directory: Path) -> dict[str, str]:
         names = file_names([configuration.name for configuration in configurations], "csv")
         files = {name: f"data/{file}" for name, file in names.items()}
     for configuration in configurations:
-        write_modal_data(configuration.data, directory / files[configuration.name])
+        path = directory / files[configuration.name]
+        write_modal_data(_with_own_figures(configuration.data, path), path)
     return files
+
+
+def _with_own_figures(data: ModalData, path: Path) -> ModalData:
+    """The modes, the figures of their identification copied to a directory next to their file."""
+    own = path.with_suffix(".figures")
+    identifications = []
+    for i, each in enumerate(data.identifications, 1):
+        copies = []
+        for file in filter(Path.is_file, map(Path, each.figures)):
+            own.mkdir(exist_ok=True)
+            copies.append(str(shutil.copyfile(file, own / f"{i}_{file.name}")))
+        identifications.append(replace(each, figures=tuple(copies)))
+    return replace(data, identifications=tuple(identifications))
 
 
 def _record(

@@ -1,0 +1,100 @@
+"""How modes were identified from a vibration record: what a report says of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class MeasuredRecord:
+    """A vibration record, without its samples.
+
+    Attributes:
+        source: its files; empty where it was made in Python.
+        sensors: their names.
+        duration_s: number of samples over the rate.
+        rate_hz: samples per second.
+        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
+        unit: of the samples.
+    """
+
+    source: str
+    sensors: tuple[str, ...]
+    duration_s: float
+    rate_hz: float
+    quantity: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class EstimatedMode:
+    """One mode with the standard deviations that are claimed; None where nothing is claimed.
+
+    Attributes:
+        frequency_hz: its frequency.
+        frequency_cov: standard deviation over the frequency.
+        damping: fraction of critical damping.
+        damping_sd: standard deviation of the damping.
+        shape_sd: standard deviation of a component across the unit shape.
+        methods_apart: largest difference between the two methods in frequency or shape, in claimed
+            standard deviations; None where there is one method.
+    """
+
+    frequency_hz: float
+    frequency_cov: float
+    damping: float | None
+    damping_sd: float | None
+    shape_sd: float | None
+    methods_apart: float | None
+
+
+@dataclass(frozen=True)
+class EstimatedPeak:
+    """A peak of the spectra, and how many modes it holds.
+
+    Attributes:
+        modes: places of its modes among those identified, from 0.
+        probability_of_two: that it holds two modes rather than one.
+        resolution_hz: two modes of one shape that are closer could not be told from one.
+    """
+
+    modes: tuple[int, ...]
+    probability_of_two: float
+    resolution_hz: float
+
+
+@dataclass(frozen=True)
+class IdentificationRecord:
+    """An identification of modes from one record.
+
+    Attributes:
+        record: from which.
+        band_hz: lowest and highest frequency of the search.
+        method: whose modes are quoted.
+        loads: that explain the record best.
+        is_explained: whether the spectral model of the Bayesian FFT explains the record.
+        whiteness: chi-square of the whitened spectra over its degrees of freedom.
+        allowed_whiteness: the largest that a right model has by chance.
+        cycles_of_decay: ζ f T of the mode for which the record is shortest.
+        modes: as quoted, in ascending order of frequency.
+        peaks: of the spectra, in ascending order.
+        rejected: frequency (Hz) of each candidate that was not accepted, and why.
+        remarks: a sentence each.
+        failed_checks: a sentence each.
+        figures: paths of PNG files that were drawn of it.
+    """
+
+    record: MeasuredRecord
+    band_hz: tuple[float, float]
+    method: str
+    loads: str
+    is_explained: bool
+    whiteness: float
+    allowed_whiteness: float
+    cycles_of_decay: float
+    modes: tuple[EstimatedMode, ...]
+    peaks: tuple[EstimatedPeak, ...]
+    rejected: tuple[tuple[float, str], ...]
+    remarks: tuple[str, ...]
+    failed_checks: tuple[str, ...]
+    figures: tuple[str, ...] = ()

@@ -1,0 +1,139 @@
+"""The section "from records to modes": what was identified, and what classes make of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from html_page import Page
+from matplotlib.figure import Figure
+
+import bayes_ssi as bs
+from bayes_ssi.data.identification_record import (
+    EstimatedMode,
+    EstimatedPeak,
+    IdentificationRecord,
+    MeasuredRecord,
+)
+from bayes_ssi.ranking.study import Ranking
+from bayes_ssi.report import write_report
+from bayes_ssi.report.report_figures import ReportFigures
+from bayes_ssi.results.load import load_result
+from bayes_ssi.results.save import save_result
+
+RECORD = IdentificationRecord(
+    record=MeasuredRecord("<tower>.csv", ("x", "y"), 600.0, 50.0, "acceleration", "m/s2"),
+    band_hz=(0.0, 4.0),
+    method="Bayesian FFT",
+    loads="independent loads",
+    is_explained=True,
+    whiteness=1.02,
+    allowed_whiteness=1.25,
+    cycles_of_decay=6.0,
+    modes=(
+        EstimatedMode(1.0, 0.002, 0.02, 0.003, 0.004, 0.5),
+        EstimatedMode(2.4, 0.001, 0.02, 0.003, 0.005, 1.5),
+        EstimatedMode(2.9, 0.001, 0.02, 0.003, 0.005, 4.5),
+    ),
+    peaks=(EstimatedPeak((0,), 0.0001, 0.05), EstimatedPeak((1, 2), 0.97, 0.15)),
+    rejected=((3.3, "the spectra gain nothing by a mode there"),),
+    remarks=("sensor 'x': clipped",),
+    failed_checks=("mode at 2.9 Hz: the methods differ",),
+)
+
+
+@pytest.fixture
+def ranking(make_posterior):
+    """Two classes with modes at 1 and 2.5 Hz; of the peak with two modes, one is in the data."""
+
+    def ranking(*records):
+        k = bs.Parameter("k", bs.LogNormal(40.0, 0.3))
+        modes = (bs.IdentifiedMode("1", 1.0), bs.IdentifiedMode("2a", 2.4001))
+        data = bs.ModalData(modes, (0.0, 4.0), identifications=records)
+        building = bs.ShearBuilding((1.0, 1.0), (k, k))
+        error = bs.ErrorModel(0.02, 0.05)
+        pairings = {"both": {"1": 1, "2a": 2}, "first": {"1": 1}}
+        classes = [
+            bs.ModelClass(name, building, data, error, pairing=pairing)
+            for name, pairing in pairings.items()
+        ]
+        posteriors = tuple(
+            make_posterior(each.name, -i, names=each.parameter_names, pairing=each.pairing,
+                           data_digest=data.digest, frequencies_hz=np.full((4, 250, 2), [1.0, 2.5]))
+            for i, each in enumerate(classes)
+        )  # fmt: skip
+        study = bs.Study("records", classes)
+        return Ranking(study, posteriors, bs.compare(posteriors), 0, bs.SamplingSettings())
+
+    return ranking
+
+
+@pytest.fixture(autouse=True)
+def _no_drawings(monkeypatch):
+    monkeypatch.setattr(
+        "bayes_ssi.report.report_figures.draw_figures",
+        lambda stored, *_: ReportFigures(tests={name: [] for name in stored.tests}),
+    )
+
+
+def test_the_identification_is_shown_with_what_classes_make_of_its_peaks(ranking, tmp_path):
+    save_result(ranking(RECORD), tmp_path / "r")
+    page = Page(write_report(tmp_path / "r").read_text("utf-8"))
+    for words in (
+        "<tower>.csv: acceleration (m/s2) at 2 sensors (x, y), 600 s at 50 Hz.",
+        "Quoted are those by Bayesian FFT: the spectral model of the Bayesian FFT, with "
+        "independent loads, explains the record.",
+        "mode at 2.9 Hz: the methods differ",
+        "3.3 Hz: the spectra gain nothing by a mode there",
+        "sensor 'x': clipped",
+    ):
+        assert words in page.text
+    rows = [[" ".join(cell.split()) for cell in row] for row in page.rows]
+    assert ["2a", "2.4", "0.1 %", "2 %", "0.3 %", "0.005", "1.5 sd"] in rows
+    checks = {row[0].split()[0]: row[1:] for row in rows if row[2:3] and " " in row[2]}
+    assert checks["whiteness:"] == ["1.02", "at most 1.25", "passed"]
+    assert checks["Bayesian"] == ["4.5", "at most 4", "failed"]
+    assert checks["length"] == ["6", "at least 1", "passed"]
+    # The second model mode, 2.5 Hz, is nearer to the peak than could be told apart.
+    assert ["1 (1 Hz)", "0.0001", "0.05", "1 → mode 1", "1 → mode 1"] in rows
+    assert [
+        "2a (2.4 Hz), left out (2.9 Hz)", "0.9700", "0.15", "2a → mode 2; 2.9 Hz left out",
+        "2a spurious; 2.9 Hz left out; mode 2 (2.5 Hz) missed",
+    ] in rows  # fmt: skip
+
+
+def test_what_one_method_leaves_open_is_said(ranking, tmp_path):
+    modes = tuple(replace(mode, methods_apart=None) for mode in RECORD.modes)
+    doubtful = replace(RECORD, is_explained=False, cycles_of_decay=0.5, modes=modes)
+    save_result(ranking(RECORD, doubtful), tmp_path / "r")
+    shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
+    first, second = shown.split("Quoted are those by")[1:]
+    assert "NExT-ERA has no modes" not in first
+    for words in (
+        "does not explain the record, and there are no others",
+        "NExT-ERA has no modes",
+        "failed: damping and shape left out",
+    ):
+        assert words in second
+
+
+def test_figures_are_copied_to_the_result(ranking, tmp_path):
+    drawn = tmp_path / "drawn"
+    drawn.mkdir()
+    Figure(figsize=(2.5, 1.0)).savefig(drawn / "singular_values.png")
+    gone = str(drawn / "shapes.png")
+    with_figures = replace(RECORD, figures=(str(drawn / "singular_values.png"), gone))
+    save_result(ranking(with_figures), tmp_path / "r")
+    (drawn / "singular_values.png").unlink()
+    (kept,) = load_result(tmp_path / "r").data.identifications
+    own = tmp_path / "r" / "data.figures" / "1_singular_values.png"
+    assert kept.figures == (str(own),)
+    text = write_report(tmp_path / "r").read_text("utf-8")
+    assert text.count("<figure ") == 1
+    assert "Singular values of the record" in text
+
+
+def test_modes_of_unknown_origin_have_no_such_section(ranking, tmp_path):
+    save_result(ranking(), tmp_path / "r")
+    shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
+    assert "From records to modes" not in shown
+    assert not list((tmp_path / "r").glob("*identification*"))
