@@ -48,6 +48,9 @@ N_MODES = 6  # five in the band, and one above
 LOWEST_MODES = 4
 MASS_RATIOS = (0.01, 0.05)
 LEAST_MOTION = 0.5
+# Changes a probability by less than 0.01; a third as much needs up to 64 full solutions to confirm
+# each hypothesis.
+LOG_EVIDENCE_ERROR = 0.03
 NEAR_TRUTH = (0.01 * FREQUENCY_COV, 0.02 * SHAPE_SD)  # errors of the reduced frame, known place
 
 
@@ -222,8 +225,9 @@ def searched(path, seed, workers, with_directions):
     baseline = bs.ModelClass("frame", frame.reduced(), data, error, pairing="any")
     places = candidates(path, frame, with_directions)
     settings = bs.SearchSettings(number_weights=(1.0, 1.0))
+    sampling = bs.SamplingSettings(log_evidence_error=LOG_EVIDENCE_ERROR)
     begun, cpu_begun = perf_counter(), cpu_seconds()
-    result = bs.search(baseline, settings, seed, run=bs.Run(workers), candidates=places)
+    result = bs.search(baseline, settings, seed, sampling, bs.Run(workers), candidates=places)
     seconds, cpu = perf_counter() - begun, cpu_seconds() - cpu_begun
 
     record, checks = result.record, result.ranking.comparison.failed_checks

@@ -214,7 +214,10 @@ def fake_sampling(monkeypatch, make_posterior):
         def screen_all(hypotheses, seed, run, effort=None):
             del seed, run, effort
             classes = [each.model_class for each in hypotheses]
-            levels.append([each.name for each in classes])
+            # Of those with several appendages, the best are screened once more.
+            known = {name for level in levels for name in level}
+            if new := [each.name for each in classes if each.name not in known]:
+                levels.append(new)
             return [
                 searches.screened(each, (approximately or log_evidence)(each)) for each in classes
             ]

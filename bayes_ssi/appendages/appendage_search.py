@@ -12,6 +12,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from bayes_ssi.appendages.baselines import Baselines, choose_baselines, compact, prior_draws
 from bayes_ssi.appendages.candidates import Candidate
 from bayes_ssi.appendages.findings import search_record
@@ -125,7 +127,9 @@ def screened_hypotheses(
             for name, places in keys
         ]
         weights = [prior_weight(name, len(places)) for name, places in keys]
-        results = screen_best(wanted, weights, len(keys[0].places), seed, run)
+        masses = [each.approximate_log_mass.log_evidence for each in hypotheses.values()]
+        fewer = float(np.logaddexp.reduce(masses, initial=-math.inf))
+        results = screen_best(wanted, weights, len(keys[0].places), seed, run, fewer)
         for key, (made, _), weight, screened in zip(keys, wanted, weights, results, strict=True):
             hypotheses[key] = ScreenedHypothesis(key, made, weight, screened)
         if len(hypotheses) == len(names):

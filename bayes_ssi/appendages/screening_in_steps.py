@@ -24,9 +24,10 @@ from bayes_ssi.appendages.screening import (
 )
 from bayes_ssi.execution.run import Run
 
-# So many hypotheses are screened in full, in half a minute. Of more, only those that have three
-# thousandths of what all have: the error of quick screening, a few tenths of a nat, in any of the
-# others changes no probability by more than a thousandth.
+# So many hypotheses of at most one appendage are screened in full, in half a minute. Of more, and
+# of those with several appendages, only those that have three thousandths of what all have: the
+# error of quick screening, a few tenths of a nat, in any of the others changes no probability by
+# more than a thousandth.
 MOST_IN_FULL, SHARE_FOR_FULL = 30, 3e-3
 # Pairs of appendages that are screened quickly, in a minute; of more, the best by a first look, or
 # by a scan.
@@ -41,6 +42,7 @@ def screen_best(
     n_appendages: int,
     seed: int,
     run: Run,
+    log_mass_of_fewer: float = -math.inf,
 ) -> list[Screened]:
     """Screen hypotheses with one number of appendages, the better ones with more effort.
 
@@ -51,12 +53,14 @@ def screen_best(
         seed: a result follows from it, the hypothesis's name, the effort, and the simpler one's
             result.
         run: workers and progress.
+        log_mass_of_fewer: log of prior weights times evidences, summed over the hypotheses with
+            fewer appendages.
 
     Raises:
         ValueError: the likelihood of a hypothesis is zero at every draw from its prior.
     """
     n = len(hypotheses)
-    if n <= MOST_IN_FULL:
+    if n_appendages <= 1 and n <= MOST_IN_FULL:
         return screen_all(hypotheses, seed, run, FULL)
     log_weights = np.log(weights)
     most = n if n_appendages == 1 else MOST_PAIRS
@@ -65,10 +69,13 @@ def screen_best(
         results = _within_reach(hypotheses, log_weights, looks, most, seed, run)
     elif n > most:
         results = screen_all(hypotheses, seed, run, SCAN)
-        _screen_again(results, hypotheses, log_weights, (QUICK, most, 0.0), seed, run)
+        _screen_again(results, hypotheses, log_weights, (QUICK, most, -math.inf), seed, run)
     else:
         results = screen_all(hypotheses, seed, run, QUICK)
-    in_full = (FULL, MOST_IN_FULL, SHARE_FOR_FULL)
+    of_all = np.logaddexp(
+        log_mass_of_fewer, logsumexp(log_weights + [each.log_evidence for each in results])
+    )
+    in_full = (FULL, MOST_IN_FULL, float(of_all) + math.log(SHARE_FOR_FULL))
     _screen_again(results, hypotheses, log_weights, in_full, seed, run)
     return results
 
@@ -109,10 +116,9 @@ def _screen_again(
     seed: int,
     run: Run,
 ) -> None:
-    """Replace the best of ``results``, at most so many and of so large a share, by new ones."""
-    effort, most, least_share = step
+    """Replace the best of ``results``, at most so many and of so large a log mass, by new ones."""
+    effort, most, least = step
     log_masses = log_weights + [each.log_evidence for each in results]
-    least = float(logsumexp(log_masses)) + (math.log(least_share) if least_share else -math.inf)
     best = [int(i) for i in np.argsort(-log_masses, kind="stable")[:most] if log_masses[i] >= least]
     again = screen_all([hypotheses[i] for i in best], seed, run, effort)
     for i, screened in zip(best, again, strict=True):

@@ -109,6 +109,19 @@ def test_what_a_first_look_leaves_out_does_not_matter(chain, monkeypatch):
         assert steps[i].log_evidence == pytest.approx(full[i].log_evidence, abs=6.0)
 
 
+def test_several_appendages_are_screened_in_full_only_where_they_matter(chain):
+    """Next to hypotheses with fewer that have a thousand times as much, quick screening does."""
+    _, hypotheses, full = chain
+    true = [each.model_class.name for each in hypotheses].index("pendulum 30")
+    some = [hypotheses[true], hypotheses[true - 1]]
+    in_full = screen_best(some, [1.0, 1.0], 2, 0, bs.Run())[0]
+    assert in_full.log_evidence == full[true].log_evidence
+    much = full[true].log_evidence + np.log(1000.0)
+    quick = screen_best(some, [1.0, 1.0], 2, 0, bs.Run(), log_mass_of_fewer=much)[0]
+    assert quick.log_evidence == pytest.approx(in_full.log_evidence, abs=3.0 * quick.error + 0.1)
+    assert quick.n_evaluations < 0.2 * in_full.n_evaluations
+
+
 def test_hypotheses_that_explain_nothing_are_all_screened(chain, monkeypatch):
     """Where evidences are alike, none is out of reach of the others."""
     hypotheses = chain.hypotheses
