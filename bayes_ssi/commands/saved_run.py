@@ -310,4 +310,5 @@ def _figures(ranking: Ranking, records: Mapping[str, Any]) -> list[ResultFigure]
             records.get(SEARCH),
         ),
         *result_figures.figures_of_modes(classes[ranked[0].name], ranked[0]),
+        *result_figures.figures_of_identified_shapes(classes[ranked[0].name]),
     ]

@@ -68,23 +68,43 @@ def plot_modes_in_space(
     if not shown or not can_be_drawn(modes):
         raise ValueError("plot_modes_in_space: needs a mode, and coordinates of what moves")
     skeleton, displacements = _skeleton(modes)
-    across = panels_across(len(shown))
-    down = -(-len(shown) // across)
+    largest = np.abs(displacements).max(axis=(1, 2))
+    reach = LARGEST * (float(np.ptp(skeleton.points, axis=0).max()) or 1.0)
+    titles = [mode.title for mode in shown]
+    figure, panels = panels_in_space(titles, skeleton.points, reach, figure)
+    for mode, ax in zip(shown, panels, strict=True):
+        shape = displacements[mode.number] / (largest[mode.number] or 1.0)
+        _draw(ax, skeleton, reach * shape)
+    return figure
+
+
+def panels_in_space(
+    titles: Sequence[str], points: FloatArray, reach: float, figure: Figure | None = None
+) -> tuple[Figure, list[Any]]:
+    """A figure with a panel in three dimensions for each title, all of one view.
+
+    Args:
+        titles: above the panels.
+        points: (n, 3), to be drawn in every panel.
+        reach: how far anything is drawn from them.
+        figure: to draw on; a new one if None.
+    """
+    across = panels_across(len(titles))
+    down = -(-len(titles) // across)
     figure = figure_of(figure, (width_of_panels(across), down * HEIGHT))
     # Without the layout of other figures, in which axes in three dimensions are too small.
     figure.set_layout_engine("none")
-    largest = np.abs(displacements).max(axis=(1, 2))
-    side = float(np.ptp(skeleton.points, axis=0).max()) or 1.0
-    for i, mode in enumerate(shown):
+    panels: list[Any] = []
+    for i, title in enumerate(titles):
         row, column = divmod(i, across)
         corner = column / across, 1.0 - (row + 1.0) / down
         size = 1.0 / across, (1.0 - TITLE / HEIGHT) / down
-        ax = figure.add_axes((*corner, *size), projection="3d")
-        shape = displacements[mode.number] / (largest[mode.number] or 1.0)
-        _draw(ax, skeleton, LARGEST * side * shape)
-        _frame(ax, skeleton.points, LARGEST * side)
-        title_of(ax, mode.title)
-    return figure
+        ax: Any = figure.add_axes((*corner, *size), projection="3d")
+        ax.computed_zorder = False  # what is drawn later is above
+        _frame(ax, points, reach)
+        title_of(ax, title)
+        panels.append(ax)
+    return figure, panels
 
 
 def _skeleton(modes: NodalModes) -> tuple[_Skeleton, FloatArray]:
@@ -107,7 +127,6 @@ def _draw(ax: Any, skeleton: _Skeleton, moved: FloatArray) -> None:
     size = np.linalg.norm(moved, axis=1)
     size = size / (size.max() or 1.0)
     borders = outline(points, faces)
-    ax.computed_zorder = False  # what is drawn later is above
     _draw_pairs(ax, points[np.concatenate([borders, lines])], GREY, 0.5)
     deformed = points + moved
     if not len(lines) and not faces:

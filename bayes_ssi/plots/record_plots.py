@@ -22,8 +22,8 @@ from bayes_ssi.plots.figure_style import (
     save_figure,
     title_of,
     width_of_panels,
-    without_math,
 )
+from bayes_ssi.plots.identified_shapes import WITHIN_90, plot_identified_shapes
 from bayes_ssi.records.identification_result import ModalIdentification
 from bayes_ssi.records.next_era import correlations, poles, realisation
 from bayes_ssi.records.record import Record
@@ -41,11 +41,9 @@ CAPTIONS = {
     "stabilisation": "Poles of NExT-ERA over its orders; modes with 90 % intervals",
     "whitened_residuals": "What is left of each spectral matrix divided by the fit's: 1 on average "
     "where the fit is right",
-    "shapes": "Identified shapes at unit length, with 90 % intervals",
+    "shapes": "Identified shapes, largest component ±1, with 90 % intervals",
     "complexity": "Phases of the motion at each mode: on one line where the mode is real and alone",
 }
-# Standard deviations to either side that hold 90 %.
-WITHIN_90 = 1.645
 
 
 def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> Axes:
@@ -70,8 +68,10 @@ def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> 
         ax.axvline(one.frequency_hz, color=GREY, linewidth=0.8, linestyle=":",
                    label=None if i else "candidate not accepted")  # fmt: skip
     ax.set_xlim(frequencies[0], frequencies[-1])
+    # Single values near zero are of no interest.
+    ax.set_ylim(bottom=0.1 * min(fitted.min(), np.quantile(measured, 0.01)))
     ax.set_xlabel("frequency (Hz)")
-    ax.set_ylabel("singular values, relative")
+    ax.set_ylabel("singular values over mean power")
     title_of(ax, "Singular values of the spectral matrices")
     legend_below(ax, columns=4)
     return ax
@@ -115,9 +115,11 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
         found: the modes of a record.
         ax: axes; new ones if None.
     """
+    from matplotlib.ticker import LogLocator, NullLocator
+
     ax = axes_of(ax, SIZE)
     frequencies, left = found.fit.residuals()
-    ax.semilogy(frequencies, left, ".", color=BLUE, markersize=3)
+    ax.semilogy(frequencies, left, ".", color=BLUE, markersize=3, label="block of lines")
     ax.axhline(1.0, color=GREY, linewidth=0.8)
     n_near = max(1, len(left) // 40)
     smooth = np.convolve(left, np.full(n_near, 1.0 / n_near), "valid")
@@ -126,6 +128,9 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     ax.set_xlim(frequencies[0], frequencies[-1])
     ax.set_xlabel("frequency (Hz)")
     ax.set_ylabel("chi-square over its number")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_locator(NullLocator())
     title_of(
         ax,
         f"Whitened residuals: {found.fit.whiteness:.2f} in all, up to "
@@ -135,44 +140,11 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     return ax
 
 
-def plot_identified_shapes(found: ModalIdentification, figure: Figure | None = None) -> Figure:
-    """Quoted shapes at unit length over the sensors, with 90 % intervals of every component.
-
-    Args:
-        found: the modes of a record.
-        figure: an empty figure; a new one if None.
-    """
-    modes = found.quoted
-    m, n = modes.shapes.shape[1], len(modes.sensors)
-    across = panels_across(m)
-    rows = -(-m // across)
-    figure = figure_of(figure, (width_of_panels(across), (0.7 + 0.22 * n) * rows))
-    sds = np.sqrt(modes.covariance.diagonal()[2 * m :]).reshape(m, n)
-    axes = figure.subplots(rows, across, squeeze=False)
-    for i, ax in enumerate(axes.ravel()):
-        if i >= m:
-            ax.set_visible(False)
-            continue
-        places = np.arange(n)
-        ax.axvline(0.0, color=GREY, linewidth=0.8)
-        ax.plot(modes.shapes[:, i], places, color=BLUE, linewidth=0.8)
-        bars = ax.errorbar(modes.shapes[:, i], places, xerr=WITHIN_90 * sds[i], fmt="o", color=BLUE,
-                           markersize=3, capsize=2, ecolor=VERMILION)  # fmt: skip
-        hover(bars, f"{modes.frequencies_hz[i]:.4g} Hz, shape ± {modes.shape_sds[i]:.2g}")
-        ax.set_xlim(-1.1, 1.1)
-        ax.set_ylim(-0.6, n - 0.4)
-        ax.set_yticks(places, modes.sensors if i % across == 0 else [""] * n)
-        without_math(*ax.get_yticklabels())
-        ax.set_title(
-            f"{modes.frequencies_hz[i]:.4g} Hz, shape ± {modes.shape_sds[i]:.1g}", fontsize=SMALL
-        )
-    return figure
-
-
 def plot_complexity(found: ModalIdentification, figure: Figure | None = None) -> Figure:
     """Phases of the motion at each quoted frequency: 0 or 180 degrees for a real mode alone.
 
-    Components of the first singular vector of the nearest spectral matrix.
+    Components of the first singular vector of the nearest spectral matrix, one for each sensor; the
+    outer circle is 1.
 
     Args:
         found: the modes of a record.
@@ -181,18 +153,21 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
     frequencies = found.quoted.frequencies_hz
     across = panels_across(len(frequencies))
     rows = -(-len(frequencies) // across)
-    figure = figure_of(figure, (width_of_panels(across), 2.0 * rows))
+    figure = figure_of(figure, (width_of_panels(across), 1.9 * rows))
     data = found.fit.data
     for i, frequency in enumerate(frequencies):
         ax = figure.add_subplot(rows, across, i + 1, projection="polar")
         nearest = np.abs(data.frequencies_hz - frequency).argmin()
         motion = np.linalg.eigh(data.matrices[nearest])[1][:, -1]
         motion = motion * np.exp(-0.5j * np.angle((motion**2).sum()))
-        for component in motion:
-            ax.plot([0.0, np.angle(component)], [0.0, abs(component)], color=BLUE, marker="o",
-                    markersize=3, linewidth=1.2)  # fmt: skip
+        motion *= np.sign(motion.real[np.abs(motion.real).argmax()])
+        for sensor, component in zip(found.quoted.sensors, motion, strict=True):
+            phase, size = np.angle(component), abs(component)
+            ax.plot([phase, phase], [0.0, size], color=BLUE, linewidth=1.2)
+            (end,) = ax.plot(phase, size, "o", color=BLUE, markersize=3)
+            hover(end, f"{sensor}: {size:.3f}, {np.degrees(phase):.1f}°")
         ax.set_ylim(0.0, 1.0)
-        ax.set_yticklabels([])
+        ax.set_yticks([0.5, 1.0], ["", ""])
         ax.set_xticks(np.pi * np.arange(4) / 2.0, ["0°", "", "180°", ""], fontsize=SMALL)
         ax.set_title(f"{frequency:.4g} Hz", fontsize=SMALL)
     return figure
@@ -210,12 +185,13 @@ def save_record_figures(directory: Path, record: Record, found: ModalIdentificat
     with figures_for_files():
         drawn: dict[str, Axes | Figure] = {
             "singular_values": plot_singular_values(found),
-            "whitened_residuals": plot_whitened_residuals(found),
-            "shapes": plot_identified_shapes(found),
-            "complexity": plot_complexity(found),
         }
         if found.era is not None:
             drawn["stabilisation"] = plot_stabilisation(record, found)
+        drawn["whitened_residuals"] = plot_whitened_residuals(found)
+        if len(found.too_short) < found.quoted.n_modes:
+            drawn["shapes"] = plot_identified_shapes(found.modal_data())
+        drawn["complexity"] = plot_complexity(found)
         return [save_figure(each, directory / f"{name}.png") for name, each in drawn.items()]
 
 

@@ -17,6 +17,7 @@ from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.corner_plot import import_corner, plot_corner
 from bayes_ssi.plots.evidence_plot import plot_evidence
 from bayes_ssi.plots.figure_style import figures_for_files, save_figure
+from bayes_ssi.plots.identified_shapes import has_errors_on, plot_identified_shapes
 from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.plots.modes_in_space import DrawnMode, can_be_drawn, plot_modes_in_space
 from bayes_ssi.posterior.posterior import Posterior
@@ -27,6 +28,8 @@ from bayes_ssi.ranking.comparison import Comparison
 MOST_CLASSES = 12
 # Name of the files of modes in space, or its beginning.
 MODES = "modes"
+# The beginning of the names of the files of identified shapes, before a configuration's number.
+IDENTIFIED_SHAPES = "identified_shapes"
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,14 @@ def figures_of_modes(model_class: ModelClass, posterior: Posterior) -> Iterator[
             ]
             name = f"{MODES}_{i}" if len(model_class.configurations) > 1 else MODES
             yield ResultFigure(name, partial(plot_modes_in_space, modes, shown))
+
+
+def figures_of_identified_shapes(model_class: ModelClass) -> Iterator[ResultFigure]:
+    """Shapes with errors on the structure, one figure for each configuration that has both."""
+    for i, test in enumerate(model_class.configurations, 1):
+        if has_errors_on(test.structure, test.data):
+            draw = partial(plot_identified_shapes, test.data, test.structure)
+            yield ResultFigure(f"{IDENTIFIED_SHAPES}_{i}", draw)
 
 
 def prepare() -> None:

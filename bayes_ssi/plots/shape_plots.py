@@ -69,6 +69,7 @@ def plot_shapes(
     figure: Figure | None = None,
     *,
     sideways: bool,
+    name: str = "model, with its band",
 ) -> Figure:
     """Mode shapes of one structure next to one another, with one legend.
 
@@ -79,6 +80,7 @@ def plot_shapes(
         figure: to draw on; a new one if None.
         sideways: whether the places are floors that move sideways, to be drawn as a building; if
             not, shapes are drawn component by component.
+        name: of the shapes of a building, in the legend.
     """
     across = panels_across(len(shapes))
     down = -(-len(shapes) // across)
@@ -88,7 +90,7 @@ def plot_shapes(
     for i, (each, ax) in enumerate(zip(shapes, axes, strict=False)):
         if sideways:
             plot_building_shape(structure, places, each.shape, ax, reference=each.reference,
-                                before=each.before, title=each.title)  # fmt: skip
+                                before=each.before, title=each.title, name=name)  # fmt: skip
         else:
             plot_shape_components(structure, places, each.shape, ax, reference=each.reference,
                                   title=each.title)  # fmt: skip
@@ -109,6 +111,7 @@ def plot_building_shape(
     reference: Reference | None = None,
     before: Sequence[float] | None = None,
     title: str = "",
+    name: str = "model, with its band",
 ) -> Axes:
     """A mode shape as the deformed building: floors and columns, appendages marked, with bands.
 
@@ -124,6 +127,7 @@ def plot_building_shape(
         reference: another shape, drawn as crosses.
         before: components (n_places,) before updating, drawn as dashed columns.
         title: above the building.
+        name: of the shape, in the legend.
     """
     ax = axes_of(ax, (2.2, 3.0))
     heights = structure.heights()
@@ -140,7 +144,7 @@ def plot_building_shape(
                     label="before updating" if labelled else None)  # fmt: skip
         ax.fill_betweenx(y, low + side, high + side, color=BLUE, alpha=0.35, linewidth=0)
         ax.plot(median + side, y, color=BLUE, linewidth=1.2,
-                label="model, with its band" if labelled else None)  # fmt: skip
+                label=name if labelled else None)  # fmt: skip
     for x, height in zip(median[1:], y[1:], strict=True):
         ax.plot([x - HALF_WIDTH, x + HALF_WIDTH], [height, height], color="black", linewidth=2.5)
     for i, place in enumerate(places):
@@ -148,9 +152,9 @@ def plot_building_shape(
             _draw_appendage(ax, heights[place], *(float(part[i]) for part in shape))
     _write_below(ax, structure, places, shape, REACH)
     if reference is not None:
-        name, at, components = reference
+        other, at, components = reference
         ax.plot(components, [heights[place] for place in at], "x", color="black", markersize=7,
-                markeredgewidth=1.5, label=name)  # fmt: skip
+                markeredgewidth=1.5, label=other)  # fmt: skip
     ax.set_xlim(-REACH - MARGIN, REACH + MARGIN)
     ax.set_ylim(-0.15, max(heights.values()) + 0.4)
     ax.set_yticks(y, ["ground", *(places[i] for i in floors)])

@@ -25,7 +25,7 @@ from bayes_ssi.plots.figure_style import figures_for_files, whole_figure
 from bayes_ssi.plots.identified_modes import plot_identified_modes
 from bayes_ssi.plots.matrix_plots import plot_pairing
 from bayes_ssi.plots.model_frequencies import plot_frequencies
-from bayes_ssi.plots.result_figures import MODES, MOST_CLASSES
+from bayes_ssi.plots.result_figures import IDENTIFIED_SHAPES, MODES, MOST_CLASSES
 from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
 from bayes_ssi.plots.updated_shapes import plot_mode_shapes
 from bayes_ssi.posterior.configuration_modes import ConfigurationModes
@@ -89,6 +89,8 @@ def draw_figures(
             section.append(embedded_drawing(whole_figure(plot()), caption, f"figure-{i}"))
             progress(i / len(planned))
     figures.classes[stored.comparison.best.name].extend(_saved_modes(stored))
+    for i, name in enumerate(stored.tests, 1):
+        figures.tests[name].extend(_saved_shapes(stored, i, name))
     figures.predictions.extend(_of_predictions(predictions))
     return figures
 
@@ -191,6 +193,17 @@ def _saved_modes(stored: StoredResult) -> Iterator[EmbeddedFigure]:
             path,
             f"{label_in(name, '')}Modes of {stored.comparison.best.name!r} at its most probable "
             "parameters, displacements in colour, and the outline at rest",
+        )
+
+
+def _saved_shapes(stored: StoredResult, i: int, name: str) -> Iterator[EmbeddedFigure]:
+    """Identified shapes on the structure, which were drawn when the result was saved."""
+    path = stored.directory / FIGURES / f"{IDENTIFIED_SHAPES}_{i}.png"
+    if path.is_file():
+        yield embedded_file(
+            path,
+            f"{label_in(name, '')}Identified shapes on the structure, largest component ±1, with "
+            "90 % intervals",
         )
 
 

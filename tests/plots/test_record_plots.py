@@ -7,7 +7,6 @@ from simulated_records import simulated_record, with_infill
 
 import bayes_ssi as bs
 from bayes_ssi.plots import (
-    plot_identified_shapes,
     plot_singular_values,
     plot_stabilisation,
     plot_whitened_residuals,
@@ -44,11 +43,3 @@ def test_residuals_are_one_on_average_where_the_fit_is_right(identified):
     n_blocks, unknowns = len(points.get_ydata()), found.fit.model.layout.n_coordinates
     whiteness = points.get_ydata().sum() * 9 / (9 * n_blocks - unknowns)
     assert whiteness == pytest.approx(found.fit.whiteness)
-
-
-def test_shapes_have_their_errors(identified):
-    _, found = identified
-    axes = plot_identified_shapes(found).axes
-    bars = axes[0].containers[0].lines[2][0].get_segments()
-    variances = [((end[0] - start[0]) / (2 * 1.645)) ** 2 for start, end in bars]
-    assert np.sqrt(sum(variances) / 2.0) == pytest.approx(found.quoted.shape_sds[0])
