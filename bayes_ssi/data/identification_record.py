@@ -54,12 +54,13 @@ class EstimatedPeak:
 
     Attributes:
         modes: places of its modes among those identified, from 0.
-        probability_of_two: that it holds two modes rather than one.
+        probability_of_two: that it holds two modes rather than one; None where neither explain the
+            spectra around it.
         resolution_hz: two modes of one shape that are closer could not be told from one.
     """
 
     modes: tuple[int, ...]
-    probability_of_two: float
+    probability_of_two: float | None
     resolution_hz: float
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bayes_ssi.arrays import ComplexArray, FloatArray
 from bayes_ssi.records.modal_estimates import ModalEstimates, Poles, with_positive_largest
 from bayes_ssi.records.observed_curvature import observed_curvature
-from bayes_ssi.records.scoring import MostProbable, WeakPrior, most_probable
+from bayes_ssi.records.scoring import MostProbable, WeakPrior, are_modes, most_probable
 from bayes_ssi.records.spectra import Lines, Spectra, spectra
 from bayes_ssi.records.spectral_model import (
     SpectralModel,
@@ -76,6 +76,8 @@ class BandFit:
             where the model is right.
         allowed_whiteness: the highest that leaves no doubt of the claimed uncertainty.
         settled: whether the climb to the most probable modes came to an end.
+        is_maximum: whether the posterior has a maximum there, and not a saddle, as with one mode in
+            place of two.
     """
 
     loads: Loads
@@ -88,19 +90,22 @@ class BandFit:
     whiteness: float
     allowed_whiteness: float
     settled: bool
+    is_maximum: bool
+
+    @property
+    def is_most_probable(self) -> bool:
+        """Whether these are the most probable modes."""
+        return self.settled and self.is_maximum
 
     @property
     def is_white(self) -> bool:
         """Whether the modes are the most probable ones, and explain the spectral matrices."""
-        return self.settled and self.whiteness <= self.allowed_whiteness
+        return self.is_most_probable and self.whiteness <= self.allowed_whiteness
 
     @property
-    def in_band(self) -> NDArray[np.bool_]:
-        """Whether each mode is within the band (m,)."""
-        low, high = self.data.frequencies_hz[[0, -1]]
-        frequencies = self.poles.frequencies_hz
-        inside: NDArray[np.bool_] = (frequencies > low) & (frequencies < high)
-        return inside
+    def are_modes(self) -> NDArray[np.bool_]:
+        """Whether each resonance is in the band, and damped no more than structures are (m,)."""
+        return are_modes(self.model, self.data)
 
     @property
     def poles(self) -> Poles:
@@ -117,6 +122,13 @@ class BandFit:
         frequencies = self.data.frequencies_hz
         squares = _squares(covariances(self.model, frequencies, self.q), self.data)[0]
         return frequencies, self.n_tapers * squares / len(self.model.shapes) ** 2
+
+    def explains(self, low_hz: float, high_hz: float) -> bool:
+        """Whether the model is the most probable one, and explains a part of the band."""
+        frequencies, added = self.residuals()
+        inside = (frequencies > low_hz) & (frequencies < high_hz)
+        allowed = allowed_whiteness(self.n_tapers[inside], len(self.model.shapes), 0)
+        return self.is_most_probable and float(added[inside].mean()) <= allowed
 
     def nats_of_forces(self) -> FloatArray:
         """(m,): half the squared distance of every mode's forces from zero, in their covariance.
@@ -279,7 +291,9 @@ def _described(
     """Evidence and whiteness of the most probable model."""
     model, at = found.model, found.model.layout
     data = spectra(lines, partial(covariances, model, q=q))
-    observed = observed_curvature(model, data, q, prior, found.curvature)
+    observed = None
+    if found.settled:
+        observed = observed_curvature(model, data, q, prior, found.curvature)
     curvature = found.curvature if observed is None else observed
     squares, traces = _squares(covariances(model, data.frequencies_hz, q), data)
     dof = len(squares) * len(model.shapes) ** 2 - at.n_coordinates
@@ -291,8 +305,6 @@ def _described(
     log_volume = 0.5 * (p * math.log(2.0 * math.pi) - np.linalg.slogdet(curvature)[1])
     # The same spectral matrices belong to modes in any order and sources of either sign.
     equal = math.lgamma(model.n_modes + 1) + model.forces.shape[1] * math.log(2.0)
-    # Claimed deviations are too small by a tenth at 1.2; the statistic itself scatters.
-    allowed = 1.2 + 3.0 * math.sqrt(2.0 / max(1, dof))
     return BandFit(
         loads,
         model,
@@ -302,9 +314,20 @@ def _described(
         curvature,
         -value + prior.log_constant + log_volume + equal,
         whiteness,
-        allowed,
-        found.settled and observed is not None,
+        allowed_whiteness(lines.n_tapers, len(model.shapes), at.n_coordinates),
+        found.settled,
+        observed is not None,
     )
+
+
+def allowed_whiteness(n_tapers: NDArray[np.intp], n: int, n_unknowns: int) -> float:
+    """1.1, where claimed deviations are too small by a twentieth, and three times the scatter.
+
+    The mean W of w independent Gaussian vectors of n complex components with unit covariance has
+    w |W - I|² with the mean n² and the variance 2n² + (4n³ + 2n) / w.
+    """
+    variance = float((2.0 * n**2 + (4.0 * n**3 + 2.0 * n) / n_tapers).sum())
+    return 1.1 + 3.0 * math.sqrt(variance) / max(1, len(n_tapers) * n**2 - n_unknowns)
 
 
 def _squares(covariance: ComplexArray, data: Spectra) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ from bayes_ssi.records.modal_estimates import ModalEstimates, Poles
 from bayes_ssi.records.next_era import Correlations, clusters, correlations, next_era, realisation
 from bayes_ssi.records.peaks import BEYOND_DOUBT, Peak, split_peaks
 from bayes_ssi.records.record import Record
-from bayes_ssi.records.scoring import DAMPING, LOG_DAMPING_SD
+from bayes_ssi.records.scoring import DAMPING, HEAVIEST, LOG_DAMPING_SD
 from bayes_ssi.records.spectra import Lines, lines_of, spectra
 
 # A block of lines is this share of the damping wide, relative to its frequency: an eighth of a
@@ -156,11 +156,11 @@ def _under_best_loads(lines: Lines, modes: Poles, others: Poles | None, q: int) 
 def _without_needless(fit: BandFit, lines: Lines) -> tuple[BandFit, list[Rejected]]:
     """The fit without modes whose absence is more probable, the weakest first.
 
-    What has left the band is no mode of it.
+    What has left the band, or has more damping than structures have, is no mode of it.
     """
     rejected: list[Rejected] = []
     while fit.model.n_modes > 1:
-        nats = np.where(fit.in_band, fit.nats_of_forces(), -np.inf)
+        nats = np.where(fit.are_modes, fit.nats_of_forces(), -np.inf)
         weakest = int(np.argmin(nats))
         if nats[weakest] > BEYOND_DOUBT:
             break
@@ -187,7 +187,7 @@ def _with_needed(fit: BandFit, lines: Lines, others: Poles) -> tuple[BandFit, li
         left.remove(best)
         wider = fit_band(lines, fit.poles.joined(others.at([best])), fit.q, fit.loads)
         frequency = float(others.frequencies_hz[best])
-        if not wider.in_band.all():
+        if not wider.are_modes.all():
             rejected.append(Rejected(frequency, "the spectra are explained by no mode in the band"))
         elif wider.log_evidence > fit.log_evidence:
             fit = wider
@@ -231,7 +231,12 @@ def _quoted(
 
 def _doubt(fit: BandFit) -> str:
     """Why the Bayesian FFT's modes are not quoted."""
-    if not fit.settled:
+    if not fit.are_modes.all():
+        return (
+            "the spectra ask for a resonance beyond the band, or of more damping than the "
+            f"{HEAVIEST:.0%} that a structure may have"
+        )
+    if not fit.is_most_probable:
         return "the Bayesian FFT did not reach its most probable modes"
     return (
         f"the spectral model does not explain the record (chi-square over degrees of freedom "

@@ -20,6 +20,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import mac
 from bayes_ssi.records.modal_estimates import ModalEstimates, Poles, real_shapes
 from bayes_ssi.records.record import Record
+from bayes_ssi.records.scoring import HEAVIEST
 
 # Segments of the jackknife, each at least twice as long as the lags.
 MOST_SEGMENTS, FEWEST_SEGMENTS = 20, 8
@@ -28,8 +29,6 @@ PERIODS = 3.0
 # Directions of the most motion that take part in the Hankel matrices; there may be many sensors.
 MOST_DIRECTIONS = 4
 HIGHEST_ORDER = 20
-# Heavier damping than that of any structure in service: a pole of the noise.
-MOST_DAMPING = 0.2
 # Poles of two orders, or of a record and a part of it, are one mode within these.
 SAME_FREQUENCY, SAME_SHAPE = 0.05, 0.8
 
@@ -145,7 +144,7 @@ def poles(of: Realisation, order: int) -> Poles:
     size = np.maximum(np.abs(continuous), np.finfo(float).tiny)
     frequencies, dampings = size / (2.0 * np.pi), -continuous.real / size
     low, high = of.band_hz
-    kept = (continuous.imag > 0.0) & (dampings > 0.0) & (dampings < MOST_DAMPING)
+    kept = (continuous.imag > 0.0) & (dampings > 0.0) & (dampings < HEAVIEST)
     kept &= (frequencies > low) & (frequencies < high)
     kept = np.flatnonzero(kept)[np.argsort(frequencies[kept])]
     shapes = (of.first_row[:, :order] / root) @ states[:, kept]

@@ -42,19 +42,22 @@ class Peak(NamedTuple):
 
     Attributes:
         frequencies_hz: of its modes, one or two.
-        probability_of_two: that it holds two modes rather than one, each equally probable before.
+        probability_of_two: that it holds two modes rather than one, each equally probable before;
+            None where the spectra around it are explained by neither.
         resolution_hz: two modes of one shape that are closer could not be told from one.
         resolution: the same in half-power bandwidths.
     """
 
     frequencies_hz: tuple[float, ...]
-    probability_of_two: float
+    probability_of_two: float | None
     resolution_hz: float
     resolution: float
 
     def __str__(self) -> str:
         at = " and ".join(f"{f:.4g}" for f in self.frequencies_hz)
         p = self.probability_of_two
+        if p is None:
+            return f"peak at {at} Hz: one mode or two, no model explains the spectra around it"
         chance = "above 0.999" if p > 0.999 else "below 0.001" if p < 0.001 else f"{p:.3f}"
         text = f"peak at {at} Hz: two modes with a probability {chance}"
         if p > SURE:
@@ -79,12 +82,15 @@ def split_peaks(fit: BandFit, lines: Lines, *, fixed: bool) -> tuple[BandFit, tu
     for members in _peaks_of(fit.poles):
         for pair in pairwise(members):
             fit = _exchanged(fit, list(pair), lines)
-    log_odds: dict[float, float] = {}
+    if not fit.settled:  # what it would gain by a mode more says nothing
+        return fit, tuple(_described(fit, members, None, lines) for members in _peaks_of(fit.poles))
+    log_odds: dict[float, float | None] = {}
     alone = [members[0] for members in _peaks_of(fit.poles) if len(members) == 1]
     for frequency in fit.poles.frequencies_hz[alone].tolist():
         now = int(np.abs(fit.poles.frequencies_hz - frequency).argmin())
-        log_odds[frequency], two = _of_a_second_mode(fit, now, lines)
-        if log_odds[frequency] > 0.0 and two is not None and not fixed:
+        odds, two = _of_a_second_mode(fit, now, lines)
+        log_odds[frequency] = odds
+        if odds is not None and odds > 0.0 and two is not None and not fixed:
             fit = two
     peaks = []
     for members in _peaks_of(fit.poles):
@@ -113,6 +119,12 @@ def _peaks_of(poles: Poles) -> list[list[int]]:
     return groups
 
 
+def _share_a_peak(poles: Poles, frequency_hz: float) -> bool:
+    """Whether the two modes nearest to a frequency share a peak."""
+    nearest = set(_nearest_two(poles, frequency_hz))
+    return any(nearest <= set(members) for members in _peaks_of(poles))
+
+
 def _spans(members: Poles, frequency_hz: float) -> bool:
     """Whether a frequency is within half a bandwidth of the modes of a peak, or between them."""
     widths = members.dampings * members.frequencies_hz
@@ -120,9 +132,18 @@ def _spans(members: Poles, frequency_hz: float) -> bool:
     return bool(low.min() <= frequency_hz <= high.max())
 
 
-def _of_a_second_mode(fit: BandFit, i: int, lines: Lines) -> tuple[float, BandFit | None]:
+def _if_explained(log_odds: float, more_probable: BandFit, members: Sequence[int]) -> float | None:
+    """The log odds, if the more probable modes explain the spectra as far as they reach."""
+    poles = more_probable.poles.at(members)
+    reach = SHARED * poles.dampings * poles.frequencies_hz
+    low, high = (poles.frequencies_hz - reach).min(), (poles.frequencies_hz + reach).max()
+    return log_odds if more_probable.explains(float(low), float(high)) else None
+
+
+def _of_a_second_mode(fit: BandFit, i: int, lines: Lines) -> tuple[float | None, BandFit | None]:
     """Log odds of two modes in place of one, and the fit with two where one was tried."""
     poles, one = fit.poles, fit.poles.at([i])
+    frequency = float(one.frequencies_hz[0])
     flanks = [
         one._replace(frequencies_hz=one.frequencies_hz * (1 + s * one.dampings)) for s in FLANKS
     ]
@@ -131,17 +152,22 @@ def _of_a_second_mode(fit: BandFit, i: int, lines: Lines) -> tuple[float, BandFi
     unlikely = gain - _cost(fit, bandwidth, lines)
     # Noise gains about half a nat for each unknown.
     if gain < fit.n_unknowns_of_a_mode:
-        return min(unlikely, 0.0), None
+        return _if_explained(min(unlikely, 0.0), fit, [i]), None
     others = poles.at([j for j in range(fit.model.n_modes) if j != i])
     fits = [
         fit_band(lines, others.joined(_pair(fit, i, split)), fit.q, fit.loads) for split in SPLITS
     ]
-    arrived = [each for each in fits if each.settled and each.in_band.all()]
+    arrived = [
+        each for each in fits if each.is_most_probable and _share_a_peak(each.poles, frequency)
+    ]
     if not arrived:
-        return min(unlikely, 0.0), None
+        return _if_explained(min(unlikely, 0.0), fit, [i]), None
     two = max(arrived, key=lambda each: each.log_evidence)
-    two = _exchanged(two, _nearest_two(two.poles, float(one.frequencies_hz[0])), lines)
-    return two.log_evidence - fit.log_evidence + _by_place(two, float(one.frequencies_hz[0])), two
+    two = _exchanged(two, _nearest_two(two.poles, frequency), lines)
+    log_odds = two.log_evidence - fit.log_evidence + _by_place(two, frequency)
+    if log_odds > 0.0:
+        return _if_explained(log_odds, two, _nearest_two(two.poles, frequency)), two
+    return _if_explained(log_odds, fit, [i]), two
 
 
 def _pair(fit: BandFit, i: int, split: float) -> Poles:
@@ -181,36 +207,40 @@ def _exchanged(fit: BandFit, pair: Sequence[int], lines: Lines) -> BandFit:
     shapes = fit.poles.shapes.copy()
     shapes[:, pair] = shapes[:, pair[::-1]]
     other = fit_band(lines, fit.poles._replace(shapes=shapes), fit.q, fit.loads)
-    arrived = other.settled and other.in_band.all()
-    return other if arrived and other.log_evidence > fit.log_evidence else fit
+    return other if other.is_most_probable and other.log_evidence > fit.log_evidence else fit
 
 
 def _nearest_two(poles: Poles, frequency_hz: float) -> list[int]:
     return np.argsort(np.abs(np.log(poles.frequencies_hz / frequency_hz)))[:2].tolist()
 
 
-def _of_a_pair(fit: BandFit, members: Sequence[int], lines: Lines) -> float:
+def _of_a_pair(fit: BandFit, members: Sequence[int], lines: Lines) -> float | None:
     """Log odds of the two closest modes of a peak against one in their place."""
     frequencies = fit.poles.frequencies_hz
     first = int(np.diff(frequencies[list(members)]).argmin())
     pair = list(members[first : first + 2])
     nats = float(fit.nats_of_forces()[pair].min())
     if nats > BEYOND_DOUBT:
-        return nats
+        return _if_explained(nats, fit, pair)
     poles = fit.poles.at(pair)
     strongest = int(fit.nats_of_forces()[pair].argmax())
     middle = float(np.exp(np.log(poles.frequencies_hz).mean()))
     one = Poles(np.array([middle]), poles.dampings[[strongest]], poles.shapes[:, [strongest]])
     others = fit.poles.at([j for j in range(fit.model.n_modes) if j not in pair])
     merged = fit_band(lines, others.joined(one), fit.q, fit.loads)
-    return fit.log_evidence - merged.log_evidence + _by_place(fit, middle)
+    log_odds = fit.log_evidence - merged.log_evidence + _by_place(fit, middle)
+    if log_odds > 0.0:
+        return _if_explained(log_odds, fit, pair)
+    return _if_explained(log_odds, merged, _nearest_two(merged.poles, middle)[:1])
 
 
-def _described(fit: BandFit, members: Sequence[int], log_odds: float, lines: Lines) -> Peak:
+def _described(fit: BandFit, members: Sequence[int], log_odds: float | None, lines: Lines) -> Peak:
     poles = fit.poles.at(members)
     width = 2.0 * float((poles.dampings * poles.frequencies_hz).mean())
     closest = (8.0 * _cost(fit, width, lines) / (math.pi * _lines_in(width, lines))) ** 0.25
-    probability = 1.0 / (1.0 + math.exp(min(700.0, -log_odds)))
+    probability = None
+    if log_odds is not None:
+        probability = 1.0 / (1.0 + math.exp(min(700.0, -log_odds)))
     return Peak(tuple(poles.frequencies_hz.tolist()), probability, closest * width, closest)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.shape_density import log_sphere_area
@@ -26,6 +27,8 @@ ARRIVED = 0.05
 # A step goes no further than this in ln f (in dampings), ln ζ, ln s and shapes: the derivatives
 # say nothing of what lies beyond.
 LONGEST = {"log_frequencies": 2.0, "log_dampings": 1.0, "log_noise": 2.0, "shapes": 0.3}
+# Heavier damping than that of any structure in service: such a resonance stands for something else.
+HEAVIEST = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +95,8 @@ class MostProbable(NamedTuple):
     Attributes:
         model: its modes, forces and noise.
         curvature: (p, p), of -ln posterior in the coordinates of the model.
-        settled: whether the climb has arrived.
+        settled: whether the climb has arrived; a climb ends on the way where a mode has left the
+            band or becomes no resonance of a structure, and does not come back from there.
     """
 
     model: SpectralModel
@@ -118,6 +122,8 @@ def most_probable(
     damping = FIRST_DAMPING
     n_steps = 0
     while True:
+        if not are_modes(model, data).all():
+            return MostProbable(model, now.information + now.bending + precisions, settled=False)
         slope = now.gradient + prior.precisions * prior.off(model)
         curvature = now.information + now.bending + precisions
         while True:
@@ -135,6 +141,15 @@ def most_probable(
             damping *= DAMPING_FACTOR
         model, value = trial, tried
         now = derivatives(model, data, q)
+
+
+def are_modes(model: SpectralModel, data: Spectra) -> NDArray[np.bool_]:
+    """Whether each resonance is within the band, and damped no more than structures are (m,)."""
+    low, high = np.log(data.frequencies_hz[[0, -1]])
+    frequencies = model.log_frequencies
+    in_band = (frequencies > low) & (frequencies < high)
+    are: NDArray[np.bool_] = in_band & (model.log_dampings < math.log(HEAVIEST))
+    return are
 
 
 def _shortened(step: FloatArray, model: SpectralModel) -> FloatArray:

@@ -104,7 +104,8 @@ def report(kind: str, seeds: range) -> None:
         all_modes += found.quoted.n_modes == len(truth.frequencies_hz)
         failed += bool(found.failed_checks)
         pairs += any(
-            len(peak.frequencies_hz) > 1 and peak.probability_of_two > 0.9 for peak in found.peaks
+            len(peak.frequencies_hz) > 1 and (peak.probability_of_two or 0.0) > 0.9
+            for peak in found.peaks
         )
         for name, estimates in (
             ("quoted", found.quoted), ("Bayesian FFT", found.bayesian), ("NExT-ERA", found.era),

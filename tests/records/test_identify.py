@@ -91,8 +91,19 @@ def test_a_spectral_model_that_is_wrong_is_not_quoted():
     assert not result.fit.is_white
     assert result.quoted is result.era
     assert "NExT-ERA is quoted" in result.remarks[-1]
-    # What the Bayesian FFT made of two modes is neither of them.
+    # What the Bayesian FFT made of two modes is neither of them, and neither one mode nor two.
     assert "differ by" in result.failed_checks[0]
+    assert [peak.probability_of_two is None for peak in result.peaks] == [False, True, False]
+    assert str(result.peaks[1]).endswith("one mode or two, no model explains the spectra around it")
+
+
+def test_a_resonance_that_no_structure_has_is_no_mode():
+    """Where loads have a spectrum of their own, such resonances would stand for it."""
+    result = bs.identify(simulated(0, damping=0.4, duration_s=300.0), BAND, at=[1.0, 3.0])
+    assert not result.fit.are_modes.all()
+    assert any(
+        "more damping than the 20% that a structure" in text for text in result.failed_checks
+    )
 
 
 def test_a_climb_that_does_not_end_is_not_quoted(monkeypatch):

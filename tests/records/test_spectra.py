@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.records.bayesian_fft import allowed_whiteness
 from bayes_ssi.records.observed_curvature import observed_curvature
 from bayes_ssi.records.scoring import WeakPrior, most_probable
 from bayes_ssi.records.spectra import Spectra, lines_of, spectra
@@ -44,6 +45,18 @@ def means_inflation(lines, data):
     """Variance of the mean weighted by lines over that weighted by information."""
     n, w = lines.n_tapers, data.weights
     return (n**2 / w).sum() / n.sum() ** 2 * w.sum()
+
+
+def test_the_whiteness_of_few_tapers_scatters_as_allowed():
+    """Of 50 blocks of three tapers and four sensors, 2000 times; scatters are known to 2 %."""
+    rng = np.random.default_rng(4)
+    vectors = rng.standard_normal((2000 * 50, 4, 3, 2)) @ np.sqrt([0.5, -0.5 + 0j])
+    matrices = vectors @ vectors.conj().swapaxes(1, 2) / 3.0
+    squares = 3.0 * (np.abs(matrices - np.eye(4)) ** 2).sum((1, 2)) / 16.0
+    whiteness = squares.reshape(2000, 50).mean(1)
+    assert whiteness.mean() == pytest.approx(1.0, abs=4 * whiteness.std() / np.sqrt(2000))
+    allowed = allowed_whiteness(np.full(50, 3), 4, 0)
+    assert allowed == pytest.approx(1.1 + 3.0 * whiteness.std(), rel=0.06)
 
 
 def test_what_the_model_says_of_differences_between_lines_is_no_error():

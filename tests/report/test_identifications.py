@@ -103,7 +103,8 @@ def test_the_identification_is_shown_with_what_classes_make_of_its_peaks(ranking
 
 def test_what_one_method_leaves_open_is_said(ranking, tmp_path):
     modes = tuple(replace(mode, methods_apart=None) for mode in RECORD.modes)
-    doubtful = replace(RECORD, is_explained=False, cycles_of_decay=0.5, modes=modes)
+    peaks = tuple(replace(peak, probability_of_two=None) for peak in RECORD.peaks)
+    doubtful = replace(RECORD, is_explained=False, cycles_of_decay=0.5, modes=modes, peaks=peaks)
     save_result(ranking(RECORD, doubtful), tmp_path / "r")
     shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
     first, second = shown.split("Quoted are those by")[1:]
@@ -114,6 +115,7 @@ def test_what_one_method_leaves_open_is_said(ranking, tmp_path):
         "failed: damping and shape left out",
     ):
         assert words in second
+    assert (first.count("not known"), second.count("not known")) == (0, 2)
 
 
 def test_figures_are_copied_to_the_result(ranking, tmp_path):
