@@ -57,7 +57,10 @@ def read_covariance(
     """
     record = _record(path, csv_path)
     if list(record["sensors"]) != list(sensors):
-        raise ValueError(f"{path}: the sensors are not those of {csv_path.name}")
+        raise ValueError(
+            f"{path}: the sensors, {', '.join(map(repr, record['sensors']))}, are not those of "
+            f"{csv_path.name}; names and order must be the same in both files"
+        )
     try:
         frequencies = np.array(record["frequencies_hz"], dtype=float)
         shapes = np.array(record["unit_shapes"], dtype=float).reshape(len(frequencies), -1)

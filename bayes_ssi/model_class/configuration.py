@@ -63,7 +63,8 @@ class Configuration:
                     raise TypeError(
                         f"{name} must be a {kind.__name__}, got {getattr(self, name)!r}"
                     )
-            self.structure.sensor_matrix(self.data.sensors)
+            of_data = f"data ({self.data.source}): " if self.data.source else ""
+            self.structure.sensor_matrix(self.data.sensors, f"{of_data}sensor")
             if self.pairing != "any":
                 check_pairing(self.pairing, self.data, self.structure.n_modes)
                 object.__setattr__(self, "pairing", {k: int(i) for k, i in self.pairing.items()})

@@ -61,7 +61,7 @@ def _number(stated: Mapping[str, Any], key: str) -> float:
     except (TypeError, ValueError):
         number = math.nan
     if not 0.0 < number < math.inf:
-        raise ValueError(f"{key} must be a positive, finite number, got {stated[key]!r}")
+        raise ValueError(f"{key} must be a positive, finite number, got {stated[key]}")
     return number
 
 

@@ -30,6 +30,8 @@ from bayes_ssi.records.channels import STATED, Channels, step_of, with_statement
 from bayes_ssi.text_files import STATED_DELIMITER, require_regular_file
 
 KEY = re.compile(rf"\s*#\s*({'|'.join(STATED)})\s*[,;:=\t]\s*(.*?)[\s,;]*$")
+# What numpy says of a cell that is no number.
+NO_NUMBER = re.compile(r"could not convert string (.*) to float64 at row (\d+), column (\d+)")
 TIME = re.compile(r"(t|time)([_ ]?s|\s*[(\[]s[)\]])?$", re.IGNORECASE)
 
 
@@ -66,23 +68,41 @@ def _read(file: TextIO) -> Channels:
     if delimiter in (";", "\t"):
         stated = {key: value.replace(",", ".") for key, value in stated.items()}
     cells = [cell.strip().strip('"') for cell in first.split(delimiter)]
-    names = [] if any(map(_is_number, cells)) else cells
+    # Between spaces a name may hold a number; between other separators, one may be missing.
+    is_row = all(map(_is_number, cells)) if delimiter is None else any(map(_is_number, cells))
+    names = [] if is_row else cells
     lines: Iterator[str] = iter(file) if names else chain([first], file)
     if delimiter in (";", "\t"):
         lines = (line.replace(",", ".") for line in lines)
     try:
         table = np.loadtxt(lines, delimiter=delimiter, ndmin=2)
     except ValueError as error:
-        raise ValueError(f"rows after line {number - (not names)}: {error}") from None
+        above = f"below line {number - (not names)}"
+        if match := NO_NUMBER.match(str(error)):
+            text, row, column = match.groups()
+            raise ValueError(
+                f"{above}: row {int(row) + 1}, column {column}: {text} is not a number; a record "
+                "has one of every sensor in every row"
+            ) from None
+        raise ValueError(f"{above}: {error}") from None
+    if names and delimiter is None and table.shape[1] == 1:
+        names = [first.strip()]
     if len(table) < 2:
         raise ValueError(f"a record needs two samples or more, got {len(table)}")
     if names and len(names) != table.shape[1]:
         raise ValueError(f"{len(names)} column names for {table.shape[1]} columns")
     times = table[:, 0]
-    if not (TIME.match(names[0]) if names else _rises_evenly(times)):
-        return with_statements(np.ascontiguousarray(table.T), names, stated)
-    channels = with_statements(np.ascontiguousarray(table.T[1:]), names[1:], stated)
-    return channels._replace(rates_hz=(*channels.rates_hz, 1.0 / step_of(times)))
+    is_timed = bool(TIME.match(names[0])) if names else _rises_evenly(times)
+    columns = np.ascontiguousarray(table.T[int(is_timed) :])
+    channels = with_statements(columns, names[int(is_timed) :], stated)
+    if is_timed:
+        channels = channels._replace(rates_hz=(*channels.rates_hz, 1.0 / step_of(times)))
+    if len(columns) >= len(table):
+        raise ValueError(
+            f"{len(table)} rows of {len(columns)} samples; a record has a row for each instant and "
+            "a column for each sensor: is the table the wrong way round?"
+        )
+    return channels
 
 
 def _rises_evenly(column: FloatArray) -> bool:

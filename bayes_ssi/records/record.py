@@ -72,9 +72,14 @@ class Record:
             raise ValueError(f"record: samples must be (n_sensors, n_samples), got {samples.shape}")
         n, length = samples.shape
         if n >= length:
+            is_turned = len(self.sensors) == length < n
             raise ValueError(
-                f"record: samples must be (n_sensors, n_samples), got {n} rows of {length}; is the "
-                "array the wrong way round?"
+                f"record: samples must be (n_sensors, n_samples), got {n} rows of {length}"
+                + (
+                    f" for {length} sensors: the array is the wrong way round; give its transpose"
+                    if is_turned
+                    else "; is the array the wrong way round?"
+                )
             )
         if n < 2:
             raise ValueError("record: a mode shape needs two sensors or more, got 1")
@@ -231,7 +236,8 @@ def checked_rate(rate_hz: float) -> float:
     """
     number = isinstance(rate_hz, (int, float, np.number)) and not isinstance(rate_hz, bool)
     if not (number and 0.0 < rate_hz < math.inf):
-        raise ValueError(f"record: rate_hz must be a positive, finite number, got {rate_hz!r}")
+        got = float(rate_hz) if number else rate_hz
+        raise ValueError(f"record: rate_hz must be a positive, finite number, got {got!r}")
     return float(rate_hz)
 
 

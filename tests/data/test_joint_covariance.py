@@ -127,7 +127,7 @@ def _change(path, **changes):
         (lambda csv, _: csv.write_text(csv.read_text().replace("0.6,0.8,", "-0.6,-0.8,")),
          "mode '1' differs in frequency or shape"),
         (lambda csv, _: csv.write_text(csv.read_text().replace("x,y,z", "y,x,z")),
-         "the sensors are not those of modes.csv"),
+         "the sensors, 'x', 'y', 'z', are not those of modes.csv; names and order must"),
         (lambda _, file: file.unlink(), "no file modes.covariance.json"),
         (lambda _, file: file.write_text("{"), "not JSON"),
         (lambda _, file: file.write_text("{}"), "no 'sensors'"),

@@ -47,14 +47,18 @@ def with_nan():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"samples": SAMPLES.T}, r"got 400 rows of 3; is the array the wrong way round\?"),
+        ({"samples": SAMPLES.T}, "400 rows of 3 for 3 sensors: the array is the wrong way round"),
+        (
+            {"samples": SAMPLES.T, "sensors": NAMES[:2]},
+            r"400 rows of 3; is the array the wrong way round\?",
+        ),
         ({"samples": SAMPLES[:1], "sensors": NAMES[:1]}, "needs two sensors or more, got 1"),
         ({"samples": with_nan()}, "sensor 'floor 2': sample 7 is not finite: nan"),
         ({"samples": SAMPLES[0]}, r"must be \(n_sensors, n_samples\), got \(400,\)"),
         ({"sensors": NAMES[:2]}, "2 names for 3 sensors"),
         ({"sensors": ("a", "b", "a")}, "two sensors are named 'a'"),
         ({"sensors": ("a", "b", "damping")}, "may not be named 'damping'"),
-        ({"rate_hz": 0.0}, "rate_hz must be a positive, finite number, got 0.0"),
+        ({"rate_hz": np.float64(0.0)}, "rate_hz must be a positive, finite number, got 0.0"),
         ({"quantity": "force"}, "quantity must be one of 'acceleration', .* got 'force'"),
         ({"quantity": "velocity"}, "unit of velocity must be one of 'm/s', .* got 'm/s2'"),
         ({"places": ((1, "w"), None, None)}, r"sensor 'floor 1': place must be .* got \(1, 'w'\)"),
@@ -187,7 +191,8 @@ def test_several_files_of_one_setup(tmp_path):
     ("text", "message"),
     [
         ("", "holds no samples"),
-        ("a,b\n1,2\n3,x\n", "'x' to float64 at row 1, column 2"),
+        ("a,b\n1,2\n3,x\n", "below line 1: row 2, column 2: 'x' is not a number"),
+        ("a,b\n1,2\n3,\n", "below line 1: row 2, column 2: '' is not a number"),
         ("a,b\n1,2\n3\n", "number of columns changed"),
         ("a,b\n1,2,3\n4,5,6\n", "2 column names for 3 columns"),
         ("t,a,b\n0,1,2\n0.1,1,2\n0.2,1,3\n0.5,1,3\n0.6,2,3\n", r"after sample 3 .* 0.3 s, a gap"),
