@@ -54,8 +54,9 @@ class AnyPairing(ModalLikelihood):
 
     def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         paired = pair_probabilities(self.pairing_weights(values)).sum(axis=1)
+        prediction_var = self.errors.prediction_var(values)[:, :1]
         every = range(self.structure.n_modes)
-        return self._near_a_limit(values, frequencies, every) & (paired < 0.5)
+        return self.unpaired.near_a_limit(frequencies, prediction_var, every) & (paired < 0.5)
 
     @property
     def datum_names(self) -> tuple[str, ...]:
@@ -87,8 +88,9 @@ class AnyPairing(ModalLikelihood):
         error_var = self.errors.prediction_var(values)
         n_data, n_model = len(self.data.modes), self.structure.n_modes
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            every = list(range(n_model))
-            missed = self._missed_terms(modes, error_var[:, :1], every)
+            missed = self.unpaired.log_missed(
+                modes.frequencies_hz, error_var[:, :1], range(n_model)
+            )
             paired = self._frequency_terms(modes, error_var[:, :1])
             paired[:, self.pairs.with_shape] += self._shape_terms(
                 modes.shape_distances, error_var[:, 1:]
@@ -102,4 +104,4 @@ class AnyPairing(ModalLikelihood):
 
     @cached_property
     def _spurious(self) -> FloatArray:
-        return np.array([self._spurious_term(mode) for mode in self.data.modes])
+        return np.array([self.unpaired.log_spurious(mode) for mode in self.data.modes])

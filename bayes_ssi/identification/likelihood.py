@@ -18,23 +18,22 @@ covariance, the joint density of all pairs takes the place of their product
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.joint_pairs import JointPairs, Residuals
 from bayes_ssi.identification.likelihood_terms import ComparedModes, ModalTerms, row_sums
 from bayes_ssi.identification.pair_errors import PairErrors, prediction_sizes
 from bayes_ssi.identification.paired_modes import PairedModes, check_pairing
-from bayes_ssi.identification.shape_density import log_shape_normaliser, log_sphere_area
+from bayes_ssi.identification.shape_density import log_shape_normaliser
+from bayes_ssi.identification.unpaired_modes import UnpairedModes
 from bayes_ssi.modal import Modes
 from bayes_ssi.parameters import Parameter, as_product, collect_parameters
 from bayes_ssi.structures.sensors import SensorMatrix
@@ -80,6 +79,11 @@ class ModalLikelihood:
         return PairedModes.of(self.data, self.pairing.items())
 
     @cached_property
+    def unpaired(self) -> UnpairedModes:
+        """The terms of modes without a counterpart."""
+        return UnpairedModes(self.data, self.identification)
+
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The structure's parameters, then those of the errors that the paired data need."""
         sizes = prediction_sizes(self.error, self.pairs)
@@ -105,7 +109,9 @@ class ModalLikelihood:
         error_var = self.errors.prediction_var(values)
         # Far out in the tail of its prior an error size can be so small that its square is zero.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            missed = self._missed_terms(modes, error_var[:, :1], self._unpaired_model_modes)
+            missed = self.unpaired.log_missed(
+                modes.frequencies_hz, error_var[:, :1], self._unpaired_model_modes
+            )
             return ModalTerms(
                 frequency=self._frequency_terms(modes, error_var[:, :1]),
                 shape=self._shape_terms(modes.shape_distances, error_var[:, 1:]),
@@ -131,7 +137,7 @@ class ModalLikelihood:
             modes: the modes at these values.
         """
         terms = self.terms(values, modes)
-        spurious = [self._spurious_term(mode) for mode in self.data.modes]
+        spurious = [self.unpaired.log_spurious(mode) for mode in self.data.modes]
         undetected = terms.undetected - self.identification.expected_spurious_modes
         log_likelihoods = np.column_stack([np.tile(spurious, (len(values), 1)), undetected])
         column = np.array(
@@ -187,8 +193,9 @@ class ModalLikelihood:
 
     def log_missed(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
         """Log probability (B, n_modes) that a model mode is not identified in the band."""
-        every = list(range(self.structure.n_modes))
-        return self._missed_terms(modes, self.errors.prediction_var(values)[:, :1], every)
+        prediction_var = self.errors.prediction_var(values)[:, :1]
+        every = range(self.structure.n_modes)
+        return self.unpaired.log_missed(modes.frequencies_hz, prediction_var, every)
 
     def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         """Whether each model mode is unpaired and at the edge of the band, (B, n_modes).
@@ -196,19 +203,8 @@ class ModalLikelihood:
         A mode is at the edge within two standard errors of a limit other than zero.
         ``frequencies`` (B, n_modes), in Hz, are the model frequencies at ``values``.
         """
-        return self._near_a_limit(values, frequencies, self._unpaired_model_modes)
-
-    def _near_a_limit(
-        self, values: FloatArray, frequencies: FloatArray, which: Iterable[int]
-    ) -> NDArray[np.bool_]:
         prediction_var = self.errors.prediction_var(values)[:, :1]
-        reach = 2.0 * np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
-        limits = [limit for limit in self.data.band_hz if limit > 0]
-        near = np.zeros(frequencies.shape, dtype=bool)
-        for mode in which:
-            for limit in limits:
-                near[:, mode] |= np.abs(frequencies[:, mode] - limit) < reach[:, mode]
-        return near
+        return self.unpaired.near_a_limit(frequencies, prediction_var, self._unpaired_model_modes)
 
     @cached_property
     def joint_pairs(self) -> JointPairs | None:
@@ -270,29 +266,12 @@ class ModalLikelihood:
         variance = (np.array([[shape_sd.scale**2]]) + self._own_var[1]).T
         return _log_normalisers(variance, self.pairs)
 
-    def _missed_terms(
-        self, modes: ComparedModes, prediction_var: FloatArray, which: list[int]
-    ) -> FloatArray:
-        """log(1 - p_D P_in), (B, len(which)): log probability that these model modes are missed."""
-        if not which:
-            return np.zeros((len(modes.frequencies_hz), 0))
-        low, high = self.data.band_hz
-        frequencies = modes.frequencies_hz.T[which].T
-        sd = np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
-        inside = ndtr((high - frequencies) / sd) - ndtr((low - frequencies) / sd)
-        return np.log1p(-self.identification.detection_probability * inside)
-
     @cached_property
     def _unpaired_data(self) -> float:
         """The term of all identified modes that belong to no model mode, and of e^(-ν)."""
         unpaired = [mode for mode in self.data.modes if mode.label not in self.pairing]
-        return sum(map(self._spurious_term, unpaired)) - self.identification.expected_spurious_modes
-
-    def _spurious_term(self, mode: IdentifiedMode) -> float:
-        """The log density of an identified mode that belongs to no model mode."""
-        low, high = self.data.band_hz
-        density = math.log(self.identification.expected_spurious_modes / (high - low))
-        return density - (log_sphere_area(mode.n_measured) if mode.scored_shape is not None else 0)
+        spurious = sum(map(self.unpaired.log_spurious, unpaired))
+        return spurious - self.identification.expected_spurious_modes
 
     @cached_property
     def _own_var(self) -> tuple[FloatArray, FloatArray]:
@@ -309,11 +288,6 @@ class ModalLikelihood:
     @cached_property
     def _unpaired_model_modes(self) -> list[int]:
         return sorted(set(range(self.structure.n_modes)) - set(self.pairs.model_modes.tolist()))
-
-    @cached_property
-    def _typical_frequency_var(self) -> float:
-        """Squared identification error assumed for modes that were not identified."""
-        return float(np.mean([(mode.frequency_cov or 0.0) ** 2 for mode in self.data.modes]))
 
 
 def _column(variances: FloatArray) -> FloatArray:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal, TypeVar
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -100,6 +101,34 @@ class Configuration:
                 f"{kind} returns frequencies and shapes of shapes {sizes[0]} and {sizes[1]} for "
                 f"one set of values, expected {(1, n_modes)} and {(1, n_dof, n_modes)}"
             )
+
+
+def configurations_of(
+    given: Sequence[Configuration] | None, own: Mapping[str, Any]
+) -> tuple[Configuration, ...]:
+    """The given configurations with ``own`` fields replaced, or one made of the ``own`` fields.
+
+    Raises:
+        ValueError: there are none, or names are missing or repeated.
+        TypeError: a field is missing, or one is no configuration.
+    """
+    if given is None:
+        missing = [name for name in ("structure", "data", "pairing") if name not in own]
+        if missing:
+            raise TypeError(f"no {missing[0]}; give structure, data and pairing, or configurations")
+        return (Configuration("", **own),)
+    if not given:
+        raise ValueError("configurations is empty; give one or more")
+    for each in given:
+        if not isinstance(each, Configuration):
+            raise TypeError(f"configurations must be Configurations, got {each!r}")
+    names = Counter(each.name for each in given)
+    repeated = [name for name, count in names.items() if count > 1]
+    if repeated:
+        raise ValueError(f"two configurations are named {repeated[0]!r}")
+    if len(given) > 1 and "" in names:
+        raise ValueError("a configuration has no name; where there are several, each needs one")
+    return tuple(replace(each, **own) if own else each for each in given)
 
 
 def modes_with_shape(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,7 +19,12 @@ from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.likelihood_terms import row_sums
 from bayes_ssi.modal import Modes
-from bayes_ssi.model_class.configuration import Configuration, choose_configuration, joint_digest
+from bayes_ssi.model_class.configuration import (
+    Configuration,
+    choose_configuration,
+    configurations_of,
+    joint_digest,
+)
 from bayes_ssi.parameters import Parameter, checked_values, collect_parameters, values_at
 from bayes_ssi.priors.prior import Prior
 from bayes_ssi.structures.structure import Structure
@@ -92,7 +96,9 @@ class ModelClass:
         require_printable(name, "ModelClass")
         own = {"structure": structure, "data": data, "pairing": pairing}
         try:
-            made = _configurations(configurations, {k: v for k, v in own.items() if v is not None})
+            made = configurations_of(
+                configurations, {k: v for k, v in own.items() if v is not None}
+            )
             for field, value in (
                 ("name", name),
                 ("configurations", made),
@@ -299,26 +305,3 @@ def _of_kind(kind: type, name: str, value: Any) -> Any:
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be a {kind.__name__}, got {value!r}")
     return value
-
-
-def _configurations(
-    given: Sequence[Configuration] | None, own: Mapping[str, Any]
-) -> tuple[Configuration, ...]:
-    """The given configurations with ``own`` fields replaced, or one made of the ``own`` fields."""
-    if given is None:
-        missing = [name for name in ("structure", "data", "pairing") if name not in own]
-        if missing:
-            raise TypeError(f"no {missing[0]}; give structure, data and pairing, or configurations")
-        return (Configuration("", **own),)
-    if not given:
-        raise ValueError("configurations is empty; give one or more")
-    for each in given:
-        if not isinstance(each, Configuration):
-            raise TypeError(f"configurations must be Configurations, got {each!r}")
-    names = Counter(each.name for each in given)
-    repeated = [name for name, count in names.items() if count > 1]
-    if repeated:
-        raise ValueError(f"two configurations are named {repeated[0]!r}")
-    if len(given) > 1 and "" in names:
-        raise ValueError("a configuration has no name; where there are several, each needs one")
-    return tuple(replace(each, **own) if own else each for each in given)
