@@ -22,12 +22,8 @@ from bayes_ssi.records.modal_estimates import ModalEstimates, Poles, with_positi
 from bayes_ssi.records.observed_curvature import observed_curvature
 from bayes_ssi.records.scoring import MostProbable, WeakPrior, are_modes, most_probable
 from bayes_ssi.records.spectra import Lines, Spectra, spectra
-from bayes_ssi.records.spectral_model import (
-    SpectralModel,
-    covariances,
-    gain_of_mode,
-    misfit,
-)
+from bayes_ssi.records.spectral_derivatives import gain_of_mode
+from bayes_ssi.records.spectral_model import SpectralModel, covariances, misfit
 
 # Where to begin: with noise as a share of the sensor's power that leaves no narrow valleys, until
 # a step gains less than a nat; then with the noise to be found, until it gains no more than moves
@@ -47,17 +43,21 @@ class Loads(NamedTuple):
             accelerations do when the ground moves.
         n_sources: independent processes; None for as many as there are modes, and the
             quasi-static motion.
+        coloured: whether their spectra change with frequency, all alike.
     """
 
     moving_ground: bool = False
     n_sources: int | None = None
+    coloured: bool = False
 
     def __str__(self) -> str:
         if not self.moving_ground:
-            return "independent loads"
-        if self.n_sources is None:
-            return "ground motion and independent loads"
-        return "ground motion in one direction"
+            name = "independent loads"
+        elif self.n_sources is None:
+            name = "ground motion and independent loads"
+        else:
+            name = "ground motion in one direction"
+        return f"{name}, coloured" if self.coloured else name
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,6 +252,8 @@ def _start(data: Spectra, starts: Poles, q: int, loads: Loads) -> SpectralModel:
         shapes,
         forces.astype(complex),
         np.log(FIRST_NOISE * power.mean(0)),
+        np.zeros(2 if loads.coloured else 0),
+        float(np.sqrt(data.frequencies_hz[0] * data.frequencies_hz[-1])),
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from bayes_ssi.records.bayesian_fft import BandFit, Loads, fit_band
 from bayes_ssi.records.identification_result import ModalIdentification, Rejected, measured_record
 from bayes_ssi.records.modal_estimates import ModalEstimates, Poles
 from bayes_ssi.records.next_era import Correlations, clusters, correlations, next_era, realisation
-from bayes_ssi.records.peaks import BEYOND_DOUBT, Peak, split_peaks
+from bayes_ssi.records.peaks import BEYOND_DOUBT, Peak, split_peaks, with_shapes_exchanged
 from bayes_ssi.records.record import Record
 from bayes_ssi.records.scoring import DAMPING, HEAVIEST, LOG_DAMPING_SD
 from bayes_ssi.records.spectra import Lines, lines_of, spectra
@@ -71,10 +70,11 @@ def identify(
     bayesian = fit.estimates(band, record.sensors)
     era = None
     if data is not None:
-        try:
-            era = next_era(data, bayesian.poles, record.sensors)
-        except ValueError as error:
-            remarks.append(str(error))
+        sought = [bayesian.poles]
+        # Modes of a spectral model that explains nothing may be none: candidates come next.
+        if not fit.is_white and len(modes.frequencies_hz) == bayesian.n_modes:
+            sought.append(modes)
+        era = _by_era(data, sought, record.sensors, remarks)
     quoted, failed = _quoted(fit, bayesian, era)
     lengths = quoted.dampings * quoted.frequencies_hz * record.duration_s
     too_short = tuple(np.flatnonzero(lengths < SHORTEST).tolist())
@@ -85,6 +85,18 @@ def identify(
         measured_record(record), quoted, bayesian, era, fit, peaks, tuple(rejected), too_short,
         tuple(remarks), tuple(failed),
     )  # fmt: skip
+
+
+def _by_era(
+    data: Correlations, sought: Sequence[Poles], sensors: tuple[str, ...], remarks: list[str]
+) -> ModalEstimates | None:
+    """NExT-ERA's estimates of the first modes sought that it has."""
+    for poles in sought:
+        try:
+            return next_era(data, poles, sensors)
+        except ValueError as error:
+            remarks.append(str(error))
+    return None
 
 
 def _candidates(data: Correlations | None) -> tuple[Poles, Poles]:
@@ -121,23 +133,20 @@ def _given(record: Record, band: tuple[float, float], at: Sequence[float]) -> Po
     return Poles(frequencies, np.full(len(frequencies), DAMPING), shapes)
 
 
-class _Tried(NamedTuple):
-    """A fit under some loads."""
+def _under_best_loads(
+    lines: Lines, modes: Poles, others: Poles | None, q: int
+) -> tuple[BandFit, tuple[Peak, ...], list[Rejected]]:
+    """The fit, its peaks, and the candidates that it does without.
 
-    fit: BandFit
-    peaks: tuple[Peak, ...]
-    rejected: list[Rejected]
-
-
-def _under_best_loads(lines: Lines, modes: Poles, others: Poles | None, q: int) -> _Tried:
-    """The fit under the first loads that explain the lines, or else those of most evidence.
-
-    Modes are fixed where there are no others to choose from.
+    It is that under the first loads that explain the lines, or else under those of most evidence.
+    Modes are fixed where there are no others to choose from. Peaks are asked for second modes under
+    these loads alone: under loads that explain less, a second mode would stand for the loads.
     """
     order = [Loads(), Loads(True, 1), Loads(True)]
     values = np.linalg.eigvalsh(spectra(lines).matrices)
     if np.median(values[:, -1] / values.sum(1)) > COHERENT:
         order = [Loads(True, 1), Loads(True), Loads()]
+    order += [loads._replace(coloured=True) for loads in order[:2]]
     tried = []
     for loads in order:
         fit = fit_band(lines, modes, q, loads)
@@ -146,11 +155,14 @@ def _under_best_loads(lines: Lines, modes: Poles, others: Poles | None, q: int) 
             fit, rejected = _without_needless(fit, lines)
             fit, more = _with_needed(fit, lines, others)
             rejected = sorted(rejected + more)
-        fit, peaks = split_peaks(fit, lines, fixed=others is None)
-        tried.append(_Tried(fit, peaks, rejected))
+        fit = with_shapes_exchanged(fit, lines)
+        tried.append((fit, rejected))
         if fit.is_white:
-            return tried[-1]
-    return max(tried, key=lambda one: one.fit.log_evidence)
+            break
+    else:
+        fit, rejected = max(tried, key=lambda each: each[0].log_evidence)
+    fit, peaks = split_peaks(fit, lines, fixed=others is None)
+    return fit, peaks, rejected
 
 
 def _without_needless(fit: BandFit, lines: Lines) -> tuple[BandFit, list[Rejected]]:

@@ -14,7 +14,8 @@ import numpy as np
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.records.scoring import WeakPrior
 from bayes_ssi.records.spectra import Spectra
-from bayes_ssi.records.spectral_model import SpectralModel, gradient
+from bayes_ssi.records.spectral_derivatives import gradient
+from bayes_ssi.records.spectral_model import SpectralModel
 
 # Gradients are differenced over so many expected standard deviations.
 STEP = 0.01

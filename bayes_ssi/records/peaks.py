@@ -68,6 +68,17 @@ class Peak(NamedTuple):
         return f"{text}: the record cannot tell"
 
 
+def with_shapes_exchanged(fit: BandFit, lines: Lines) -> BandFit:
+    """The fit with the more probable shapes of modes that share a peak.
+
+    Either shape can be that of the lower frequency, which are two local optima.
+    """
+    for members in _peaks_of(fit.poles):
+        for pair in pairwise(members):
+            fit = _exchanged(fit, list(pair), lines)
+    return fit
+
+
 def split_peaks(fit: BandFit, lines: Lines, *, fixed: bool) -> tuple[BandFit, tuple[Peak, ...]]:
     """Fit two modes to the peaks that hold two, and say of every peak how probable that is.
 
@@ -79,9 +90,6 @@ def split_peaks(fit: BandFit, lines: Lines, *, fixed: bool) -> tuple[BandFit, tu
     Returns:
         The fit with the modes that are more probable, and its peaks in ascending order.
     """
-    for members in _peaks_of(fit.poles):
-        for pair in pairwise(members):
-            fit = _exchanged(fit, list(pair), lines)
     if not fit.settled:  # what it would gain by a mode more says nothing
         return fit, tuple(_described(fit, members, None, lines) for members in _peaks_of(fit.poles))
     log_odds: dict[float, float | None] = {}
@@ -200,10 +208,7 @@ def _by_place(two: BandFit, frequency_hz: float) -> float:
 
 
 def _exchanged(fit: BandFit, pair: Sequence[int], lines: Lines) -> BandFit:
-    """The fit, or that from the pair's shapes exchanged where it is the more probable.
-
-    Two modes of a peak have two local optima: either shape can be that of the lower frequency.
-    """
+    """The fit, or that from the pair's shapes exchanged where it is the more probable."""
     shapes = fit.poles.shapes.copy()
     shapes[:, pair] = shapes[:, pair[::-1]]
     other = fit_band(lines, fit.poles._replace(shapes=shapes), fit.q, fit.loads)

@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.identification.shape_density import log_sphere_area
 from bayes_ssi.records.spectra import Spectra
-from bayes_ssi.records.spectral_model import Layout, SpectralModel, derivatives, misfit, transfer
+from bayes_ssi.records.spectral_derivatives import derivatives
+from bayes_ssi.records.spectral_model import Layout, SpectralModel, misfit, transfer
 
 # Structures in service mostly have a damping of 0.5 to 4 %, two thirds within this factor.
 DAMPING, LOG_DAMPING_SD = 0.015, 1.0
 # A sensor's own noise is between a millionth and all of its power in the band, with 95 %.
 LOG_NOISE, LOG_NOISE_SD = 0.5 * math.log(1e-6), 0.25 * math.log(1e6)
+# Loads mostly have spectra between f² and f⁻², bent a little: those of wind fall as f^(-5/3).
+COLOUR_SD = (2.0, 1.0)
 # Damping of steps as a share of the curvature: at first, and by what it changes (Marquardt 1963).
 FIRST_DAMPING, DAMPING_FACTOR, MOST_DAMPING = 1e-3, 5.0, 1e10
 MOST_STEPS = 100
@@ -65,6 +68,7 @@ class WeakPrior:
         precisions[at.shapes] = 2.0 * math.pi * math.exp(-2.0 * half / (n - 1))
         centres[at.log_noise] = LOG_NOISE + np.log(power.mean(0))
         precisions[at.log_noise] = LOG_NOISE_SD**-2
+        precisions[at.colour] = np.array(COLOUR_SD)[: len(model.colour)] ** -2
         return cls(centres, precisions)
 
     def with_noise(self, log_noise: FloatArray, at: Layout) -> WeakPrior:
@@ -164,7 +168,7 @@ def _shortened(step: FloatArray, model: SpectralModel) -> FloatArray:
 
 
 def coordinates(model: SpectralModel) -> FloatArray:
-    """(p,): ln f, ln ζ, entries of L, ln s; zero for shapes, the origins of their planes."""
+    """(p,): ln f, ln ζ, entries of L, ln s, c; zero for shapes, the origins of their planes."""
     at = model.layout
     rows, columns = np.tril_indices(len(model.forces), -1, model.forces.shape[1])
     vector = np.zeros(at.n_coordinates)
@@ -174,4 +178,5 @@ def coordinates(model: SpectralModel) -> FloatArray:
     vector[at.real] = model.forces[rows, columns].real
     vector[at.imaginary] = model.forces[rows, columns].imag
     vector[at.log_noise] = model.log_noise
+    vector[at.colour] = model.colour
     return vector

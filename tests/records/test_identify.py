@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from scipy.signal import lfilter
 from scipy.stats import chi2
 from simulated_records import simulated_record, truth_of, with_infill
 
@@ -63,6 +64,25 @@ def test_four_modes_with_errors_that_are_right(ground, loads):
     assert chi2(8).cdf(squares.sum()) == pytest.approx(0.5, abs=0.495)
     squares = 2.0 * np.array(of_shapes) ** 2
     assert chi2(16).cdf(squares.sum()) == pytest.approx(0.5, abs=0.495)
+
+
+def test_loads_may_be_coloured():
+    """Independent loads, low-passed at 1 Hz: modes and the spectrum's slope are right.
+
+    ln S = -ln(1 + f²) has the slope -2 f² / (1 + f²) over ln f.
+    """
+    record, decay = simulated(5, duration_s=600.0), np.exp(-2.0 * np.pi / 50.0)
+    samples = lfilter([1.0 - decay], [1.0, -decay], record.samples, axis=1)
+    result = bs.identify(bs.Record(samples, 50.0, SENSORS, "acceleration", "m/s2"), BAND)
+    assert result.quoted is result.bayesian
+    assert not result.failed_checks
+    frequencies, shapes = errors(result.quoted)
+    assert max(np.abs(frequencies).max(), shapes.max()) < 4.0
+    model = result.fit.model
+    covariance = np.linalg.inv(result.fit.curvature)[model.layout.colour, model.layout.colour]
+    slope = -2.0 * model.middle_hz**2 / (1.0 + model.middle_hz**2)
+    assert model.colour[0] == pytest.approx(slope, abs=4.0 * np.sqrt(covariance[0, 0]))
+    assert covariance[0, 0] < 0.1**2
 
 
 def test_what_is_quoted_is_as_sharp_as_the_record_allows():

@@ -10,13 +10,8 @@ from bayes_ssi.records.bayesian_fft import allowed_whiteness
 from bayes_ssi.records.observed_curvature import observed_curvature
 from bayes_ssi.records.scoring import WeakPrior, most_probable
 from bayes_ssi.records.spectra import Spectra, lines_of, spectra
-from bayes_ssi.records.spectral_model import (
-    SpectralModel,
-    covariances,
-    derivatives,
-    gain_of_mode,
-    misfit,
-)
+from bayes_ssi.records.spectral_derivatives import derivatives, gain_of_mode
+from bayes_ssi.records.spectral_model import SpectralModel, covariances, misfit
 
 Q = [0, 1, 2]
 
@@ -103,6 +98,8 @@ def model_and_data():
         shapes / np.sqrt((shapes**2).sum(0)),
         forces,
         np.log([0.1, 0.2, 0.05]),
+        np.array([-1.5, 0.7]),
+        1.1,
     )
     frequencies = np.linspace(0.6, 2.0, 60)
     data = Spectra(frequencies, np.full(60, 5.0), np.zeros((60, n, n)), np.zeros(60))
