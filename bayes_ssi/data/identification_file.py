@@ -54,7 +54,11 @@ def read_identifications(path: Path, csv_path: Path) -> tuple[IdentificationReco
             "directory; put it there, or remove the line, which only reports need"
         ) from None
     except ValueError as error:
-        raise ValueError(f"{path}: no record of an identification: {error}") from None
+        raise ValueError(
+            f"{path}: no record of an identification that this version reads: {error}; identify "
+            f"again, or remove the line 'identification' of {csv_path.name}, which only reports "
+            "need"
+        ) from None
     return tuple(
         replace(each, figures=tuple(str(path.parent / file) for file in each.figures))
         for each in content.identifications

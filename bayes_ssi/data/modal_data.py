@@ -176,7 +176,11 @@ class ModalData:
 
     def warnings(self) -> list[str]:
         """What an analyst should know about these data before using them, a sentence each."""
-        warnings = []
+        warnings = [
+            f"identified from {each.record.source or 'a record'}: {check}"
+            for each in self.identifications
+            for check in each.failed_checks
+        ]
         for mode in self.modes:
             name = f"mode {mode.label!r}"
             if mode.shape is None:

@@ -58,7 +58,9 @@ def _read(file: TextIO) -> Channels:
             delimiter = match[1]
         elif line.lstrip().startswith("#"):
             if (match := KEY.match(line)) is not None:
-                stated[match[1]] = match[2]
+                key, value = match.groups()
+                if stated.setdefault(key, value) != value:
+                    raise ValueError(f"line {number}: {key} is {stated[key]}, and now {value}")
         elif line.strip():
             first = line
             break

@@ -197,6 +197,7 @@ def test_several_files_of_one_setup(tmp_path):
         ("a,b\n1,2,3\n4,5,6\n", "2 column names for 3 columns"),
         ("t,a,b\n0,1,2\n0.1,1,2\n0.2,1,3\n0.5,1,3\n0.6,2,3\n", r"after sample 3 .* 0.3 s, a gap"),
         ("# rate_hz, fast\na,b\n1,2\n3,4\n", "rate_hz must be a positive, finite number"),
+        ("# rate_hz, 9\n# rate_hz: 10\na,b\n0,1\n", "line 2: rate_hz is 9, and now 10"),
         ("# rate_hz, 9\nt,a,b\n0,1,2\n0.1,1,2\n0.2,1,3\n", "two rates are given: 9 and 10 Hz"),
     ],
 )

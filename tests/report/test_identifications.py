@@ -80,8 +80,8 @@ def test_the_identification_is_shown_with_what_classes_make_of_its_peaks(ranking
     page = Page(write_report(tmp_path / "r").read_text("utf-8"))
     for words in (
         "<tower>.csv: acceleration (m/s2) at 2 sensors (x, y), 600 s at 50 Hz.",
-        "Quoted are those by Bayesian FFT: the spectral model of the Bayesian FFT, with "
-        "independent loads, explains the record.",
+        "The Bayesian FFT is quoted, because its spectral model, with independent loads, explains "
+        "the record.",
         "mode at 2.9 Hz: the methods differ",
         "3.3 Hz: the spectra gain nothing by a mode there",
         "sensor 'x': clipped",
@@ -105,17 +105,23 @@ def test_what_one_method_leaves_open_is_said(ranking, tmp_path):
     modes = tuple(replace(mode, methods_apart=None) for mode in RECORD.modes)
     peaks = tuple(replace(peak, probability_of_two=None) for peak in RECORD.peaks)
     doubtful = replace(RECORD, is_explained=False, cycles_of_decay=0.5, modes=modes, peaks=peaks)
-    save_result(ranking(RECORD, doubtful), tmp_path / "r")
+    other = replace(RECORD, is_explained=False, method="NExT-ERA")
+    save_result(ranking(RECORD, doubtful, other), tmp_path / "r")
     shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
-    first, second = shown.split("Quoted are those by")[1:]
-    assert "NExT-ERA has no modes" not in first
+    parts = shown.split("Modes were sought from 0 to 4 Hz.")[1:]
     for words in (
-        "does not explain the record, and there are no others",
+        "because there is no other method, although its spectral model",
         "NExT-ERA has no modes",
         "failed: damping and shape left out",
+        "not known",
     ):
-        assert words in second
-    assert (first.count("not known"), second.count("not known")) == (0, 2)
+        assert [words in part for part in parts] == [False, True, False]
+    assert "NExT-ERA is quoted, because the spectral model of the Bayesian FFT" in parts[2]
+
+
+def test_failed_checks_of_an_identification_are_warnings_of_its_modes(ranking):
+    data = ranking(RECORD).study.model_classes[0].data
+    assert "identified from <tower>.csv: mode at 2.9 Hz: the methods differ" in data.warnings()
 
 
 def test_figures_are_copied_to_the_result(ranking, tmp_path):
