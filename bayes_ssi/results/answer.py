@@ -200,7 +200,9 @@ def _alike(result: StoredResult) -> list[RankedClass]:
 
 
 def _title_and_probability(result: StoredResult, row: RankedClass) -> str:
-    return _title(result, row, f"probability {probability_in_words(row.probability)}")
+    # Of a search, those that were not sampled have a share, too.
+    of_all = row if result.search is None else result.search.hypothesis(row.name)
+    return _title(result, row, f"probability {probability_in_words(of_all.probability)}")
 
 
 def _title(result: StoredResult, row: RankedClass, *further: str) -> str:

@@ -179,6 +179,20 @@ def test_a_search_says_which_places_share_the_probability_and_in_which_tests(fou
     assert "may have up to 0.3000 of the probability together" in said
 
 
+def test_probabilities_of_a_search_are_those_among_all_its_hypotheses(found_in_case_c, tmp_path):
+    """Not among the sampled ones alone, of which the ranking consists."""
+    record = found_in_case_c.record
+    second = found_in_case_c.ranking.comparison.classes[1].name
+    hypotheses = [
+        replace(each, probability=0.0123) if each.name == second else each
+        for each in record.hypotheses
+    ]
+    record = replace(record, hypotheses=tuple(hypotheses))
+    result = save_result(found_in_case_c.ranking, tmp_path / "r", extra={"search.json": record})
+    runner_up = answer(result).reasons[-1]
+    assert f"({second!r}, probability 0.0123)." in runner_up
+
+
 def test_a_search_that_gives_no_appendage(found_in_case_c, tmp_path):
     record = replace(found_in_case_c.record, probability_of_any=0.03)
     result = answer(
