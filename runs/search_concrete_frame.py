@@ -99,15 +99,16 @@ def cpu_seconds():
 
 
 def all_full_solutions(result):
-    """Numbers of full solutions of a search: of the basis that all classes share, and of each."""
-    shared, own = 0, 0
+    """Number of full solutions of a search: of the basis that all share, and of each class."""
+    of_bases, confirming = [], 0
     for posterior in result.ranking.posteriors:
         for remark in posterior.remarks:
             if count := re.search(r"reduced to \d+ by (\d+) full solutions", remark):
-                shared = max(shared, int(count.group(1)))
-            elif count := re.search(r"confirmed by (\d+) full solutions", remark):
-                own += int(count.group(1))
-    return shared + own
+                of_bases.append(int(count.group(1)))
+            elif count := re.search(r"(\d+) full solutions at draws", remark):
+                confirming += int(count.group(1))
+    shared = min(of_bases)
+    return shared + sum(each - shared for each in of_bases) + confirming
 
 
 def candidates(path, frame, with_directions):

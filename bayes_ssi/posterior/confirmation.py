@@ -37,6 +37,21 @@ class Confirmation(NamedTuple):
     change: float
     differences: tuple[float, float]
 
+    def failures(self, log_evidence_error: float, settings: RefinementSettings) -> tuple[str, ...]:
+        """The check that fails where these draws do not support the correction, if any."""
+        if not abs(self.correction) <= settings.largest_correction:
+            return (
+                f"full solutions at draws change the log evidence by {self.correction:+.2f}: the "
+                "approximate structure is too coarse where the posterior lies",
+            )
+        if self.error > REACHED * log_evidence_error:
+            return (
+                f"{len(self.values)} full solutions at draws leave an error of {self.error:.2g} in "
+                f"the log evidence, more than the {log_evidence_error:g} wanted: the structure's "
+                "modes do not follow the approximation, as where a model jumps or fails",
+            )
+        return ()
+
 
 def confirmed(
     model_class: ModelClass,
@@ -80,20 +95,6 @@ def corrected(
         f"{frequency:.1g} at most, MAC is {_just_below_one(least_mac)} or more, and the log "
         f"evidence was corrected by {correction:+.4f} ± {error:.4f}"
     )
-    failed = posterior.failed_checks
-    if not abs(correction) <= settings.largest_correction:
-        failed = (
-            *failed,
-            f"full solutions at draws change the log evidence by {correction:+.2f}: the "
-            "approximate structure is too coarse where the posterior lies",
-        )
-    elif error > REACHED * log_evidence_error:
-        failed = (
-            *failed,
-            f"{len(confirmation.values)} full solutions at draws leave an error of {error:.2g} in "
-            f"the log evidence, more than the {log_evidence_error:g} wanted: the structure's modes "
-            "do not follow the approximation, as where a model jumps or fails",
-        )
     evidence = posterior.evidence
     return replace(
         posterior,
@@ -104,7 +105,10 @@ def corrected(
             mean_log_likelihood=evidence.mean_log_likelihood + confirmation.change,
             checks=tuple(check.shifted(correction, error) for check in evidence.checks),
         ),
-        failed_checks=failed,
+        failed_checks=(
+            *posterior.failed_checks,
+            *confirmation.failures(log_evidence_error, settings),
+        ),
         remarks=(*posterior.remarks, remark),
         frequency_error=frequency,
     )

@@ -42,6 +42,9 @@ from bayes_ssi.sampling.maxima import find_maxima
 
 # The step in which exact structures confirm the evidence, for reports of progress.
 FULL_SOLUTIONS = "full solutions"
+# Where a certified error was small enough by itself, but what it changes in the likelihood is not:
+# that is proportional to it, so this leaves a fifth.
+STRICTER = 0.2
 
 
 def refined(
@@ -65,17 +68,18 @@ def refined(
         report: called when full solutions begin and end, which may take longer than sampling, with
             the name of this step and 0 or 1.
     """
-    settings = settings or RefinementSettings()
+    settings = wanted = settings or RefinementSettings()
 
     def confirmed_by_full_solutions() -> Confirmation:
         report(FULL_SOLUTIONS, 0.0)
-        done = confirmed(model_class, posterior, log_evidence_error, settings)
+        done = confirmed(model_class, posterior, log_evidence_error, wanted)
         report(FULL_SOLUTIONS, 1.0)
         return done
 
     model_class.check_structure()
     model_class = _accurate_near_maxima(model_class, seed, workers, settings)
     better = model_class
+    n_before = 0  # full solutions that confirmed no more than that a better structure was needed
     for left in reversed(range(settings.most_rounds)):
         model_class = better
         posterior = sample_class(model_class)
@@ -88,11 +92,19 @@ def refined(
             confirmation = confirmed_by_full_solutions()
             if confirmation.error > log_evidence_error:
                 better = with_solutions_at(model_class, confirmation.values)
+            if better is model_class and confirmation.failures(log_evidence_error, settings):
+                settings = replace(settings, error_share=STRICTER * settings.error_share)
+                better = more_accurate(model_class, values, settings)
         if better is model_class:
             break
+        if confirmation is not None:
+            n_before += len(confirmation.values)
     if confirmation is None:
         confirmation = confirmed_by_full_solutions()
     posterior = certified(model_class, posterior, settings)
+    if n_before:
+        remark = f"{n_before} full solutions at draws showed that this accuracy is needed"
+        posterior = replace(posterior, remarks=(*posterior.remarks, remark))
     structures = [test.structure for test in model_class.configurations]
     emulators = [s.fitted if isinstance(s, EmulatedStructure) else None for s in structures]
     return replace(

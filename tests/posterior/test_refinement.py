@@ -1,6 +1,6 @@
 """Sampling with approximate structures: refined, certified, and corrected."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ import bayes_ssi as bs
 from bayes_ssi.finite_elements.approximate_structure import Accuracy, ApproximateStructure
 from bayes_ssi.modal import Modes
 from bayes_ssi.posterior.diagnosis import diagnose
+from bayes_ssi.posterior.refinement_settings import RefinementSettings
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
@@ -91,6 +92,22 @@ def test_an_inaccurate_structure_is_improved_and_sampled_again(of_class):
     assert posterior.evidence.log_evidence == pytest.approx(
         exact.evidence.log_evidence, abs=4 * error
     )
+
+
+def test_a_correction_that_is_too_large_calls_for_a_more_accurate_structure(of_class):
+    """Though the error is as small as was wanted, which is that of the data here."""
+    refinement = RefinementSettings(error_share=1.0, largest_correction=0.1)
+    structure = Stiff(of_class.frame, 0.008)
+    once, often = (
+        bs.sample(of_class(structure), settings=SETTINGS, refinement=each)
+        for each in (replace(refinement, most_rounds=1), refinement)
+    )
+    (check,) = once.failed_checks
+    assert "the approximate structure is too coarse where the posterior lies" in check
+    assert "frequencies differ by 0.008 at most" in once.remarks[1]
+    assert often.remarks[1].endswith("full solutions at draws showed that this accuracy is needed")
+    assert "frequencies differ by 0.0004 at most" in often.remarks[2]
+    assert often.failed_checks == ()
 
 
 def test_a_structure_that_cannot_be_improved_fails_a_check(of_class):
