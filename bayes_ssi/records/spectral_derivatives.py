@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import ComplexArray, FloatArray
+from bayes_ssi.records.inverse_covariances import InverseCovariances
 from bayes_ssi.records.spectra import Spectra
 from bayes_ssi.records.spectral_model import (
     SpectralModel,
-    covariances,
-    covariances_of_form,
-    misfit_and_inverses,
     powers,
     transfer,
     transfer_and_slopes,
@@ -41,16 +39,16 @@ class Derivatives(NamedTuple):
 def gradient(model: SpectralModel, data: Spectra, q: int) -> FloatArray:
     """(p,)"""
     form, slopes = _form_and_slopes(model, data, q)
-    inverse = misfit_and_inverses(covariances_of_form(model, form), data)[1]
+    inverse = InverseCovariances.of(model.shapes, model.log_noise, form)
     return _gradient(model, data, form, slopes, inverse)
 
 
 def derivatives(model: SpectralModel, data: Spectra, q: int) -> Derivatives:
     """Misfit, gradient and Fisher information."""
     form, slopes = _form_and_slopes(model, data, q)
-    value, inverse = misfit_and_inverses(covariances_of_form(model, form), data)
+    inverse = InverseCovariances.of(model.shapes, model.log_noise, form)
     return Derivatives(
-        value,
+        inverse.misfit(data),
         _gradient(model, data, form, slopes, inverse),
         _information(model, data, form, slopes, inverse),
         _bending(_slope_in_density(model, data, q, inverse), model),
@@ -107,18 +105,18 @@ def _gradient(
     data: Spectra,
     form: ComplexArray,
     slopes: _Slopes,
-    inverse: ComplexArray,
+    inverse: InverseCovariances,
 ) -> FloatArray:
     at, shapes = model.layout, model.shapes
-    difference = data.weights[:, None, None] * (inverse - inverse @ data.matrices @ inverse)
+    by_modes = _difference_by_modes(data, inverse)
     total = np.empty(at.n_coordinates)
-    on_modes = shapes.T @ difference @ shapes
+    on_modes = by_modes @ shapes
     rows, vectors = slopes
     total[: at.n_of_forms] = 2.0 * (on_modes[:, rows] * vectors).real.sum((0, 2))
-    by_entry = 2.0 * np.einsum("kij,kjc->ci", form, shapes.T @ difference, optimize=True).real
+    by_entry = 2.0 * np.einsum("kij,kjc->ci", form, by_modes, optimize=True).real
     total[at.shapes] = np.einsum("ci,ict->it", by_entry, model.planes).ravel()
     noise = np.exp(model.log_noise)
-    total[at.log_noise] = noise * difference.diagonal(axis1=1, axis2=2).real.sum(0)
+    total[at.log_noise] = noise * (data.weights @ inverse.diagonals(data))
     of_form = np.einsum("kij,kji->k", on_modes, form).real
     total[at.colour] = of_form @ powers(model, data.frequencies_hz)
     return total
@@ -129,7 +127,7 @@ def _information(
     data: Spectra,
     form: ComplexArray,
     slopes: _Slopes,
-    inverse: ComplexArray,
+    inverse: InverseCovariances,
 ) -> FloatArray:
     """Σ_k w_k Re tr(E⁻¹ ∂_a E E⁻¹ ∂_b E), from matrices of the size of N where that serves.
 
@@ -142,7 +140,7 @@ def _information(
     n, n_forms = len(shapes), at.n_of_forms
     noise, w = np.exp(model.log_noise), data.weights[:, None, None]
     rows, vectors = slopes
-    y = inverse @ shapes
+    a_k, y = inverse.full, inverse.of_shapes
     v = shapes.T @ y
     f = y @ form
     nv = form @ v
@@ -160,7 +158,7 @@ def _information(
     information[:n_forms, :n_forms] = 2.0 * (crossed.real + products.real.sum(0))
 
     entries = np.einsum("kdi,kcj->cidj", w * f, f, optimize=True).real
-    entries += np.einsum("kcd,kji->cidj", w * inverse, nvn, optimize=True).real
+    entries += np.einsum("kcd,kji->cidj", w * a_k, nvn, optimize=True).real
     blocks = np.zeros((n, n_columns, n_columns, n - 1))
     for i, plane in enumerate(model.planes):
         blocks[:, i, i] = plane
@@ -174,9 +172,9 @@ def _information(
     mixed = 2.0 * planes.T @ mixed.reshape(n * n_columns, n_forms)
     information[at.shapes, :n_forms], information[:n_forms, at.shapes] = mixed, mixed.T
 
-    of_noise = np.einsum("kcd,kcd->cd", w * inverse, inverse.conj(), optimize=True).real
+    of_noise = np.einsum("kcd,kcd->cd", w * a_k, a_k.conj(), optimize=True).real
     information[at.log_noise, at.log_noise] = of_noise * noise * noise[:, None]
-    with_shapes = 2.0 * np.einsum("kdc,kdi->dci", w * inverse, f.conj(), optimize=True).real
+    with_shapes = 2.0 * np.einsum("kdc,kdi->dci", w * a_k, f.conj(), optimize=True).real
     with_shapes = noise[:, None] * with_shapes.reshape(n, -1) @ planes
     information[at.log_noise, at.shapes] = with_shapes
     information[at.shapes, at.log_noise] = with_shapes.T
@@ -200,13 +198,18 @@ def _information(
     return information
 
 
+def _difference_by_modes(data: Spectra, inverse: InverseCovariances) -> ComplexArray:
+    """w Pᵀ (E⁻¹ - E⁻¹ S̄ E⁻¹) (K, M, n)."""
+    divided = inverse.of_shapes.conj().swapaxes(1, 2)
+    return data.weights[:, None, None] * (divided - inverse.times(divided @ data.matrices))
+
+
 def _slope_in_density(
-    model: SpectralModel, data: Spectra, q: int, inverse: ComplexArray
+    model: SpectralModel, data: Spectra, q: int, inverse: InverseCovariances
 ) -> ComplexArray:
     """G (M, M), Hermitian: the misfit changes by tr(G dS)."""
     h = transfer(model, data.frequencies_hz, q)
-    difference = data.weights[:, None, None] * (inverse - inverse @ data.matrices @ inverse)
-    on_modes = model.shapes.T @ difference @ model.shapes
+    on_modes = _difference_by_modes(data, inverse) @ model.shapes
     slope: ComplexArray = np.einsum("ki,kij,kj->ij", h.conj(), on_modes, h, optimize=True)
     return slope
 
@@ -264,9 +267,10 @@ def gain_of_mode(
     gain = 0.5 * float(slope @ np.linalg.lstsq(information, slope, rcond=None)[0])
     # and by forces of its own, to first order in their density.
     if n_sources == len(model.forces):
-        inverse = misfit_and_inverses(covariances(wider, data.frequencies_hz, q), data)[1]
+        form = _form_and_slopes(wider, data, q)[0]
+        inverse = InverseCovariances.of(wider.shapes, wider.log_noise, form)
         in_density = float(_slope_in_density(wider, data, q, inverse)[m, m].real)
         h = transfer(wider, data.frequencies_hz, q)[:, m]
-        motion = np.abs(h) ** 2 * np.einsum("i,kij,j->k", shape, inverse, shape).real
+        motion = np.abs(h) ** 2 * np.einsum("i,kij,j->k", shape, inverse.full, shape).real
         gain += 0.5 * min(0.0, in_density) ** 2 / float((data.weights * motion**2).sum())
     return gain

@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.arrays import ComplexArray, FloatArray
+from bayes_ssi.records.inverse_covariances import InverseCovariances
 from bayes_ssi.records.spectra import Spectra
 
 
@@ -127,8 +128,10 @@ class Layout(NamedTuple):
 
 def covariances(model: SpectralModel, frequencies_hz: FloatArray, q: int) -> ComplexArray:
     """E (K, n, n) at frequencies (K,)."""
-    driven = transfer(model, frequencies_hz, q)[:, :, None] * model.forces
-    return covariances_of_form(model, driven @ driven.conj().swapaxes(1, 2))
+    covariance = model.shapes @ _form(model, frequencies_hz, q) @ model.shapes.T
+    diagonal = np.arange(len(model.shapes))
+    covariance[:, diagonal, diagonal] += np.exp(model.log_noise)
+    return covariance
 
 
 def transfer(model: SpectralModel, frequencies_hz: FloatArray, q: int) -> ComplexArray:
@@ -144,28 +147,17 @@ def powers(model: SpectralModel, frequencies_hz: FloatArray) -> FloatArray:
 
 def misfit(model: SpectralModel, data: Spectra, q: int) -> float:
     """-ln p without constants; infinite where a matrix is not positive definite."""
+    form = _form(model, data.frequencies_hz, q)
     try:
-        return misfit_and_inverses(covariances(model, data.frequencies_hz, q), data)[0]
+        return InverseCovariances.of(model.shapes, model.log_noise, form).misfit(data)
     except np.linalg.LinAlgError:
         return np.inf
 
 
-def covariances_of_form(model: SpectralModel, form: ComplexArray) -> ComplexArray:
-    """E (K, n, n) of N (K, M, M)."""
-    covariance = model.shapes @ form @ model.shapes.T
-    diagonal = np.arange(len(model.shapes))
-    covariance[:, diagonal, diagonal] += np.exp(model.log_noise)
-    return covariance
-
-
-def misfit_and_inverses(covariance: ComplexArray, data: Spectra) -> tuple[float, ComplexArray]:
-    """Misfit and inverses (K, n, n)."""
-    log_determinants = 2.0 * np.log(
-        np.linalg.cholesky(covariance).diagonal(axis1=1, axis2=2).real
-    ).sum(1)
-    inverse: ComplexArray = np.linalg.inv(covariance)
-    traces = np.einsum("kij,kji->k", inverse, data.matrices).real
-    return float((data.weights * (log_determinants + traces)).sum()), inverse
+def _form(model: SpectralModel, frequencies_hz: FloatArray, q: int) -> ComplexArray:
+    """N (K, M, M)"""
+    driven = transfer(model, frequencies_hz, q)[:, :, None] * model.forces
+    return driven @ driven.conj().swapaxes(1, 2)
 
 
 def transfer_and_slopes(
