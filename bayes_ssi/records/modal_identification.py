@@ -15,6 +15,7 @@ from bayes_ssi.records.next_era import Correlations, clusters, correlations, nex
 from bayes_ssi.records.peaks import BEYOND_DOUBT, Peak, split_peaks, with_shapes_exchanged
 from bayes_ssi.records.record import Record
 from bayes_ssi.records.scoring import DAMPING, HEAVIEST, LOG_DAMPING_SD
+from bayes_ssi.records.shocks import shock
 from bayes_ssi.records.spectra import Lines, lines_of, spectra
 
 # A block of lines is this share of the damping wide, relative to its frequency: an eighth of a
@@ -76,6 +77,8 @@ def identify(
             sought.append(modes)
         era = _by_era(data, sought, record.sensors, remarks)
     quoted, failed = _quoted(fit, bayesian, era)
+    if fit.is_white and (strongest := shock(fit, lines)) is not None:
+        (failed if strongest.moved.max() > 1.0 else remarks).append(str(strongest))
     lengths = quoted.dampings * quoted.frequencies_hz * record.duration_s
     too_short = tuple(np.flatnonzero(lengths < SHORTEST).tolist())
     remarks += [_short(float(quoted.frequencies_hz[i]), float(lengths[i])) for i in too_short]

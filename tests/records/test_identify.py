@@ -85,6 +85,25 @@ def test_loads_may_be_coloured():
     assert covariance[0, 0] < 0.1**2
 
 
+@pytest.mark.parametrize(("strength", "fails"), [(5.0, True), (1.0, False), (0.0, False)])
+def test_a_shock_is_said_and_fails_a_check_where_it_moves_modes(strength, fails):
+    """All modes decay freely from halfway on, at first with so many times the usual motion."""
+    record = simulated(0, duration_s=600.0)
+    samples, after = np.array(record.samples), np.maximum(np.arange(30_000) / 50.0 - 300.0, 0.0)
+    for frequency, shape in zip(TRUTH.frequencies_hz, TRUTH.shapes.T, strict=True):
+        omega = 2.0 * np.pi * frequency
+        decay = np.sin(omega * after) * np.exp(-0.02 * omega * after)
+        samples += strength * samples.std(axis=1).mean() * np.outer(shape, decay)
+    result = bs.identify(bs.Record(samples, 50.0, SENSORS, "acceleration", "m/s2"), BAND)
+    said = [text for text in (*result.remarks, *result.failed_checks) if "stationary" in text]
+    assert bool(said) == (strength > 0.0)
+    assert any(text in result.failed_checks for text in said) == fails
+    if said:
+        assert said[0].startswith("the loads about 300") or said[0].startswith(
+            "the loads about 299"
+        )
+
+
 def test_what_is_quoted_is_as_sharp_as_the_record_allows():
     """Of one mode alone in a band: ζ / (2π N_c) is the variance of ln f (Au 2014, long data)."""
     result = bs.identify(simulated(0), (0.75, 1.25), at=[0.98])
