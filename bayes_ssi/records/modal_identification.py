@@ -55,7 +55,6 @@ def identify(
             unknowns, or no mode is found.
     """
     band = record.checked_band(band_hz)
-    record = record.detrended()
     remarks: list[str] = []
     try:
         data = correlations(record, band)

@@ -70,7 +70,7 @@ def correlations(record: Record, band_hz: tuple[float, float]) -> Correlations:
     from scipy.fft import irfft, next_fast_len, rfft
 
     low, high = record.checked_band(band_hz)
-    slow = record.decimated_to(high)
+    slow = record.decimated_to(high).detrended()
     half = max(2, round(PERIODS * slow.rate_hz / low))
     n_lags = 2 * half
     n_segments = min(MOST_SEGMENTS, slow.n_samples // (2 * n_lags))
@@ -82,7 +82,7 @@ def correlations(record: Record, band_hz: tuple[float, float]) -> Correlations:
         )
     length = slow.n_samples // n_segments
     n = len(slow.sensors)
-    samples = slow.samples - slow.samples.mean(axis=1, keepdims=True)
+    samples = slow.samples
     _, vectors = np.linalg.eigh(samples @ samples.T)
     directions = vectors[:, ::-1][:, : min(n, MOST_DIRECTIONS)]
     n_padded = next_fast_len(length + n_lags, real=True)

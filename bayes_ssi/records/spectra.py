@@ -65,7 +65,7 @@ def lines_of(record: Record, band_hz: tuple[float, float], relative_width: float
     """The lines of a band.
 
     Args:
-        record: the record; a mean or trend should have been removed.
+        record: the record; its means and linear trends are left out.
         band_hz: lowest and highest frequency.
         relative_width: width of a block over its frequency.
 
@@ -73,6 +73,7 @@ def lines_of(record: Record, band_hz: tuple[float, float], relative_width: float
         ValueError: the record does not cover the band, or has too few lines in it.
     """
     from scipy.fft import rfft
+    from scipy.signal import detrend
 
     low, high = record.checked_band(band_hz)
     n_padded = 2 * (record.n_samples + 1)
@@ -82,7 +83,7 @@ def lines_of(record: Record, band_hz: tuple[float, float], relative_width: float
     first, last = int(centres[0] - n_tapers[0]), int(centres[-1] + n_tapers[-1])
     transforms = np.empty((len(record.sensors), last - first + 1), dtype=complex)
     for row, samples in zip(transforms, record.samples, strict=True):
-        row[:] = rfft(samples, n_padded)[first : last + 1]
+        row[:] = rfft(detrend(samples), n_padded)[first : last + 1]
     transforms /= np.sqrt(record.rate_hz * n_padded)
     frequencies = 0.5 * line_hz * np.arange(first, last + 1, dtype=float)
     return Lines(frequencies, transforms, centres - first, n_tapers)

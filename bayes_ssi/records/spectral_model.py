@@ -6,9 +6,10 @@ For modes with real shapes P (n, M) at unit length and modal forces of spectral 
     h_i = (2πi f)^(-q) / (1 - β² - 2i ζ_i β),  β = f_i / f,  x = ln(f / f_m),
 
 for accelerations (q = 0) and their q-th integrals (Au 2017, Operational Modal Analysis). A
-quasi-static column has h = (2πi f)^(-q): the ground's own motion in absolute accelerations. Loads
-are coloured alike by c, a parabola of logarithms; without it, the tails of one resonance that the
-colour changes would be those of the next. The s are noise of each sensor. The misfit is
+quasi-static column has h = (2πi f)^(-q): the ground's own motion in absolute accelerations. The
+spectra of all loads have one colour, a parabola c of logarithms: if coloured loads are taken to be
+white, the tails of resonances are wrong, and their neighbours move to make up for them. The s are
+noise of each sensor. The misfit is
 
     -ln p = Σ_k w_k [ln|E_k| + tr(E_k⁻¹ S̄_k)].
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.records.next_era import correlations
+from bayes_ssi.records.spectra import lines_of
 
 RATE = 50.0
 TIMES = np.arange(400) / RATE
@@ -88,6 +90,20 @@ def test_detrending_a_long_record_needs_memory_for_one_more():
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert most < 1.5 * detrended.samples.nbytes
+
+
+def test_what_is_identified_from_needs_no_copy_of_a_long_record():
+    """Lines of a band, and correlations at a low rate, are found sensor by sensor."""
+    samples = np.random.default_rng(0).standard_normal((20, 50_000))
+    long = record(samples=samples, sensors=tuple(f"sensor {i}" for i in range(20)))
+    short = record(samples=samples[:, :10_000], sensors=long.sensors)
+    correlations(short, (0.5, 1.0))  # scipy is imported
+    tracemalloc.start()
+    correlations(long, (0.5, 1.0))
+    lines_of(long, (0.5, 1.0), 0.005)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 0.5 * samples.nbytes
 
 
 def test_detrending_and_decimation():
