@@ -218,10 +218,12 @@ def draw(by_size: list[Searched], by_places: list[Searched], path: Path) -> None
             at = [getattr(row, x) for row in rows]
             ax.loglog(at, [row.seconds for row in rows], "o-", color=colour)
             for place, row in zip(at, rows, strict=True):
-                ax.annotate(f"{row.seconds:.0f} s", (place, row.seconds), (0, 6),
-                            textcoords="offset points", ha="center")  # fmt: skip
+                ax.annotate(f"{row.seconds:.0f} s", (place, row.seconds), (4, -8),
+                            textcoords="offset points", va="top")  # fmt: skip
             ax.set_xticks(at, [f"{each:,}" for each in at], minor=False)
             ax.set_xticks([], minor=True)
+            ax.set_yticks([30, 100, 300], ["30", "100", "300"])
+            ax.set_yticks([], minor=True)
             ax.set_xlabel(label)
             ax.margins(0.2)
         axes[0].set_ylabel("CPU time of the search (s)")
