@@ -68,14 +68,16 @@ def identify(
     lines = lines_of(record, band, BLOCK_OVER_DAMPING * float(np.median(modes.dampings)))
     fit, peaks, rejected = _under_best_loads(lines, modes, others, INTEGRATIONS[record.quantity])
     bayesian = fit.estimates(band, record.sensors)
-    era = None
+    era: ModalEstimates | None = None
+    failed: list[str] = []
     if data is not None:
         sought = [bayesian.poles]
         # Modes of a spectral model that explains nothing may be none: candidates come next.
         if not fit.is_white and len(modes.frequencies_hz) == bayesian.n_modes:
             sought.append(modes)
-        era = _by_era(data, sought, record.sensors, remarks)
-    quoted, failed = _quoted(fit, bayesian, era)
+        era, failed = _by_era(data, sought, record.sensors)
+    quoted, doubts = _quoted(fit, bayesian, era)
+    failed += doubts
     if fit.is_white and (strongest := shock(fit, lines)) is not None:
         (failed if strongest.moved.max() > 1.0 else remarks).append(str(strongest))
     lengths = quoted.dampings * quoted.frequencies_hz * record.duration_s
@@ -90,15 +92,16 @@ def identify(
 
 
 def _by_era(
-    data: Correlations, sought: Sequence[Poles], sensors: tuple[str, ...], remarks: list[str]
-) -> ModalEstimates | None:
-    """NExT-ERA's estimates of the first modes sought that it has."""
+    data: Correlations, sought: Sequence[Poles], sensors: tuple[str, ...]
+) -> tuple[ModalEstimates | None, list[str]]:
+    """NExT-ERA's estimates of the first modes sought that it has, or why it has none."""
+    missing = []
     for poles in sought:
         try:
-            return next_era(data, poles, sensors)
+            return next_era(data, poles, sensors), []
         except ValueError as error:
-            remarks.append(str(error))
-    return None
+            missing.append(str(error))
+    return None, missing[:1]
 
 
 def _candidates(data: Correlations | None) -> tuple[Poles, Poles]:

@@ -152,6 +152,13 @@ def test_a_resonance_that_no_structure_has_is_no_mode():
     )
 
 
+def test_a_mode_that_one_method_alone_has_fails_a_check():
+    """In the noise between two modes the Bayesian FFT finds one more if it must."""
+    result = bs.identify(simulated(2, duration_s=300.0), BAND, at=[*TRUTH.frequencies_hz, 1.7])
+    assert result.era is None
+    assert "NExT-ERA: no order shows the modes at" in result.failed_checks[0]
+
+
 def test_a_climb_that_does_not_end_is_not_quoted(monkeypatch):
     monkeypatch.setattr("bayes_ssi.records.scoring.MOST_STEPS", 2)
     result = bs.identify(simulated(2, duration_s=300.0), BAND, at=TRUTH.frequencies_hz)
