@@ -1,6 +1,6 @@
 """How long do whole commands take, from key press to prompt?
 
-    python runs/benchmarks/whole_commands.py [--before PATH] [--runs 3] [--only "shear building,…"]
+    python runs/benchmarks/whole_commands.py [--before PATH] [--runs 3] [--only "shear building;…"]
 
 Every command runs as a process of its own with its defaults, several times; those of another
 checkout, PATH, alternate with those of this one, so that both see the same state of the machine.
@@ -78,9 +78,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--before", type=Path, help="another checkout to compare with")
     parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("--only", help="names of commands, with commas between them")
+    parser.add_argument("--only", help="names of commands, separated by semicolons")
     options = parser.parse_args()
-    chosen = options.only.split(",") if options.only else list(COMMANDS)
+    chosen = options.only.split(";") if options.only else list(COMMANDS)
     trees = {"this": THIS}
     if options.before is not None:
         trees = {"before": options.before.resolve(), **trees}
