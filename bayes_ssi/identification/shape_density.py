@@ -132,12 +132,12 @@ def _by_polynomials(shape_sd: FloatArray, d: int) -> FloatArray:
 def _polynomials(d: int) -> FloatArray:
     """Coefficients (DEGREE + 1, n_intervals) of log Z_d from κ = 0 to where the series is used."""
     last = math.log1p(1.0 / (math.sqrt(d) * _series(d)[1])) * INTERVALS
-    chebyshev = np.polynomial.chebyshev
-    nodes = chebyshev.chebpts1(DEGREE + 1)
+    nodes = np.polynomial.chebyshev.chebpts1(DEGREE + 1)
     place = np.arange(int(last) + 1)[:, None] + 0.5 * (nodes + 1.0)
     values = _by_quadrature(1.0 / np.sqrt(math.sqrt(d) * np.expm1(place / INTERVALS)), d)
-    series = chebyshev.chebfit(nodes, values.T, DEGREE)
-    return np.array([chebyshev.cheb2poly(each) for each in series.T]).T
+    # numpy's conversions between polynomials drop coefficients that happen to be zero; a fit keeps
+    # them, so all intervals have as many.
+    return np.polynomial.polynomial.polyfit(nodes, values.T, DEGREE)
 
 
 def _by_quadrature(shape_sd: FloatArray, d: int) -> FloatArray:

@@ -42,7 +42,9 @@ def fit_mixture(
     labels = _initial_labels(draws, n_components, rng)
     responsibilities = (labels == np.arange(labels.max() + 1)[:, None]).astype(float)
     scale_weights = np.ones_like(responsibilities)
-    floor = 1e-10 * max(float(draws.var(axis=0).max()), 1e-300)
+    # Far below the draws' variance, far above the rounding of their means.
+    rounding = 1e3 * np.finfo(float).eps * float(np.abs(draws).max())
+    floor = max(1e-10 * float(draws.var(axis=0).max()), rounding**2, np.finfo(float).tiny)
     least = min(n, _n_regressors(d, degree) + 1.0)
     last = -math.inf
     bends: tuple[Bend, ...] = ()
