@@ -82,7 +82,8 @@ class Maxima:
 
     def as_mixture(self) -> StudentMixture:
         """One component per maximum, weighted by its mass."""
-        return _mixture(self.z, np.linalg.cholesky(self.covariances), self.log_masses)
+        factors = np.linalg.cholesky(self.covariances).astype(float, copy=False)
+        return _mixture(self.z, factors, self.log_masses)
 
     def above(self, log_likelihood: float) -> StudentMixture | None:
         """Components like the prior above a level of the likelihood; None if no maximum is.
