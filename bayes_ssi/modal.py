@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.linalg
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.arrays import FloatArray, place_of_largest
+from bayes_ssi.repeated_modes import settle
 
 # A number smaller than this share of the largest one that it was computed from may be rounding:
 # some hundred units in the last place.
@@ -16,6 +17,9 @@ ROUNDING = 1e-13
 # Solved at once, eigenvalues are wrong by rounding of the largest of their matrix: by a
 # millionth at most where they are this share of it, or more.
 RESOLVED = 1e-9
+# A sensor does not see what moves it by less than this share of the largest motion of any sensor in
+# any mode, at unit modal mass: that is rounding, of which no shape consists.
+UNSEEN = 1e-8
 # Larger matrices are solved faster one at a time, for their lowest modes only.
 BATCHED_UP_TO = 40
 # The scale of every mode shape that is shown, in words; :func:`scaled_shapes` gives it.
@@ -107,7 +111,8 @@ def solve_modes(stiffness: FloatArray, mass: FloatArray, n_modes: int | None = N
     With M = L Lᵀ the matrix L⁻¹ K L⁻ᵀ has the same eigenvalues, and a batch of small matrices is
     solved at once. Large ones, and those for which that is not accurate (M is singular, or K
     nearly), are solved one at a time by :func:`lowest_eigenpairs`. A row of the answer does not
-    depend on the other rows, to the last digit.
+    depend on the other rows, to the last digit. Modes of equal frequency are those of
+    :mod:`bayes_ssi.repeated_modes`.
 
     Args:
         stiffness: (B, n, n) or (1, n, n), symmetric.
@@ -123,6 +128,7 @@ def solve_modes(stiffness: FloatArray, mass: FloatArray, n_modes: int | None = N
     n_modes = n_modes or n
     if n <= BATCHED_UP_TO:
         eigenvalues, vectors = _scaled_by_mass(stiffness, mass)
+        settle(eigenvalues, vectors)
         accurate = eigenvalues[:, 0] > RESOLVED * eigenvalues[:, -1]
         eigenvalues, vectors = eigenvalues[:, :n_modes], vectors[:, :, :n_modes]
     else:
@@ -179,10 +185,11 @@ def lowest_eigenpairs(
     Raises:
         NoModesError: K is not positive definite, or there are fewer modes.
     """
-    n = len(stiffness)
+    n, wanted = len(stiffness), n_modes + extra
     try:
+        # With the others of equal frequency, if there are no more than three.
         inverses, vectors = scipy.linalg.eigh(
-            mass, stiffness, subset_by_index=[max(n - n_modes - extra, 0), n - 1]
+            mass, stiffness, subset_by_index=[max(n - wanted - 2, 0), n - 1]
         )
     except scipy.linalg.LinAlgError:
         raise NoModesError("the stiffness matrix is not positive definite") from None
@@ -196,7 +203,9 @@ def lowest_eigenpairs(
     if n_available < n_modes:
         raise too_few_modes(n_available, n_modes)
     inverses, vectors = inverses[:n_available], vectors[:, :n_available]
-    return Eigenpairs(1.0 / inverses, vectors / np.sqrt(inverses))
+    eigenvalues, vectors = 1.0 / inverses, vectors / np.sqrt(inverses)
+    settle(eigenvalues[None], vectors[None])
+    return Eigenpairs(eigenvalues[:wanted], vectors[:, :wanted])
 
 
 def require_supported(stiffness: Any, shape: FloatArray) -> None:
@@ -261,8 +270,19 @@ def scaled_shapes(shapes: FloatArray, main: FloatArray) -> FloatArray:
         main: (B, m), components of the same shapes on the main structure, all of them or the
             measured ones; NaN does not count. Where there is none, the scale is kept.
     """
-    largest = np.fmax.reduce(np.abs(main), axis=1, initial=0.0, keepdims=True)
-    return shapes / np.where(largest == 0.0, 1.0, largest)
+    size = np.fmax.reduce(np.abs(main), axis=1, initial=0.0, keepdims=True)
+    return shapes / np.where(size == 0.0, 1.0, size)
+
+
+def seen_shapes(shapes: FloatArray) -> FloatArray:
+    """Shapes at sensors (B, n_sensors, n_modes), at unit modal mass, without what is rounding.
+
+    A mode in y moves sensors in x by rounding errors, or not at all: here it does not. See
+    :data:`UNSEEN`.
+    """
+    sizes = np.abs(shapes)
+    unseen = sizes < UNSEEN * sizes.max(axis=(1, 2), keepdims=True, initial=0.0)
+    return np.where(unseen, 0.0, shapes) if unseen.any() else shapes
 
 
 def shape_signs(
@@ -283,10 +303,9 @@ def shape_signs(
         products = at_sensors @ np.nan_to_num(identified)
     else:
         kinds = np.linalg.svd(np.nan_to_num(main), full_matrices=False)[2]
-        largest = np.take_along_axis(kinds, np.abs(kinds).argmax(axis=1, keepdims=True), axis=1)
-        of_kinds = main @ (kinds * np.sign(largest)).T
-        own = np.abs(of_kinds).argmax(axis=1, keepdims=True)
-        products = np.take_along_axis(of_kinds, own, axis=1)[:, 0]
+        components = kinds[np.arange(len(kinds)), place_of_largest(np.abs(kinds))]
+        of_kinds = main @ (kinds * np.sign(components)[:, None]).T
+        products = of_kinds[np.arange(len(main)), place_of_largest(np.abs(of_kinds))]
     return np.where(products < 0.0, -1.0, 1.0)
 
 

@@ -16,7 +16,7 @@ PACKAGE = Path(bayes_ssi.__file__).parent
 ORDER = (
     "arrays", "argument_types", "versions", "codec", "file_names", "text_files", "universal_files",
     "error_places", "partial_imports",
-    "priors", "parameters", "modal",
+    "priors", "parameters", "repeated_modes", "modal",
     "structures", "finite_elements", "solver_files", "response",
     "data", "identification", "records", "model_class",
     "execution", "sampling", "calibration", "posterior",

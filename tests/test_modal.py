@@ -150,6 +150,13 @@ def test_shapes_are_scaled_by_the_main_structure():
     np.testing.assert_allclose(scaled_shapes(measured, measured), [[0.25, np.nan, -1.0]])
 
 
+@pytest.mark.parametrize("off", [-1e-15, 0.0, 1e-15])
+def test_the_first_of_equally_large_components_is_positive(off):
+    shapes = np.array([[1.0, 0.5, -1.0 + off], [-1.0 + off, -0.5, 1.0]])
+    signs = shape_signs(shapes, np.empty((2, 0)), None)
+    np.testing.assert_array_equal(signs, [1.0, -1.0])
+
+
 def test_shapes_are_turned_with_their_own_kind():
     """Bending in x and in y at nearly one frequency: draws differ in which of them comes first."""
     x, y = np.array([0.5, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, -0.5, -1.0])

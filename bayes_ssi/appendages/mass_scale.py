@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.modal import seen_shapes
 from bayes_ssi.structures.lumped import LumpedStructure
 from bayes_ssi.structures.motion import SinglePlace
 from bayes_ssi.structures.rigid_floors import RigidFloors
@@ -41,8 +42,8 @@ def mass_scale(structure: Structure, data: ModalData) -> MassScale:
     modes = structure.modes(structure.prior_medians())
     n_in_band = int((modes.frequencies_hz[0] <= data.band_hz[1]).sum())
     n = max(min(n_in_band, len(data.modes)), 1)
-    at_sensors = structure.sensor_matrix(data.sensors).apply(modes.shapes)[0, :, :n]
-    largest = np.abs(at_sensors).max(axis=0, initial=0.0)  # at unit modal mass
+    at_sensors = seen_shapes(structure.sensor_matrix(data.sensors).apply(modes.shapes))
+    largest = np.abs(at_sensors[0, :, :n]).max(axis=0, initial=0.0)  # at unit modal mass
     if not largest.any():
         raise ValueError("no mode of the structure moves a sensor, so masses have no scale")
     return MassScale(float(np.median(largest[largest > 0.0] ** -2)), "median modal mass")

@@ -17,7 +17,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.arrays import EQUAL_SIZES, FloatArray, place_of_largest
 from bayes_ssi.calibration.least_squares import DIFFERENCE_STEP, EXACTLY_ZERO, CalibrationProblem
 
 # Parameters that share less than this of what is determined have no combination in common: it
@@ -134,8 +134,8 @@ def _sums(own: FloatArray, names: Sequence[str], slopes: FloatArray) -> list[Com
     """The determined sums of a group of parameters, of which ``own`` are the columns (m, k)."""
     sums = []
     for row in _determined_rows(own):
-        components, largest = _scaled(row / slopes)
-        error = 1.0 / (largest * float(np.linalg.norm(own @ row)))
+        components, scale = _scaled(row / slopes)
+        error = 1.0 / (scale * float(np.linalg.norm(own @ row)))
         sums.append(Combination(dict(zip(names, components, strict=True)), error))
     return sums
 
@@ -153,7 +153,9 @@ def _changes(
     rows = _determined_rows(own)
     null = scipy.linalg.null_space(rows) if len(rows) else np.eye(own.shape[1])
     n, negligible = null.shape[1], EXACTLY_ZERO * size
-    free = scipy.linalg.qr(null.T, pivoting=True, mode="r")[1][:n]
+    # Of parameters that are equally free, the first.
+    preferred = null.T * (1.0 - EQUAL_SIZES * np.arange(len(null)))
+    free = scipy.linalg.qr(preferred, pivoting=True, mode="r")[1][:n]
     changes = []
     for change in np.linalg.solve(null[free].T, null.T):
         unit = change / np.linalg.norm(change)
@@ -166,5 +168,5 @@ def _changes(
 
 def _scaled(components: FloatArray) -> tuple[list[float], float]:
     """Components over the largest, and the size of that."""
-    largest = float(components[np.abs(components).argmax()])
-    return (components / largest).tolist(), abs(largest)
+    size = float(components[place_of_largest(np.abs(components))])
+    return (components / size).tolist(), abs(size)

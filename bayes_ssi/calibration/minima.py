@@ -20,10 +20,11 @@ def distinct_minima(
 ) -> tuple[list[FloatArray], int]:
     """Distinct minima, the best first, and the directions undetermined at the best one."""
     misfits = problem.misfit(np.array(ends)).tolist()
-    # Exact fits differ only by rounding: they are equally good, and the nearest one comes first.
-    order = sorted(
-        range(len(ends)), key=lambda i: (round(misfits[i], 7), float(np.linalg.norm(ends[i])))
-    )
+    # Exact fits differ only by rounding: they are equally good, and the nearest one comes first; of
+    # two that mirror one another, the one of smaller coordinates.
+    near = [round(float(np.linalg.norm(end)), 6) for end in ends]
+    places = [np.round(end, 6).tolist() for end in ends]
+    order = sorted(range(len(ends)), key=lambda i: (round(misfits[i], 7), near[i], places[i]))
     kept: list[int] = []
     for i in order:
         if all(np.abs(ends[i] - ends[j]).max() > SAME for j in kept):

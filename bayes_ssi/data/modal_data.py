@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from bayes_ssi.argument_types import require
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.arrays import FloatArray, steady_digest
 from bayes_ssi.data.identification_record import IdentificationRecord
 from bayes_ssi.data.identified_mode import (
     RESERVED_NAMES,
@@ -159,7 +159,8 @@ class ModalData:
         """Digest of the joint covariance of the identification errors; None where there is none."""
         if self.covariance is None:
             return None
-        return hashlib.sha256(self.covariance.tobytes()).hexdigest()[:16]
+        # It is projected on the planes of the shapes, where rounding depends on the processor.
+        return steady_digest(self.covariance.ravel(), np.arange(self.covariance.size))
 
     def _scored_components(self, mode: IdentifiedMode) -> list[tuple[str, int]]:
         """Sensors and components of a scored shape, the same for a shape and its negative."""

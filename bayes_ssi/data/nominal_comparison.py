@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.finite_elements.matrix_structure import MatrixStructure
-from bayes_ssi.modal import mac
+from bayes_ssi.modal import mac, seen_shapes
 from bayes_ssi.solver_files.directions import TRANSLATIONS
 from bayes_ssi.solver_files.exported_model import ExportedModel
 
@@ -118,7 +118,8 @@ def compared_with_nominal(
         sensors=labels or [model.labels[0] if model.labels else ""],
         n_modes=n_modes,
     )
-    frequencies, shapes = (each[0] for each in structure.modes(np.empty((1, 0))))
+    modes_of_model = structure.modes(np.empty((1, 0)))
+    frequencies, shapes = modes_of_model.frequencies_hz[0], seen_shapes(modes_of_model.shapes)[0]
     row = {label: i for i, label in enumerate(labels)}
     identified = np.array([_real(mode.shape, len(modes.sensors)) for mode in modes.modes]).T
     macs = {

@@ -49,8 +49,8 @@ class Checkpoint:
             relative path starts in the working directory of this process, also for its workers.
         run: identifies the run, so that it recognises its own result later.
         discard_others: whether another run's journals are discarded instead of refused.
-        say: called with a message when an earlier run is resumed or a journal is damaged; issues a
-            warning by default.
+        say: called with a message when an earlier run is resumed, and when a journal is damaged or
+            was made on another kind of processor; issues a warning by default.
     """
 
     directory: Path
@@ -78,7 +78,7 @@ class Checkpoint:
             **versions(),
         }
         try:
-            journal = Journal(path, run)
+            journal = Journal(path, run, self.say)
         except DamagedJournalError as error:
             self.say(f"{error}; everything is computed again")
         except OtherRunError:
@@ -91,7 +91,7 @@ class Checkpoint:
                 )
             return journal
         _remove(path)
-        return Journal(path, run)
+        return Journal(path, run, self.say)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -167,4 +167,6 @@ def _definition(model_class: ModelClass) -> str:
         text = json.dumps(to_record(class_record(model_class)), sort_keys=True)
     # The default description of an object holds its address, which differs between processes.
     text = re.sub(r" at 0x[0-9a-fA-F]+", "", text)
+    # The last digits of computed numbers depend on the processor.
+    text = re.sub(r"\d+\.\d+(e[-+]\d+)?", lambda found: f"{float(found[0]):.9g}", text)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

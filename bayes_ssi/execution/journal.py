@@ -6,6 +6,10 @@ resumed run takes them from the journal while they last: no matter where the fir
 interrupted, the result is the same to the last digit. Only the algebra between the evaluations is
 repeated, which costs little where evaluations are expensive.
 
+On another kind of processor that algebra is rounded in another way. Batches at coordinates that
+differ by as little are taken from the journal, too; from the first that is elsewhere on, everything
+is computed again.
+
 The file is an SQLite database. Every batch is a transaction, so that a run that is killed leaves
 whole batches, and the lock on the file ends with its process.
 """
@@ -17,7 +21,7 @@ import hashlib
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -28,7 +32,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.codec import to_record
 from bayes_ssi.execution.batch import Evaluated
 
-FORMAT = 3
+FORMAT = 4
 OPEN = (
     "PRAGMA locking_mode = EXCLUSIVE",
     # Written batches survive a crash of the process, if not of the machine.
@@ -36,11 +40,15 @@ OPEN = (
     "BEGIN EXCLUSIVE",
     "CREATE TABLE IF NOT EXISTS run (description TEXT)",
     "CREATE TABLE IF NOT EXISTS batches "
-    "(number INTEGER PRIMARY KEY, coordinates_digest BLOB, numbers BLOB, failures TEXT, "
+    "(number INTEGER PRIMARY KEY, coordinates BLOB, numbers BLOB, failures TEXT, "
     "digest BLOB, n_evaluations INTEGER)",
 )
-# In place of the digest of coordinates, where a batch holds starts that were suggested.
+# In place of coordinates, where a batch holds starts that were suggested.
 SUGGESTION = b"suggested starts"
+# Standard-normal coordinates that differ by less are the same but for rounding: a hundredth of the
+# narrowest posterior that is told from a point.
+SAME = 1e-8
+OTHER_ROUNDING = "they were made on another kind of processor, whose rounding led elsewhere"
 
 
 class OtherRunError(ValueError):
@@ -60,12 +68,18 @@ class Journal:
         is_empty: whether it holds no evaluation.
     """
 
-    def __init__(self, path: str | Path, run: Mapping[str, Any]) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        run: Mapping[str, Any],
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
         """Open a journal, or create one.
 
         Args:
             path: path of the file, in an existing directory.
             run: identifies the run.
+            say: called with a message when evaluations in it are of no use.
 
         Raises:
             OtherRunError: the file belongs to another run.
@@ -73,7 +87,7 @@ class Journal:
             ValueError: another run has it open.
             OSError: it cannot be read or written.
         """
-        self.path = Path(path)
+        self.path, self._say = Path(path), say
         with self._errors_of_file():
             # Without waiting for a lock; every statement is a transaction.
             self._database = sqlite3.connect(self.path, timeout=0.0, isolation_level=None)
@@ -119,10 +133,8 @@ class Journal:
     def recalled(self, z: FloatArray) -> Evaluated | None:
         """The journal's numbers of the next batch ``z`` (B, d), flat; None if it holds no more.
 
-        Damaged ones are dropped, with all that follow them, and so computed again.
-
-        Raises:
-            ValueError: the journal's next batch was at other coordinates.
+        Damaged ones, and those at other coordinates, are dropped, with all that follow them, and so
+        computed again.
         """
         batch = self._next(_key(z))
         if batch is None:
@@ -133,34 +145,36 @@ class Journal:
     def recalled_suggestion(self, n_dimensions: int) -> tuple[FloatArray, int] | None:
         """The journal's next batch as suggested starts, and the evaluations that they took.
 
-        None, and errors, are as for :meth:`recalled`.
+        None is as for :meth:`recalled`.
         """
         batch = self._next(SUGGESTION)
         return None if batch is None else (batch[0].reshape(-1, n_dimensions), batch[2])
 
     def _next(self, key: bytes) -> tuple[FloatArray, str, int] | None:
-        """Numbers, failures and evaluations of the next batch, which must have the key."""
+        """Numbers, failures and evaluations of the next batch, if it has the key."""
         if self._n_recalled == self._n_batches:
             return None
         number = self._n_recalled + 1
         with self._errors_of_file():
             stored_key, numbers, failures, digest, n_evaluations = self._database.execute(
-                "SELECT coordinates_digest, numbers, failures, digest, n_evaluations "
+                "SELECT coordinates, numbers, failures, digest, n_evaluations "
                 "FROM batches WHERE number = ?",
                 [number],
             ).fetchone()
-            if digest != _digest(numbers, failures.encode()):
-                self._database.execute("DELETE FROM batches WHERE number >= ?", [number])
-                self._n_batches = self._n_recalled
+            whole = digest == _digest(numbers, failures.encode())
+            if not (whole and _agree(stored_key, key)):
+                self._drop_from(number, OTHER_ROUNDING if whole else "they are damaged")
                 return None
-        if stored_key != key:
-            raise ValueError(
-                f"{self.path}: batch {number} of this checkpoint is at other coordinates than the "
-                "run asks for: it was made on another machine or with other versions of the "
-                "libraries; remove it to begin again"
-            )
         self._n_recalled = number
         return np.frombuffer(numbers), failures, n_evaluations
+
+    def _drop_from(self, number: int, why: str) -> None:
+        self._database.execute("DELETE FROM batches WHERE number >= ?", [number])
+        n_batches, self._n_batches = self._n_batches, self._n_recalled
+        self._say(
+            f"{self.path}: {n_batches - self._n_recalled} of {n_batches} batches are computed "
+            f"again: {why}"
+        )
 
     def add(self, z: FloatArray, evaluated: Evaluated) -> None:
         """Write one more batch.
@@ -212,7 +226,18 @@ def _short(value: Any) -> str:
 
 
 def _key(z: FloatArray) -> bytes:
-    return _digest(str(z.shape).encode(), z.tobytes())
+    """B, d and weighted sums of the columns of coordinates (B, d), which tell them from others."""
+    weights = np.cos(np.outer([1.0, 2.3, 3.7], np.arange(1.0, len(z) + 1.0)))
+    return np.concatenate([[*z.shape], (weights @ z).ravel()]).tobytes()
+
+
+def _agree(stored: bytes, asked: bytes) -> bool:
+    """Whether two keys are of the same coordinates, but for rounding."""
+    if stored == asked or len(stored) != len(asked) or SUGGESTION in (stored, asked):
+        return stored == asked
+    there, here = np.frombuffer(stored), np.frombuffer(asked)
+    near = np.abs(there[2:] - here[2:]) <= SAME * np.sqrt(here[0])
+    return np.array_equal(there[:2], here[:2]) and bool(near.all())
 
 
 def _digest(*parts: bytes) -> bytes:

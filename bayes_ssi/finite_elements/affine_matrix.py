@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,10 +11,14 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.arrays import FloatArray, steady_digest
 from bayes_ssi.finite_elements.matrix_files import Matrix, checked_matrix
 from bayes_ssi.parameters import Parameter, Product, ProductTable, Value, as_product
 from bayes_ssi.structures.affine_array import AffineArray
+
+# Entries of rows with smaller diagonals are compared with this share of the root of the largest:
+# they may be rounding.
+SMALLEST_SCALE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +178,12 @@ def _positions(matrix: Matrix) -> NDArray[np.int64]:
 
 
 def _digest(matrix: Matrix) -> str:
-    hashed = hashlib.sha256()
-    for part in (matrix.indptr, matrix.indices, matrix.data):
-        hashed.update(np.ascontiguousarray(part).tobytes())
-    return hashed.hexdigest()[:12]
+    """A digest of the entries over √(A_ii A_jj), of displacements and rotations alike."""
+    diagonal = np.sqrt(np.abs(matrix.diagonal()))
+    scale = np.maximum(diagonal, SMALLEST_SCALE * (diagonal.max(initial=0.0) or 1.0))
+    rows, columns = matrix.indices, np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+    in_shares = matrix.data / (scale[rows] * scale[columns])
+    return (
+        steady_digest(in_shares, rows, columns)[:6]
+        + steady_digest(scale, np.arange(len(scale)))[:6]
+    )

@@ -21,6 +21,7 @@ from scipy.optimize import linear_sum_assignment
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import Modes
+from bayes_ssi.repeated_modes import settle
 
 # Coordinates C are useless where their condition number is larger: shapes then hardly resemble
 # the reference shapes.
@@ -87,10 +88,13 @@ class ModalOperator(Representation):
         n, n_operator = self.n_modes, self.n_modes**2
         operators = vectors[:, :n_operator].reshape(-1, n, n)
         of_coordinates = vectors[:, n_operator:].reshape(-1, self.n_dof, n)
-        # Not symmetric, so errors can make a close pair complex; the real parts are its plane.
-        logs, coordinates = (np.real(each) for each in np.linalg.eig(operators))
+        # Not symmetric, so errors can make a close pair complex; the real part of one and the
+        # imaginary part of the other span its plane.
+        logs, coordinates = np.linalg.eig(operators)
+        second = np.imag(logs)[:, None] < 0.0
+        coordinates = np.where(second, np.imag(coordinates), np.real(coordinates))
         shapes = np.einsum("bdm,bmk->bdk", of_coordinates, coordinates)
-        return ascending(np.exp(logs), shapes)
+        return ascending(np.exp(np.real(logs)), shapes)
 
 
 @dataclass(frozen=True)
@@ -143,12 +147,14 @@ def unit_shapes(shapes: FloatArray) -> FloatArray:
 
 
 def ascending(frequencies_hz: FloatArray, shapes: FloatArray) -> Modes:
-    """Modes in ascending order of frequency."""
+    """Modes in ascending order of frequency, those of equal frequency as of a solved structure."""
     order = np.argsort(frequencies_hz, axis=1, kind="stable")
-    return Modes(
+    modes = Modes(
         np.take_along_axis(frequencies_hz, order, axis=1),
         np.take_along_axis(shapes, order[:, None, :], axis=2),
     )
+    settle(*modes)
+    return modes
 
 
 def _order_of_distance(x: FloatArray) -> list[int]:

@@ -26,6 +26,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.finite_elements.projection import BasisRow, Projection
 from bayes_ssi.modal import Modes, solve_modes
 from bayes_ssi.parameters import Parameter, Product, ProductTable, collect_parameters
+from bayes_ssi.repeated_modes import settle
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.motion import Motion, Place, motion_of
@@ -143,6 +144,7 @@ class ProjectedStructure(Structure):
         for i in range(springs.shape[1]):
             elongations = vectors.springs[:, i : i + 1] @ in_basis
             shapes -= vectors.at_sensors[:, i, :, None] * (springs[:, i, None, None] * elongations)
+        settle(modes.frequencies_hz, shapes)  # as for a reduced structure
         return Modes(modes.frequencies_hz, shapes)
 
     @cached_property

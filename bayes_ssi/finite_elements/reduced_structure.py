@@ -32,6 +32,7 @@ from bayes_ssi.modal import (
     solve_modes,
 )
 from bayes_ssi.parameters import values_at
+from bayes_ssi.repeated_modes import settle
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.motion import Place, SinglePlace
@@ -223,7 +224,10 @@ class ReducedStructure(ApproximateStructure):
             NoModesError: the only row of ``values`` has no modes; the message says why.
         """
         in_basis = self._modes_in_basis(values)
-        return Modes(in_basis.frequencies_hz, self.basis.at_sensors @ in_basis.shapes)
+        shapes = self.basis.at_sensors @ in_basis.shapes
+        # What basis the vectors are is a matter of rounding, too.
+        settle(in_basis.frequencies_hz, shapes)
+        return Modes(in_basis.frequencies_hz, shapes)
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         influence = self.full.require_influence()

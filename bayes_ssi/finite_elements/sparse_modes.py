@@ -31,6 +31,7 @@ from bayes_ssi.modal import (
     require_supported,
     too_few_modes,
 )
+from bayes_ssi.repeated_modes import settle
 
 # Smaller problems are solved faster as dense ones.
 DENSE_UP_TO = 150
@@ -92,6 +93,7 @@ def _counted(
             # The count includes negative eigenvalues of K: with positive ones alone it has none.
             if not modes.eigenvalues[0] > 0.0:
                 require_positive_definite(factor)
+            settle(modes.eigenvalues[None, :last], modes.vectors[None, :, :last])
             return Eigenpairs(modes.eigenvalues[:last], modes.vectors[:, :last])
         problem = f"Lanczos iterations gave {last} modes where Sylvester's law counts {count}"
     # Iterations stop early where M has hardly more modes than are asked for.
@@ -122,9 +124,10 @@ def _modes_under(
     n_available = int((inverses > ROUNDING * inverses.max(initial=0.0)).sum())
     if n_available < n_modes:
         raise too_few_modes(n_available, n_modes)
-    n_kept = min(n_available, at_most)
-    inverses = inverses[:n_kept]
-    return Eigenpairs(1.0 / inverses, unit @ (mixed[:, :n_kept] / np.sqrt(inverses)))
+    inverses, mixed = inverses[:n_available], mixed[:, :n_available]
+    eigenvalues, vectors = 1.0 / inverses, unit @ (mixed / np.sqrt(inverses))
+    settle(eigenvalues[None], vectors[None])
+    return Eigenpairs(eigenvalues[:at_most], vectors[:, :at_most])
 
 
 def _last_before_a_gap(eigenvalues: FloatArray, n_modes: int) -> int | None:

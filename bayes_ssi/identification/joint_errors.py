@@ -27,6 +27,7 @@ from bayes_ssi.data.joint_covariance import plane_bases
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_groups import conditional_errors
 from bayes_ssi.identification.likelihood_terms import row_sums
+from bayes_ssi.modal import ROUNDING
 
 
 class WhiteErrors(NamedTuple):
@@ -117,7 +118,7 @@ class JointErrors:
 
         Those of frequencies (P,) are conditional on shapes.
         """
-        known = self.of_axes > 0.0
+        known = self.of_axes > ROUNDING * self.of_axes.max(initial=0.0)
         gain = self.between[:, known] / self.of_axes[known]
         given_shapes = self.of_frequencies - gain @ self.between[:, known].T
         return np.maximum(np.linalg.eigvalsh(given_shapes), 0.0), self.of_axes

@@ -34,7 +34,7 @@ from bayes_ssi.identification.pair_errors import PairErrors, prediction_sizes
 from bayes_ssi.identification.paired_modes import PairedModes, check_pairing
 from bayes_ssi.identification.shape_density import log_shape_normaliser
 from bayes_ssi.identification.unpaired_modes import UnpairedModes
-from bayes_ssi.modal import Modes
+from bayes_ssi.modal import Modes, seen_shapes
 from bayes_ssi.parameters import Parameter, as_product, collect_parameters
 from bayes_ssi.structures.sensors import SensorMatrix
 from bayes_ssi.structures.structure import Structure
@@ -172,8 +172,11 @@ class ModalLikelihood:
         return ComparedModes(np.asfortranarray(modes.frequencies_hz), distances, errors)
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
-        """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised."""
-        return self._sensor_matrix.apply(modes.shapes)
+        """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised.
+
+        Zero where a sensor does not see a mode, which then resembles no shape identified there.
+        """
+        return seen_shapes(self._sensor_matrix.apply(modes.shapes))
 
     @cached_property
     def errors(self) -> PairErrors:

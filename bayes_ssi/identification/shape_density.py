@@ -137,7 +137,7 @@ def _polynomials(d: int) -> FloatArray:
     values = _by_quadrature(1.0 / np.sqrt(math.sqrt(d) * np.expm1(place / INTERVALS)), d)
     # numpy's conversions between polynomials drop coefficients that happen to be zero; a fit keeps
     # them, so all intervals have as many.
-    return np.polynomial.polynomial.polyfit(nodes, values.T, DEGREE)
+    return np.asarray(np.polynomial.polynomial.polyfit(nodes, values.T, DEGREE), dtype=float)
 
 
 def _by_quadrature(shape_sd: FloatArray, d: int) -> FloatArray:

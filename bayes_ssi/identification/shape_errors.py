@@ -91,7 +91,8 @@ class ShapeErrors:
         sign = np.where((shapes * shapes[:, :, :1]).sum(axis=3, keepdims=True) < 0.0, -1.0, 1.0)
         shapes, errors = shapes * sign, errors * sign
         mean = shapes.sum(axis=2, keepdims=True)
-        mean /= np.sqrt((mean * mean).sum(axis=3, keepdims=True))
+        length = np.sqrt((mean * mean).sum(axis=3, keepdims=True))
+        mean /= np.where(length == 0.0, 1.0, length)  # no sensor sees the mode in any test
         along = (errors * mean).sum(axis=3, keepdims=True)
         cosine = (shapes * mean).sum(axis=3, keepdims=True)
         turned: FloatArray = errors - along / (1.0 + cosine) * (shapes + mean)

@@ -125,8 +125,9 @@ def _differences(
         frequency = max(frequency, float(off.max()))
         shapes = ours.shapes_at_sensors(approximate), theirs.shapes_at_sensors(full)
         if shapes[0].shape[1] > 1:
-            alike = [np.diag(mac(a, b)).min() for a, b in zip(*shapes, strict=True)]
-            least_mac = min(least_mac, float(min(alike)))
+            alike = np.array([np.diag(mac(a, b)) for a, b in zip(*shapes, strict=True)])
+            seen = alike[~np.isnan(alike)]  # by the sensors
+            least_mac = float(seen.min(initial=least_mac))
     return frequency, least_mac
 
 

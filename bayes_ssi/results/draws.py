@@ -21,6 +21,9 @@ LOG_LIKELIHOOD, DATUM = "modes", "datum"
 IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"
 SHAPES, WITH_SHAPES = "sensor_shapes", "draw_of_all_chains"
 PRIOR_DRAWS = 1000
+# A log-likelihood that differs by no more than this between draws, in nats, is constant but for
+# rounding.
+CONSTANT = 1e-9
 # Names of dimensions and coordinates; no parameter's variable can have one of them.
 RESERVED = ("chain", "draw", FREQUENCY, MODE, DATUM, IDENTIFIED, IDENTIFIED_MODE)
 
@@ -97,7 +100,7 @@ def _varying_terms(terms: DatumTerms) -> tuple[list[str], FloatArray]:
     tail of each term's distribution, which a constant lacks. Adding it to another term only shifts
     that term, so the sum over the data stays the same.
     """
-    names, constant = np.array(terms.data), np.ptp(terms.log_likelihoods, axis=(0, 1)) == 0.0
+    names, constant = np.array(terms.data), np.ptp(terms.log_likelihoods, axis=(0, 1)) <= CONSTANT
     if constant.all():
         return names.tolist(), terms.log_likelihoods
     log_likelihoods = terms.log_likelihoods[..., ~constant]

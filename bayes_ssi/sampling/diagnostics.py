@@ -28,7 +28,7 @@ def autocorrelation_times(chain: FloatArray) -> FloatArray:
     The autocovariance is averaged over the walkers before it is normalised, and taken about the
     mean of all of them: a walker that does not move then lengthens the time, while emcee's
     estimate, normalised walker by walker, is not defined for it. Summed over the window of Sokal
-    (1996), the first M that exceeds five times the estimate.
+    (1996), the first M that exceeds five times the estimate. One where all draws are the same.
     """
     n = len(chain)
     centred = chain - chain.mean(axis=(0, 1))
@@ -39,7 +39,9 @@ def autocorrelation_times(chain: FloatArray) -> FloatArray:
     beyond = np.arange(n)[:, None] > 5.0 * times
     last = np.where(beyond.any(axis=0), beyond.argmax(axis=0), n - 1)
     at_window = times[last, np.arange(chain.shape[-1])]
-    return np.where(np.isfinite(at_window), np.maximum(at_window, 1.0), 1.0)
+    # Rounding may leave a covariance to draws that are all the same.
+    differ = np.ptp(chain, axis=(0, 1)) > 0.0
+    return np.where(differ & np.isfinite(at_window), np.maximum(at_window, 1.0), 1.0)
 
 
 def r_hat(chains: Sequence[FloatArray]) -> FloatArray:
@@ -71,7 +73,8 @@ def _r_hat_of_ranks(parts: FloatArray) -> FloatArray:
     between = scores.mean(axis=1).var(axis=0, ddof=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.sqrt((n - 1) / n + between / within)
-    return np.where(within > 0, ratio, np.where(between > 0, np.inf, 1.0))
+    moves, differ = np.ptp(parts, axis=1).any(axis=0), np.ptp(parts, axis=(0, 1)) > 0.0
+    return np.where(moves, ratio, np.where(differ, np.inf, 1.0))
 
 
 def _ranks(values: FloatArray) -> FloatArray:

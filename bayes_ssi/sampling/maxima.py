@@ -31,12 +31,16 @@ LONGEST_STEP = 2.0  # prior standard deviations
 # Step lengths tried together, as shares of the BFGS step.
 STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])
 RISE_TO_GO_ON = 1e-3  # nats
+# Less than this is no rise: at a maximum that was reached before, rounding may raise a value.
+LEAST_RISE = 1e-7
 # Two ends of ascents are different maxima where the straight path between them falls this many nats
 # below the lower one at one of so many points: at an edge of where the likelihood is positive there
 # is no curvature to tell how far a maximum reaches.
 VALLEY_DEPTH, POINTS_BETWEEN = 2.0, 3
 # Ascents end within so many standard deviations per coordinate of a maximum: see RISE_TO_GO_ON.
 NEAR = 0.1
+# A maximum no more than this many nats above a level is at it, but for rounding.
+AT_LEVEL = 1e-6
 # A maximum with less than e^-12, 6 in a million, of the mass is left out.
 NEGLIGIBLE_LOG_MASS = -12.0
 
@@ -80,7 +84,8 @@ class Maxima:
 
     def as_mixture(self) -> StudentMixture:
         """One component per maximum, weighted by its mass."""
-        return _mixture(self.z, self.covariances, self.log_masses)
+        factors = np.linalg.cholesky(self.covariances).astype(float, copy=False)
+        return _mixture(self.z, factors, self.log_masses)
 
     def above(self, log_likelihood: float) -> StudentMixture | None:
         """Components like the prior above a level of the likelihood; None if no maximum is.
@@ -91,19 +96,19 @@ class Maxima:
         the prior is accounted for as for the posterior.
         """
         heights = self.log_posteriors - log_standard_normal(self.z) - log_likelihood
-        above = heights > 0
+        above = heights > AT_LEVEL
         if not above.any():
             return None
-        z, precisions = self.z[above], self.precisions[above]
-        d = z.shape[1]
-        identity = np.eye(d)
-        powers = 0.5 * (d + 2) / heights[above]
-        covariances = _inverse(powers[:, None, None] * (precisions - identity) + identity)
+        z = self.z[above]
+        powers = 0.5 * (z.shape[1] + 2) / heights[above, None]
+        # No precision is below the prior's, 1, but for rounding, which large powers would enlarge.
+        precisions, axes = np.linalg.eigh(self.precisions[above])
+        variances = 1.0 / (powers * np.maximum(precisions - 1.0, 0.0) + 1.0)
         # The likelihood alone, as a quadratic, has slope z at the posterior's maximum z.
-        slopes = np.einsum("mij,mj->mi", precisions, z)
-        means = powers[:, None] * np.einsum("mij,mj->mi", covariances, slopes)
-        log_masses = 0.5 * np.linalg.slogdet(covariances)[1] - 0.5 * (means**2).sum(1)
-        return _mixture(means, covariances, log_masses)
+        along = powers * variances * precisions * np.einsum("mij,mi->mj", axes, z)
+        means = np.einsum("mij,mj->mi", axes, along)
+        log_masses = 0.5 * np.log(variances).sum(1) - 0.5 * (means**2).sum(1)
+        return _mixture(means, axes * np.sqrt(variances)[:, None], log_masses)
 
 
 def reached(
@@ -124,14 +129,13 @@ def reached(
     return same
 
 
-def _mixture(means: FloatArray, covariances: FloatArray, log_masses: FloatArray) -> StudentMixture:
-    """A component for each mean (m, d), but those of negligible mass."""
+def _mixture(means: FloatArray, factors: FloatArray, log_masses: FloatArray) -> StudentMixture:
+    """A component for each mean (m, d) and factor (m, d, d), but those of negligible mass."""
     log_weights = log_masses - logsumexp(log_masses)
     kept = log_weights > NEGLIGIBLE_LOG_MASS
     weights = np.asarray(np.exp(log_weights[kept]), dtype=float)
-    choleskys = np.asarray(np.linalg.cholesky(covariances[kept]), dtype=float)
     dof = np.full(len(weights), HEAVY_TAILS)
-    return StudentMixture(weights / weights.sum(), means[kept], choleskys, dof)
+    return StudentMixture(weights / weights.sum(), means[kept], factors[kept], dof)
 
 
 def no_maxima(n_dimensions: int) -> Maxima:
@@ -227,7 +231,7 @@ def ascend(
         best = values.argmax(0)
         rows = np.arange(len(active))
         rise = values[best, rows] - value[active]
-        better = rise > 0
+        better = rise > LEAST_RISE
         # An ascent without a rise tries shorter steps; after a rise it returns to full steps.
         reach[active] = np.where(better, 1.0, reach[active] * STEP_LENGTHS[-1])
         moved = active[better]

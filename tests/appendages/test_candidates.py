@@ -92,6 +92,20 @@ def test_the_scale_of_masses_without_floors_is_the_median_modal_mass():
     assert scale.mass == pytest.approx(np.median(modal_masses), rel=1e-9)
 
 
+@pytest.mark.parametrize("rounding", [0.0, 1e-15])
+def test_a_mode_that_moves_the_sensors_by_rounding_alone_has_no_modal_mass(rounding):
+    """Of a mode in x and one in y, the sensor in x sees the first: its mass is that of its node."""
+    stiffness = np.diag([100.0, 200.0])
+    stiffness[0, 1] = stiffness[1, 0] = 100.0 * rounding
+    structure = bs.MatrixStructure(
+        [(k, stiffness)], np.diag([3.0, 2.0]), labels=["node x", "node y"], n_modes=2
+    )
+    modes = tuple(bs.IdentifiedMode(str(i), 0.5 * i) for i in (1, 2))
+    data = bs.ModalData(modes, (0.0, 6.0), ("node x",))
+    scale = scale_of(bs.ModelClass("c", structure, data, bs.ErrorModel(0.01), pairing="any"))
+    assert scale.mass == pytest.approx(3.0, rel=1e-9)
+
+
 def test_the_scale_of_a_building_in_space_is_its_mean_floor_mass():
     """Rotational inertia is no mass of a floor."""
     building = bs.ShearBuilding3D((3.0, 1.0), (5.0, 5.0), (9.0, 9.0), (9.0, 9.0), (9.0 * k, 9.0))

@@ -7,6 +7,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 import bayes_ssi as bs
+from bayes_ssi.calibration.determination import determination
+from bayes_ssi.calibration.least_squares import CalibrationProblem
 
 SIGMA_F = 0.01
 COV_A, COV_B = 0.2, 0.4
@@ -98,6 +100,30 @@ def test_what_is_determined_alone_together_and_not_at_all():
     assert changes[frozenset("d")].components == {"d": 1.0}
     b_and_c = changes[frozenset("bc")].components
     assert b_and_c["b"] / b_and_c["c"] == pytest.approx(-1.0)
+
+
+def product_of_three(a, b, c):
+    return np.sqrt([a * b * c]), None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_said_of_parameters_that_are_equally_free_is_no_matter_of_rounding(seed):
+    """Of a, b and c the product alone is determined: the changes are those of a and b, with c."""
+    arguments = {name: bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in "abc"}
+    structure = bs.FunctionStructure(product_of_three, arguments, n_modes=1)
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 5.0))
+    candidate = bs.ModelClass("c", structure, data, bs.ErrorModel(SIGMA_F), pairing={"1": 1})
+    problem = CalibrationProblem(candidate, 0.0)
+    jacobian, rng = problem.sensitivities(np.zeros(3)), np.random.default_rng(seed)
+    problem.sensitivities = lambda _: jacobian * (1.0 + 1e-14 * rng.standard_normal(3))
+    found = determination(problem, np.zeros(3))
+    (combination,) = found.determined
+    assert combination.components == pytest.approx(dict.fromkeys("abc", 1.0))
+    changes = [each.components for each in found.undetermined]
+    assert changes == [
+        pytest.approx({"a": 1.0, "b": 0.0, "c": -1.0}, abs=1e-9),
+        pytest.approx({"a": 0.0, "b": 1.0, "c": -1.0}, abs=1e-9),
+    ]
 
 
 def test_the_priors_pull():

@@ -142,6 +142,27 @@ def test_exchanged_axes_are_said():
     assert "x of the test as y, y of the test as x" in str(exchange)
 
 
+@pytest.mark.parametrize("rounding", [0.0, 1e-10])
+def test_motions_that_are_rounding_resemble_no_shape(rounding):
+    """In y the lowest modes, in x, move by rounding errors, here by the sensors' shape."""
+    stiffness = np.kron(CHAIN, np.diag([1e3, 50e3]))
+    values, vectors = np.linalg.eigh(CHAIN * 1e3)
+    across = np.array([1.0, -1.0, 1.0])
+    stiffness[1::2, ::2] = stiffness[::2, 1::2] = 0.0
+    load = (CHAIN * 50e3 - values[0] * np.eye(3)) @ across
+    coupling = rounding * np.outer(load, vectors[:, 0])
+    stiffness[1::2, ::2], stiffness[::2, 1::2] = coupling, coupling.T
+    model = exported_model("test", Matrices(stiffness, np.eye(6), "K", "M", labels=LABELS))
+    frequency = float(np.sqrt(values[0]) / (2.0 * np.pi))
+    in_x = tuple(label for label in LABELS if label.endswith("x"))
+    data = bs.ModalData((bs.IdentifiedMode("1", frequency, across),), (0.0, 1e4), sensors=in_x)
+
+    def in_other_axes(axes):
+        return {name: f"{name[0]} {axes['x']}" for name in in_x} if axes["x"] != "z" else None
+
+    assert compared_with_nominal(model, data, in_other_axes).exchange is None
+
+
 def test_alike_modes_in_two_directions_are_told_apart_by_their_frequencies():
     """Modes along x and y have the same shapes; those along y have √9 times the frequencies."""
     stiffness = np.kron(CHAIN, np.diag([1e3, 9e3]))

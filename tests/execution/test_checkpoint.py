@@ -123,6 +123,39 @@ def test_a_run_stopped_anywhere_is_resumed_to_the_same_result(
     assert_holds(directory, whole_journals)
 
 
+def rounded(monkeypatch, size):
+    """Let factors and inverses of matrices differ by errors of a relative size."""
+    rng = np.random.default_rng(0)
+
+    def other(solve):
+        def solved(matrices):
+            answer = solve(matrices)
+            arrays = answer if isinstance(answer, tuple) else (answer,)
+            arrays = tuple(a * (1.0 + size * rng.uniform(-1.0, 1.0, a.shape)) for a in arrays)
+            return arrays if isinstance(answer, tuple) else arrays[0]
+
+        return solved
+
+    for name in ("cholesky", "eigh", "inv"):
+        monkeypatch.setattr(np.linalg, name, other(getattr(np.linalg, name)))
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0])
+@pytest.mark.parametrize("size", [1e-15, 1e-8])
+def test_a_run_is_resumed_on_a_processor_that_rounds_in_another_way(
+    tiny_study, tiny_ranking, whole_journals, checkpoint, directory, said, monkeypatch, size, share
+):
+    stop(directory, whole_journals, share)
+    rounded(monkeypatch, size)
+    resumed = bs.rank(tiny_study, seed=7, run=bs.Run(checkpoint=checkpoint))
+    for here, there in zip(resumed.posteriors, tiny_ranking.posteriors, strict=True):
+        joint = np.hypot(here.evidence.error, there.evidence.error)
+        assert abs(here.evidence.log_evidence - there.evidence.log_evidence) < 4.0 * joint
+        assert here.failed_checks == there.failed_checks
+    again = [message for message in said if "another kind of processor" in message]
+    assert bool(again) == (size > 1e-10)
+
+
 def test_it_is_said_how_many_evaluations_are_used(
     tiny_study, tiny_ranking, whole_journals, checkpoint, directory, said
 ):
@@ -196,6 +229,39 @@ def test_another_run_is_refused_in_a_line_that_names_the_difference(
     with pytest.raises(ValueError, match=message) as caught:
         checkpoint.journal(*change(one_k))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("change", "is_same"), [(1e-15, True), (1e-3, False)])
+@pytest.mark.parametrize("what", ["matrix", "covariance"])
+def test_computed_numbers_define_a_class_but_for_their_rounding(
+    checkpoint, one_k, what, change, is_same
+):
+    noise = 1.0 + change * np.random.default_rng(0).uniform(-1.0, 1.0, 2)
+
+    def made(factors):
+        data, structure = one_k.data, one_k.structure
+        if what == "covariance":
+            root = 1e-3 * np.random.default_rng(1).standard_normal((3 * len(data.modes),) * 2)
+            factors = np.resize(factors, len(root))
+            modes = tuple(replace(m, frequency_cov=None, shape_sd=None) for m in data.modes)
+            covariance = factors[:, None] * (root @ root.T) * factors
+            data = replace(data, modes=modes, covariance=covariance)
+        else:
+            stiffness = factors[:, None] * np.array([[2.0, -1.0], [-1.0, 1.0]]) * factors
+            parameter = one_k.structural_parameters[0]
+            structure = bs.MatrixStructure(
+                [(parameter, stiffness)], np.eye(2), labels=data.sensors[:2], n_modes=2
+            )
+            modes = tuple(replace(mode, shape=mode.shape[:2]) for mode in data.modes[:2])
+            data = bs.ModalData(modes, data.band_hz, data.sensors[:2])
+        return other_class(one_k, data=data, structure=structure, pairing="any")
+
+    checkpoint.journal(made(np.ones(2)), 7, SETTINGS).close()
+    if is_same:
+        checkpoint.journal(made(noise), 7, SETTINGS).close()
+    else:
+        with pytest.raises(ValueError, match="definition"):
+            checkpoint.journal(made(noise), 7, SETTINGS)
 
 
 def test_other_versions_are_refused(checkpoint, one_k, monkeypatch):

@@ -68,20 +68,46 @@ def test_a_journal_that_was_read_is_extended(path, n):
 @pytest.mark.parametrize(
     "z",
     [
-        np.nextafter(BATCHES[0][0], 1.0),
+        BATCHES[0][0] + 1e-6 * np.eye(3, 2),
         BATCHES[0][0][::-1],
+        BATCHES[0][0][:, ::-1],
         BATCHES[0][0][:2],
         BATCHES[0][0].reshape(2, 3),
         BATCHES[1][0],
     ],
-    ids=["last digit", "order", "fewer", "shape", "next batch"],
+    ids=["two coordinates", "order", "columns", "fewer", "shape", "next batch"],
 )
-def test_other_coordinates_are_refused(path, z):
+def test_batches_at_other_coordinates_and_all_that_follow_are_computed_again(path, z):
     write(path)
+    said = []
+    with Journal(path, RUN, said.append) as journal:
+        assert journal.recalled(z) is None
+        assert said == [
+            f"{path}: 3 of 3 batches are computed again: they were made on another kind of "
+            "processor, whose rounding led elsewhere"
+        ]
+        for each in BATCHES:
+            journal.add(*each)
     with Journal(path, RUN) as journal:
-        with pytest.raises(ValueError, match="batch 1 of this checkpoint is at other coordinates"):
-            journal.recalled(z)
         assert_begins_with(journal, 3)
+
+
+@pytest.mark.parametrize("rounding", [1e-15, 1e-10])
+def test_batches_at_the_same_coordinates_but_for_rounding_are_recalled(path, rounding):
+    write(path)
+    noise = np.random.default_rng(3).standard_normal((3, 2))
+    with Journal(path, RUN) as journal:
+        for z, evaluated in BATCHES:
+            values, failures = journal.recalled(z + rounding * noise[: len(z)])
+            np.testing.assert_array_equal(values, evaluated.values)
+            assert failures == evaluated.failures
+
+
+def test_a_suggestion_is_no_batch_of_coordinates(path):
+    with Journal(path, RUN) as journal:
+        journal.add_suggestion(np.ones((2, 1)), 5)
+    with Journal(path, RUN) as journal:
+        assert journal.recalled(np.ones((2, 1))) is None
 
 
 @pytest.mark.parametrize(
@@ -93,7 +119,7 @@ def test_other_coordinates_are_refused(path, z):
         ({**RUN, "searches": 4}, "searches null there and 4 here"),
         ({"seed": 7}, 'model class "each k" there and null here'),
         ({**RUN, "model class": "x" * 80}, f'"each k" there and "{"x" * 56}... here'),
-        ({**RUN, "format": 99}, "format 3 there and 99 here"),
+        ({**RUN, "format": 99}, "format 4 there and 99 here"),
     ],
 )  # fmt: skip
 def test_the_journal_of_another_run_is_refused(path, run, difference):

@@ -52,6 +52,29 @@ def test_modes_that_veer_are_emulated_by_their_operator():
     assert errors[0] < 1e-3 < errors[1]
 
 
+@pytest.mark.parametrize("rounding", [0.0, 1e-15, -1e-15])
+def test_a_pair_of_equal_frequency_is_a_plane_whatever_rounding_makes_of_its_operator(rounding):
+    """Of ((1, e), (-e, 1)) the eigenvalues are complex, of ((1, e), (e, 1)) they are not."""
+    representation = ModalOperator(2, 2)
+    for sign in (-1.0, 1.0):
+        operator = np.eye(2) + rounding * np.array([[0.0, 1.0], [sign, 0.0]])
+        vectors = np.concatenate([operator.ravel(), np.eye(2).ravel()])[None]
+        modes = representation.decoded(vectors)
+        np.testing.assert_allclose(modes.frequencies_hz, np.e)
+        assert np.linalg.matrix_rank(modes.shapes[0]) == 2
+
+
+def test_a_structure_alike_in_two_directions_is_emulated_as_well_as_another():
+    """Frequencies are products of parameters and shapes fixed, so that a dozen solutions do."""
+    k, r = (bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in "kr")
+    stiffnesses = [(factor,) * 2 for factor in (800.0 * k, 800.0 * k, 3000.0 * r)]
+    tower = bs.ShearBuilding3D((1.0, 1.0), (1.2, 1.2), *stiffnesses)
+    values = np.random.default_rng(0).uniform(0.7, 1.4, (40, 2))
+    accuracy = EmulatedStructure(tower).accuracy(values)
+    assert accuracy.frequency < 1e-9
+    assert accuracy.shape < 1e-6
+
+
 def test_errors_of_points_left_out_are_those_of_fits_without_them():
     rng = np.random.default_rng(0)
     x = rng.standard_normal((30, 2))

@@ -10,6 +10,7 @@ from scipy.special import logsumexp
 from scipy.stats import chi2, multivariate_normal
 
 import bayes_ssi as bs
+from bayes_ssi.identification.joint_errors import JointErrors
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.posterior.datum_terms import at_draws, compared_modes, datum_terms
 from bayes_ssi.posterior.misfit import misfit
@@ -371,3 +372,18 @@ def test_a_stored_result_keeps_the_joint_errors(building, tmp_path):
     np.testing.assert_array_equal(stored.data.covariance, data.covariance)
     record = stored.record.model_class("joint").configurations[0]
     assert record.covariance_digest == data.covariance_digest
+
+
+@pytest.mark.parametrize("rounding", [0.0, 1e-40, 1e-20])
+def test_a_direction_without_error_says_nothing_of_frequencies_but_by_rounding(rounding):
+    errors = JointErrors(
+        of_frequencies=np.array([[4.0]]),
+        of_axes=np.array([2.0, rounding]),
+        axes=np.eye(2),
+        between=np.array([[1.0, 1e-17]]),
+        single_frequency_var=np.array([4.0]),
+        single_shape_var=np.array([1.0]),
+        dimensions=np.array([2.0]),
+    )
+    # 4 - 1²/2, of a frequency given the shape along the first axis.
+    np.testing.assert_allclose(errors.least_variances[0], [3.5])

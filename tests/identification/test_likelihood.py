@@ -212,6 +212,35 @@ def test_a_model_shape_that_vanishes_at_the_sensors_points_nowhere():
     assert terms.shape[0, 0] == pytest.approx(-4.0 - normaliser, rel=1e-12)
 
 
+class Rounded(bs.ShearBuilding3D):
+    """Motions that are zero by symmetry are rounded: by a processor, or by a parameter here."""
+
+    def modes(self, values):
+        modes = super().modes(values)
+        noise = np.random.default_rng(0).choice([-1e-15, 0.0, 1e-15], (200, 6, 6))[: len(values)]
+        return Modes(modes.frequencies_hz, np.where(abs(modes.shapes) < 1e-9, noise, modes.shapes))
+
+
+@pytest.mark.parametrize("measured", [("x",), ("x", "y")])
+@pytest.mark.parametrize("pairing", ["any", {"1": 1, "2": 2}])
+def test_a_mode_that_moves_the_sensors_by_rounding_alone_resembles_no_shape(measured, pairing):
+    """Modes in y, nearly as frequent as those in x, of which shapes are identified."""
+    k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+    stiffnesses = [(s * k, 60.0) for s in (90.0, 90.9, 500.0)]
+    building = Rounded((2.0, 1.0), (1.0,) * 2, *stiffnesses)
+    sensors = tuple(f"floor {floor} {axis}" for axis in measured for floor in (1, 2))
+    in_x = [0.5, 0.8, *[NAN] * (len(sensors) - 2)]
+    modes = (bs.IdentifiedMode("1", 0.65, in_x), bs.IdentifiedMode("2", 0.66, in_x))
+    data = bs.ModalData(modes, (0.0, 1.0), sensors)
+    error = bs.ErrorModel(0.01, 0.3)
+    candidate = bs.ModelClass("c", building, data, error, pairing=pairing)
+    log_likelihoods = candidate.log_likelihood(np.ones((200, 1)))
+    np.testing.assert_allclose(log_likelihoods, log_likelihoods[0], rtol=1e-12)
+    distances = candidate.likelihoods[0].compared_modes(np.ones((1, 1))).shape_distances
+    in_y = distances.reshape(2, -1)[:, 1] if pairing == "any" else distances[:, 1]
+    np.testing.assert_array_equal(in_y, 1.0)
+
+
 def test_half_of_a_mode_on_the_end_of_the_band_may_be_missed():
     two = bs.ShearBuilding((1.0, 1.0), (1.0, 1.0))
     upper = (math.sqrt(5.0) + 1.0) / (4.0 * math.pi)

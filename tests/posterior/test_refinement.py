@@ -8,6 +8,7 @@ import pytest
 import bayes_ssi as bs
 from bayes_ssi.finite_elements.approximate_structure import Accuracy, ApproximateStructure
 from bayes_ssi.modal import Modes
+from bayes_ssi.posterior.confirmation import _differences
 from bayes_ssi.posterior.diagnosis import diagnose
 from bayes_ssi.posterior.refinement_settings import RefinementSettings
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
@@ -149,3 +150,19 @@ def test_remarks_are_saved(of_class, tmp_path):
     (stored,) = load_result(tmp_path / "r").posteriors
     assert stored.remarks == ranking.posteriors[0].remarks
     assert len(stored.remarks) == 2
+
+
+def test_a_mode_that_no_sensor_sees_is_no_difference():
+    """Of a mode in y, sensors in x see rounding errors, whose MAC is anything."""
+    k = bs.Parameter("k", bs.LogNormal(1.0, 0.1))
+    stiffnesses = [(s * k, 60.0) for s in (90.0, 95.0, 500.0)]
+    tower = bs.ShearBuilding3D((2.0, 1.0), (1.0, 1.0), *stiffnesses)
+    data = bs.ModalData(
+        (bs.IdentifiedMode("1", 0.65, [0.5, 0.8]),), (0.0, 1.0), ("floor 1 x", "floor 2 x")
+    )
+    exact, other = (
+        bs.ModelClass("c", each, data, bs.ErrorModel(0.01, 0.05), pairing={"1": 1})
+        for each in (tower, Stiff(tower, 1e-3))
+    )
+    frequency, least_mac = _differences(other, exact, np.array([[0.9], [1.1]]))
+    assert (frequency, least_mac) == (pytest.approx(1e-3), pytest.approx(1.0))

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.results.draws import load_draws, save_draws
+from bayes_ssi.posterior.datum_terms import DatumTerms
+from bayes_ssi.results.draws import _varying_terms, load_draws, save_draws
 
 
 @pytest.fixture
@@ -142,3 +143,15 @@ def test_r_hat_is_that_of_arviz_from_the_same_file(tiny_ranking, tmp_path):
         (exchange.posteriors[0], tmp_path / "e" / "posteriors" / "exchange.nc"),
     ):
         assert posterior.r_hat == pytest.approx(r_hat_by_arviz(file), rel=1e-9)
+
+
+@pytest.mark.parametrize("rounding", [0.0, 1e-16])
+def test_a_term_that_is_constant_but_for_rounding_is_part_of_one_that_varies(rounding):
+    """A model mode far above the band is missed at all draws with a probability of nearly one."""
+    rng = np.random.default_rng(0)
+    varying, missed = rng.standard_normal((2, 2, 50))
+    log_likelihoods = np.stack([varying, -0.1 + rounding * missed], axis=-1)
+    terms = DatumTerms(("1", "no other mode"), log_likelihoods, ("1",), varying[..., None])
+    names, kept = _varying_terms(terms)
+    assert names == ["1 and no other mode"]
+    np.testing.assert_allclose(kept.sum(axis=-1), log_likelihoods.sum(axis=-1), atol=1e-9)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.sampling.maxima import find_maxima
+from bayes_ssi.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.sampling.target import Target, log_standard_normal
 
 PEAKS = np.array([[2.0, 0.0], [-2.0, 0.5], [0.0, 2.5], [0.5, -2.5]])
@@ -97,6 +97,22 @@ def test_the_components_of_a_linear_model_above_a_level(linear, beta):
     np.testing.assert_array_less(
         np.abs(mixture.means[0] - beta * covariance @ linear.slope), tolerance
     )
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_level_at_the_top_of_a_plateau_or_just_below_is_no_matter_of_rounding(seed):
+    """Precisions are those of the prior along a plateau, but for rounding."""
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.standard_normal((6, 6)))[0]
+    precision = (axes * [1e4, 1.0, 1.0, 1.0, 1.0, 1.0]) @ axes.T
+    z, level = 0.1 * rng.standard_normal((1, 6)), rng.standard_normal(1)
+    maxima = Maxima(z, level + log_standard_normal(z), precision[None])
+    for rounding in (-1e-15, 0.0, 1e-15):
+        assert maxima.above(level[0] + rounding) is None
+    (factor,) = maxima.above(level[0] - 1e-5).factors
+    widths = np.linalg.norm(axes.T @ factor, axis=1)
+    np.testing.assert_allclose(widths[1:], 1.0, rtol=1e-4)
+    assert widths[0] == pytest.approx((1.0 + 0.5 * 8 / 1e-5 * 9999.0) ** -0.5, rel=1e-3)
 
 
 def test_the_end_of_a_curved_ridge_is_reached(starts):
