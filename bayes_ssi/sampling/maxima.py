@@ -31,8 +31,6 @@ LONGEST_STEP = 2.0  # prior standard deviations
 # Step lengths tried together, as shares of the BFGS step.
 STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])
 RISE_TO_GO_ON = 1e-3  # nats
-# Less than this is no rise: at a maximum that was reached before, rounding may raise a value.
-LEAST_RISE = 1e-7
 # Two ends of ascents are different maxima where the straight path between them falls this many nats
 # below the lower one at one of so many points: at an edge of where the likelihood is positive there
 # is no curvature to tell how far a maximum reaches.
@@ -231,7 +229,7 @@ def ascend(
         best = values.argmax(0)
         rows = np.arange(len(active))
         rise = values[best, rows] - value[active]
-        better = rise > LEAST_RISE
+        better = rise > 0
         # An ascent without a rise tries shorter steps; after a rise it returns to full steps.
         reach[active] = np.where(better, 1.0, reach[active] * STEP_LENGTHS[-1])
         moved = active[better]
