@@ -229,7 +229,9 @@ def plot_shape_components(
         rows = np.array([y[place] for place in group])
         low, median, high = np.array([bands[place] for place in group]).T
         ax.barh(rows, median, height=0.7, color=colour, alpha=0.6, label=name)
-        ax.errorbar(median, rows, xerr=[median - low, high - median], fmt="none", ecolor="black",
+        # Of arrays of one element, matplotlib makes numbers in a way of which numpy 2.0 warns.
+        below, above = (median - low).tolist(), (high - median).tolist()
+        ax.errorbar(median, rows, xerr=[below, above], fmt="none", ecolor="black",
                     elinewidth=0.8, capsize=2)  # fmt: skip
         for row, component in zip(rows, median, strict=True):
             if abs(component) >= reach:
