@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
@@ -48,6 +48,8 @@ def to_record(value: Any, without: Collection[str] = ()) -> Any:
 
 def from_record(kind: type[T], record: Any, path: str = "", **given: Any) -> T:
     """The object from its record by :func:`to_record`; keys that are not fields are ignored.
+
+    A field with a default may be missing: older files lack what was added since.
 
     Args:
         kind: the class of the object.
@@ -157,10 +159,10 @@ def _read_fields(kind: type, record: Any, path: str, given: Mapping[str, Any]) -
     _require(isinstance(record, dict), "a record", record, path)
     hints, values = _hints(kind), dict(given)
     for name in _field_names(kind):
-        if name not in values:
-            if name not in record:
-                raise ValueError(f"{_join(path, name)}: missing")
+        if name in record and name not in values:
             values[name] = _read(hints[name], record[name], _join(path, name))
+        if name not in values and name not in _with_default(kind):
+            raise ValueError(f"{_join(path, name)}: missing")
     try:
         return kind(**values)
     except (TypeError, ValueError) as error:
@@ -173,6 +175,13 @@ def _is_named_tuple(kind: type) -> bool:
 
 def _field_names(kind: Any) -> tuple[str, ...]:
     return tuple(each.name for each in fields(kind)) if is_dataclass(kind) else kind._fields
+
+
+@cache
+def _with_default(kind: Any) -> frozenset[str]:
+    if not is_dataclass(kind):
+        return frozenset(kind._field_defaults)
+    return frozenset(each.name for each in fields(kind) if each.default is not MISSING)
 
 
 @cache

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING
 import click
 
 from bayes_ssi.commands.study_argument import load, study_argument
-from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
+from bayes_ssi.commands.terminal import (
+    console,
+    exit_if_failed,
+    json_option,
+    print_record,
+    progress_bars,
+    say,
+    say_warnings,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -39,12 +47,19 @@ def calibrate(
     seed: int,
     with_prior: bool,
 ) -> None:
-    """List every distinct minimum of the deterministic objective of the model classes of STUDY."""
+    """List every distinct minimum of the deterministic objective of the model classes of STUDY.
+
+    The exit code is 3 where the modes are of an identification that failed a check.
+    """
     from bayes_ssi.calibration.calibration import calibrate as calibrate_class
     from bayes_ssi.calibration.least_squares import NothingToCalibrateError
+    from bayes_ssi.model_class.configuration import failed_data_checks
+    from bayes_ssi.results.wording import data_warnings
 
     where, calibrations = console(), []
     candidates = load(study, only).model_classes
+    tests = [{each.name: each.data for each in one.configurations} for one in candidates]
+    failed = list(dict.fromkeys(check for each in tests for check in failed_data_checks(each)))
     for candidate in candidates:
         try:
             with progress_bars() as progress:
@@ -58,7 +73,14 @@ def calibrate(
             say(where, f"(!) {error}")
     for group in _same_to_the_reader(calibrations):
         _show(where, group)
-    print_record(lambda: {"calibrations": [asdict(each) for each in calibrations]})
+    say_warnings(where, data_warnings(failed))
+    print_record(
+        lambda: {
+            "calibrations": [asdict(each) for each in calibrations],
+            "failed_checks": failed,
+        }
+    )
+    exit_if_failed(failed)
 
 
 def _same_to_the_reader(calibrations: list[Calibration]) -> list[list[Calibration]]:

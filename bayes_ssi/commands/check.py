@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bayes_ssi.commands.record_options import record_of, record_options
-from bayes_ssi.commands.terminal import console, json_option, print_record, say
+from bayes_ssi.commands.terminal import (
+    console,
+    exit_if_failed,
+    json_option,
+    print_record,
+    say,
+    say_warnings,
+)
 
 if TYPE_CHECKING:
     from bayes_ssi.data.modal_data import ModalData
@@ -33,7 +40,8 @@ def check(
     """Show the identified modes read from DATA (CSV), with warnings about them.
 
     Where DATA is a vibration record, in one file or in several of the same instants, warns of
-    sensors that are dead, clipped, drifting, late or alike, of gaps and of machines.
+    sensors that are dead, clipped, drifting, late or alike, of gaps and of machines. The exit code
+    is 3 where the modes are of an identification that failed a check.
     """
     from bayes_ssi.records.record_files import is_record
 
@@ -80,24 +88,28 @@ def _check_record(record: Record) -> None:
 
 def _check_modes(path: Path) -> None:
     from bayes_ssi.data.modal_files import read_modal_data
+    from bayes_ssi.results.wording import data_warnings
     from bayes_ssi.tables import modes_table
 
     modes = read_modal_data(path)
+    failed = modes.all_failed_checks
     low, high = modes.band_hz
     where = console()
     where.print(modes_table(modes, MOST))
     if len(modes.modes) > MOST:
         say(where, _not_shown(len(modes.modes), "modes"))
     print_record(lambda: _record(modes))
-    remarks = modes.warnings()
+    remarks = modes.warnings()[len(failed) :]
     say(
         where,
         f"Band: {low:g} to {high:g} Hz. Sensors: {_listed(modes.sensors)}. Digest: {modes.digest}.",
         *([] if modes.covariance is None else ["Errors have a joint covariance."]),
         *(f"(!) {remark}" for remark in remarks[:MOST]),
         *([_not_shown(len(remarks), "warnings")] if len(remarks) > MOST else []),
-        *([] if remarks else ["No warnings."]),
+        *([] if remarks or failed else ["No warnings."]),
     )
+    say_warnings(where, data_warnings(failed))
+    exit_if_failed(failed)
 
 
 def _listed(sensors: Sequence[str]) -> str:
@@ -119,5 +131,6 @@ def _record(data: ModalData) -> dict[str, Any]:
         "digest": data.digest,
         "covariance_digest": data.covariance_digest,
         "modes": [{key: getattr(mode, key) for key in MODE_FIELDS} for mode in data.modes],
-        "remarks": data.warnings(),
+        "remarks": data.warnings()[len(data.all_failed_checks) :],
+        "failed_checks": data.all_failed_checks,
     }

@@ -52,13 +52,12 @@ def identify(
     """
     from bayes_ssi.data.modal_csv import modal_files, possible_modal_files, write_modal_data
     from bayes_ssi.records import modal_identification
+    from bayes_ssi.results.new_directory import require_new_files
     from bayes_ssi.results.wording import listed
     from bayes_ssi.tables.mode_tables import estimates_table
 
     written = () if out is None else possible_modal_files(out)
-    for file in (*written, *(() if figures is None else (figures,))):
-        if file.exists():
-            raise FileExistsError(f"{file} exists; give another name")
+    require_new_files(*written, *(() if figures is None else (figures,)))
     record = record_of(files, rate, quantity, unit, sensors, keys)
     warnings = record.warnings()
     found = modal_identification.identify(record, band, at=at)

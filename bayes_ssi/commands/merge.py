@@ -18,20 +18,21 @@ if TYPE_CHECKING:
 @click.option("--out", type=click.Path(path_type=Path), help="CSV file for the modes, a new one.")
 @json_option
 def merge(files: tuple[Path, ...], out: Path | None) -> None:
-    """Merge the modes in FILES: of setups that share reference sensors, or of several records.
+    """Merge the modes in FILES: of setups that share reference sensors, of several records, or of
+    bands that touch or overlap.
 
     Modes that are nearest to each other are the same; frequencies and shapes have the weights of
-    their errors. The scatter between files is compared with these.
+    their errors. The scatter between files is compared with these. The exit code is 3 where it is
+    larger, and where an identification failed a check.
     """
     from bayes_ssi.data.merging import merge_modal_data
     from bayes_ssi.data.modal_csv import modal_files, possible_modal_files, write_modal_data
     from bayes_ssi.data.modal_files import read_modal_data
+    from bayes_ssi.results.new_directory import require_new_files
     from bayes_ssi.results.wording import listed
     from bayes_ssi.tables.mode_tables import merged_table
 
-    for file in () if out is None else possible_modal_files(out):
-        if file.exists():
-            raise FileExistsError(f"{file} exists; give another name")
+    require_new_files(*(() if out is None else possible_modal_files(out)))
     names = _names(files)
     merged = merge_modal_data(
         {name: read_modal_data(file) for name, file in zip(names, files, strict=True)}
@@ -40,14 +41,15 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     where.print(merged_table(merged))
     say(
         where,
+        "Band: {:g} to {:g} Hz.".format(*merged.data.band_hz),
         *(f"(!) {remark}" for remark in merged.remarks),
-        *(f"(!) Failed check: {check}" for check in merged.failed_checks),
+        *(f"(!) Failed check: {check}" for check in merged.data.all_failed_checks),
     )
     if out is not None:
         write_modal_data(merged.data, out)
         say(where, f"Wrote {listed(modal_files(merged.data, out))}.")
     print_record(lambda: _record(merged))
-    exit_if_failed(merged.failed_checks)
+    exit_if_failed(merged.data.all_failed_checks)
 
 
 def _names(files: tuple[Path, ...]) -> list[str]:
@@ -85,5 +87,5 @@ def _record(merged: MergedModes) -> dict[str, Any]:
             for row, mode in zip(merged.modes, merged.data.modes, strict=True)
         ],
         "remarks": merged.remarks,
-        "failed_checks": merged.failed_checks,
+        "failed_checks": merged.data.all_failed_checks,
     }

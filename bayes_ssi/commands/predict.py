@@ -11,11 +11,13 @@ import click
 from bayes_ssi.commands.response_options import response_request
 from bayes_ssi.commands.terminal import (
     console,
+    exit_if_failed,
     is_quiet,
     json_option,
     print_record,
     progress_bars,
     say,
+    say_warnings,
 )
 
 if TYPE_CHECKING:
@@ -117,7 +119,7 @@ def predict(
 
     Frequencies and mode shapes, transfer functions, and time histories and peaks under ground
     motions, all with credible bands. Nothing is sampled: draws are those stored, structures those
-    of the study file.
+    of the study file. The exit code is 3 where a failed check of RESULT was not accepted.
     """
     from bayes_ssi.codec import to_record
     from bayes_ssi.plots.prediction_figures import save_prediction_figures
@@ -127,6 +129,7 @@ def predict(
     from bayes_ssi.predictions.response_bands import predict_responses
     from bayes_ssi.predictions.saved_predictions import MARKER
     from bayes_ssi.predictions.stored_predictions import load_predictions
+    from bayes_ssi.results.answer import answer
     from bayes_ssi.results.json_files import write_json
     from bayes_ssi.results.new_directory import new_directory, require_new
 
@@ -172,13 +175,18 @@ def predict(
         where.print(peak_table(responses))
     n_tables, n_figures = (len(list(directory.glob(f"**/*.{kind}"))) for kind in ("csv", "png"))
     say(where, f"Saved in {directory}: {n_tables} tables and {n_figures} figures.")
+    say_warnings(where, answer(predicted.stored).warnings)
+    failed = predicted.stored.comparison.failed_checks
     print_record(
         lambda: {
             "directory": str(directory),
             **to_record(record),
             "modes": _modes(predicted, responses),
+            "failed_checks": failed,
         }
     )
+    if not predicted.stored.record.failed_checks_accepted:
+        exit_if_failed(failed)
 
 
 def _modes(predicted: StoredPredictions, responses: Sequence[ResponseBands]) -> dict[str, Any]:

@@ -15,7 +15,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 OPTIONS = (
     click.option("--rate", type=float, help="Samples per second, if the files do not state it."),
-    click.option("--quantity", help="acceleration, velocity or displacement, if not stated."),
+    click.option(
+        "--quantity", help="acceleration, velocity or displacement, if not stated; of .v2, which."
+    ),
     click.option("--unit", help="Unit of the samples, if not stated."),
     click.option(
         "--sensor",

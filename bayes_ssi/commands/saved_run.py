@@ -22,6 +22,7 @@ from bayes_ssi.commands.terminal import (
     progress_bars,
     say,
     say_in_paragraphs,
+    say_warnings,
 )
 
 if TYPE_CHECKING:
@@ -200,11 +201,8 @@ class RunOptions:
         n_figures = len(list((result.directory / FIGURES).glob("*")))
         say(console(), f"Saved in {result.directory}, with {n_figures} figures.")
         answered = answer(result)
-        warnings = [
-            "\n".join([f"(!) {text}", *(f"  {item}" for item in items)])
-            for text, items in answered.warnings
-        ]
-        say_in_paragraphs(console(), *warnings, *answered.paragraphs)
+        say_warnings(console(), answered.warnings)
+        say_in_paragraphs(console(), *answered.paragraphs)
         print_record(lambda: json_record(result, records))
         if not self.accept_failed_checks:
             exit_if_failed(result.comparison.failed_checks)

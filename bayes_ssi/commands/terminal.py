@@ -11,7 +11,7 @@ import functools
 import os
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -198,6 +198,12 @@ def say_in_paragraphs(where: Console, *paragraphs: str) -> None:
     for paragraph in paragraphs:
         where.print()
         where.print(paragraph, markup=False, highlight=False)
+
+
+def say_warnings(where: Console, warnings: Iterable[tuple[str, Sequence[str]]]) -> None:
+    """Print sentences, and the items below them, of what to understand first."""
+    for text, items in warnings:
+        say_in_paragraphs(where, "\n".join([f"(!) {text}", *(f"  {item}" for item in items)]))
 
 
 def say(where: Console, *lines: str) -> None:

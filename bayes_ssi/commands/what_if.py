@@ -16,6 +16,7 @@ from bayes_ssi.commands.terminal import (
     print_record,
     say,
     say_in_paragraphs,
+    say_warnings,
 )
 
 if TYPE_CHECKING:
@@ -77,13 +78,15 @@ def what_if(
 
     The stored draws are reweighted in seconds: nothing is sampled, and the study file is not
     needed. Where they do not cover the change, the exit code is 3 and the output says how to sample
-    again. It is also 3 where the most probable class does not explain the data after the change.
+    again. It is also 3 where the most probable class does not explain the data after the change,
+    and where a failed check of the data was not accepted when RESULT was saved.
     """
     from bayes_ssi.priors.prior_text import prior_from_text
     from bayes_ssi.ranking.changed_settings import ChangedSettings
     from bayes_ssi.ranking.comparison import probability_text
     from bayes_ssi.results.load import load_result
     from bayes_ssi.results.stored_what_if import what_if as ask
+    from bayes_ssi.results.wording import data_warnings
     from bayes_ssi.tables import changed_parameters_table, what_if_notes, what_if_table
 
     settings = ChangedSettings(
@@ -100,6 +103,8 @@ def what_if(
     answer = ask(stored, settings)
     where = console()
     say(where, f"{stored.record.study}: draws of {result} reweighted; nothing was sampled.")
+    accepted = stored.record.failed_checks_accepted
+    say_warnings(where, data_warnings(answer.failed_data_checks, accepted))
     if answer.misfit:
         say_in_paragraphs(where, f"(!) {answer.misfit}.")
     where.print(what_if_table(answer))
@@ -115,7 +120,8 @@ def what_if(
         where.print(changed_parameters_table(row))
     say(where, *what_if_notes(answer, _how_to_sample_again(stored)))
     print_record(lambda: {"directory": str(result), "answer": answer})
-    exit_if_failed([text for text in (answer.misfit, *answer.problems) if text])
+    of_data = () if accepted else answer.failed_data_checks
+    exit_if_failed([text for text in (*of_data, answer.misfit, *answer.problems) if text])
 
 
 def _named(

@@ -51,13 +51,14 @@ def read_identifications(path: Path, csv_path: Path) -> tuple[IdentificationReco
     except FileNotFoundError:
         raise ValueError(
             f"{csv_path}: no file {path.name}, which its line 'identification' names, in its "
-            "directory; put it there, or remove the line, which only reports need"
+            "directory; put it there, or remove the line, and with it what is known of failed "
+            "checks"
         ) from None
     except ValueError as error:
         raise ValueError(
             f"{path}: no record of an identification that this version reads: {error}; identify "
-            f"again, or remove the line 'identification' of {csv_path.name}, which only reports "
-            "need"
+            f"again, or remove the line 'identification' of {csv_path.name}, and with it what is "
+            "known of failed checks"
         ) from None
     return tuple(
         replace(each, figures=tuple(str(path.parent / file) for file in each.figures))

@@ -54,14 +54,17 @@ class EstimatedPeak:
 
     Attributes:
         modes: places of its modes among those identified, from 0.
-        probability_of_two: that it holds two modes rather than one; None where neither explain the
-            spectra around it.
+        probability_of_two: that it holds two modes rather than one; None where the spectra around
+            it do not support a comparison.
         resolution_hz: two modes of one shape that are closer could not be told from one.
+        probability_of_phases: that it is one mode whose sensors have phases, rather than one or two
+            with real shapes; None where that was not asked.
     """
 
     modes: tuple[int, ...]
     probability_of_two: float | None
     resolution_hz: float
+    probability_of_phases: float | None = None
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,8 @@ class IdentificationRecord:
         remarks: a sentence each.
         failed_checks: a sentence each.
         figures: paths of PNG files that were drawn of it.
+        not_identified: frequency (Hz) of each mode that the record shows, but that is not among
+            those identified, and why.
     """
 
     record: MeasuredRecord
@@ -99,3 +104,16 @@ class IdentificationRecord:
     remarks: tuple[str, ...]
     failed_checks: tuple[str, ...]
     figures: tuple[str, ...] = ()
+    not_identified: tuple[tuple[float, str], ...] = ()
+
+    @property
+    def all_failed_checks(self) -> tuple[str, ...]:
+        """Failed checks, and what the modes that are not identified do to rankings."""
+        return (
+            *self.failed_checks,
+            *(
+                f"the record shows a mode at {hz:.4g} Hz that is not identified ({reason}): a "
+                "model class that has it counts as missing it, and its probability is too low"
+                for hz, reason in self.not_identified
+            ),
+        )

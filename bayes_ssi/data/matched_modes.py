@@ -12,6 +12,8 @@ from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.modal import mac_of_pairs
 
+# Two estimates of a mode at the edge of a band, on either side of it, are hardly farther from it.
+EDGE_SDS = 3.0
 # Name of a test → its mode.
 Group = dict[str, IdentifiedMode]
 
@@ -20,27 +22,29 @@ def matched_modes(tests: Mapping[str, ModalData], sensors: Sequence[str]) -> lis
     """Groups of modes that are the same, in ascending order of frequency.
 
     A mode of one more test belongs to a group where each is the nearest to the other, by the square
-    of the difference of ln f and by 1 - MAC at the sensors that both have.
+    of the difference of ln f and by 1 - MAC at the sensors that both have. Modes that lie outside
+    of the band of the other's test, by more than their errors allow, are different.
 
     Args:
         tests: name → modes.
         sensors: those of all tests.
     """
     groups: list[Group] = []
-    for name, data in tests.items():
+    for test, data in tests.items():
         shapes = {mode.label: scattered(mode, data, sensors) for mode in data.modes}
         distances = np.array(
             [
-                [_distance(mode, shapes[mode.label], g, tests, sensors) for mode in data.modes]
+                [_distance(test, one, shapes[one.label], g, tests, sensors) for one in data.modes]
                 for g in groups
             ]
         ).reshape(len(groups), len(data.modes))
         for j, mode in enumerate(data.modes):
             nearest = int(distances[:, j].argmin()) if groups and len(distances) else -1
-            if nearest >= 0 and int(distances[nearest].argmin()) == j:
-                groups[nearest][name] = mode
+            mutual = nearest >= 0 and int(distances[nearest].argmin()) == j
+            if mutual and np.isfinite(distances[nearest, j]):
+                groups[nearest][test] = mode
             else:
-                groups.append({name: mode})
+                groups.append({test: mode})
     return sorted(groups, key=mean_log_frequency)
 
 
@@ -91,13 +95,24 @@ def joined_shape(
     return joined / np.linalg.norm(joined), measured
 
 
+def _may_be_in(mode: IdentifiedMode, test: ModalData) -> bool:
+    """Whether a mode lies in a test's band, or so close to it that an estimate from there may."""
+    error = EDGE_SDS * (mode.frequency_cov or 0.0)
+    low, high = test.band_hz
+    return low * (1.0 - error) <= mode.frequency_hz <= high * (1.0 + error)
+
+
 def _distance(
+    test: str,
     mode: IdentifiedMode,
     shape: FloatArray,
     group: Group,
     tests: Mapping[str, ModalData],
     sensors: Sequence[str],
 ) -> float:
+    for name, member in group.items():
+        if not (_may_be_in(mode, tests[name]) and _may_be_in(member, tests[test])):
+            return np.inf
     apart = (np.log(mode.frequency_hz) - mean_log_frequency(group)) ** 2
     others = np.array([scattered(own, tests[name], sensors) for name, own in group.items()])
     alike = mac_of_pairs(np.broadcast_to(shape, others.shape), others)

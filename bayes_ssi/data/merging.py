@@ -2,25 +2,31 @@
 
 Their frequencies and shapes are merged by weighted least squares with their covariances
 (:mod:`~bayes_ssi.data.weighted_shapes`), and the scatter between tests is compared with the errors
-that they claim.
+that they claim. Bands may differ, as where one record was identified band by band; then a mode that
+two of them have counts once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc
 
 from bayes_ssi.argument_types import checked
+from bayes_ssi.data.identification_record import IdentificationRecord
 from bayes_ssi.data.identified_mode import IdentifiedMode
+from bayes_ssi.data.joined_bands import independent_modes, joined_band
 from bayes_ssi.data.matched_modes import Group, joined_shape, matched_modes, mean_log_frequency
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.data.weighted_shapes import Merged, PartOfTest, weighted_least_squares
 
 # Tests that agree are said to disagree one time in a hundred.
 LIMIT = 0.01
+# About the width of a peak where the damping is 1 %, within which its frequency is read off a
+# spectrum: a mode so close to one that was not identified is that mode.
+PEAK_WIDTH = 0.02
 
 
 @dataclass(frozen=True)
@@ -60,7 +66,8 @@ class MergedModes:
     Attributes:
         data: the merged modes, with their joint covariance.
         modes: what was merged to each of them.
-        remarks: modes that some tests lack, a sentence each.
+        remarks: modes that tests lack in whose band they are, and modes that two bands of one
+            record have, a sentence each.
         failed_checks: quantities in which the tests differ by more than their errors, a sentence
             each: the structure changed in between, an error is too small, or two modes are not one.
     """
@@ -73,24 +80,28 @@ class MergedModes:
 
 @checked
 def merge_modal_data(tests: Mapping[str, ModalData]) -> MergedModes:
-    """Merge the modes of several setups that share reference sensors, or of several records.
+    """Merge modes of setups that share reference sensors, of several records, or of several bands.
 
     Sensors of one name are the same. Modes of two tests are the same where each is the nearest to
-    the other, by frequency and by shape. Dampings are averaged by the weights of their errors.
+    the other, by frequency and by shape, and in the band of both. Dampings are averaged by the
+    weights of their errors. The bands are joined; where they overlap and are of one record (its
+    name, duration and rate), errors are not independent, and a mode is taken from the band whose
+    edges are farther from it.
 
     Args:
         tests: name → modes; each with the sizes of its errors, or with their joint covariance.
 
     Raises:
-        ValueError: there are fewer than two tests, their bands differ, a mode has no errors, or a
-            test shares no sensor with the others.
+        ValueError: there are fewer than two tests, there is a gap between their bands, a mode has
+            no errors, or a test shares no sensor with the others.
     """
     if len(tests) < 2:
         raise ValueError(f"merging: give two tests or more, got {len(tests)}")
-    _check_bands(tests)
+    band_hz = joined_band(tests)
     sensors = tuple(dict.fromkeys(sensor for data in tests.values() for sensor in data.sensors))
     groups = matched_modes(tests, sensors)
-    merged = _merged(groups, tests, sensors)
+    independent = [independent_modes(group, tests) for group in groups]
+    merged = _merged(independent, tests, sensors)
     labels = _labels(groups)
     modes = tuple(
         MergedMode(
@@ -101,8 +112,19 @@ def merge_modal_data(tests: Mapping[str, ModalData]) -> MergedModes:
         )
         for label, group in zip(labels, groups, strict=True)
     )
-    data = _modal_data(merged, groups, labels, tests, sensors)
-    return MergedModes(data, modes, tuple(_lacking(modes, tests)), tuple(_failed(modes, data)))
+    joined = tuple(_identified_modes(merged, independent, labels, tests, sensors))
+    failed = tuple(_failed(modes, joined))
+    data = ModalData(
+        joined,
+        band_hz,
+        sensors,
+        "merged from " + ", ".join(tests),
+        merged.covariance,
+        tuple(_identifications(modes, joined, tests)),
+        (*failed, *(check for each in tests.values() for check in each.failed_checks)),
+    )
+    remarks = tuple(_remarks(modes, joined, independent, tests))
+    return MergedModes(data, modes, remarks, failed)
 
 
 def _merged(
@@ -146,17 +168,6 @@ def _scatter(
     return Scatter(float(np.sqrt(squares / n)), float(chdtrc(n, squares))) if n else None
 
 
-def _check_bands(tests: Mapping[str, ModalData]) -> None:
-    (first, reference), *others = tests.items()
-    for name, data in others:
-        if data.band_hz != reference.band_hz:
-            bands = ["{:g} to {:g} Hz".format(*each.band_hz) for each in (data, reference)]
-            raise ValueError(
-                f"merging: the band of {name} is {bands[0]}, that of {first} {bands[1]}; identify "
-                "all in one band, so that a mode that one lacks is not outside its band"
-            )
-
-
 def _labels(groups: Sequence[Group]) -> list[str]:
     """The labels of the tests where all agree, otherwise 1, 2, …"""
     each = [{mode.label for mode in group.values()} for group in groups]
@@ -165,32 +176,44 @@ def _labels(groups: Sequence[Group]) -> list[str]:
     return labels if agree else [str(i) for i in range(1, len(groups) + 1)]
 
 
-def _modal_data(
+def _identified_modes(
     merged: Merged,
     groups: Sequence[Group],
     labels: Sequence[str],
     tests: Mapping[str, ModalData],
     sensors: tuple[str, ...],
-) -> ModalData:
-    modes = []
+) -> Iterator[IdentifiedMode]:
     for label, log_f, shape, group in zip(
         labels, merged.log_frequencies, merged.shapes, groups, strict=True
     ):
         _, measured = joined_shape(group, tests, sensors)
         damping, damping_sd = _damping(list(group.values()))
-        modes.append(
-            IdentifiedMode(
-                label,
-                float(np.exp(log_f)),
-                np.where(measured, shape, np.nan) if measured.any() else None,
-                damping=damping,
-                damping_sd=damping_sd,
-            )
+        yield IdentifiedMode(
+            label,
+            float(np.exp(log_f)),
+            np.where(measured, shape, np.nan) if measured.any() else None,
+            damping=damping,
+            damping_sd=damping_sd,
         )
-    band = next(iter(tests.values())).band_hz
-    source = "merged from " + ", ".join(tests)
-    identifications = tuple(each for data in tests.values() for each in data.identifications)
-    return ModalData(tuple(modes), band, sensors, source, merged.covariance, identifications)
+
+
+def _identifications(
+    modes: Sequence[MergedMode], joined: Sequence[IdentifiedMode], tests: Mapping[str, ModalData]
+) -> Iterator[IdentificationRecord]:
+    """Those of all tests; what one did not identify and another did is identified."""
+    for name, data in tests.items():
+        found = [
+            each.frequency_hz
+            for row, each in zip(modes, joined, strict=True)
+            if name not in row.labels
+        ]
+        for each in data.identifications:
+            missing = tuple(
+                (hz, reason)
+                for hz, reason in each.not_identified
+                if not any(abs(hz / other - 1.0) < PEAK_WIDTH for other in found)
+            )
+            yield replace(each, not_identified=missing)
 
 
 def _damping(modes: Sequence[IdentifiedMode]) -> tuple[float | None, float | None]:
@@ -206,24 +229,39 @@ def _damping(modes: Sequence[IdentifiedMode]) -> tuple[float | None, float | Non
     return float(weights @ dampings / weights.sum()), float(1.0 / np.sqrt(weights.sum()))
 
 
-def _lacking(modes: Sequence[MergedMode], tests: Mapping[str, ModalData]) -> Iterator[str]:
-    for mode in modes:
-        if lacking := [name for name in tests if name not in mode.labels]:
-            yield f"mode {mode.label!r}: not in {', '.join(lacking)}"
+def _remarks(
+    modes: Sequence[MergedMode],
+    joined: Sequence[IdentifiedMode],
+    independent: Sequence[Group],
+    tests: Mapping[str, ModalData],
+) -> Iterator[str]:
+    """Which tests lack a mode in their band, and which are left out as of the same record."""
+    for row, mode, group in zip(modes, joined, independent, strict=True):
+        lacking = [
+            name
+            for name, data in tests.items()
+            if name not in row.labels and data.band_hz[0] <= mode.frequency_hz <= data.band_hz[1]
+        ]
+        if lacking:
+            yield f"mode {row.label!r}: not in {', '.join(lacking)}"
+        if left_out := [name for name in row.labels if name not in group]:
+            yield (
+                f"mode {row.label!r}: from {', '.join(group)} alone; {', '.join(left_out)} is of "
+                "the same record, in a band whose edge is nearer"
+            )
 
 
-def _failed(modes: Sequence[MergedMode], data: ModalData) -> Iterator[str]:
+def _failed(modes: Sequence[MergedMode], joined: Sequence[IdentifiedMode]) -> Iterator[str]:
     """Scatter that chance would give in one of a hundred merges of so many quantities."""
     each = [
         (mode, what, scatter)
-        for mode in modes
-        for what, scatter in (("frequencies", mode.frequency), ("shapes", mode.shape))
+        for row, mode in zip(modes, joined, strict=True)
+        for what, scatter in (("frequencies", row.frequency), ("shapes", row.shape))
         if scatter is not None
     ]
     for mode, what, scatter in each:
         if scatter.p_value < LIMIT / len(each):
             yield (
-                f"mode {mode.label!r} at {data.mode(mode.label).frequency_hz:.4g} Hz: the tests' "
-                f"{what} scatter by {scatter.ratio:.1f} times their errors "
-                f"(p = {scatter.p_value:.1g})"
+                f"mode {mode.label!r} at {mode.frequency_hz:.4g} Hz: the tests' {what} scatter by "
+                f"{scatter.ratio:.1f} times their errors (p = {scatter.p_value:.1g})"
             )

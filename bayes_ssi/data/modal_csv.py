@@ -11,9 +11,10 @@
     2a,    2.604,        ,              ,        0.674,   0.240,
 
 Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
-the search, required), ``source`` (text), ``covariance`` and ``identification`` (files in the same
-directory, see :mod:`bayes_ssi.data.covariance_file` and
-:mod:`bayes_ssi.data.identification_file`); anything else there is a comment. Then a row of column
+the search, required), ``source`` (text), ``failed_check`` (a sentence; there may be several such
+rows), ``covariance`` and ``identification`` (files in the same directory, see
+:mod:`bayes_ssi.data.covariance_file` and :mod:`bayes_ssi.data.identification_file`); anything else
+there is a comment. Then a row of column
 names: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd``, ``damping`` and
 ``damping_sd`` (fractions) are optional, and **every other column is a sensor**, named as the
 structure's degree of freedom. An empty cell is a value not measured. Complex components are written
@@ -124,7 +125,10 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
     if name := stated.files.get("identification"):
         identifications = read_identifications(path.parent / name, path)
     try:
-        return ModalData(modes, (low, high), sensors, stated.source, covariance, identifications)
+        return ModalData(
+            modes, (low, high), sensors, stated.source, covariance, identifications,
+            stated.failed_checks,
+        )  # fmt: skip
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -156,6 +160,7 @@ def write_modal_data(data: ModalData, path: str | Path) -> None:
         writer = csv.writer(file, lineterminator="\n")
         if data.source:
             writer.writerow(["# source", data.source])
+        writer.writerows(["# failed_check", check] for check in data.failed_checks)
         writer.writerow(["# band_hz", *(repr(float(bound)) for bound in data.band_hz)])
         if data.covariance is not None:
             writer.writerow(["# covariance", covariance_path(path).name])
@@ -246,11 +251,13 @@ class _Head(NamedTuple):
     source: str
     band_hz: tuple[float, float] | None
     files: dict[str, str]
+    failed_checks: tuple[str, ...]
 
 
 def _read_head(head: list[_Line]) -> _Head:
     source, band = "", None
     files: dict[str, str] = {}
+    failed: list[str] = []
     first: dict[str, int] = {}
     for line in head:
         cells = [line.cells[0].lstrip("# ").strip(), *line.cells[1:]]
@@ -264,6 +271,8 @@ def _read_head(head: list[_Line]) -> _Head:
             raise line.error(f"a second line of {key}; the first is line {first[key]}")
         if key == "source":
             source = ", ".join(values)
+        elif key == "failed_check":
+            failed.append(", ".join(values))
         elif key in FILE_KEYS:
             if len(values) != 1:
                 raise line.error(f"{key} needs the name of one file, got {values!r}")
@@ -275,7 +284,7 @@ def _read_head(head: list[_Line]) -> _Head:
                 raise line.error(f"band_hz needs two frequencies in Hz, got {values!r}")
             low, high = (line.parse(float, value, "band_hz") for value in values)
             band = (low, high)
-    return _Head(source, band, files)
+    return _Head(source, band, files, tuple(failed))
 
 
 def _component(text: str, column: str, line: _Line) -> complex:

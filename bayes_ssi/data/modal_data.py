@@ -45,8 +45,10 @@ class ModalData:
             not measured do not count. It gives every mode its ``frequency_cov``, and its
             ``shape_sd`` as √(trace / (d - 1)) of its d measured components. None where errors of
             these sizes are independent.
-        identifications: how the modes were identified from vibration records, for reports; empty
-            where that is not known.
+        identifications: how the modes were identified from vibration records; empty where that is
+            not known.
+        failed_checks: why these modes may be wrong, besides those of their identifications, as
+            where the setups that they are merged from disagree; a sentence each.
 
     Raises:
         ValueError: labels repeat, a mode lies outside the band, a shape does not have one
@@ -59,6 +61,7 @@ class ModalData:
     source: str = ""
     covariance: FloatArray | None = None
     identifications: tuple[IdentificationRecord, ...] = ()
+    failed_checks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         low, high = checked_band(self.band_hz)
@@ -142,6 +145,18 @@ class ModalData:
         """The same modes, each with errors of its own: ``frequency_cov`` and ``shape_sd``."""
         return replace(self, covariance=None)
 
+    @property
+    def all_failed_checks(self) -> tuple[str, ...]:
+        """Failed checks, also of the identifications, which every result from these modes says."""
+        return (
+            *self.failed_checks,
+            *(
+                f"identified from {each.record.source or 'a record'}: {check}"
+                for each in self.identifications
+                for check in each.all_failed_checks
+            ),
+        )
+
     @cached_property
     def digest(self) -> str:
         """Digest of the frequencies, scored shapes and band whose density an evidence is.
@@ -177,11 +192,7 @@ class ModalData:
 
     def warnings(self) -> list[str]:
         """What an analyst should know about these data before using them, a sentence each."""
-        warnings = [
-            f"identified from {each.record.source or 'a record'}: {check}"
-            for each in self.identifications
-            for check in each.failed_checks
-        ]
+        warnings = list(self.all_failed_checks)
         for mode in self.modes:
             name = f"mode {mode.label!r}"
             if mode.shape is None:

@@ -39,7 +39,7 @@ class SingleTest:
         evidence: log evidence of the class.
         data_digest: identifies the test's data.
         definitions: the structures, configuration by configuration, as text.
-        failed_checks: of the sampling of the test, a sentence each.
+        failed_checks: of the test's data and of its sampling, a sentence each.
         adequacy: of the class in this test, where it is known.
     """
 
@@ -77,9 +77,9 @@ def single_tests(
         raise ValueError(f"hierarchy: at least {FEWEST_TESTS} tests are needed, got {len(results)}")
     tests: list[SingleTest] = []
     for name, result in results.items():
-        found, posterior, record = _chosen(name, result, class_name)
+        found, posterior, record, failed = _chosen(name, result, class_name)
         class_name = found
-        tests.append(_single_test(name, posterior, record))
+        tests.append(_single_test(name, posterior, record, failed))
     assert class_name is not None
     _check_alike(tests, class_name)
     return class_name, tuple(tests)
@@ -87,8 +87,8 @@ def single_tests(
 
 def _chosen(
     test: str, result: TestResult, class_name: str | None
-) -> tuple[str, Posterior, ClassRecord]:
-    """Name, posterior and record of the model class in one result."""
+) -> tuple[str, Posterior, ClassRecord, tuple[str, ...]]:
+    """Name, posterior and record of the model class in one result, and its data's failed checks."""
     if isinstance(result, (str, PathLike)):
         result = load_result(Path(result))
     if isinstance(result, Ranking):
@@ -106,10 +106,13 @@ def _chosen(
         problem = "which model class?" if chosen is None else f"no model class {chosen!r};"
         raise ValueError(f"hierarchy: test {test!r}: {problem} Choose from {listed}")
     posterior = next(each for each in result.posteriors if each.name == chosen)
-    return chosen, posterior, records[names.index(chosen)]
+    failed = result.comparison.failed_data_checks
+    return chosen, posterior, records[names.index(chosen)], failed
 
 
-def _single_test(name: str, posterior: Posterior, record: ClassRecord) -> SingleTest:
+def _single_test(
+    name: str, posterior: Posterior, record: ClassRecord, failed: Sequence[str]
+) -> SingleTest:
     values = posterior.values
     independent = int(posterior.effective_sample_sizes.min())
     # Draws of successive steps, walker by walker: evenly spaced ones are far apart in a chain.
@@ -126,7 +129,9 @@ def _single_test(name: str, posterior: Posterior, record: ClassRecord) -> Single
         evidence=Estimate(posterior.evidence.log_evidence, posterior.evidence.error),
         data_digest=posterior.data_digest,
         definitions=tuple(each.definition for each in record.configurations),
-        failed_checks=tuple(f"test {name!r}: {check}" for check in posterior.failed_checks),
+        failed_checks=tuple(
+            f"test {name!r}: {check}" for check in (*failed, *posterior.failed_checks)
+        ),
         adequacy=posterior.adequacy,
     )
 

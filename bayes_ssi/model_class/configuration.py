@@ -149,6 +149,13 @@ def joint_digest(tests: Mapping[str, ModalData]) -> str:
     return hashlib.sha256(json.dumps(digests).encode()).hexdigest()[:16]
 
 
+def failed_data_checks(tests: Mapping[str, ModalData]) -> tuple[str, ...]:
+    """Failed checks of the data of all configurations, with their names, a sentence each."""
+    return tuple(
+        label_in(name, check) for name, data in tests.items() for check in data.all_failed_checks
+    )
+
+
 def label_in(configuration: str, label: str) -> str:
     """A mode's name that is unique among those of several configurations."""
     return f"{configuration}: {label}" if configuration else label

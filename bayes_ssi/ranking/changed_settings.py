@@ -173,10 +173,12 @@ class WhatIf:
     Attributes:
         changes: what was changed, a phrase each.
         classes: all classes, by their probability before.
+        failed_data_checks: failed checks of the data, which no change of settings mends.
     """
 
     changes: tuple[str, ...]
     classes: tuple[ChangedClass, ...]
+    failed_data_checks: tuple[str, ...] = ()
 
     @property
     def best_before(self) -> ChangedClass:

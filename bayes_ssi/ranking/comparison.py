@@ -125,11 +125,13 @@ class Comparison:
         classes: the rows.
         data_digest: identifies the data that all of them explain.
         scale: source of the words for Bayes factors.
+        failed_data_checks: failed checks of these data, such as of how the modes were identified.
     """
 
     classes: tuple[RankedClass, ...]
     data_digest: str
     scale: str = SCALE_NAME
+    failed_data_checks: tuple[str, ...] = ()
 
     @property
     def has_equal_priors(self) -> bool:
@@ -152,9 +154,10 @@ class Comparison:
 
     @property
     def failed_checks(self) -> tuple[str, ...]:
-        """Every failed check of every class, with the class's name; first the best's misfit."""
-        return tuple(
-            f"{row.name!r}: {check}" for row in self.classes for check in row.failed_checks
+        """Those of the data, then those of every class with its name; first the best's misfit."""
+        return (
+            *self.failed_data_checks,
+            *(f"{row.name!r}: {check}" for row in self.classes for check in row.failed_checks),
         )
 
     @property

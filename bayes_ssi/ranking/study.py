@@ -13,6 +13,7 @@ from bayes_ssi.argument_types import checked, require
 from bayes_ssi.execution.run import Run
 from bayes_ssi.execution.workers import Workers
 from bayes_ssi.file_names import require_printable
+from bayes_ssi.model_class.configuration import failed_data_checks
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.adequacy import Hint
 from bayes_ssi.posterior.diagnosis import diagnose
@@ -234,6 +235,8 @@ def compare_and_diagnose(
         ]
         comparison = compare(posteriors, study.prior_weights)
     comparison = with_settings_checked(study.model_classes, posteriors, comparison)
+    tests = {each.name: each.data for each in study.model_classes[0].configurations}
+    comparison = replace(comparison, failed_data_checks=failed_data_checks(tests))
     return Ranking(study, tuple(posteriors), comparison, seed, settings)
 
 

@@ -7,7 +7,7 @@ attributes of the array) state what the samples are, and ``sensors`` their names
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +35,16 @@ def read_arrays(path: Path, keys: Sequence[str]) -> Channels:
         arrays = READERS[path.suffix.lower()](path)
     except OSError:
         raise ValueError("cannot be read; damaged, or not what its name says?") from None
-    samples = {name: array for name, array in arrays.items() if _may_be_samples(array)}
+    samples = {n: array for n, array in arrays.items() if n not in STATED and _may_be(array)}
     keys = list(keys) or list(samples)
     if not keys:
-        raise ValueError(f"holds no array of numbers; it holds {_listed(arrays)}")
+        held = ", ".join(f"{n!r} ({array.dtype}, {array.shape})" for n, array in arrays.items())
+        raise ValueError(f"holds no rows or columns of real numbers; it holds {held or 'nothing'}")
     for key in keys:
         if key not in samples:
-            raise ValueError(f"no array {key!r} of samples; choose from {_listed(samples)}")
+            raise ValueError(
+                f"no array {key!r} of samples; choose from {', '.join(map(repr, samples))}"
+            )
     blocks = [_in_rows(samples[key]) for key in keys]
     lengths = {block.shape[1] for block in blocks}
     if len(lengths) > 1:
@@ -56,7 +59,7 @@ def read_arrays(path: Path, keys: Sequence[str]) -> Channels:
     return with_statements(np.ascontiguousarray(joined, dtype=float), names, stated)
 
 
-def _may_be_samples(array: np.ndarray) -> bool:
+def _may_be(array: np.ndarray) -> bool:
     return array.dtype.kind in "iuf" and array.size > 1 and array.ndim <= 2
 
 
@@ -71,10 +74,6 @@ def _scalar(array: np.ndarray) -> Any:
         return array.tolist()
     scalar = array.ravel()[0]
     return scalar.decode() if isinstance(scalar, bytes) else scalar
-
-
-def _listed(arrays: Mapping[str, Any]) -> str:
-    return ", ".join(map(repr, arrays)) or "nothing"
 
 
 def _read_npz(path: Path) -> dict[str, np.ndarray]:

@@ -13,6 +13,9 @@ from bayes_ssi.records.record import Place
 
 # Names under which files of arrays, attributes and comments state what the samples are.
 STATED = ("rate_hz", "dt_s", "quantity", "unit")
+# Steps hardly longer than the last digit to which times are printed are rounded to one of it or
+# two, in turn: where fewer than this share are two, samples are missing.
+FEW_LONG = 0.1
 
 
 class Channels(NamedTuple):
@@ -69,24 +72,35 @@ def step_of(times: FloatArray) -> float:
     """The step of a column of times in s.
 
     Raises:
-        ValueError: they do not advance by equal steps; the message names a gap, if that is why.
+        ValueError: they do not advance by equal steps; the message names the first place, and how
+            many samples are missing, if that is why.
     """
     steps = np.diff(times)
     step = float(np.median(steps))
-    # Times are printed to a few digits, and may then be wrong by half of the last one.
+    # Times are printed to a few digits, and may be wrong by half of the last one.
     rounding = 10.0 ** -_decimals(times)
-    wrong = np.flatnonzero(np.abs(steps - step) > 0.01 * step + rounding)
-    if not step > 0.0 or len(wrong):
-        at = int(wrong[0]) if len(wrong) else 0
-        gap = ", a gap" if steps[at] > 1.5 * step > 0.0 else ""
-        raise ValueError(
-            f"times must advance by equal steps; after sample {at + 1} the step is "
-            f"{steps[at]:g} s{gap}, most are {step:g} s"
-        )
-    return float(times[-1] - times[0]) / (len(times) - 1)
+    long = steps > 1.5 * step
+    wrong = (np.abs(steps - step) > 0.01 * step + rounding) | (step <= 0.0)
+    apart = times - np.linspace(times[0], times[-1], len(times))
+    if long.mean() < FEW_LONG or np.ptp(apart) > 2.0 * rounding:
+        wrong |= long
+    if not wrong.any():
+        return float(times[-1] - times[0]) / (len(times) - 1)
+    at = int(wrong.argmax())
+    gap = ""
+    if step > 0.0 and long[at]:
+        missing = np.round(steps[long] / step).astype(int) - 1
+        gap = f": {missing[0]} missing"
+        if len(missing) > 1:
+            gap += f", and {missing[1:].sum()} more at {len(missing) - 1} other places"
+    raise ValueError(
+        f"times must advance by equal steps; after sample {at + 1} (at {times[at]:.10g} s) the "
+        f"step is {steps[at]:.6g} s, most are {step:.6g} s{gap}"
+    )
 
 
 def _decimals(times: FloatArray) -> int:
     """The fewest decimals that the first times need, at most 9."""
     first = times[:100]
-    return next((k for k in range(9) if np.allclose(first, np.round(first, k), 0.0, 1e-10)), 9)
+    exact = 1e-10 + 2.0 * np.spacing(np.abs(first).max())
+    return next((k for k in range(9) if np.allclose(first, np.round(first, k), 0.0, exact)), 9)

@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.identified_mode import RESERVED_NAMES, checked_band, repeated, require_name
-from bayes_ssi.records.record_checks import remarks_on
+from bayes_ssi.records.record_checks import moving, remarks_on
 from bayes_ssi.response.ground_motion import UNITS, checked_unit
 
 # Quantity → units in which it may be given; spellings of accelerations are those of ground motion.
@@ -65,9 +65,11 @@ class Record:
 
     def _checked_samples(self) -> FloatArray:
         try:
+            if np.iscomplexobj(self.samples):
+                raise TypeError
             samples = np.asarray(self.samples, dtype=float)
         except (TypeError, ValueError):
-            raise ValueError("record: samples must be rows of numbers of equal length") from None
+            raise ValueError("record: samples must be rows of real numbers, all as long") from None
         if samples.ndim != 2:
             raise ValueError(f"record: samples must be (n_sensors, n_samples), got {samples.shape}")
         n, length = samples.shape
@@ -114,7 +116,7 @@ class Record:
         for name, place in zip(self.sensors, places, strict=False):
             if place is None:
                 continue
-            if len(place) != 2 or place[1] not in DIRECTIONS:
+            if np.shape(place) != (2,) or place[1] not in DIRECTIONS:
                 raise ValueError(
                     f"record: sensor {name!r}: place must be a node and a direction "
                     f"({', '.join(DIRECTIONS)}), got {place!r}"
@@ -135,6 +137,12 @@ class Record:
     def nyquist_hz(self) -> float:
         """Half the rate; the samples carry nothing above it."""
         return 0.5 * self.rate_hz
+
+    @property
+    def dead_sensors(self) -> tuple[str, ...]:
+        """Sensors of which all samples are the same."""
+        moves = moving(self.samples)
+        return tuple(name for name, has in zip(self.sensors, moves, strict=True) if not has)
 
     def checked_band(self, band_hz: Sequence[float]) -> tuple[float, float]:
         """Lowest and highest frequency in Hz of a band that the record covers.
@@ -168,6 +176,7 @@ class Record:
         Raises:
             ValueError: a name is unknown or repeated, or there are fewer than two.
         """
+        sensors = (sensors,) if isinstance(sensors, str) else tuple(sensors)
         for name in sensors:
             if name not in self.sensors:
                 raise ValueError(
@@ -176,7 +185,7 @@ class Record:
         rows = [self.sensors.index(name) for name in sensors]
         places = tuple(self.places[row] for row in rows) if self.places else ()
         samples = _read_only(self.samples[rows])
-        return replace(self, samples=samples, sensors=tuple(sensors), places=places)
+        return replace(self, samples=samples, sensors=sensors, places=places)
 
     def detrended(self) -> Record:
         """The record without each sensor's mean and linear trend."""
@@ -200,8 +209,11 @@ class Record:
         """
         from scipy.signal import decimate
 
-        if isinstance(factor, bool) or int(factor) != factor or factor < 1:
+        is_number = isinstance(factor, (int, float, np.number)) and not isinstance(factor, bool)
+        if not (is_number and factor >= 1 and float(factor).is_integer()):
             raise ValueError(f"record: factor must be a whole number from 1 on, got {factor!r}")
+        if self.n_samples <= len(self.sensors) * factor:
+            raise ValueError(f"record: factor {factor} leaves too few of {self.n_samples} samples")
         if factor == 1:
             return self
         # Sensor by sensor: the filter works on copies. A mean would be a step at both ends.

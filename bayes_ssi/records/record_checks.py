@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.records.clocks import late_sensors
@@ -18,6 +19,18 @@ from bayes_ssi.records.machine_lines import machine_lines
 STRAIGHT = 10
 # Means of twentieths of a record scatter by less than the samples do, unless they drift.
 PARTS, DRIFT = 20, 0.5
+# Coherence of sensors is judged in so many windows of at most so many samples; noise is by chance
+# more coherent than is asked of motion in one record of so many.
+WINDOWS, LONGEST, RARE = 40, 4096, 1e3
+# Lines of machines that are named.
+NAMED = 3
+
+
+def moving(samples: FloatArray) -> NDArray[np.bool_]:
+    """Which sensors (n,) have samples (n, N) that differ by more than rounding."""
+    low, high = samples.min(1), samples.max(1)
+    moves: NDArray[np.bool_] = high - low > 1e-12 * np.maximum(np.abs(low), np.abs(high))
+    return moves
 
 
 def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> list[str]:
@@ -28,16 +41,16 @@ def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> l
         rate_hz: samples per second.
         sensors: n names.
     """
-    moving = samples.min(1) < samples.max(1)
+    moves = moving(samples)
     remarks = [
         f"sensor {name!r}: dead, all samples are {row[0]:g}"
-        for name, row, moves in zip(sensors, samples, moving, strict=True)
-        if not moves
+        for name, row, has in zip(sensors, samples, moves, strict=True)
+        if not has
     ]
-    remarks += _copies(samples, sensors, moving)
-    for name, row, moves in zip(sensors, samples, moving, strict=True):
-        if not moves:
-            continue
+    samples = samples if moves.all() else samples[moves]  # a long record fills memory
+    sensors = [name for name, has in zip(sensors, moves, strict=True) if has]
+    remarks += _copies(samples, sensors)
+    for name, row in zip(sensors, samples, strict=True):
         if _is_clipped(row):
             remarks.append(
                 f"sensor {name!r}: stays at its extreme value for three samples or more; is it "
@@ -54,18 +67,53 @@ def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> l
                 f"sensor {name!r}: drifts; its mean over twentieths of the record scatters by "
                 f"{drift:.2g} times what is left without them"
             )
-    names = [name for name, moves in zip(sensors, moving, strict=True) if moves]
-    if len(names) == len(sensors):
-        remarks += late_sensors(samples, rate_hz, names)
-        remarks += machine_lines(samples, rate_hz)
-    return remarks
+    noise = _incoherent(samples)
+    remarks += [
+        f"sensor {sensors[i]!r}: noise alone, coherent with no other sensor at any frequency; is "
+        "it connected?"
+        for i in noise
+    ]
+    clear = np.delete(samples, noise, axis=0) if noise else samples
+    remarks += late_sensors(clear, rate_hz, [s for i, s in enumerate(sensors) if i not in noise])
+    return remarks + _machines(samples, rate_hz)
 
 
-def _copies(samples: FloatArray, sensors: Sequence[str], moving: np.ndarray) -> list[str]:
+def _incoherent(samples: FloatArray) -> list[int]:
+    """Rows of samples that share no motion with any other row."""
+    n, n_samples = samples.shape
+    length = min(2 * n_samples // (WINDOWS + 1), LONGEST)
+    if n < 2 or length < WINDOWS:
+        return []
+    starts = np.linspace(0, n_samples - length, WINDOWS).astype(int)
+    windows = samples[:, starts[:, None] + np.arange(length)]
+    windows = (windows - windows.mean(2, keepdims=True)) * np.hanning(length)
+    lines = np.fft.rfft(windows)[:, :, 2:].transpose(2, 0, 1)  # (lines, n, windows)
+    tiny = np.finfo(float).tiny
+    lines /= np.sqrt(np.maximum((np.abs(lines) ** 2).sum(2, keepdims=True), tiny))
+    coherence = np.abs(lines @ lines.conj().swapaxes(1, 2)) ** 2
+    coherence[:, range(n), range(n)] = 0.0
+    # Of noise it exceeds c with probability (1 - c)^(m - 1), m windows; half of them overlap.
+    limit = 1.0 - (RARE * n * len(lines)) ** (-1.0 / (0.75 * WINDOWS - 1.0))
+    return np.flatnonzero(coherence.max((0, 2)) < limit).tolist()
+
+
+def _machines(samples: FloatArray, rate_hz: float) -> list[str]:
+    frequencies = machine_lines(samples, rate_hz)
+    if not len(frequencies):
+        return []
+    where = f"lines at {len(frequencies)} frequencies, the strongest"
+    named = ", ".join(f"{frequency:.4g}" for frequency in frequencies[:NAMED])
+    return [
+        f"{where if len(frequencies) > 1 else 'a line'} at {named} Hz, as of a machine; a mode so "
+        "narrow would have decayed less than once over the record"
+    ]
+
+
+def _copies(samples: FloatArray, sensors: Sequence[str]) -> list[str]:
     """Sensors whose samples are those of another one, perhaps with the other sign."""
     remarks = []
-    for i in np.flatnonzero(moving).tolist():
-        for j in np.flatnonzero(moving[:i]).tolist():
+    for i in range(len(samples)):
+        for j in range(i):
             # A few samples tell nearly all sensors apart.
             for sign, how in (
                 (1.0, "the same samples"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from bayes_ssi.records.record import (
     checked_unit_of,
     units_of,
 )
+from bayes_ssi.records.strong_motion_files import STRONG_MOTION, read_strong_motion
 from bayes_ssi.records.tool_files import read_tdms, read_universal
 from bayes_ssi.text_files import require_regular_file
 from bayes_ssi.universal_files import is_universal_file, read_data_sets
@@ -41,13 +42,15 @@ def read_record(
     """Read the record of one setup, from one file or several with channels of the same instants.
 
     Formats are columns of text (:mod:`bayes_ssi.records.columns`), arrays in MATLAB, numpy or HDF5
-    files (:mod:`bayes_ssi.records.array_files`), universal files (data sets 58), and TDMS. What the
-    files do not state must be given; what both state must agree.
+    files (:mod:`bayes_ssi.records.array_files`), universal files (data sets 58), TDMS, and strong
+    motion (:mod:`bayes_ssi.records.strong_motion_files`). What the files do not state must be
+    given; what both state must agree.
 
     Args:
         paths: the file, or several.
         rate_hz: samples per second.
-        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
+        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``; of strong motion, which
+            has all three, the one to be read, acceleration if none is given.
         unit: of all samples.
         sensors: names of the sensors, in place of the files' own.
         keys: names of arrays, or groups of a TDMS file, to be read.
@@ -63,7 +66,7 @@ def read_record(
     parts = []
     for path in files:
         try:
-            parts.append(_read(path, keys))
+            parts.append(_read(path, keys, quantity))
         except ValueError as error:
             raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     lengths = [part.samples.shape[1] for part in parts]
@@ -73,23 +76,42 @@ def read_record(
                 f"{path}: {length} samples, but {lengths[0]} in {files[0]}; files of one setup "
                 "hold the same instants"
             )
+    names = tuple(sensors) if sensors is not None else _names(parts)
     whole = f"{files[0]}" + (f" and {len(files) - 1} more" if len(files) > 1 else "")
     rates = [*([] if rate_hz is None else [rate_hz]), *(r for p in parts for r in p.rates_hz)]
     quantities = [*([quantity] if quantity else []), *(q for p in parts for q in p.quantities)]
     units = [*([unit] if unit else []), *(u for p in parts for u in p.units)]
     try:
-        kind = _one(quantities, "quantity", QUANTITIES)
+        _require(rates, quantities, units, names, sum(len(part.samples) for part in parts))
+        kind = _one(quantities, "quantity")
         return Record(
             _joined(parts),
             _one_rate(rates),
-            tuple(sensors) if sensors is not None else _names(parts),
+            names,
             kind,
-            _one([checked_unit_of(kind, each) for each in units], "unit", units_of(kind)),
+            _one([checked_unit_of(kind, stated) for stated in units], "unit"),
             _places(parts),
             source=", ".join(path.name for path in files),
         )
     except ValueError as error:
         raise ValueError(f"{whole}: {error}") from None
+
+
+def _require(
+    rates: Sequence[float], quantities: Sequence[str], units: Sequence[str], names: Sequence[str],
+    n: int,
+) -> None:  # fmt: skip
+    """Name all at once what neither the files nor the caller state, with the commands' options."""
+    kinds = ", ".join(map(repr, QUANTITIES))
+    choices = "one of " + ", ".join(map(repr, units_of(quantities[0]))) if quantities else "it"
+    wanted: dict[str, Sequence[object]] = {
+        "rate_hz, the samples per second, is not given; give it in Hz (--rate)": rates,
+        f"the quantity of the samples is not given; give one of {kinds} (--quantity)": quantities,
+        f"the unit of the samples is not given; give {choices} (--unit)": units,
+        f"the names of the {n} sensors are not given; give them as sensors (--sensor)": names,
+    }
+    if missing := [text for text, stated in wanted.items() if not stated]:
+        raise ValueError("; ".join(missing))
 
 
 def is_record(path: Path) -> bool:
@@ -103,7 +125,7 @@ def is_record(path: Path) -> bool:
     """
     suffix = path.suffix.lower()
     require_regular_file(path)
-    if suffix in READERS or suffix == ".tdms":
+    if suffix in READERS or suffix in (".tdms", *STRONG_MOTION):
         return True
     if is_universal_file(path):
         return bool(read_data_sets(path, 58))
@@ -112,7 +134,7 @@ def is_record(path: Path) -> bool:
     return bool(head.strip()) and b"frequency_hz" not in head and b"label" not in head
 
 
-def _read(path: Path, keys: Sequence[str]) -> Channels:
+def _read(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:
     suffix = path.suffix.lower()
     if suffix in READERS:
         return read_arrays(path, keys)
@@ -120,6 +142,8 @@ def _read(path: Path, keys: Sequence[str]) -> Channels:
         return read_tdms(path, keys)
     if keys:
         raise ValueError(f"keys are given, but a file of type {suffix!r} has none")
+    if suffix in STRONG_MOTION:
+        return read_strong_motion(path, quantity or "acceleration")
     return read_universal(path) if is_universal_file(path) else read_columns_of_record(path)
 
 
@@ -131,10 +155,10 @@ def _joined(parts: Sequence[Channels]) -> np.ndarray:
 
 
 def _names(parts: Sequence[Channels]) -> tuple[str, ...]:
+    """Names of all channels; none where one file has none."""
     if all(part.names for part in parts):
         return tuple(name for part in parts for name in part.names)
-    n = sum(len(part.samples) for part in parts)
-    raise ValueError(f"the names of the {n} sensors are not given; give them as sensors")
+    return ()
 
 
 def _places(parts: Sequence[Channels]) -> tuple[Place, ...]:
@@ -144,8 +168,6 @@ def _places(parts: Sequence[Channels]) -> tuple[Place, ...]:
 
 
 def _one_rate(rates: Sequence[float]) -> float:
-    if not rates:
-        raise ValueError("rate_hz, the samples per second, is not given; give it in Hz")
     for rate in rates:
         # Files state a rate or its inverse, some to three digits.
         if not math.isclose(checked_rate(rate), rates[0], rel_tol=1e-3):
@@ -153,10 +175,7 @@ def _one_rate(rates: Sequence[float]) -> float:
     return rates[0]
 
 
-def _one(stated: Sequence[str], what: str, choices: Iterable[str]) -> str:
-    if not stated:
-        listed = ", ".join(map(repr, choices))
-        raise ValueError(f"the {what} of the samples is not given; give one of {listed}")
+def _one(stated: Sequence[str], what: str) -> str:
     for other in stated:
         if other != stated[0]:
             raise ValueError(f"two of {what} are given: {stated[0]!r} and {other!r}")

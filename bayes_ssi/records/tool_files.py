@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.records.channels import Channels
 from bayes_ssi.records.record import Place
 from bayes_ssi.text_files import require_regular_file
@@ -40,7 +41,7 @@ def read_universal(path: Path) -> Channels:
     signs = [along[1] if along else 1.0 for along in directions]
     names = [f"{place[0]} {place[1]}" if place else "" for place in places]
     return Channels(
-        _rows([s * np.real(each["data"]) for s, each in zip(signs, sets, strict=True)]),
+        in_rows([s * np.real(each["data"]) for s, each in zip(signs, sets, strict=True)]),
         tuple(names) if all(names) else (),
         tuple(1.0 / float(each["abscissa_inc"]) for each in sets),
         tuple(ORDINATES[k] for each in sets if (k := each["ordinate_spec_data_type"]) in ORDINATES),
@@ -91,7 +92,7 @@ def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
         raise ValueError("holds channels that are not numbers; name the groups to read by keys")
     properties = [channel.properties for channel in channels]
     return Channels(
-        _rows([channel[:] for channel in channels]),
+        in_rows([channel[:] for channel in channels]),
         tuple(channel.name for channel in channels),
         tuple(1.0 / each["wf_increment"] for each in properties if each.get("wf_increment")),
         (),
@@ -99,7 +100,12 @@ def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
     )
 
 
-def _rows(rows: Sequence[np.ndarray]) -> np.ndarray:
+def in_rows(rows: Sequence[np.ndarray]) -> FloatArray:
+    """Channels as one array.
+
+    Raises:
+        ValueError: they differ in length.
+    """
     lengths = sorted({len(row) for row in rows})
     if len(lengths) > 1:
         raise ValueError(f"channels of {lengths[0]} to {lengths[-1]} samples")

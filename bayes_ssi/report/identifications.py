@@ -31,6 +31,7 @@ def identifications(
             "of": each,
             "labels": (labels := _labels(each, data)),
             "class_names": [own["row"].name for own in shown],
+            "has_phases": any(peak.probability_of_phases is not None for peak in each.peaks),
             "peaks": [
                 {
                     "peak": peak,

@@ -25,6 +25,7 @@ from bayes_ssi.results.search_answer import (
     search_verdict,
 )
 from bayes_ssi.results.wording import (
+    data_warnings,
     likelihood_in_words,
     listed,
     probability_in_words,
@@ -64,7 +65,9 @@ def answer(result: StoredResult) -> Answer:
 
 
 def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
-    misfit = result.comparison.misfit
+    misfit, of_data = result.comparison.misfit, result.comparison.failed_data_checks
+    accepted = result.record.failed_checks_accepted
+    yield from data_warnings(of_data, accepted)
     if misfit:
         yield "The most probable class does not explain the data.", (misfit,)
     beaten = beaten_baselines(result.search) if result.search else ()
@@ -74,10 +77,11 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
             "may stand for what the baseline itself lacks.",
             beaten,
         )
-    failed = tuple(each for each in result.comparison.failed_checks if each != misfit)
+    failed = tuple(
+        each for each in result.comparison.failed_checks if each not in (misfit, *of_data)
+    )
     if failed:
         several = len(failed) > 1
-        accepted = result.record.failed_checks_accepted
         yield (
             f"{len(failed)} check{'s' if several else ''} failed"
             f"{' and were accepted when the result was saved' if accepted else ''}. Do not trust "

@@ -10,7 +10,7 @@ commands have ``figures``. ``digests.json`` holds the digests of all these files
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,7 +22,11 @@ from bayes_ssi.argument_types import checked
 from bayes_ssi.codec import from_record
 from bayes_ssi.data.modal_csv import read_modal_csv
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.model_class.configuration import choose_configuration, joint_digest
+from bayes_ssi.model_class.configuration import (
+    choose_configuration,
+    failed_data_checks,
+    joint_digest,
+)
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.ranking.comparison import Comparison
 from bayes_ssi.ranking.sensitivity import Sensitivity
@@ -139,6 +143,8 @@ def load_result(directory: str | Path) -> StoredResult:
         tests = {name: read_modal_csv(directory / file) for name, file in record.data.items()}
     except OSError as error:
         raise ValueError(f"{error.filename}: {error.strerror}") from error
+    # Results that were saved before these checks were heard have them in the files of their data.
+    comparison = replace(comparison, failed_data_checks=failed_data_checks(tests))
     result = StoredResult(directory, record, tests, posteriors, comparison)
     if joint_digest(tests) != record.data_digest:
         raise ValueError(f"{directory}: the identified modes are not those that were ranked")

@@ -40,6 +40,19 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
         )
 
 
+def require_new_files(*paths: Path) -> None:
+    """Refuse files that exist, and create their parents, before the work that they are to hold.
+
+    Raises:
+        FileExistsError: one exists.
+        OSError: a parent cannot be created, or not be written in.
+    """
+    for path in paths:
+        if os.path.lexists(path):
+            raise FileExistsError(f"{path} exists; give another name")
+        _require_parent(path)
+
+
 def sibling(directory: Path, ending: str) -> Path:
     """The hidden path next to a directory, for what belongs to it while it is written.
 
@@ -59,7 +72,7 @@ def _require_name(path: Path) -> None:
 
 
 def _require_parent(path: Path) -> None:
-    """Create the parent of a new directory, unless it exists.
+    """Create the parent of a new directory or file, unless it exists.
 
     Raises:
         OSError: it cannot be created, or not be written in.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from bayes_ssi.argument_types import checked
@@ -30,7 +31,10 @@ def what_if(result: Ranking | StoredResult | str | Path, settings: ChangedSettin
     if isinstance(result, Ranking):
         classes = {each.name: each for each in result.study.model_classes}
         known = {p.name: known_at_draws(classes[p.name], p) for p in result.posteriors}
-        return with_changed_settings(result.posteriors, known, result.study.prior_weights, settings)
-    stored = result if isinstance(result, StoredResult) else load_result(result)
-    known = {p.name: recorded_class(stored, p.name) for p in stored.posteriors}
-    return with_changed_settings(stored.posteriors, known, stored.record.prior_weights, settings)
+        weights = result.study.prior_weights
+    else:
+        result = result if isinstance(result, StoredResult) else load_result(result)
+        known = {p.name: recorded_class(result, p.name) for p in result.posteriors}
+        weights = result.record.prior_weights
+    answer = with_changed_settings(result.posteriors, known, weights, settings)
+    return replace(answer, failed_data_checks=result.comparison.failed_data_checks)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from bayes_ssi.ranking.comparison import probability_text
 
@@ -15,6 +15,28 @@ LIKELIHOOD = (
     (0.66, "likely"),
     (0.50, "more likely than not"),
 )
+
+
+def data_warnings(
+    failed: Sequence[str], accepted: bool = False
+) -> list[tuple[str, tuple[str, ...]]]:
+    """What to understand before anything that follows from data with failed checks is trusted.
+
+    Args:
+        failed: the failed checks of the data.
+        accepted: whether the user accepted them.
+
+    Returns:
+        A sentence with the items of the list below it; nothing if no check failed.
+    """
+    if not failed:
+        return []
+    text = (
+        f"{len(failed)} check{'s' if len(failed) > 1 else ''} of the identified modes failed"
+        f"{' (accepted when the result was saved)' if accepted else ''}: modes may be wrong or "
+        "missing, or their errors too small. Whatever follows from them may be wrong, too."
+    )
+    return [(text, tuple(failed))]
 
 
 def likelihood_in_words(probability: float) -> str:

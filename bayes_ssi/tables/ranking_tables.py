@@ -64,7 +64,7 @@ def comparison_notes(comparison: Comparison) -> list[str]:
         "Misfit: how far the data are from what the class itself expects, in standard deviations "
         f"of a normal variable; one right class in a hundred is beyond {LIMIT_SDS:.1f} sd.",
     ]
-    if comparison.failed_checks:
+    if any(row.failed_checks for row in comparison.classes):
         notes.append("(!): a check failed, as said below.")
     if comparison.remarks:
         notes.append("What does not change the answer:")

@@ -63,3 +63,19 @@ def test_what_is_not_stated_is_asked_for_and_a_failed_check_ends_with_3(path):
     wrong = run(path, *between, "--quantity", "acceleration")
     assert wrong.exit_code == 3
     assert "Failed check" in wrong.stdout
+
+
+def test_a_place_for_the_modes_is_made_or_refused_before_they_are_identified(
+    path, tmp_path, monkeypatch
+):
+    def identify(*_, **__):
+        raise RuntimeError
+
+    monkeypatch.setattr("bayes_ssi.records.modal_identification.identify", identify)
+    stated = [path, *BAND, "--quantity", "acceleration"]
+    new = tmp_path / "new" / "folder"
+    assert isinstance(run(*stated, "--out", new / "modes.csv").exception, RuntimeError)
+    assert new.is_dir()
+    for option in ("--out", "--figures"):
+        refused = run(*stated, option, path / "modes")
+        assert (refused.exit_code, "setup.npz is not a directory" in refused.stderr) == (2, True)

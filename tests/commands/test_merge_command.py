@@ -1,10 +1,12 @@
 """``bayes-ssi merge`` from files of modes to one, and its exit codes."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from identified_records import identified
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
@@ -57,3 +59,25 @@ def test_a_file_given_twice_is_refused(files):
     done = run(files[0], files[0])
     assert done.exit_code == 2
     assert "one.csv is given twice; a record counts once" in done.stderr
+
+
+def test_bands_that_overlap_become_one_in_a_new_folder(files, tmp_path):
+    files[1].write_text(files[1].read_text().replace("0.5,2.0", "0.9,3.0"))
+    out = tmp_path / "new" / "merged.csv"
+    done = run(*files, "--out", out)
+    assert (done.exit_code, "Band: 0.5 to 3 Hz." in done.stdout) == (0, True)
+    assert bs.read_modal_data(out).band_hz == (0.5, 3.0)
+    files[1].write_text(files[1].read_text().replace("0.9,3.0", "2.5,3.0").replace("1.002", "2.6"))
+    refused = run(*files)
+    assert refused.exit_code == 2
+    assert "no modes were sought from 2 to 2.5 Hz, below the band of two.csv" in refused.stderr
+
+
+def test_failed_checks_of_an_identification_end_with_3(files):
+    modes = bs.read_modal_data(files[0])
+    files[0].unlink()
+    failed = identified("one.npz", failed_checks=("the methods differ",))
+    bs.write_modal_data(replace(modes, identifications=(failed,)), files[0])
+    done = run(*files)
+    assert done.exit_code == 3
+    assert "Failed check: identified from one.npz: the methods differ" in done.stdout

@@ -4,30 +4,22 @@ import json
 from dataclasses import replace
 
 import pytest
+from identified_records import identified
 
 import bayes_ssi as bs
-from bayes_ssi.data.identification_record import (
-    EstimatedMode,
-    EstimatedPeak,
-    IdentificationRecord,
-    MeasuredRecord,
-)
+from bayes_ssi.data.identification_record import EstimatedMode
 
-RECORD = IdentificationRecord(
-    record=MeasuredRecord("a.csv", ("x", "y"), 600.0, 50.0, "acceleration", "m/s2"),
-    band_hz=(0.0, 4.0),
+RECORD = identified(
+    "a.csv",
     method="NExT-ERA",
-    loads="ground motion in one direction",
     is_explained=False,
-    whiteness=3.2,
-    allowed_whiteness=1.3,
     cycles_of_decay=0.7,
     modes=(EstimatedMode(1.0, 0.002, None, None, None, 2.5),),
-    peaks=(EstimatedPeak((0,), 0.25, 0.04),),
     rejected=((2.5, "the spectra gain nothing by a mode there"),),
     remarks=("sensor 'x': clipped",),
     failed_checks=("the methods differ",),
     figures=("figures/shapes.png",),
+    not_identified=((3.2, "its shape is not determined"),),
 )
 
 
@@ -50,6 +42,26 @@ def test_a_file_names_how_its_modes_were_identified_and_keeps_it(csv, tmp_path):
     moved = csv.parent.rename(tmp_path.parent / f"{tmp_path.name}_moved")
     (read,) = bs.read_modal_data(moved / "modes.csv").identifications
     assert read == replace(RECORD, figures=(str(moved / "figures" / "shapes.png"),))
+
+
+def test_a_file_written_before_modes_could_be_named_as_not_identified_is_read(csv):
+    path = csv.with_suffix(".identification.json")
+    record = json.loads(path.read_text())
+    (stored,) = record["identifications"]
+    del stored["not_identified"], stored["peaks"][0]["probability_of_phases"]
+    path.write_text(json.dumps(record))
+    (read,) = bs.read_modal_data(csv).identifications
+    assert (read.not_identified, read.peaks, read.modes) == ((), RECORD.peaks, RECORD.modes)
+
+
+def test_failed_checks_are_heard_with_the_modes_that_are_not_identified(csv):
+    assert bs.read_modal_data(csv).all_failed_checks == (
+        "identified from a.csv: the methods differ",
+        "identified from a.csv: the record shows a mode at 3.2 Hz that is not identified (its "
+        "shape is not determined): a model class that has it counts as missing it, and its "
+        "probability is too low",
+    )
+    assert bs.read_modal_data(csv).warnings()[:2] == list(bs.read_modal_data(csv).all_failed_checks)
 
 
 def test_merged_modes_keep_every_identification():

@@ -203,6 +203,15 @@ def directory(rankings, tmp_path_factory):
     return path
 
 
+def test_failed_checks_of_the_data_are_those_of_the_test(rankings):
+    failed = replace(rankings["April"].comparison, failed_data_checks=("the methods differ",))
+    tests = {**rankings, "April": replace(rankings["April"], comparison=failed)}
+    _, singles = single_tests(tests)
+    assert ["test 'April': the methods differ" in each.failed_checks for each in singles] == [
+        False, True, False,
+    ]  # fmt: skip
+
+
 @pytest.fixture
 def saved(directory, monkeypatch):
     """Names of the tests, whose results are in the working directory."""

@@ -31,6 +31,17 @@ def test_a_record_says_what_it_holds():
     assert chosen.places == ((3, "-y"), (1, "x"))
     with pytest.raises(ValueError, match="read-only"):
         one.samples[0, 0] = 1.0
+    with pytest.raises(ValueError, match="no sensor 'floor 1, floor 2'; choose from 'floor 1', "):
+        one.selected("floor 1, floor 2")
+
+
+def test_dead_sensors_are_named():
+    samples = SAMPLES.copy()
+    samples[1] = 0.2
+    assert record().dead_sensors == ()
+    assert record(samples=samples).dead_sensors == ("floor 2",)
+    # Filters leave rounding.
+    assert record(samples=samples).decimated(2).dead_sensors == ("floor 2",)
 
 
 def test_an_array_that_nobody_can_change_is_not_copied():
@@ -56,6 +67,7 @@ def with_nan():
         ),
         ({"samples": SAMPLES[:1], "sensors": NAMES[:1]}, "needs two sensors or more, got 1"),
         ({"samples": with_nan()}, "sensor 'floor 2': sample 7 is not finite: nan"),
+        ({"samples": SAMPLES * 1j}, "samples must be rows of real numbers"),
         ({"samples": SAMPLES[0]}, r"must be \(n_sensors, n_samples\), got \(400,\)"),
         ({"sensors": NAMES[:2]}, "2 names for 3 sensors"),
         ({"sensors": ("a", "b", "a")}, "two sensors are named 'a'"),
@@ -113,8 +125,11 @@ def test_detrending_and_decimation():
     slow = record(samples=fast).decimated_to(4.9)
     assert slow.rate_hz == 12.5
     np.testing.assert_allclose(slow.samples[:2, 10:-10], SAMPLES[:2, ::4][:, 10:-10], atol=2e-3)
-    with pytest.raises(ValueError, match="factor must be a whole number from 1 on, got 0"):
-        record().decimated(0)
+    for factor in (0, 2.5, float("nan"), "four"):
+        with pytest.raises(ValueError, match="factor must be a whole number from 1 on, got "):
+            record().decimated(factor)
+    with pytest.raises(ValueError, match="factor 200 leaves too few of 400 samples"):
+        record().decimated(200)
 
 
 STATED = {"rate_hz": RATE, "quantity": "acceleration", "unit": "g"}
@@ -187,6 +202,162 @@ def test_plain_numbers_need_what_they_do_not_state(tmp_path):
     }.items():
         with pytest.raises(ValueError, match=f"a.txt: {message}"):
             bs.read_record(path, **{k: v for k, v in given.items() if k != missing})
+    with pytest.raises(ValueError, match=r"\(--rate\); .*\(--quantity\); .*unit.*; .*\(--sensor\)"):
+        bs.read_record(path)
+
+
+def columns(times, *, named=True, separator=","):
+    """Text of three sensors, with times as they are printed."""
+    samples = np.random.default_rng(0).standard_normal((len(times), 3))
+    rows = [
+        separator.join([time, *(f"{x:.3f}" for x in row)])
+        for time, row in zip(times, samples, strict=True)
+    ]
+    head = "# quantity, acceleration\n# unit, g\n"
+    return head + "\n".join([*([separator.join("tabc")] if named else []), *rows]) + "\n"
+
+
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize(
+    ("rate", "decimals"), [(100, 2), (100, 3), (128, 3), (60, 3), (80, 2), (128, 2), (99.9, 3)]
+)
+def test_times_may_be_rounded_as_they_are_printed(tmp_path, rate, decimals, named):
+    path = tmp_path / "a.csv"
+    path.write_text(columns([f"{k / rate:.{decimals}f}" for k in range(3000)], named=named))
+    one = bs.read_record(path, sensors=NAMES)
+    # The first and last time are right by half of their last digit.
+    assert one.rate_hz == pytest.approx(rate, rel=10.0**-decimals / one.duration_s)
+
+
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize(
+    ("rate", "decimals", "lost", "words"),
+    [
+        (
+            100,
+            2,
+            [150],
+            r"after sample 150 \(at 1.49 s\) the step is 0.02 s, most are 0.01 s: 1 mis",
+        ),
+        (100, 3, [150, 151, 152], "the step is 0.04 s, most are 0.01 s: 3 missing$"),
+        (128, 3, [700, 900], "the step is 0.016 s, most are 0.008 s: 1 missing, and 1 more at 1 "),
+        # 4.7 % of the rows, every 21st of them.
+        (100, 2, range(20, 2990, 21), "1 missing, and 141 more at 141 other places"),
+    ],
+)
+def test_lost_rows_are_counted(tmp_path, rate, decimals, lost, words, named):
+    path = tmp_path / "a.csv"
+    times = [f"{k / rate:.{decimals}f}" for k in range(3000) if k not in lost]
+    path.write_text(columns(times, named=named))
+    with pytest.raises(ValueError, match=words):
+        bs.read_record(path, sensors=NAMES)
+
+
+@pytest.mark.parametrize("separator", [",", "\t", " "])
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("form", ["{}T{}", "{} {}", "{}T{}Z", "{} {}+02:00", '"{} {}"'])
+def test_iso_time_stamps(tmp_path, form, named, separator):
+    path = tmp_path / "a.csv"
+    # Over midnight.
+    stamps = np.datetime64("2024-05-12T23:59:59.500") + np.timedelta64(10, "ms") * np.arange(200)
+    times = [form.format(*str(stamp).split("T")) for stamp in stamps]
+    path.write_text(columns(times, named=named, separator=separator))
+    one = bs.read_record(path, sensors=NAMES)
+    assert one.rate_hz == pytest.approx(100.0, rel=1e-9)
+    path.write_text(columns(times[:50] + times[53:], named=named, separator=separator))
+    with pytest.raises(ValueError, match=r"after sample 50 \(at 0.49 s\) .* 3 missing"):
+        bs.read_record(path, sensors=NAMES)
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        (
+            ["12/05/2024 10:00:00.00"] * 3,
+            "row 1, column 1: '12/05/2024 .* ISO form, such as 2024-05",
+        ),
+        (["2024-13-05T10:00:00"] * 3, "time stamp '2024-13-05T10:00:00': month must be in"),
+        (["2024-05-05 10:00:00", "2024-05-05 10:00:01Z"], "'2024-05-05 10:00:01Z': can't subtract"),
+    ],
+)
+def test_other_time_stamps_are_refused(tmp_path, times, words):
+    path = tmp_path / "a.csv"
+    path.write_text(columns(times))
+    with pytest.raises(ValueError, match=words):
+        bs.read_record(path)
+
+
+# Two channels as two generations of the agency's programs print them; numbers may touch.
+STRONG_MOTION = """\
+CORRECTED ACCELEROGRAM   00001-S0001-00001.01       CHAN  1:  90 DEG     FROM
+STATION NO. 00001   00.000N, 000.000W     SMA-1  S/N 0001
+CHAN  1:  90 DEG
+    10 POINTS OF INSTRUMENT- AND BASELINE-CORRECTED ACCEL, VELOC AND DISPL DATA
+    1    1    1    3    3    0    1    1    0    0    0    0    0    0    0    0
+      .041      .630    65.000      .030      .100     1.870     -.275    10.947
+    10 POINTS OF ACCEL DATA EQUALLY SPACED AT  .005 SEC.  (UNITS: CM/SEC/SEC)
+    -1.000     2.000    -3.000     4.000    -5.000     6.000    -7.000     8.000
+    -9.000    10.000
+    10 POINTS OF VELOC DATA EQUALLY SPACED AT  .005 SEC.  (UNITS: CM/SEC)
+      .100      .200      .300      .400      .500      .600      .700      .800
+      .900     1.000
+    10 POINTS OF DISPL DATA EQUALLY SPACED AT  .005 SEC.  (UNITS: CM)
+      .010      .020      .030      .040      .050      .060      .070      .080
+      .090      .100
+/&  ----------  END OF DATA FOR CHANNEL  1  ----------
+Corrected accelerogram   00001-S0001-00001.01       Chan  4:  Long       from
+Chan  4:  Long    (Sta Chn:  6)     Location: Roof
+    10 points of accel data equally spaced at 0.005 sec, in cm/sec2. (8f10.7)
+-1.5000000-2.5000000 3.5000000 4.5000000 5.5000000 6.5000000 7.5000000 8.5000000
+ 9.5000000-0.5000000
+    10 points of veloc data equally spaced at 0.005 sec, in cm/sec.  (8f10.7)
+ 1.0000000 2.0000000 3.0000000 4.0000000 5.0000000 6.0000000 7.0000000 8.0000000
+ 9.0000000 0.0000000
+    10 points of displ data equally spaced at 0.005 sec, in cm.      (8f10.7)
+ 0.1000000 0.2000000 0.3000000 0.4000000 0.5000000 0.6000000 0.7000000 0.8000000
+ 0.9000000 0.0000000
+/&  ----------  End of data for channel  6  ----------
+"""
+
+
+def test_corrected_strong_motion(tmp_path):
+    path = tmp_path / "station.V2"
+    path.write_text(STRONG_MOTION)
+    one = bs.read_record(path)
+    assert (one.sensors, one.quantity, one.unit) == (
+        ("1 90 DEG", "6 Long"), "acceleration", "cm/s2",
+    )  # fmt: skip
+    assert one.rate_hz == pytest.approx(200.0)
+    np.testing.assert_array_equal(one.samples[:, :3], [[-1, 2, -3], [-1.5, -2.5, 3.5]])
+    np.testing.assert_array_equal(one.samples[:, -1], [10, -0.5])
+    assert bs.read_record(path, quantity="velocity").unit == "cm/s"
+    other = bs.read_record(path, quantity="displacement", sensors=["ground", "roof"])
+    np.testing.assert_array_equal(other.samples[:, 1], [0.02, 0.2])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            STRONG_MOTION[-400:],
+            "",
+            "2 channels have acceleration, 1 an 'End of data .*; is it damaged or trun",
+        ),
+        ("-2.5000000", " -2.5x000", "below '10 points of accel data': could not convert string"),
+        ("-9.000    10.000", "-9.000", "'10 points of accel data' are followed by 9 numbers"),
+        (
+            "data equally",
+            "of another",
+            "1 channels have acceleration, 2 an 'End of data for channel'",
+        ),
+        (STRONG_MOTION, "10 acceleration pts", "no acceleration as corrected strong motion"),
+    ],
+)
+def test_other_or_damaged_strong_motion_is_refused(tmp_path, old, new, message):
+    path = tmp_path / "station.v2"
+    path.write_text(STRONG_MOTION.replace(old, new))
+    with pytest.raises(ValueError, match=f"station.v2: .*{message}"):
+        bs.read_record(path)
 
 
 def test_several_files_of_one_setup(tmp_path):
@@ -211,7 +382,10 @@ def test_several_files_of_one_setup(tmp_path):
         ("a,b\n1,2\n3,\n", "below line 1: row 2, column 2: '' is not a number"),
         ("a,b\n1,2\n3\n", "number of columns changed"),
         ("a,b\n1,2,3\n4,5,6\n", "2 column names for 3 columns"),
-        ("t,a,b\n0,1,2\n0.1,1,2\n0.2,1,3\n0.5,1,3\n0.6,2,3\n", r"after sample 3 .* 0.3 s, a gap"),
+        (
+            "t,a,b\n0,1,2\n0.1,1,2\n0.2,1,3\n0.5,1,3\n0.6,2,3\n",
+            r"after sample 3 .* 0.3 s, .*: 2 missing",
+        ),
         ("# rate_hz, fast\na,b\n1,2\n3,4\n", "rate_hz must be a positive, finite number"),
         ("# rate_hz, 9\n# rate_hz: 10\na,b\n0,1\n", "line 2: rate_hz is 9, and now 10"),
         ("# rate_hz, 9\nt,a,b\n0,1,2\n0.1,1,2\n0.2,1,3\n", "two rates are given: 9 and 10 Hz"),
@@ -232,6 +406,14 @@ def test_a_wrong_file_of_arrays_is_explained(tmp_path):
     with pytest.raises(ValueError, match="no array 'third' of samples; choose from 'first', 'sec"):
         bs.read_record(path, keys=["third"])
     assert bs.read_record(path, keys=["first"], sensors=NAMES).sensors == NAMES
+    np.savez(path, samples=SAMPLES, **STATED | {"rate_hz": [1.0, 2.0]})
+    with pytest.raises(ValueError, match=r"rate_hz must be .*, got \[1.0, 2.0\]"):
+        bs.read_record(path)
+    np.savez(path, samples=SAMPLES * 1j)
+    with pytest.raises(
+        ValueError, match=r"no rows .*; it holds 'samples' \(complex128, \(3, 400\)"
+    ):
+        bs.read_record(path)
     for ending in ("npz", "mat", "h5"):
         damaged = tmp_path / f"damaged.{ending}"
         damaged.write_bytes(b"nothing of the kind " * 20)

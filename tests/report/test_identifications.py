@@ -5,30 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from html_page import Page
+from identified_records import identified
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
-from bayes_ssi.data.identification_record import (
-    EstimatedMode,
-    EstimatedPeak,
-    IdentificationRecord,
-    MeasuredRecord,
-)
+from bayes_ssi.data.identification_record import EstimatedMode, EstimatedPeak
 from bayes_ssi.ranking.study import Ranking
 from bayes_ssi.report import write_report
 from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
 
-RECORD = IdentificationRecord(
-    record=MeasuredRecord("<tower>.csv", ("x", "y"), 600.0, 50.0, "acceleration", "m/s2"),
-    band_hz=(0.0, 4.0),
-    method="Bayesian FFT",
-    loads="independent loads",
-    is_explained=True,
-    whiteness=1.02,
-    allowed_whiteness=1.25,
-    cycles_of_decay=6.0,
+RECORD = identified(
+    "<tower>.csv",
     modes=(
         EstimatedMode(1.0, 0.002, 0.02, 0.003, 0.004, 0.5),
         EstimatedMode(2.4, 0.001, 0.02, 0.003, 0.005, 1.5),
@@ -117,6 +106,40 @@ def test_what_one_method_leaves_open_is_said(ranking, tmp_path):
     ):
         assert [words in part for part in parts] == [False, True, False]
     assert "NExT-ERA is quoted, because the spectral model of the Bayesian FFT" in parts[2]
+
+
+def test_modes_that_are_not_identified_are_said_above_candidates_and_phases_with_the_peaks(
+    ranking, tmp_path
+):
+    peaks = (RECORD.peaks[0], replace(RECORD.peaks[1], probability_of_phases=0.25))
+    seen = replace(RECORD, peaks=peaks, not_identified=((3.6, "its fit is not settled"),))
+    save_result(ranking(seen), tmp_path / "r")
+    page = Page(write_report(tmp_path / "r").read_text("utf-8"))
+    section = page.text[page.text.index("Identified modes with the standard") :]
+    assert section.index("3.6 Hz: its fit is not settled") < section.index("3.3 Hz: the spectra")
+    rows = [[" ".join(cell.split()) for cell in row] for row in page.rows]
+    assert ["1 (1 Hz)", "0.0001", "not known", "0.05", "1 → mode 1", "1 → mode 1"] in rows
+    assert [row[1:4] for row in rows if row[0] == "2a (2.4 Hz), left out (2.9 Hz)"] == [
+        ["0.9700", "0.2500", "0.15"]
+    ]
+    first_screen = page.text[: page.text.index("What these numbers mean")]
+    assert "3.6 Hz that is not identified (its fit is not settled)" in first_screen
+
+
+def test_the_first_screen_says_what_failed_before_the_ranking(ranking, tmp_path):
+    """Also of results that were saved before it did: the files of their data have it."""
+    stored = save_result(ranking(RECORD), tmp_path / "r")
+    check = "identified from <tower>.csv: mode at 2.9 Hz: the methods differ"
+    assert "the methods differ" not in ranking(RECORD).comparison.failed_checks
+    assert stored.comparison.failed_checks == (check,)
+    shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
+    first_screen = shown[: shown.index("What these numbers mean")]
+    assert "1 check of the identified modes failed: modes may be wrong or missing" in first_screen
+    assert check in first_screen
+    assert "All checks passed" not in shown
+    sound = save_result(ranking(replace(RECORD, failed_checks=())), tmp_path / "sound")
+    assert sound.comparison.failed_checks == ()
+    assert "All checks passed" in Page(write_report(sound.directory).read_text("utf-8")).text
 
 
 def test_failed_checks_of_an_identification_are_warnings_of_its_modes(ranking):
