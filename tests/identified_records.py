@@ -19,9 +19,8 @@ def identified(source, **others):
         "whiteness": 1.02,
         "allowed_whiteness": 1.25,
         "cycles_of_decay": 6.0,
-        "modes": (EstimatedMode(1.0, 0.002, 0.02, 0.003, 0.004, 0.5),),
+        "modes": (EstimatedMode(1.0, 0.002, 0.02, 0.003, 0.004),),
         "peaks": (EstimatedPeak((0,), 0.0001, 0.05),),
-        "rejected": (),
         "remarks": (),
         "failed_checks": (),
     }

@@ -13,7 +13,11 @@ from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, pr
 
 if TYPE_CHECKING:
     from bayes_ssi.records.identification_result import ModalIdentification
+    from bayes_ssi.records.methods import MethodModes
     from bayes_ssi.records.modal_estimates import ModalEstimates
+
+# As in bayes_ssi.records.methods, which imports more than --help needs.
+METHODS = ("bayesian-fft", "next-era", "ssi-cov", "fdd", "tfie")
 
 
 @click.command()
@@ -33,6 +37,14 @@ if TYPE_CHECKING:
     help="Frequency of a mode, in place of those that are looked for; may be repeated.",
 )
 @record_options
+@click.option(
+    "--method",
+    type=click.Choice(METHODS),
+    default=METHODS[0],
+    show_default=True,
+    help="Whose modes are written; the others look near those of the Bayesian FFT.",
+)
+@click.option("--compare", is_flag=True, help="Print the modes by every method in one table.")
 @click.option("--out", type=click.Path(path_type=Path), help="CSV file for the modes, a new one.")
 @click.option(
     "--figures",
@@ -43,7 +55,7 @@ if TYPE_CHECKING:
 def identify(
     files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], rate: float | None,
     quantity: str | None, unit: str | None, sensors: tuple[str, ...], keys: tuple[str, ...],
-    out: Path | None, figures: Path | None,
+    method: str, compare: bool, out: Path | None, figures: Path | None,
 ) -> None:  # fmt: skip
     """Identify the modes of the record in FILES, all of one setup and the same instants.
 
@@ -61,14 +73,26 @@ def identify(
     record = record_of(files, rate, quantity, unit, sensors, keys)
     warnings = record.warnings()
     found = modal_identification.identify(record, band, at=at)
+    by_others: dict[str, MethodModes | str] = {}
+    if compare or method != METHODS[0]:
+        from bayes_ssi.records import methods
+
+        if compare:
+            by_others = methods.compared(record, found.quoted)
+        chosen = methods.modes_by(method, record, found.quoted)
     where = console()
     where.print(estimates_table(found.quoted))
+    if compare:
+        from bayes_ssi.tables.mode_tables import methods_table
+
+        where.print(methods_table(by_others, methods.NAMES))
+        say(where, *(f"{methods.NAMES[name]}: {why}" for name, why in by_others.items()
+                     if isinstance(why, str)))  # fmt: skip
     say(
         where,
-        f"Quoted: {found.quoted.method}. The record shows {found.fit.loads}; chi-square of its "
-        f"spectra over degrees of freedom {found.fit.whiteness:.2f}.",
+        f"The record shows {found.loads}; chi-square of its spectra over degrees of freedom is up "
+        f"to {found.worst.fit.whiteness:.2f}, allowed {found.worst.fit.allowed_whiteness:.2f}.",
         *(f"{str(peak)[0].upper()}{str(peak)[1:]}." for peak in found.peaks),
-        *(f"Not accepted: {one.frequency_hz:.4g} Hz, {one.reason}." for one in found.rejected),
         *(f"(!) {remark}" for remark in (*warnings, *found.remarks)),
         *(f"(!) Failed check: {check}" for check in found.failed_checks),
     )
@@ -76,12 +100,15 @@ def identify(
     if figures is not None:
         from bayes_ssi.plots.record_plots import save_record_figures
 
-        drawn = save_record_figures(figures, record, found)
+        drawn = save_record_figures(figures, found)
         say(where, f"Wrote {len(drawn)} figures in {figures}.")
     if out is not None:
         data = found.modal_data(f"identified from {record.source}")
         (own,) = data.identifications
         own = replace(own, remarks=(*warnings, *own.remarks), figures=tuple(map(str, drawn)))
+        if method != METHODS[0]:
+            data = chosen.modal_data(found.quoted.band_hz, record.sensors, data.source)
+            own = replace(own, method=methods.NAMES[method])
         data = replace(data, identifications=(own,))
         write_modal_data(data, out)
         say(where, f"Wrote {listed(modal_files(data, out))}.")
@@ -92,14 +119,19 @@ def identify(
 def _record(found: ModalIdentification, warnings: list[str]) -> dict[str, Any]:
     return {
         "quoted": _estimates(found.quoted),
-        "bayesian_fft": _estimates(found.bayesian),
-        "next_era": None if found.era is None else _estimates(found.era),
-        "loads": str(found.fit.loads),
-        "whiteness": found.fit.whiteness,
-        "allowed_whiteness": found.fit.allowed_whiteness,
+        "loads": found.loads,
+        "bands": [
+            {
+                "band_hz": band.band_hz,
+                "whiteness": band.fit.whiteness,
+                "allowed_whiteness": band.fit.allowed_whiteness,
+            }
+            for band in found.bands
+            if band.is_wanted
+        ],
         "peaks": [peak._asdict() for peak in found.peaks],
         "modes_too_short_for_damping_and_shape": [i + 1 for i in found.too_short],
-        "rejected": [one._asdict() for one in found.rejected],
+        "not_identified": [{"frequency_hz": hz, "reason": why} for hz, why in found.not_identified],
         "remarks": [*warnings, *found.remarks],
         "failed_checks": list(found.failed_checks),
     }

@@ -36,8 +36,6 @@ class EstimatedMode:
         damping: fraction of critical damping.
         damping_sd: standard deviation of the damping.
         shape_sd: standard deviation of a component across the unit shape.
-        methods_apart: largest difference between the two methods in frequency or shape, in claimed
-            standard deviations; None where there is one method.
     """
 
     frequency_hz: float
@@ -45,7 +43,6 @@ class EstimatedMode:
     damping: float | None
     damping_sd: float | None
     shape_sd: float | None
-    methods_apart: float | None
 
 
 @dataclass(frozen=True)
@@ -77,12 +74,12 @@ class IdentificationRecord:
         method: whose modes are quoted.
         loads: that explain the record best.
         is_explained: whether the spectral model of the Bayesian FFT explains the record.
-        whiteness: chi-square of the whitened spectra over its degrees of freedom.
+        whiteness: chi-square of the whitened spectra over its degrees of freedom, where it is
+            largest.
         allowed_whiteness: the largest that a right model has by chance.
         cycles_of_decay: ζ f T of the mode for which the record is shortest.
         modes: as quoted, in ascending order of frequency.
         peaks: of the spectra, in ascending order.
-        rejected: frequency (Hz) of each candidate that was not accepted, and why.
         remarks: a sentence each.
         failed_checks: a sentence each.
         figures: paths of PNG files that were drawn of it.
@@ -100,7 +97,6 @@ class IdentificationRecord:
     cycles_of_decay: float
     modes: tuple[EstimatedMode, ...]
     peaks: tuple[EstimatedPeak, ...]
-    rejected: tuple[tuple[float, str], ...]
     remarks: tuple[str, ...]
     failed_checks: tuple[str, ...]
     figures: tuple[str, ...] = ()

@@ -25,9 +25,6 @@ from bayes_ssi.plots.figure_style import (
 )
 from bayes_ssi.plots.identified_shapes import WITHIN_90, plot_identified_shapes
 from bayes_ssi.records.identification_result import ModalIdentification
-from bayes_ssi.records.next_era import correlations, poles, realisation
-from bayes_ssi.records.record import Record
-from bayes_ssi.records.spectral_model import covariances
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +35,7 @@ SIZE = (6.3, 3.2)
 CAPTIONS = {
     "singular_values": "Singular values of the record's spectral matrices and of the fit's; modes "
     "with 90 % intervals",
-    "stabilisation": "Poles of NExT-ERA over its orders; modes with 90 % intervals",
+    "stabilisation": "Poles of each octave over orders, the candidates; modes with 90 % intervals",
     "whitened_residuals": "What is left of each spectral matrix divided by the fit's: 1 on average "
     "where the fit is right",
     "shapes": "Identified shapes, largest component ±1, with 90 % intervals",
@@ -54,54 +51,51 @@ def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> 
         ax: axes; new ones if None.
     """
     ax = axes_of(ax, SIZE)
-    data, fit = found.fit.data, found.fit
-    frequencies = data.frequencies_hz
-    measured = np.linalg.eigvalsh(data.matrices)[:, ::-1]
-    fitted = np.linalg.eigvalsh(covariances(fit.model, frequencies, fit.q))[:, ::-1]
+    frequencies, measured = found.spectrum
     for k in range(measured.shape[1]):
         ax.semilogy(frequencies, measured[:, k], color=BLUE, linewidth=0.6, alpha=0.6,
                     label=None if k else "record")  # fmt: skip
-        ax.semilogy(frequencies, fitted[:, k], color=VERMILION, linewidth=1.0,
-                    label=None if k else f"fit, {fit.loads}")  # fmt: skip
+    for i, band in enumerate(band for band in found.bands if band.is_wanted):
+        ax.semilogy(band.fit.data.frequencies_hz, band.singular_values(), color=VERMILION,
+                    linewidth=1.0)  # fmt: skip
+        if i == 0:
+            ax.lines[-1].set_label(f"fit, {found.loads}")
     _modes(ax, found)
-    for i, one in enumerate(found.rejected):
-        ax.axvline(one.frequency_hz, color=GREY, linewidth=0.8, linestyle=":",
-                   label=None if i else "candidate not accepted")  # fmt: skip
-    ax.set_xlim(frequencies[0], frequencies[-1])
-    # Single values near zero are of no interest.
-    ax.set_ylim(bottom=0.1 * min(fitted.min(), np.quantile(measured, 0.01)))
+    for i, (frequency, _) in enumerate(found.not_identified):
+        ax.axvline(frequency, color=GREY, linewidth=0.8, linestyle=":",
+                   label=None if i else "peak not identified")  # fmt: skip
+    ax.set_xlim(*found.quoted.band_hz)
+    # What is far below the noise is of no interest.
+    ax.set_ylim(bottom=0.3 * float(np.quantile(measured[:, min(3, measured.shape[1]) - 1], 0.02)))
     ax.set_xlabel("frequency (Hz)")
-    ax.set_ylabel("singular values over mean power")
+    ax.set_ylabel(f"singular values (({_unit(found)})²/Hz)")
     title_of(ax, "Singular values of the spectral matrices")
     legend_below(ax, columns=4)
     return ax
 
 
-def plot_stabilisation(record: Record, found: ModalIdentification, ax: Axes | None = None) -> Axes:
-    """Poles of NExT-ERA at every order, and the modes with 90 % widths.
+def _unit(found: ModalIdentification) -> str:
+    """Of accelerations, which records are turned into."""
+    unit = found.record.unit
+    of_length = unit.removesuffix("/s")
+    return unit if found.record.quantity == "acceleration" else f"{of_length}/s²"
+
+
+def plot_stabilisation(found: ModalIdentification, ax: Axes | None = None) -> Axes:
+    """Poles of every order of each octave, and the modes with 90 % widths.
 
     Args:
-        record: from which the modes were identified.
-        found: the modes.
+        found: the modes of a record.
         ax: axes; new ones if None.
-
-    Raises:
-        ValueError: the record is too short for NExT-ERA.
     """
     ax = axes_of(ax, SIZE)
-    band = found.quoted.band_hz
-    data = correlations(record.detrended(), band)
-    whole = realisation(data.whole, data)
-    for order in range(2, len(whole.singular_values) + 1, 2):
-        of_order = poles(whole, order)
-        ax.plot(of_order.frequencies_hz, np.full(len(of_order.dampings), order), "o", color=BLUE,
-                markersize=3, label="pole" if order == 2 else None)  # fmt: skip
+    frequencies, orders = found.candidates.stabilisation
+    ax.plot(frequencies, orders, "o", color=BLUE, markersize=2, label="pole")
     _modes(ax, found)
-    ax.set_xlim(*band)
+    ax.set_xlim(*found.quoted.band_hz)
     ax.set_xlabel("frequency (Hz)")
     ax.set_ylabel("order")
-    ax.set_yticks(range(4, len(whole.singular_values) + 1, 4))
-    title_of(ax, "Stabilisation of NExT-ERA's poles")
+    title_of(ax, "Stabilisation of poles, octave by octave")
     legend_below(ax, columns=3)
     return ax
 
@@ -118,7 +112,8 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     from matplotlib.ticker import LogLocator, NullLocator
 
     ax = axes_of(ax, SIZE)
-    frequencies, left = found.fit.residuals()
+    parts = [band.fit.residuals() for band in found.bands if band.is_wanted]
+    frequencies, left = (np.concatenate(each) for each in zip(*parts, strict=True))
     ax.semilogy(frequencies, left, ".", color=BLUE, markersize=3, label="block of lines")
     ax.axhline(1.0, color=GREY, linewidth=0.8)
     n_near = max(1, len(left) // 40)
@@ -133,8 +128,8 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     ax.yaxis.set_minor_locator(NullLocator())
     title_of(
         ax,
-        f"Whitened residuals: {found.fit.whiteness:.2f} in all, up to "
-        f"{found.fit.allowed_whiteness:.2f} is accepted",
+        f"Whitened residuals: up to {found.worst.fit.whiteness:.2f} in a band, "
+        f"{found.worst.fit.allowed_whiteness:.2f} accepted there",
     )
     legend_below(ax, columns=2)
     return ax
@@ -154,11 +149,13 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
     across = panels_across(len(frequencies))
     rows = -(-len(frequencies) // across)
     figure = figure_of(figure, (width_of_panels(across), 1.9 * rows))
-    data = found.fit.data
     for i, frequency in enumerate(frequencies):
+        band = min(found.bands, key=lambda each: each.distance_to(frequency))
+        data = band.fit.data
         ax = figure.add_subplot(rows, across, i + 1, projection="polar")
         nearest = np.abs(data.frequencies_hz - frequency).argmin()
-        motion = np.linalg.eigh(data.matrices[nearest])[1][:, -1]
+        motion = data.to_channels @ np.linalg.eigh(data.matrices[nearest])[1][:, -1]
+        motion = motion / np.linalg.norm(motion)
         motion = motion * np.exp(-0.5j * np.angle((motion**2).sum()))
         motion *= np.sign(motion.real[np.abs(motion.real).argmax()])
         for sensor, component in zip(found.quoted.sensors, motion, strict=True):
@@ -173,12 +170,11 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
     return figure
 
 
-def save_record_figures(directory: Path, record: Record, found: ModalIdentification) -> list[Path]:
+def save_record_figures(directory: Path, found: ModalIdentification) -> list[Path]:
     """Write the figures of an identification as PNG files.
 
     Args:
         directory: where; it is made.
-        record: from which the modes were identified.
         found: the modes.
     """
     directory.mkdir(parents=True)
@@ -186,8 +182,8 @@ def save_record_figures(directory: Path, record: Record, found: ModalIdentificat
         drawn: dict[str, Axes | Figure] = {
             "singular_values": plot_singular_values(found),
         }
-        if found.era is not None:
-            drawn["stabilisation"] = plot_stabilisation(record, found)
+        if found.candidates.stabilisation.size:
+            drawn["stabilisation"] = plot_stabilisation(found)
         drawn["whitened_residuals"] = plot_whitened_residuals(found)
         if len(found.too_short) < found.quoted.n_modes:
             drawn["shapes"] = plot_identified_shapes(found.modal_data())

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import numpy as np
-
+from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.identification_record import (
     EstimatedMode,
     EstimatedPeak,
@@ -15,53 +14,74 @@ from bayes_ssi.data.identification_record import (
 )
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.records.bayesian_fft import BandFit
+from bayes_ssi.records.explained_bands import Explained
 from bayes_ssi.records.modal_estimates import ModalEstimates
+from bayes_ssi.records.mode_candidates import Candidates
 from bayes_ssi.records.peaks import Peak
 from bayes_ssi.records.record import Record
 
 
-class Rejected(NamedTuple):
-    """A candidate that is no mode of the result.
+class SingularValues(NamedTuple):
+    """Of the spectral matrices of all channels, in unit² / Hz of accelerations.
 
     Attributes:
-        frequency_hz: where it was.
-        reason: why it was not accepted.
+        frequencies_hz: (K,).
+        values: (K, n), descending.
     """
 
-    frequency_hz: float
-    reason: str
+    frequencies_hz: FloatArray
+    values: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class ModalIdentification:
-    """The modes identified from a record by two methods, and which of them are quoted.
+    """The modes identified from a record.
 
     Attributes:
         record: the record without its samples.
-        quoted: the modes to use: those of the Bayesian FFT where its spectral model explains the
-            record, otherwise those of NExT-ERA.
-        bayesian: modes by Bayesian FFT.
-        era: modes by NExT-ERA with jackknife errors; None where it could not identify them.
-        fit: the Bayesian FFT's spectral model, its evidence and whiteness.
+        quoted: the modes to use.
+        bands: the parts of the spectrum that were explained, also beyond the band of the search.
+        candidates: from which the explanation began.
+        spectrum: of the band, for figures.
         peaks: of the spectra, with the probability that each holds two modes.
-        rejected: candidates that were not accepted.
+        not_identified: frequency (Hz) of each mode that the record shows clearly, but that is not
+            among those quoted, and why.
         too_short: places of the quoted modes that the record is too short for: nothing is claimed
             of their damping and shape.
         remarks: what to know of the result, a sentence each.
-        failed_checks: why the claimed errors may be wrong, a sentence each; empty if all is well.
+        doubts: why the claimed errors may be wrong, a sentence each.
     """
 
     record: MeasuredRecord
     quoted: ModalEstimates
-    bayesian: ModalEstimates
-    era: ModalEstimates | None
-    fit: BandFit
+    bands: tuple[Explained, ...]
+    candidates: Candidates
+    spectrum: SingularValues
     peaks: tuple[Peak, ...]
-    rejected: tuple[Rejected, ...]
+    not_identified: tuple[tuple[float, str], ...]
     too_short: tuple[int, ...]
     remarks: tuple[str, ...]
-    failed_checks: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+    @property
+    def failed_checks(self) -> tuple[str, ...]:
+        """Doubts, and modes that are not identified; empty if all is well."""
+        return (
+            *self.doubts,
+            *(f"the peak at {hz:.4g} Hz is not identified: {why}"
+              for hz, why in self.not_identified),
+        )  # fmt: skip
+
+    @property
+    def worst(self) -> Explained:
+        """The band of the search whose spectra are explained worst."""
+        inside = [band for band in self.bands if band.is_wanted]
+        return max(inside, key=lambda band: band.excess)
+
+    @property
+    def loads(self) -> str:
+        """What drives the modes, by the evidence."""
+        return "one process" if self.worst.fit.one_source else "independent loads"
 
     def modal_data(self, source: str = "") -> ModalData:
         """The quoted modes as data of model classes, with a record of their identification.
@@ -83,39 +103,34 @@ class ModalIdentification:
         return replace(data, identifications=(self._record_of(data.modes),))
 
     def _record_of(self, modes: tuple[IdentifiedMode, ...]) -> IdentificationRecord:
-        quoted, fit = self.quoted, self.fit
-        apart: list[float | None] = [None] * quoted.n_modes
-        if self.era is not None:
-            apart = np.maximum(*self.bayesian.distances(self.era)).tolist()
-        last = np.cumsum([len(peak.frequencies_hz) for peak in self.peaks]).tolist()
+        quoted, worst = self.quoted, self.worst.fit
         return IdentificationRecord(
             record=self.record,
             band_hz=quoted.band_hz,
             method=quoted.method,
-            loads=str(fit.loads),
-            is_explained=fit.is_white,
-            whiteness=fit.whiteness,
-            allowed_whiteness=fit.allowed_whiteness,
+            loads=self.loads,
+            is_explained=worst.whiteness <= worst.allowed_whiteness,
+            whiteness=worst.whiteness,
+            allowed_whiteness=worst.allowed_whiteness,
             cycles_of_decay=float((quoted.dampings * quoted.frequencies_hz).min())
             * self.record.duration_s,
             modes=tuple(
                 EstimatedMode(
-                    mode.frequency_hz, float(cov), mode.damping, mode.damping_sd, mode.shape_sd, sds
+                    mode.frequency_hz, float(cov), mode.damping, mode.damping_sd, mode.shape_sd
                 )
-                for mode, cov, sds in zip(modes, quoted.frequency_covs, apart, strict=True)
+                for mode, cov in zip(modes, quoted.frequency_covs, strict=True)
             ),
             peaks=tuple(
                 EstimatedPeak(
-                    tuple(range(end - len(peak.frequencies_hz), end)),
-                    peak.probability_of_two,
-                    peak.resolution_hz,
+                    peak.modes, peak.probability_of_two, peak.resolution_hz,
+                    peak.probability_of_phases,
                 )
-                for peak, end in zip(self.peaks, last, strict=True)
+                for peak in self.peaks
             ),
-            rejected=tuple((each.frequency_hz, each.reason) for each in self.rejected),
             remarks=self.remarks,
-            failed_checks=self.failed_checks,
-        )
+            failed_checks=self.doubts,
+            not_identified=self.not_identified,
+        )  # fmt: skip
 
 
 def measured_record(record: Record) -> MeasuredRecord:

@@ -2,36 +2,42 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from bayes_ssi.argument_types import checked
-from bayes_ssi.records.bayesian_fft import BandFit, Loads, fit_band
-from bayes_ssi.records.identification_result import ModalIdentification, Rejected, measured_record
-from bayes_ssi.records.modal_estimates import ModalEstimates, Poles
-from bayes_ssi.records.next_era import Correlations, clusters, correlations, next_era, realisation
-from bayes_ssi.records.peaks import BEYOND_DOUBT, Peak, split_peaks, with_shapes_exchanged
+from bayes_ssi.arrays import FloatArray
+from bayes_ssi.records.delays import delays
+from bayes_ssi.records.explained_bands import Explained, explain, resolution
+from bayes_ssi.records.identification_result import (
+    ModalIdentification,
+    SingularValues,
+    measured_record,
+)
+from bayes_ssi.records.local_fit import DAMPING
+from bayes_ssi.records.local_model import Resonances
+from bayes_ssi.records.machine_lines import machine_lines, without_lines
+from bayes_ssi.records.modal_estimates import ModalEstimates, with_positive_largest
+from bayes_ssi.records.mode_candidates import Candidates, Prominence, candidates
+from bayes_ssi.records.peaks import Peak
 from bayes_ssi.records.record import Record
-from bayes_ssi.records.scoring import DAMPING, HEAVIEST, LOG_DAMPING_SD
-from bayes_ssi.records.shocks import shock
-from bayes_ssi.records.spectra import Lines, lines_of, spectra
+from bayes_ssi.records.spectra import Spectra, Transforms, transforms_of
+from bayes_ssi.records.stationarity import stationary_part
 
-# A block of lines is this share of the damping wide, relative to its frequency: an eighth of a
-# resonance's half-power bandwidth. What leaks to the tapers of wider blocks shows where few sources
-# drive all sensors.
-BLOCK_OVER_DAMPING = 0.25
-INTEGRATIONS = {"acceleration": 0, "velocity": 1, "displacement": 2}
-# Two methods that see the same record should not differ by more claimed standard deviations.
-FARTHEST_APART = 4.0
+METHOD = "Bayesian FFT"
+# The search reaches beyond the band by this factor, for the modes next to it.
+BEYOND = 1.6
 # ζ f T, the record's length in times in which a mode decays by e^(2π): below this the width of a
 # resonance is that of its few lines.
 SHORTEST = 1.0
-# Of the orders up to the highest, modes have a pole at nearly all from twice their number on.
-PERSISTENT, POSSIBLE = 0.65, 0.3
-# Where one direction carries nearly all power in most blocks, one process drives the modes.
-COHERENT = 0.98
+# Power of a window over the median beyond which a record is not stationary, though not cut.
+MOST_VARIATION = 8.0
+# Relative width of the blocks of the spectrum that is shown.
+SPECTRUM_WIDTH = 0.01
+# Lines of the record below which nothing is looked for.
+FEWEST_LINES = 20
 
 
 @checked
@@ -40,185 +46,214 @@ def identify(
 ) -> ModalIdentification:
     """Identify the modes of a band, with the joint uncertainty of frequencies and shapes.
 
-    Candidates are the poles that most orders of NExT-ERA agree on. The Bayesian FFT keeps those
-    that the evidence asks for, under the loads that explain the spectral matrices: independent
-    loads, ground motion in one direction, or both.
+    Candidates are the poles that orders of a subspace identification agree on, and the peaks of the
+    first singular value. Around each peak or group of close ones the Bayesian FFT keeps those that
+    the evidence asks for, and compares one mode, one whose sensors have phases, and two.
 
     Args:
         record: the record of one setup.
-        band_hz: lowest and highest frequency of the search; it should end where the spectrum is
-            low, not on a resonance.
+        band_hz: lowest and highest frequency of the search.
         at: frequencies of the modes, in Hz, in place of the candidates; all are then kept.
 
     Raises:
-        ValueError: the record does not cover the band, has fewer lines in it than the modes have
-            unknowns, or no mode is found.
+        ValueError: the record does not cover the band, or no mode is identified.
     """
     band = record.checked_band(band_hz)
     remarks: list[str] = []
-    try:
-        data = correlations(record, band)
-    except ValueError as error:
-        data = None
-        remarks.append(str(error))
-    if len(at):
-        modes, others = _given(record, band, at), None
-    else:
-        modes, others = _candidates(data)
-    lines = lines_of(record, band, BLOCK_OVER_DAMPING * float(np.median(modes.dampings)))
-    fit, peaks, rejected = _under_best_loads(lines, modes, others, INTEGRATIONS[record.quantity])
-    bayesian = fit.estimates(band, record.sensors)
-    era: ModalEstimates | None = None
-    failed: list[str] = []
-    if data is not None:
-        sought = [bayesian.poles]
-        # Modes of a spectral model that explains nothing may be none: candidates come next.
-        if not fit.is_white and len(modes.frequencies_hz) == bayesian.n_modes:
-            sought.append(modes)
-        era, failed = _by_era(data, sought, record.sensors)
-    quoted, doubts = _quoted(fit, bayesian, era)
-    failed += doubts
-    if fit.is_white and (strongest := shock(fit, lines)) is not None:
-        (failed if strongest.moved.max() > 1.0 else remarks).append(str(strongest))
-    lengths = quoted.dampings * quoted.frequencies_hz * record.duration_s
-    too_short = tuple(np.flatnonzero(lengths < SHORTEST).tolist())
-    remarks += [_short(float(quoted.frequencies_hz[i]), float(lengths[i])) for i in too_short]
-    if quoted is era:
-        remarks.append(f"{_doubt(fit)}; NExT-ERA is quoted")
-    return ModalIdentification(
-        measured_record(record), quoted, bayesian, era, fit, peaks, tuple(rejected), too_short,
-        tuple(remarks), tuple(failed),
-    )  # fmt: skip
-
-
-def _by_era(
-    data: Correlations, sought: Sequence[Poles], sensors: tuple[str, ...]
-) -> tuple[ModalEstimates | None, list[str]]:
-    """NExT-ERA's estimates of the first modes sought that it has, or why it has none."""
-    missing = []
-    for poles in sought:
-        try:
-            return next_era(data, poles, sensors), []
-        except ValueError as error:
-            missing.append(str(error))
-    return None, missing[:1]
-
-
-def _candidates(data: Correlations | None) -> tuple[Poles, Poles]:
-    """Poles of most orders, and of fewer; their dampings are such as the prior has."""
-    if data is None:
-        raise ValueError("the record is too short to look for modes; give their frequencies as at")
-    found, shares = clusters(realisation(data.whole, data))
-    if not (shares >= POSSIBLE).any():
-        raise ValueError(
-            f"no mode is found from {data.band_hz[0]:g} to {data.band_hz[1]:g} Hz; give "
-            "frequencies as at, or another band"
+    lowest = max(band[0] / BEYOND, min(band[0], FEWEST_LINES / record.duration_s))
+    highest = min(band[1] * BEYOND, max(band[1], 0.98 * record.nyquist_hz))
+    reach = (0.75 * lowest, min(1.3 * highest, record.nyquist_hz))
+    still, doubts = _undisturbed(record, reach, band, remarks)
+    part = stationary_part(still, reach)
+    remarks += [
+        f"from {start:.4g} to {end:.4g} s the motion is many times as strong as otherwise, and is "
+        "left out"
+        for start, end in part.spans_s
+    ]
+    if part.varies > MOST_VARIATION:
+        doubts.append(
+            f"the motion is up to {part.varies:.2g} times as strong as its median: modes may "
+            "depend on amplitude, and loads are not stationary, as the spectral model takes them "
+            "to be"
         )
-    spread = math.exp(LOG_DAMPING_SD)
-    found = found._replace(dampings=found.dampings.clip(DAMPING / spread, DAMPING * spread))
-    first = shares >= min(PERSISTENT, shares.max())
-    others = (shares >= POSSIBLE) & ~first
-    return found.at(np.flatnonzero(first).tolist()), found.at(np.flatnonzero(others).tolist())
+    transforms = transforms_of(still, reach, part.mask)
+    found = _given(transforms, band, at) if len(at) else candidates(transforms, lowest, highest)
+    bands = explain(transforms, found, band, fixed=len(at) > 0)
+    late = delays(bands, len(record.sensors))
+    if late is not None:
+        on_time = transforms.turned(late)
+        turned = explain(on_time, found.turned(late), band, fixed=len(at) > 0)
+        if _n_with_phases(turned) < _n_with_phases(bands):
+            bands = turned
+            remarks += [
+                f"sensor {name!r}: {abs(own):.2g} s {'late' if own > 0.0 else 'early'} against the "
+                "others, by the phases of the modes; this is removed"
+                for name, own in zip(record.sensors, late, strict=True)
+                if abs(own) > 0.05 * np.abs(late).max()
+            ]
+    spectrum = transforms.spectra(*band, SPECTRUM_WIDTH)
+    return _result(record, band, found, bands, spectrum, remarks, doubts)
 
 
-def _given(record: Record, band: tuple[float, float], at: Sequence[float]) -> Poles:
+def _undisturbed(
+    record: Record, reach: tuple[float, float], band: tuple[float, float], remarks: list[str]
+) -> tuple[Record, list[str]]:
+    """The record without lines of machines, and why claimed errors may be wrong."""
+    lines = machine_lines(record.samples, record.rate_hz)
+    lines = lines[(lines > reach[0]) & (lines < reach[1])]
+    if not len(lines):
+        return record, []
+    samples = without_lines(record.samples, record.rate_hz, lines)
+    samples.setflags(write=False)
+    for f in np.sort(lines[(lines >= band[0]) & (lines <= band[1])]):
+        remarks.append(
+            f"a line at {f:.4g} Hz, as of a machine, is taken out; a mode so narrow would have "
+            "decayed less than once over the record"
+        )
+    return replace(record, samples=samples), []
+
+
+def _n_with_phases(bands: list[Explained]) -> int:
+    return sum(band.fit.has_phases and band.is_wanted for band in bands)
+
+
+def _given(transforms: Transforms, band: tuple[float, float], at: Sequence[float]) -> Candidates:
     """Candidates at given frequencies, with the directions of most motion there as shapes."""
     low, high = band
     frequencies = np.sort(np.array(at, dtype=float))
     if frequencies[0] <= low or frequencies[-1] >= high:
         raise ValueError(f"at: frequencies must be within {low:g} to {high:g} Hz, got {list(at)}")
-    data = spectra(lines_of(record, band, BLOCK_OVER_DAMPING * DAMPING))
-    nearest = np.abs(data.frequencies_hz[:, None] - frequencies).argmin(0)
-    shapes = np.empty((len(record.sensors), len(frequencies)))
-    for i, k in enumerate(nearest):
+    n, n_lines = len(transforms.values), int((high - low) / transforms.line_hz)
+    n_unknowns = len(frequencies) * (3 * n + 1)
+    if n * n_lines < n_unknowns:
+        raise ValueError(
+            f"the band has {n_lines} lines of {n} sensors, fewer than the {n_unknowns} unknowns of "
+            f"{len(frequencies)} modes; give fewer modes, or a wider band or a longer record"
+        )
+    shapes = np.empty((len(transforms.values), len(frequencies)), dtype=complex)
+    for i, f in enumerate(frequencies):
+        half = max(DAMPING * f, 2.0 * transforms.line_hz)
+        data = transforms.spectra(f - half, f + 2.0 * half, DAMPING)
         # Frequencies given closer than a bandwidth share a peak, and take one direction each.
-        sharing = int((np.abs(np.log(frequencies[:i] / frequencies[i])) < 2.0 * DAMPING).sum())
-        directions = np.linalg.eigh(data.matrices[k].real)[1]
+        sharing = int((np.abs(np.log(frequencies[:i] / f)) < 2.0 * DAMPING).sum())
+        directions = np.linalg.eigh(data.matrices[0].real)[1]
         shapes[:, i] = directions[:, -1 - min(sharing, directions.shape[1] - 1)]
-    return Poles(frequencies, np.full(len(frequencies), DAMPING), shapes)
+    peaks = tuple(Prominence(float(f), 0.0, 0.0, True) for f in frequencies)
+    dampings = np.full(len(frequencies), DAMPING / 1.5)
+    modes = Resonances(frequencies, dampings, shapes)
+    return Candidates(peaks, modes, modes.at([]), np.empty(0), np.empty((2, 0)))
 
 
-def _under_best_loads(
-    lines: Lines, modes: Poles, others: Poles | None, q: int
-) -> tuple[BandFit, tuple[Peak, ...], list[Rejected]]:
-    """The fit, its peaks, and the candidates that it does without.
-
-    It is that under the first loads that explain the lines, or else under those of most evidence.
-    Modes are fixed where there are no others to choose from. Peaks are asked for second modes under
-    these loads alone: under loads that explain less, a second mode would stand for the loads.
-    """
-    order = [Loads(), Loads(True, 1), Loads(True)]
-    values = np.linalg.eigvalsh(spectra(lines).matrices)
-    if np.median(values[:, -1] / values.sum(1)) > COHERENT:
-        order = [Loads(True, 1), Loads(True), Loads()]
-    order += [loads._replace(coloured=True) for loads in order[:2]]
-    tried = []
-    for loads in order:
-        fit = fit_band(lines, modes, q, loads)
-        rejected: list[Rejected] = []
-        if others is not None:
-            fit, rejected = _without_needless(fit, lines)
-            fit, more = _with_needed(fit, lines, others)
-            rejected = sorted(rejected + more)
-        fit = with_shapes_exchanged(fit, lines)
-        tried.append((fit, rejected))
-        if fit.is_white:
-            break
-    else:
-        fit, rejected = max(tried, key=lambda each: each[0].log_evidence)
-    fit, peaks = split_peaks(fit, lines, fixed=others is None)
-    return fit, peaks, rejected
-
-
-def _without_needless(fit: BandFit, lines: Lines) -> tuple[BandFit, list[Rejected]]:
-    """The fit without modes whose absence is more probable, the weakest first.
-
-    What has left the band, or has more damping than structures have, is no mode of it.
-    """
-    rejected: list[Rejected] = []
-    while fit.model.n_modes > 1:
-        nats = np.where(fit.are_modes, fit.nats_of_forces(), -np.inf)
-        weakest = int(np.argmin(nats))
-        if nats[weakest] > BEYOND_DOUBT:
-            break
-        others = [i for i in range(fit.model.n_modes) if i != weakest]
-        without = fit_band(lines, fit.poles.at(others), fit.q, fit.loads)
-        if without.log_evidence < fit.log_evidence and nats[weakest] >= 0.0:
-            break
-        frequency = float(fit.poles.frequencies_hz[weakest])
-        rejected.append(_rejected(frequency, without.log_evidence - fit.log_evidence))
-        fit = without
-    return fit, rejected
-
-
-def _with_needed(fit: BandFit, lines: Lines, others: Poles) -> tuple[BandFit, list[Rejected]]:
-    """The fit with those of other candidates that the evidence asks for, the strongest first."""
-    rejected: list[Rejected] = []
-    left = list(range(len(others.frequencies_hz)))
-    while left:
-        gains = [fit.gain_of(others.at([i])) for i in left]
-        best = left[int(np.argmax(gains))]
-        # Noise gains about half a nat for each unknown, and a mode must gain more.
-        if max(gains) < fit.n_unknowns_of_a_mode:
-            break
-        left.remove(best)
-        wider = fit_band(lines, fit.poles.joined(others.at([best])), fit.q, fit.loads)
-        frequency = float(others.frequencies_hz[best])
-        if not wider.are_modes.all():
-            rejected.append(Rejected(frequency, "the spectra are explained by no mode in the band"))
-        elif wider.log_evidence > fit.log_evidence:
-            fit = wider
-        else:
-            rejected.append(_rejected(frequency, fit.log_evidence - wider.log_evidence))
-    return fit, rejected + [
-        Rejected(float(others.frequencies_hz[i]), "the spectra gain nothing by a mode there")
-        for i in left
+def _result(
+    record: Record,
+    band: tuple[float, float],
+    found: Candidates,
+    bands: list[Explained],
+    spectrum: Spectra,
+    remarks: list[str],
+    doubts: list[str],
+) -> ModalIdentification:
+    low, high = band
+    kept: list[tuple[Explained, list[int]]] = []
+    for each in bands:
+        f = each.fit.modes.frequencies_hz
+        inside = np.flatnonzero((f >= low) & (f <= high)).tolist()
+        if inside:
+            kept.append((each, inside))
+    not_identified = _not_identified(found, bands, band)
+    if not kept:
+        raise ValueError(
+            f"no mode is identified from {low:g} to {high:g} Hz"
+            + "".join(f"; the peak at {hz:.4g} Hz: {why}" for hz, why in not_identified)
+            + "; give frequencies as at, or another band"
+        )
+    quoted, peaks = _quoted(record, band, kept)
+    doubts = doubts + [text for each, _ in kept if (text := each.doubt)]
+    lengths = quoted.dampings * quoted.frequencies_hz * record.duration_s
+    too_short = tuple(np.flatnonzero(lengths < SHORTEST).tolist())
+    remarks = remarks + [
+        _short(float(quoted.frequencies_hz[i]), float(lengths[i])) for i in too_short
     ]
+    return ModalIdentification(
+        measured_record(record), quoted, tuple(bands), found,
+        SingularValues(
+            spectrum.frequencies_hz,
+            np.asarray(np.linalg.eigvalsh(spectrum.matrices)[:, ::-1], dtype=np.float64),
+        ),
+        peaks, not_identified, too_short, tuple(remarks), tuple(doubts),
+    )  # fmt: skip
 
 
-def _rejected(frequency_hz: float, against: float) -> Rejected:
-    probability = 1.0 / (1.0 + math.exp(min(against, 700.0)))
-    return Rejected(frequency_hz, f"a mode there has the probability {probability:.2g}")
+def _not_identified(
+    found: Candidates, bands: list[Explained], band: tuple[float, float]
+) -> tuple[tuple[float, str], ...]:
+    """Clear peaks of the band that have no mode, and why."""
+    f = np.concatenate([np.empty(0), *(each.fit.modes.frequencies_hz for each in bands)])
+    half = np.concatenate([np.empty(0), *(each.fit.modes.half_widths_hz for each in bands)])
+    missing = []
+    for peak in found.peaks:
+        if not (peak.is_clear and band[0] <= peak.frequency_hz <= band[1]):
+            continue
+        near = np.abs(f - peak.frequency_hz) < np.maximum(half, 0.5 * peak.width_hz) + peak.width_hz
+        if not near.any():
+            missing.append(
+                (peak.frequency_hz, f"it stands out by {peak.prominence_db:.0f} dB, but the "
+                 "spectra around it are explained by no mode there")
+            )  # fmt: skip
+    return tuple(missing)
+
+
+def _quoted(
+    record: Record, band: tuple[float, float], kept: list[tuple[Explained, list[int]]]
+) -> tuple[ModalEstimates, tuple[Peak, ...]]:
+    """The modes of all bands with their joint covariance, and their peaks."""
+    n = len(record.sensors)
+    frequencies: list[float] = []
+    dampings: list[float] = []
+    shapes: list[FloatArray] = []
+    blocks: list[FloatArray] = []
+    peaks = []
+    for each, inside in kept:
+        own = each.estimates(inside)
+        first = len(frequencies)
+        frequencies += own.frequencies_hz.tolist()
+        dampings += own.dampings.tolist()
+        shapes += list(own.shapes.T)
+        blocks.append(own.covariance)
+        for places, odds in each.peaks:
+            members = [inside.index(i) for i in places if i in inside]
+            if not members:
+                continue
+            resolved = resolution(each.fit, places[0])
+            width = 2.0 * float(each.fit.modes.half_widths_hz[places[0]])
+            _, phases, two = odds.probabilities
+            known = each.doubt is None
+            peaks.append(
+                Peak(
+                    tuple(float(own.frequencies_hz[i]) for i in members),
+                    tuple(first + i for i in members),
+                    two if known else None, phases if known else None,
+                    resolved * width, resolved,
+                )
+            )  # fmt: skip
+    m = len(frequencies)
+    size = m * (2 + n)
+    covariance = np.zeros((size, size))
+    at = 0
+    for block in blocks:
+        k = len(block) // (2 + n)
+        own = np.r_[at : at + k, m + at : m + at + k, 2 * m + n * at : 2 * m + n * (at + k)]
+        covariance[np.ix_(own, own)] = block
+        at += k
+    signed, signs = with_positive_largest(np.array(shapes).T)
+    turns = np.r_[np.ones(2 * m), np.repeat(signs, n)]
+    return (
+        ModalEstimates(
+            METHOD, band, record.sensors, np.array(frequencies), np.array(dampings), signed,
+            covariance * turns * turns[:, None],
+        ),
+        tuple(peaks),
+    )  # fmt: skip
 
 
 def _short(frequency_hz: float, length: float) -> str:
@@ -227,35 +262,4 @@ def _short(frequency_hz: float, length: float) -> str:
         f"{length:.2g}); "
         "nothing is claimed of its damping and shape, for which the record is too short, or it is "
         "a machine's harmonic"
-    )
-
-
-def _quoted(
-    fit: BandFit, bayesian: ModalEstimates, era: ModalEstimates | None
-) -> tuple[ModalEstimates, list[str]]:
-    """What is quoted, and failed checks."""
-    if era is None:
-        return bayesian, [] if fit.is_white else [_doubt(fit)]
-    frequencies, shapes = bayesian.distances(era)
-    apart = [
-        f"mode at {f:.4g} Hz: Bayesian FFT and NExT-ERA differ by {max(by_f, by_shape):.1f} "
-        f"claimed standard deviations in {'frequency' if by_f >= by_shape else 'shape'}"
-        for f, by_f, by_shape in zip(bayesian.frequencies_hz, frequencies, shapes, strict=True)
-        if max(by_f, by_shape) > FARTHEST_APART
-    ]
-    return (bayesian if fit.is_white else era), apart
-
-
-def _doubt(fit: BandFit) -> str:
-    """Why the Bayesian FFT's modes are not quoted."""
-    if not fit.are_modes.all():
-        return (
-            "the spectra ask for a resonance beyond the band, or of more damping than the "
-            f"{HEAVIEST:.0%} that a structure may have"
-        )
-    if not fit.is_most_probable:
-        return "the Bayesian FFT did not reach its most probable modes"
-    return (
-        f"the spectral model does not explain the record (chi-square over degrees of freedom "
-        f"{fit.whiteness:.2f}, allowed {fit.allowed_whiteness:.2f})"
     )

@@ -18,17 +18,17 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import mac
+from bayes_ssi.records.local_fit import HEAVIEST
 from bayes_ssi.records.modal_estimates import ModalEstimates, Poles, real_shapes
 from bayes_ssi.records.record import Record
-from bayes_ssi.records.scoring import HEAVIEST
 
 # Segments of the jackknife, each at least twice as long as the lags.
 MOST_SEGMENTS, FEWEST_SEGMENTS = 20, 8
 # The Hankel matrices reach over this many periods of the band's lowest frequency.
 PERIODS = 3.0
 # Directions of the most motion that take part in the Hankel matrices; there may be many sensors.
-MOST_DIRECTIONS = 4
-HIGHEST_ORDER = 20
+MOST_DIRECTIONS = 8
+HIGHEST_ORDER = 40
 # Poles of two orders, or of a record and a part of it, are one mode within these.
 SAME_FREQUENCY, SAME_SHAPE = 0.05, 0.8
 
@@ -136,7 +136,7 @@ def realisation(whole: FloatArray, data: Correlations) -> Realisation:
 
 
 def poles(of: Realisation, order: int) -> Poles:
-    """The modes in the band at one order, of less than 20 % damping."""
+    """The modes in the band at one order, of less damping than structures may have."""
     root = np.sqrt(of.singular_values[:order])
     discrete, states = np.linalg.eig(of.shifted[:order, :order] / root / root[:, None])
     with np.errstate(divide="ignore"):
@@ -151,36 +151,6 @@ def poles(of: Realisation, order: int) -> Poles:
     return Poles(frequencies[kept], dampings[kept], real_shapes(shapes))
 
 
-def clusters(of: Realisation) -> tuple[Poles, FloatArray]:
-    """Candidates: clusters of the poles of all orders, and the share of orders that have each.
-
-    Clusters are those of average linkage with the distance |Δ ln f| / 5 % + (1 - MAC) / 0.2; a
-    cluster's pole of middle frequency stands for it.
-    """
-    from scipy.cluster.hierarchy import fcluster, linkage
-    from scipy.spatial.distance import squareform
-
-    orders = range(2, len(of.singular_values) + 1, 2)
-    each = [poles(of, order) for order in orders]
-    all_poles = Poles(
-        np.concatenate([p.frequencies_hz for p in each]),
-        np.concatenate([p.dampings for p in each]),
-        np.concatenate([p.shapes for p in each], axis=1),
-    )
-    if len(all_poles.frequencies_hz) < 2:
-        return all_poles, np.full(len(all_poles.frequencies_hz), 1.0 / len(orders))
-    log_f = np.log(all_poles.frequencies_hz)
-    distances = np.abs(log_f[:, None] - log_f) / SAME_FREQUENCY
-    distances += (1.0 - mac(all_poles.shapes, all_poles.shapes)) / (1.0 - SAME_SHAPE)
-    np.fill_diagonal(distances, 0.0)
-    labels = fcluster(linkage(squareform(distances, checks=False), "average"), 1.0, "distance")
-    members = [np.flatnonzero(labels == k) for k in range(1, labels.max() + 1)]
-    middle = [own[np.argsort(log_f[own])[len(own) // 2]] for own in members]
-    ascending = np.argsort(log_f[middle])
-    shares = np.array([len(own) for own in members]) / len(orders)
-    return all_poles.at([middle[i] for i in ascending]), shares[ascending]
-
-
 def next_era(data: Correlations, modes: Poles, sensors: tuple[str, ...]) -> ModalEstimates:
     """Frequencies, dampings and shapes of modes, with the covariance from a jackknife.
 
@@ -188,7 +158,7 @@ def next_era(data: Correlations, modes: Poles, sensors: tuple[str, ...]) -> Moda
 
     Args:
         data: correlation functions of the segments.
-        modes: about what they are, such as :func:`clusters` gives.
+        modes: about what they are.
         sensors: names of the sensors.
 
     Raises:

@@ -12,20 +12,18 @@ twice its length.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.arrays import ComplexArray, FloatArray
 from bayes_ssi.records.record import Record
 
 # Blocks of fewer lines overlap too much: of two, a quarter of the information is counted twice.
 FEWEST_TAPERS = 3
-# Entries of matrices that are computed at once: 32 megabytes.
-MOST_ENTRIES = 2_000_000
+# Integrations that lead from accelerations to what is measured.
+INTEGRATIONS = {"acceleration": 0, "velocity": 1, "displacement": 2}
 
 
 class Spectra(NamedTuple):
@@ -33,113 +31,108 @@ class Spectra(NamedTuple):
 
     Attributes:
         frequencies_hz: (K,), centres of the blocks.
+        widths_hz: (K,), over which each block's matrix is an average.
         weights: (K,), independent transforms that the block's matrix is the mean of.
-        matrices: (K, n, n), Hermitian: two-sided power spectral densities, unit² / Hz.
-        log_determinants: (K,), means over each block of those of the matrices by which its lines
-            were divided; zero where they were not.
+        matrices: (K, n, n), Hermitian: two-sided power spectral densities of accelerations.
     """
 
     frequencies_hz: FloatArray
+    widths_hz: FloatArray
     weights: FloatArray
     matrices: ComplexArray
-    log_determinants: FloatArray
 
 
-class Lines(NamedTuple):
-    """The lines of a band of a record padded to twice its length, and their division in blocks.
+class Transforms(NamedTuple):
+    """The lines of a band of a record padded to twice its length, as accelerations.
 
     Attributes:
-        frequencies_hz: (L,), half a line of the record apart.
-        transforms: (n, L).
-        centres: (K,), the line at the centre of each block.
-        n_tapers: (K,), of each block, which stands for as many lines of the record.
+        first: place of the first line, in half lines of the record.
+        line_hz: width of a line of the record, 1 / duration.
+        share: of the record that is used; the rest is masked.
+        values: (n, L), half a line of the record apart.
     """
 
-    frequencies_hz: FloatArray
-    transforms: ComplexArray
-    centres: NDArray[np.intp]
-    n_tapers: NDArray[np.intp]
+    first: int
+    line_hz: float
+    share: float
+    values: ComplexArray
+
+    @property
+    def frequencies_hz(self) -> FloatArray:
+        """(L,)"""
+        return 0.5 * self.line_hz * np.arange(self.first, self.first + self.values.shape[1])
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency."""
+        last = self.first + self.values.shape[1] - 1
+        return 0.5 * self.line_hz * self.first, 0.5 * self.line_hz * last
+
+    def turned(self, delays_s: FloatArray) -> Transforms:
+        """The lines of sensors that are no longer late by ``delays_s`` (n,)."""
+        turns = np.exp(2j * np.pi * np.outer(delays_s, self.frequencies_hz))
+        return self._replace(values=self.values * turns)
+
+    def spectra(self, low_hz: float, high_hz: float, relative_width: float) -> Spectra:
+        """The spectral matrices of blocks of a band's lines.
+
+        Args:
+            low_hz: where the first block begins.
+            high_hz: where the last block ends, at most.
+            relative_width: width of a block over its frequency.
+
+        Raises:
+            ValueError: too few lines are in the band.
+        """
+        low, high = self.band_hz
+        centres, numbers = _blocks(
+            max(low_hz, low) / self.line_hz, min(high_hz, high) / self.line_hz, relative_width
+        )
+        matrices = np.empty((len(centres), len(self.values), len(self.values)), dtype=complex)
+        for matrix, centre, n in zip(matrices, centres, numbers, strict=True):
+            t = np.arange(1, n + 1)
+            at = centre - self.first
+            below, above = np.maximum(at - t, 0), np.minimum(at + t, self.values.shape[1] - 1)
+            tapered = self.values[:, below] - self.values[:, above]
+            matrix[:] = tapered @ tapered.conj().T / (n * self.share)
+        weights = self.share * np.array([_independent(int(n)) for n in numbers])
+        return Spectra(
+            0.5 * self.line_hz * np.array(centres, dtype=float),
+            self.line_hz * (np.array(numbers) + 1.0),
+            weights,
+            matrices,
+        )
 
 
-def lines_of(record: Record, band_hz: tuple[float, float], relative_width: float) -> Lines:
+def transforms_of(
+    record: Record, band_hz: tuple[float, float], mask: FloatArray | None = None
+) -> Transforms:
     """The lines of a band.
 
     Args:
         record: the record; its means and linear trends are left out.
         band_hz: lowest and highest frequency.
-        relative_width: width of a block over its frequency.
-
-    Raises:
-        ValueError: the record does not cover the band, or has too few lines in it.
+        mask: (N,) factors of the samples, from 0 to 1; all 1 if None.
     """
     from scipy.fft import rfft
     from scipy.signal import detrend
 
-    low, high = record.checked_band(band_hz)
     n_padded = 2 * (record.n_samples + 1)
     line_hz = record.rate_hz * 2.0 / n_padded
-    highest = min(high / line_hz, n_padded / 4)
-    centres, n_tapers = _blocks(low / line_hz, highest, relative_width)
-    first, last = int(centres[0] - n_tapers[0]), int(centres[-1] + n_tapers[-1])
-    transforms = np.empty((len(record.sensors), last - first + 1), dtype=complex)
-    for row, samples in zip(transforms, record.samples, strict=True):
-        row[:] = rfft(detrend(samples), n_padded)[first : last + 1]
-    transforms /= np.sqrt(record.rate_hz * n_padded)
-    frequencies = 0.5 * line_hz * np.arange(first, last + 1, dtype=float)
-    return Lines(frequencies, transforms, centres - first, n_tapers)
+    first = max(1, math.floor(2.0 * band_hz[0] / line_hz))
+    last = min(n_padded // 2, math.ceil(2.0 * band_hz[1] / line_hz))
+    values = np.empty((len(record.sensors), last - first + 1), dtype=complex)
+    for row, samples in zip(values, record.samples, strict=True):
+        straight = detrend(samples)
+        if mask is not None:
+            straight *= mask
+        row[:] = rfft(straight, n_padded)[first : last + 1]
+    omega = np.pi * line_hz * np.arange(first, last + 1)
+    values *= omega ** INTEGRATIONS[record.quantity] / math.sqrt(record.rate_hz * n_padded)
+    return Transforms(first, line_hz, 1.0 if mask is None else float((mask**2).mean()), values)
 
 
-def spectra(lines: Lines, model: Callable[[FloatArray], ComplexArray] | None = None) -> Spectra:
-    """The spectral matrices of the blocks.
-
-    Args:
-        lines: of a band.
-        model: spectral matrices (L, n, n) at frequencies (L,), or None. Where they are given,
-            every line is divided by the Cholesky factor of its own before lines are averaged, and
-            the average is multiplied by that at the centre: what the model says of differences
-            between the lines of a block is no error of their average then.
-    """
-    n = len(lines.transforms)
-    matrices = np.empty((len(lines.centres), n, n), dtype=complex)
-    log_determinants = np.zeros(len(matrices))
-    for chunk in _chunks(lines):
-        ends = chunk[[0, -1]]
-        first, last = lines.centres[ends] + np.array([-1, 1]) * lines.n_tapers[ends]
-        transforms = lines.transforms[:, first : last + 1]
-        if model is not None:
-            factors: ComplexArray = np.linalg.cholesky(
-                model(lines.frequencies_hz[first : last + 1])
-            )
-            transforms = _solved(factors, transforms)
-            logs = 2.0 * np.log(factors.diagonal(axis1=1, axis2=2).real).sum(1)
-        for block in chunk:
-            t = np.arange(1, lines.n_tapers[block] + 1)
-            centre = lines.centres[block] - first
-            tapered = transforms[:, centre - t] - transforms[:, centre + t]
-            matrices[block] = tapered @ tapered.conj().T / len(t)
-            if model is not None:
-                log_determinants[block] = logs[centre - len(t) + 1 : centre + len(t)].mean()
-    frequencies = lines.frequencies_hz[lines.centres]
-    if model is not None:
-        factors = np.linalg.cholesky(model(frequencies))
-        matrices = factors @ matrices @ factors.conj().swapaxes(1, 2)
-    weights = np.array([_independent(int(n)) for n in lines.n_tapers])
-    return Spectra(frequencies, weights, matrices, log_determinants)
-
-
-def _solved(factors: ComplexArray, transforms: ComplexArray) -> ComplexArray:
-    """Transforms (n, L), each divided by its own factor (L, n, n)."""
-    return np.linalg.solve(factors, transforms.T[..., None])[..., 0].T
-
-
-def _chunks(lines: Lines) -> list[NDArray[np.intp]]:
-    """Blocks, in groups whose lines need not much memory."""
-    n_lines = MOST_ENTRIES // len(lines.transforms) ** 2
-    groups = (lines.centres - lines.centres[0]) // max(1, n_lines)
-    return np.split(np.arange(len(groups)), np.flatnonzero(np.diff(groups)) + 1)
-
-
-def _blocks(low: float, high: float, relative_width: float) -> tuple[NDArray[np.intp], ...]:
+def _blocks(low: float, high: float, relative_width: float) -> tuple[list[int], list[int]]:
     """Centres of the blocks, in half lines, and their numbers of tapers.
 
     A block of w tapers stands for w lines.
@@ -158,7 +151,7 @@ def _blocks(low: float, high: float, relative_width: float) -> tuple[NDArray[np.
             f"band_hz: the record has only {max(0, int(high) - math.ceil(low) + 1)} lines in the "
             f"band, fewer than {FEWEST_TAPERS}; take a wider band or a longer record"
         )
-    return np.array(centres), np.array(numbers)
+    return centres, numbers
 
 
 @cache

@@ -19,7 +19,7 @@ from bayes_ssi.posterior.posterior import Posterior, check_names
 from bayes_ssi.predictions.saved_predictions import SavedPredictions
 from bayes_ssi.ranking.averages import averaged_parameters
 from bayes_ssi.ranking.comparison import RankedClass
-from bayes_ssi.records.modal_identification import FARTHEST_APART, SHORTEST
+from bayes_ssi.records.modal_identification import SHORTEST
 from bayes_ssi.report.identifications import identifications
 from bayes_ssi.report.limits import LIMITS
 from bayes_ssi.report.report_figures import ReportFigures
@@ -76,7 +76,6 @@ def page_content(
         ],
         "several": len(stored.tests) > 1,
         "identifications": identifications(stored.tests, classes),
-        "most_apart": FARTHEST_APART,
         "shortest": SHORTEST,
         "classes": classes,
         "n_more": max(0, len(ranked) - LIMITS.classes),

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from rich.table import Table
 
 from bayes_ssi.data.merging import MergedModes
 from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.records.methods import MethodModes
 from bayes_ssi.records.modal_estimates import ModalEstimates
 from bayes_ssi.tables.layout import add_row, new_table, number
 
@@ -57,6 +60,34 @@ def estimates_table(modes: ModalEstimates) -> Table:
             f"{100.0 * damping_sd:.2g}",
             f"{shape_sd:.2g}",
         )
+    return table
+
+
+def methods_table(by: Mapping[str, MethodModes | str], names: Mapping[str, str]) -> Table:
+    """Each mode by every method, with the MAC of its shape with that of the first.
+
+    Args:
+        by: method → its modes, or why it has none.
+        names: method → its name.
+    """
+    shown = {name: modes for name, modes in by.items() if not isinstance(modes, str)}
+    first = next(iter(shown.values()))
+    table = new_table("Modes by every method", ["mode", "method"], ["frequency Hz", "± %",
+                      "damping %", "±", "shape ±", "MAC"])  # fmt: skip
+    for i in range(len(first.frequencies_hz)):
+        for name, modes in shown.items():
+            covs, dampings = modes.frequency_covs, modes.dampings
+            add_row(
+                table,
+                str(i + 1),
+                names[name],
+                f"{modes.frequencies_hz[i]:.5g}",
+                number(None if covs is None else 100.0 * covs[i], ".2g"),
+                number(None if dampings is None else 100.0 * dampings[i], ".3g"),
+                number(None if modes.damping_sds is None else 100.0 * modes.damping_sds[i], ".2g"),
+                number(None if modes.shape_sds is None else modes.shape_sds[i], ".2g"),
+                f"{float(modes.shapes[:, i] @ first.shapes[:, i]) ** 2:.4f}",
+            )
     return table
 
 

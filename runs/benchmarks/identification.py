@@ -22,15 +22,10 @@ import numpy as np
 from simulated_records import FRAME, Truth, simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
-from bayes_ssi.records.fdd import fdd
-from bayes_ssi.records.modal_estimates import ModalEstimates, Poles
-from bayes_ssi.records.short_time import Peaks
-from bayes_ssi.records.ssi_cov import ssi_cov
-from bayes_ssi.records.tfie import tfie
+from bayes_ssi.records.methods import NAMES, MethodModes, modes_by
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)
-METHODS = ("quoted", "Bayesian FFT", "NExT-ERA", "SSI-cov", "FDD", "TFIE")
 # A shear building whose modes are at 0.97, 2.90, 4.83 Hz and more, of which two are in the band.
 TALL = bs.ShearBuilding(masses=(1.0,) * 40, stiffnesses=(24_600.0,) * 40)
 TALL_BAND = (0.6, 4.2)
@@ -91,7 +86,7 @@ def report(kind: str, seeds: range) -> None:
     how = changes.pop("disturbed", "")
     band = TALL_BAND if structure is TALL else BAND
     truth = truth_of(structure, sensors, changes.get("damping", 0.02)).within(band)
-    of_methods: dict[str, list[Errors]] = {name: [] for name in METHODS}
+    of_methods: dict[str, list[Errors]] = {name: [] for name in NAMES}
     seconds, all_modes, failed, silent, pairs = [], 0, 0, 0.0, 0
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -107,20 +102,17 @@ def report(kind: str, seeds: range) -> None:
             len(peak.frequencies_hz) > 1 and (peak.probability_of_two or 0.0) > 0.9
             for peak in found.peaks
         )
-        for name, estimates in (
-            ("quoted", found.quoted), ("Bayesian FFT", found.bayesian), ("NExT-ERA", found.era),
-        ):  # fmt: skip
-            if estimates is None or estimates.n_modes != len(truth.frequencies_hz):
+        for name in NAMES:
+            try:
+                modes = modes_by(name, record, found.quoted)
+            except ValueError:
                 continue
-            errors = errors_of(estimates, truth)
+            if len(modes.frequencies_hz) != len(truth.frequencies_hz):
+                continue
+            errors = errors_of(modes, truth)
             of_methods[name].append(errors)
-            if name == "quoted" and not found.failed_checks:
+            if name == "bayesian-fft" and not found.failed_checks:
                 silent = max(silent, largest(errors))
-        for name, method in (("FDD", fdd), ("TFIE", tfie)):
-            peaks = method(record, band, near=truth.frequencies_hz)
-            of_methods[name].append(errors_of_peaks(peaks, truth))
-        if (by_subspaces := ssi_errors(record, band, truth)) is not None:
-            of_methods["SSI-cov"].append(by_subspaces)
     print(
         f"{kind}: {len(seeds)} records, all modes and no others in {all_modes}, failed checks in "
         f"{failed}, largest error without one {silent:.1f} claimed, two modes at a peak above 0.9 "
@@ -128,7 +120,7 @@ def report(kind: str, seeds: range) -> None:
     )
     for name, several in of_methods.items():
         if several:
-            print_row(name, several)
+            print_row(NAMES[name], several)
     sys.stdout.flush()
 
 
@@ -159,33 +151,18 @@ def disturbed(record: bs.Record, how: str, truth: Truth) -> bs.Record:
     return bs.Record(samples, record.rate_hz, record.sensors, record.quantity, record.unit)
 
 
-def ssi_errors(record: bs.Record, band: tuple[float, float], truth: Truth) -> Errors | None:
-    """Errors of SSI-cov sought near the true modes; None without pyOMA2 or where it has none."""
-    try:
-        modes = ssi_cov(record, band, Poles(*truth))
-    except ValueError:
-        return None
-    found = errors_of_peaks(Peaks(modes.poles.frequencies_hz, modes.poles.shapes), truth)
-    return found._replace(frequency_covs=modes.frequency_sds / modes.poles.frequencies_hz)
-
-
-def errors_of(estimates: ModalEstimates, truth: Truth) -> Errors:
-    """Errors of estimates of all modes."""
-    cosines = np.abs((estimates.shapes * truth.shapes).sum(0))
+def errors_of(modes: MethodModes, truth: Truth) -> Errors:
+    """Errors of all modes, sought near those of the Bayesian FFT."""
+    n, m = modes.shapes.shape
+    cosines = np.abs((modes.shapes * truth.shapes).sum(0))
+    nothing = np.full(m, np.nan)
+    sds = nothing if modes.shape_sds is None else modes.shape_sds * np.sqrt(n - 1)
     return Errors(
-        np.log(estimates.frequencies_hz / truth.frequencies_hz),
-        estimates.frequency_covs,
-        np.sqrt(2.0 - 2.0 * cosines),
-        estimates.shape_sds * np.sqrt(len(estimates.sensors) - 1),
+        np.log(modes.frequencies_hz / truth.frequencies_hz),
+        nothing if modes.frequency_covs is None else modes.frequency_covs,
+        np.sqrt(np.maximum(0.0, 2.0 - 2.0 * cosines)),
+        sds,
     )
-
-
-def errors_of_peaks(peaks: Peaks, truth: Truth) -> Errors:
-    """Errors of peaks sought near the true frequencies."""
-    cosines = np.abs((peaks.shapes * truth.shapes).sum(0))
-    nothing = np.full(len(cosines), np.nan)
-    errors = np.log(peaks.frequencies_hz / truth.frequencies_hz)
-    return Errors(errors, nothing, np.sqrt(2.0 - 2.0 * cosines), nothing)
 
 
 def largest(errors: Errors) -> float:
@@ -209,7 +186,7 @@ def print_row(name: str, several: list[Errors]) -> None:
     if np.isnan(claimed).all():
         print(
             f"  {name:13s} n {len(several):3d}  f % {row(100 * rms(errors), '{:.3f}')}  "
-            f"shapes {row(rms(shapes), '{:.4f}')}  (sought at the true frequencies)"
+            f"shapes {row(rms(shapes), '{:.4f}')}  (no errors are claimed)"
         )
         return
     if np.isnan(claimed_shapes).all():

@@ -51,7 +51,7 @@ def npz(path, samples=SAMPLES, names=NAMES, **stated):
         (
             {},
             {"at": (1.0, 1.1, 1.2, 1.3), "band": (0.6, 1.7)},
-            "the band has 6 lines of 3 sensors, fewer than the",
+            "the band has 8 lines of 3 sensors, fewer than the 40 unknowns of 4 modes",
         ),
     ],
 )

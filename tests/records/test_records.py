@@ -7,7 +7,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.records.next_era import correlations
-from bayes_ssi.records.spectra import lines_of
+from bayes_ssi.records.spectra import transforms_of
 
 RATE = 50.0
 TIMES = np.arange(400) / RATE
@@ -112,7 +112,7 @@ def test_what_is_identified_from_needs_no_copy_of_a_long_record():
     correlations(short, (0.5, 1.0))  # scipy is imported
     tracemalloc.start()
     correlations(long, (0.5, 1.0))
-    lines_of(long, (0.5, 1.0), 0.005)
+    transforms_of(long, (0.5, 1.0))
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert most < 0.5 * samples.nbytes

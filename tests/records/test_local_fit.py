@@ -1,0 +1,239 @@
+"""The spectral model of a narrow band: its derivatives, its information and its evidence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from bayes_ssi.records.local_fit import Fitter, _Steps, gain_of
+from bayes_ssi.records.local_model import (
+    IndependentLoads,
+    Model,
+    OneSource,
+    Resonances,
+    basis,
+    coordinates,
+    responses,
+)
+from bayes_ssi.records.local_spectra import LocalSpectra, local_spectra, noise_scales
+from bayes_ssi.records.spectra import Spectra
+
+R, K = 3, 60
+
+
+def data_of(matrices, width=0.01):
+    frequencies = np.linspace(1.7, 2.3, len(matrices))
+    r = matrices.shape[1]
+    n = len(matrices)
+    return LocalSpectra(
+        frequencies, np.full(n, width), np.full(n, 5.0), matrices, np.full(r, 0.1), np.eye(r),
+        np.eye(r), np.zeros((n, 0, r), dtype=complex), np.zeros((r, 0)),
+    )  # fmt: skip
+
+
+def random_model(rng, drive_kind, m=2, p=1):
+    shapes = rng.standard_normal((R, m)) + 0.05j * rng.standard_normal((R, m))
+    shapes *= np.exp(-0.5j * np.angle((shapes**2).sum(0)))
+    shapes /= np.linalg.norm(shapes, axis=0)
+    modes = Resonances(np.array([1.95, 2.08])[:m], np.array([0.015, 0.02])[:m], shapes)
+
+    def normal(*size):
+        return rng.standard_normal(size) + 1j * rng.standard_normal(size)
+
+    half = normal(3, R, R)
+    backgrounds = 0.02 * (half + half.conj().swapaxes(1, 2))
+    backgrounds[0] += np.eye(R)
+    if drive_kind == "loads":
+        forces = 1j * np.array([0.3, 0.2])[:m] * shapes + 0.02 * normal(R, m)
+        drive = IndependentLoads(0.02 * normal(R, p), forces)
+    else:
+        drive = OneSource(0.3 * normal(3, R), 0.1 * normal(p), 0.2 * normal(m))
+    neighbour = Resonances(np.array([2.6]), np.array([0.02]), np.eye(R)[:, :1].astype(complex))
+    return Model(backgrounds, modes, drive), neighbour
+
+
+def fitter_and_model(drive_kind, seed=0):
+    rng = np.random.default_rng(seed)
+    model, neighbour = random_model(rng, drive_kind)
+    plain = Fitter(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))), neighbour, False)
+    e = model.covariances(plain.scene)
+    normal = rng.standard_normal((K, R, 5, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
+    transforms = np.linalg.cholesky(e) @ normal
+    drawn = transforms @ transforms.conj().swapaxes(1, 2) / 5.0
+    return Fitter(data_of(drawn), neighbour, drive_kind != "loads"), model
+
+
+def test_a_block_sees_the_mean_response_over_its_width():
+    """Against quadrature of h = 1 / (1 - β² - 2iζβ), in blocks wider than the resonance."""
+    data = data_of(np.zeros((5, R, R)), width=0.3)
+    means = responses(np.log([2.01]), np.log([0.004]), data)[:, 0]
+    for centre, mean in zip(data.frequencies_hz, means, strict=True):
+
+        def h(f):
+            beta = 2.01 / f
+            return 1.0 / (1.0 - beta**2 - 0.008j * beta)
+
+        ends = centre - 0.15, centre + 0.15
+        parts = [
+            quad(lambda f, part=part: part(h(f)), *ends, points=[2.01], limit=200)[0] / 0.3
+            for part in (np.real, np.imag)
+        ]
+        assert mean == pytest.approx(complex(*parts), rel=1e-6)
+
+
+def test_coordinates_of_hermitian_matrices_keep_lengths():
+    rng = np.random.default_rng(1)
+    half = rng.standard_normal((R, R)) + 1j * rng.standard_normal((R, R))
+    matrix = half + half.conj().T
+    own = coordinates(matrix)
+    np.testing.assert_allclose(np.einsum("a,aij->ij", own, basis(R)), matrix, atol=1e-12)
+    assert own @ own == pytest.approx(np.linalg.norm(matrix) ** 2)
+
+
+@pytest.mark.parametrize("drive_kind", ["loads", "one source"])
+@pytest.mark.parametrize("has_phases", [False, True])
+def test_the_slope_is_that_of_the_likelihood(drive_kind, has_phases):
+    """By central differences along every coordinate."""
+    fitter, model = fitter_and_model(drive_kind)
+    if not has_phases:
+        real = model.modes.shapes.real / np.linalg.norm(model.modes.shapes.real, axis=0)
+        model = model._replace(modes=model.modes._replace(shapes=real.astype(complex)))
+    usual = np.maximum(model.drive.sizes(model.modes), 1e-12)
+    scales = model.drive.scales(model.modes, usual)
+    e = model.covariances(fitter.scene)
+    steps = _Steps(fitter, model, e, has_phases, scales)
+
+    def misfit(step):
+        return fitter.misfit(steps.moved(step).covariances(fitter.scene))
+
+    plain = slope_of_the_likelihood(steps, fitter)
+    size = 1e-6 / np.sqrt(steps.information.diagonal().clip(1e-6))
+    differences = [
+        (misfit(-step) - misfit(step)) / (2.0 * size[i]) for i, step in enumerate(np.diag(size))
+    ]
+    scale = np.sqrt(steps.information.diagonal().clip(1e-6))
+    np.testing.assert_allclose(plain / scale, differences / scale, atol=2e-4)
+
+
+def slope_of_the_likelihood(steps, fitter):
+    slope = np.zeros(steps.size)
+    smooth = 3 * R * R
+    for i, power in enumerate(fitter.scene.powers):
+        slope[i * R * R : (i + 1) * R * R] = power @ steps.slopes
+    slope[smooth:] = np.einsum("kpa,ka->p", steps.derivatives, steps.slopes)
+    return slope
+
+
+@pytest.mark.parametrize("drive_kind", ["loads", "one source"])
+def test_the_information_is_the_curvature_where_the_model_is_exact(drive_kind):
+    fitter, model = fitter_and_model(drive_kind)
+    e = model.covariances(fitter.scene)
+    exact = data_of(e)._replace(floor=np.zeros(R))
+    fitter = Fitter(exact, fitter.scene.neighbours, fitter.one_source)
+    usual = np.maximum(model.drive.sizes(model.modes), 1e-12)
+    scales = model.drive.scales(model.modes, usual)
+    steps = _Steps(fitter, model, e, True, scales)
+    rng = np.random.default_rng(5)
+    scale = np.sqrt(steps.information.diagonal())
+    least = fitter.misfit(e)
+    for direction in rng.standard_normal((6, steps.size)) / scale:
+        step = 0.003 * direction
+        both = (fitter.misfit(steps.moved(s).covariances(fitter.scene)) for s in (step, -step))
+        rise = sum(both) - 2.0 * least
+        assert rise == pytest.approx(float(step @ steps.information @ step), rel=5e-3)
+
+
+def test_modes_are_recovered_with_their_errors():
+    """Of 40 draws from a model of two modes: pulls of ln f and ln ζ have unit size, to 11 %."""
+    pulls = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        model, neighbour = random_model(np.random.default_rng(3), "loads")
+        real = model.modes.shapes.real / np.linalg.norm(model.modes.shapes.real, axis=0)
+        drive = model.drive._replace(of_modes=1j * np.array([0.3, 0.2]) * real)
+        model = Model(model.backgrounds, model.modes._replace(shapes=real.astype(complex)), drive)
+        fitter = Fitter(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))), neighbour, False)
+        e = model.covariances(fitter.scene)
+        normal = rng.standard_normal((K, R, 5, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
+        transforms = np.linalg.cholesky(e) @ normal
+        drawn = transforms @ transforms.conj().swapaxes(1, 2) / 5.0
+        fit = Fitter(data_of(drawn), neighbour, False).fit(model.modes, has_phases=False)
+        assert fit.converged
+        assert fit.are_modes.all()
+        assert fit.whiteness < 1.3
+        sds = np.sqrt(fit.covariance.diagonal()[:4])
+        off = np.concatenate(
+            [
+                np.log(fit.modes.frequencies_hz / model.modes.frequencies_hz),
+                np.log(fit.modes.dampings / model.modes.dampings),
+            ]
+        )
+        pulls.append(off / sds)
+    assert np.sqrt(np.square(pulls).mean()) == pytest.approx(1.0, abs=0.25)
+
+
+def test_one_source_is_followed_where_spectra_are_all_but_singular():
+    """Noise of 1e-4 of the power: modes and whiteness are right, and the climb arrives."""
+    rng = np.random.default_rng(7)
+    model, neighbour = random_model(np.random.default_rng(3), "one source")
+    real = model.modes.shapes.real / np.linalg.norm(model.modes.shapes.real, axis=0)
+    quiet = 1e-2 * model.backgrounds
+    model = Model(quiet, model.modes._replace(shapes=real.astype(complex)), model.drive)
+    fitter = Fitter(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))), neighbour, True)
+    e = model.covariances(fitter.scene)
+    normal = rng.standard_normal((K, R, 5, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
+    transforms = np.linalg.cholesky(e) @ normal
+    drawn = transforms @ transforms.conj().swapaxes(1, 2) / 5.0
+    data = data_of(drawn)._replace(floor=np.full(R, 1e-4))
+    fit = Fitter(data, neighbour, True).fit(model.modes, has_phases=False)
+    assert fit.converged
+    assert fit.whiteness < fit.allowed_whiteness
+    off = np.log(fit.modes.frequencies_hz / model.modes.frequencies_hz)
+    assert (np.abs(off) < 4.0 * np.sqrt(fit.covariance.diagonal()[:2])).all()
+
+
+def test_the_gain_by_a_mode_more_is_large_where_there_is_one():
+    """What is left out gains more than a mode costs; beside it there is next to nothing."""
+    fitter, model = fitter_and_model("loads", seed=2)
+    first, second = (model.modes.at([i]) for i in range(2))
+    fit = fitter.fit(first, has_phases=True)
+    whole = fitter.fit(model.modes, has_phases=True)
+    gain, shape = gain_of(fitter, fit, second)
+    assert whole.log_evidence > fit.log_evidence + 10.0
+    assert gain > 20.0
+    np.testing.assert_array_equal(shape, second.shapes[:, 0])
+    far = replace_frequency(second, 1.75)
+    assert gain_of(fitter, whole, far)[0] < 15.0
+
+
+def replace_frequency(modes, hz):
+    return modes._replace(frequencies_hz=np.array([hz]))
+
+
+def test_noise_is_what_no_other_channel_explains():
+    """Of two channels with a common signal and noises of 0.1 and 0.3: their sizes, to a few %."""
+    rng = np.random.default_rng(6)
+    n_blocks, weight = 200, 20
+    common = rng.standard_normal((n_blocks, 1, weight, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
+    noise = rng.standard_normal((n_blocks, 3, weight, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
+    z = common * np.array([1.0, 1.0, 1.0])[:, None] + noise * np.array([0.01, 0.1, 0.3])[:, None]
+    matrices = z @ z.conj().swapaxes(1, 2) / weight
+    frequencies = np.linspace(1.0, 2.0, n_blocks)
+    spectra = Spectra(frequencies, np.full(n_blocks, 0.01), np.full(n_blocks, 20.0), matrices)
+    scales = noise_scales(spectra)
+    np.testing.assert_allclose(scales[1:], [0.1, 0.3], rtol=0.1)
+    data = local_spectra(spectra, 2)
+    # Directions and the rest together hold all channels.
+    whole = np.concatenate([data.to_channels, data.rest_to_channels], axis=1)
+    assert np.linalg.matrix_rank(whole) == 3
+    np.testing.assert_allclose(data.from_channels @ data.to_channels, np.eye(2), atol=1e-9)
+
+
+def test_a_fit_goes_on_from_another():
+    fitter, model = fitter_and_model("loads", seed=4)
+    real = fitter.fit(model.modes, has_phases=False)
+    turned = fitter.fit(real, has_phases=True)
+    assert turned.has_phases
+    assert fitter.misfit(turned.covariances) < fitter.misfit(real.covariances)
+    assert replace(turned, has_phases=False).modes is turned.modes
