@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.records.explained_bands import Explained
+from bayes_ssi.records.explained_band import Explained
 
 # One mode's phases could be its own; delays are common to several.
 FEWEST_MODES = 2

@@ -14,7 +14,7 @@ from bayes_ssi.data.identification_record import (
 )
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.records.explained_bands import Explained
+from bayes_ssi.records.explained_band import Explained
 from bayes_ssi.records.modal_estimates import ModalEstimates
 from bayes_ssi.records.mode_candidates import Candidates
 from bayes_ssi.records.peaks import Peak

@@ -9,8 +9,9 @@ import numpy as np
 
 from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.records.band_search import explain
 from bayes_ssi.records.delays import delays
-from bayes_ssi.records.explained_bands import Explained, explain, resolution
+from bayes_ssi.records.explained_band import Explained, resolution
 from bayes_ssi.records.identification_result import (
     ModalIdentification,
     SingularValues,

@@ -239,7 +239,7 @@ def test_methods_are_compared_and_one_of_them_is_used():
 
 
 def test_ssi_through_pyoma2_agrees_with_the_bayesian_fft():
-    """From one record, to three of its own standard deviations, which are twice as large."""
+    """From one record, to three of its own standard deviations, which are about as large."""
     pytest.importorskip("pyoma2", reason="pip install bayes_ssi[oma]")
     record = simulated(1)
     found = ssi_cov(record, BAND, Poles(*TRUTH))
@@ -248,7 +248,7 @@ def test_ssi_through_pyoma2_agrees_with_the_bayesian_fft():
     assert np.abs(apart / found.frequency_sds).max() < 3.0
     assert (np.abs((found.poles.shapes * TRUTH.shapes).sum(0)) > 0.999).all()
     ratios = found.frequency_sds / result.quoted.frequencies_hz / result.quoted.frequency_covs
-    assert ((ratios > 1.0) & (ratios < 3.0)).all()
+    assert ((ratios > 0.5) & (ratios < 2.0)).all()
 
 
 def test_ssi_without_pyoma2_says_how_to_install_it(monkeypatch):
@@ -265,7 +265,7 @@ def test_a_peak_holds_two_modes_with_a_probability(mass, n_modes, low, high):
     """Infills that split the second mode by 1.2 and by 0.5 half-power bandwidths.
 
     The latter are too close, and that is said: for what can be told at 0.02 of damping, see the
-    closed form in explained_bands.py: (4 n / (π ζ f T))^(1/4) bandwidths apart gain n nats.
+    closed form in explained_band.py: (4 n / (π ζ f T))^(1/4) bandwidths apart gain n nats.
     """
     structure = with_infill(mass=mass)
     truth = truth_of(structure, SENSORS, 0.02)

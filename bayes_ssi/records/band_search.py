@@ -1,0 +1,187 @@
+"""The bands of a record explained: what drives them, which modes, one or two at each peak.
+
+Modes that share a peak are identified together, in a band of their own. The nearest modes outside a
+band are known from their own, and every band is explained again with the neighbours that the first
+pass left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bayes_ssi.records.band_groups import Group, groups_of, in_directions, spectra_of
+from bayes_ssi.records.explained_band import Explained, Odds
+from bayes_ssi.records.local_fit import DAMPING, Fitter
+from bayes_ssi.records.local_model import Resonances
+from bayes_ssi.records.local_spectra import LocalSpectra
+from bayes_ssi.records.mode_candidates import Candidates, no_resonances
+from bayes_ssi.records.mode_selection import UNEXPECTED, with_others, without_needless
+from bayes_ssi.records.spectra import Transforms
+from bayes_ssi.records.two_modes import nats_of_a_pair, share_a_peak, two_in_place_of
+
+# When modes are known, their bands reach so many bandwidths where that moves no frequency or
+# damping by more claimed standard deviations than two estimates from much the same lines may.
+SHARP_REACH, SAME = 6.0, 2.5
+# Nats that phases must gain: sensors are in step but for few records.
+PHASES = 5.0
+# Nats by which one source fits loads of one mode better, and what a band may say at most.
+USUAL_GAIN, DECISIVE = 8.0, (-8.0, 50.0)
+# Below this a damping may be that of a spike of a wider resonance.
+SUSPECT_DAMPING = 0.01
+
+
+_Prepared = tuple[Group, LocalSpectra, Resonances]
+
+
+def explain(
+    transforms: Transforms,
+    found: Candidates,
+    band_hz: tuple[float, float],
+    n_passes: int = 2,
+    fixed: bool = False,
+) -> list[Explained]:
+    """The bands of all candidates' peaks, explained; those next to the search, too.
+
+    Args:
+        transforms: the lines of all channels.
+        found: candidates.
+        band_hz: of the search.
+        n_passes: how often.
+        fixed: whether modes are as many as the candidates' peaks.
+    """
+    modes = found.of_peaks
+    bands: list[Explained] = []
+    one_source = False
+    for number in range(n_passes):
+        prepared: list[_Prepared] = []
+        for group in groups_of(transforms, modes, band_hz):
+            data = spectra_of(transforms, group, modes)
+            if data is not None:
+                prepared.append((group, *data))
+        if number == 0:
+            # Where independent loads do not explain the spectra, one source may: as they stand, or
+            # when more modes have been tried.
+            one_source = _is_one_source(_plain(prepared, True), _plain(prepared, False))
+        each = _all_explained(prepared, one_source, found, fixed)
+        if number == 0 and not one_source and any(_doubtful(band) for band in each):
+            others = _all_explained(prepared, True, found, fixed)
+            if _fewer_doubts(others, each):
+                one_source, each = True, others
+        bands = [band for band in each if band is not None]
+        modes = no_resonances(len(transforms.values))
+        for band in bands:
+            modes = modes.joined(band.modes)
+    wide = groups_of(transforms, modes, band_hz, SHARP_REACH)
+    return [_sharper(transforms, band, wide, modes) for band in bands]
+
+
+def _sharper(
+    transforms: Transforms, band: Explained, wide: Sequence[Group], modes: Resonances
+) -> Explained:
+    """The band with the errors of a wider one, where that says the same and is explained, too."""
+    f = band.fit.modes.frequencies_hz
+    groups = [g for g in wide if np.array_equal(g.modes.frequencies_hz, f)]
+    if not groups or not band.is_wanted or band.doubt is not None:
+        return band
+    found = spectra_of(transforms, groups[0], modes)
+    if found is None:
+        return band
+    data, neighbours = found
+    start = in_directions(data, groups[0].modes)
+    fit = Fitter(data, neighbours, band.fit.one_source).fit(start, band.fit.has_phases)
+    m = len(f)
+    moves = (
+        np.log(fit.modes.frequencies_hz / f),
+        np.log(fit.modes.dampings / band.fit.modes.dampings),
+    )
+    sds = np.sqrt(band.fit.covariance.diagonal()[: 2 * m])
+    is_same = bool((np.abs(np.concatenate(moves)) < SAME * sds).all())
+    wider = replace(band, fit=fit)
+    return wider if is_same and fit.are_modes.all() and wider.doubt is None else band
+
+
+def _all_explained(
+    prepared: Sequence[_Prepared], one_source: bool, found: Candidates, fixed: bool
+) -> list[Explained | None]:
+    """Bands, or None for those without a mode."""
+    return [
+        _explained(Fitter(data, neighbours, one_source), group, found, fixed)
+        for group, data, neighbours in prepared
+    ]
+
+
+def _plain(prepared: Sequence[_Prepared], one_source: bool) -> list[Explained | None]:
+    """Bands as the candidates have them."""
+    return [
+        Explained(
+            Fitter(data, neighbours, one_source).fit(in_directions(data, group.modes), False),
+            (), group.is_wanted,
+        )
+        for group, data, neighbours in prepared
+    ]  # fmt: skip
+
+
+def _is_one_source(one: Sequence[Explained | None], many: Sequence[Explained | None]) -> bool:
+    """Whether one process drives everything: it explains more bands, or as many and better."""
+    doubts = [sum(map(_doubtful, each)) for each in (one, many)]
+    nats = [
+        float(np.clip(a.fit.log_likelihood - b.fit.log_likelihood - USUAL_GAIN, *DECISIVE))
+        for a, b in zip(one, many, strict=True)
+        if a is not None and b is not None and a.excess < 1.0
+    ]
+    return doubts[0] < doubts[1] or (doubts[0] == doubts[1] and sum(nats) > UNEXPECTED)
+
+
+def _doubtful(band: Explained | None) -> bool:
+    return band is not None and band.is_wanted and band.doubt is not None
+
+
+def _fewer_doubts(one: Sequence[Explained | None], other: Sequence[Explained | None]) -> bool:
+    """Whether the first explain more bands."""
+    return sum(map(_doubtful, one)) < sum(map(_doubtful, other))
+
+
+def _explained(fitter: Fitter, group: Group, found: Candidates, fixed: bool) -> Explained | None:
+    """A band, or None where it holds no mode; what is beside the search is only estimated."""
+    data = fitter.data
+    starts = [in_directions(data, group.modes)]
+    if (starts[0].dampings < SUSPECT_DAMPING).any():  # perhaps a spike of a wider resonance
+        starts.append(starts[0]._replace(dampings=starts[0].dampings.clip(1.3 * DAMPING)))
+    real = max(
+        (fitter.fit(start, has_phases=False) for start in starts),
+        key=lambda each: each.log_evidence,
+    )
+    turned = fitter.fit(real, has_phases=True)
+    fit = real if real.log_evidence + PHASES > turned.log_evidence else turned
+    if not fixed:
+        clear = [peak for peak in found.peaks if peak.is_clear]
+        if group.is_wanted:
+            fit = with_others(fitter, fit, found.poles)
+        fit = without_needless(fitter, fit, clear)
+        if not len(fit.modes.frequencies_hz):
+            return None
+    if fit is not real and fit is not turned:
+        real = fitter.fit(fit.modes, has_phases=False)
+        turned = fitter.fit(real, has_phases=True)
+    peaks: list[tuple[tuple[int, ...], Odds]] = []
+    best = real if real.log_evidence + PHASES > turned.log_evidence else turned
+    by_phases = turned.log_evidence - real.log_evidence - PHASES
+    i = 0
+    while i < len(best.modes.frequencies_hz) and group.is_wanted:
+        if i + 1 < len(best.modes.frequencies_hz) and share_a_peak(best.modes, i):
+            peaks.append(((i, i + 1), Odds(0.0, by_phases, nats_of_a_pair(fitter, best, i))))
+            i += 2
+            continue
+        gain, two = two_in_place_of(fitter, best, i)
+        nats = Odds(0.0, by_phases, max(0.0, by_phases) + gain)
+        if two is not None and gain > 0.0 and not fixed:
+            best = two
+            peaks.append(((i, i + 1), nats))
+            i += 2
+            continue
+        peaks.append(((i,), nats))
+        i += 1
+    return Explained(best, tuple(peaks), group.is_wanted)
