@@ -27,6 +27,9 @@ from bayes_ssi.records.two_modes import nats_of_a_pair, share_a_peak, two_in_pla
 SHARP_REACH, SAME = 6.0, 2.5
 # Nats that phases must gain: sensors are in step but for few records.
 PHASES = 5.0
+# Nats that a second mode of a peak must gain: one in a thousand peaks has one that shows as no
+# peak of its own, and a false pair misleads more than a missed one.
+RARE_PAIR = 7.0
 # Nats by which one source fits loads of one mode better, and what a band may say at most.
 USUAL_GAIN, DECISIVE = 8.0, (-8.0, 50.0)
 # Below this a damping may be that of a spike of a wider resonance.
@@ -176,8 +179,8 @@ def _explained(fitter: Fitter, group: Group, found: Candidates, fixed: bool) -> 
             i += 2
             continue
         gain, two = two_in_place_of(fitter, best, i)
-        nats = Odds(0.0, by_phases, max(0.0, by_phases) + gain)
-        if two is not None and gain > 0.0 and not fixed:
+        nats = Odds(0.0, by_phases, max(0.0, by_phases) + gain - RARE_PAIR)
+        if two is not None and gain > RARE_PAIR and not fixed:
             best = two
             peaks.append(((i, i + 1), nats))
             i += 2

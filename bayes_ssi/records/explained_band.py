@@ -35,7 +35,7 @@ class Odds(NamedTuple):
 
     @property
     def probabilities(self) -> tuple[float, float, float]:
-        """Of the three, each equally probable before."""
+        """Of the three; what is rarer before has fewer nats already."""
         nats = np.array(self)
         highest = nats.max()
         if not math.isfinite(highest):

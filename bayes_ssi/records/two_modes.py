@@ -13,6 +13,8 @@ from bayes_ssi.records.mode_selection import SEPARATE
 
 # Modes closer than this times the sum of half their bandwidths share a peak.
 SHARED = 3.0
+# Both are within so many half bandwidths of the one mode: farther off there would be a peak.
+NEAR = 1.25
 # Where the two modes of a peak are at first, in dampings from its middle, and their damping.
 SPLITS, NARROWER = (0.5, 1.0), 0.7
 # Their shapes: shares of the one mode's shape, and of what it leaves unexplained.
@@ -59,7 +61,7 @@ def two_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> tuple[float, Local
             if not (two.converged and two.are_modes.all()):
                 continue
             nearest = np.argsort(np.abs(two.modes.frequencies_hz - frequency))[:2]
-            reach = 3.0 * two.modes.half_widths_hz[nearest].max()
+            reach = NEAR * max(two.modes.half_widths_hz[nearest].max(), damping * frequency)
             if (np.abs(two.modes.frequencies_hz[nearest] - frequency) > reach).any():
                 continue
             apart = abs(float(np.diff(two.modes.frequencies_hz[nearest])[0]))
