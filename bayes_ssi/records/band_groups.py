@@ -17,9 +17,10 @@ from bayes_ssi.records.spectra import Transforms
 # frequency, or so few bandwidths, and no less than a smaller share, or so many lines.
 REACH, WIDEST, LEAST_REACH, NARROWEST, FEWEST_LINES = 7.0, 0.12, 2.5, 0.05, 40
 # Modes closer than this times the sum of their half-power bandwidths share a band.
-TOGETHER = 1.0
-# Dampings of candidates may be far off; modes are grouped, and bands made, as for these.
-GROUP_DAMPINGS, REACH_DAMPINGS = (0.004, 0.04), (0.01, 0.04)
+TOGETHER = 1.25
+# Dampings of candidates may be far off, most of all below a share of the median of all; modes are
+# grouped, and bands made, as for these.
+GROUP_DAMPINGS, REACH_DAMPINGS, OF_MEDIAN = (0.004, 0.04), (0.01, 0.04), 0.7
 # Blocks of lines are this share of a damping wide, relative to their frequency.
 BLOCK_OVER_DAMPING, MOST_BLOCK_DAMPING = 0.25, 0.03
 # Directions of the channels: those of modes and neighbours, and a few for the rest; not more than
@@ -53,7 +54,8 @@ def groups_of(
     order = np.argsort(modes.frequencies_hz, kind="stable").tolist()
     members: list[list[int]] = []
     f = modes.frequencies_hz
-    widths = 2.0 * modes.dampings.clip(*GROUP_DAMPINGS) * f
+    least = OF_MEDIAN * float(np.median(modes.dampings)) if len(f) else 0.0
+    widths = 2.0 * np.maximum(modes.dampings, least).clip(*GROUP_DAMPINGS) * f
     for i in order:
         if members:
             last = members[-1][-1]

@@ -30,8 +30,10 @@ PHASES = 5.0
 # Nats that a second mode of a peak must gain: one in a thousand peaks has one that shows as no
 # peak of its own, and a false pair misleads more than a missed one.
 RARE_PAIR = 7.0
-# Nats by which one source fits loads of one mode better, and what a band may say at most.
-USUAL_GAIN, DECISIVE = 8.0, (-8.0, 50.0)
+# A pole that more than this share of the orders has is tried where there is no peak, too.
+AGREED = 0.5
+# Nats that a band may say at most of what drives all.
+DECISIVE = (-8.0, 50.0)
 # Below this a damping may be that of a spike of a wider resonance.
 SUSPECT_DAMPING = 0.01
 
@@ -55,7 +57,7 @@ def explain(
         n_passes: how often.
         fixed: whether modes are as many as the candidates' peaks.
     """
-    modes = found.of_peaks
+    modes = found.of_peaks.beside(_between_bands(transforms, found, band_hz))
     bands: list[Explained] = []
     one_source = False
     for number in range(n_passes):
@@ -79,6 +81,17 @@ def explain(
             modes = modes.joined(band.modes)
     wide = groups_of(transforms, modes, band_hz, SHARP_REACH)
     return [_sharper(transforms, band, wide, modes) for band in bands]
+
+
+def _between_bands(
+    transforms: Transforms, found: Candidates, band_hz: tuple[float, float]
+) -> Resonances:
+    """Poles that many orders agree on, where no peak's band reaches."""
+    f = found.others.frequencies_hz
+    free = (found.shares > AGREED) & (f > band_hz[0]) & (f < band_hz[1])
+    for group in groups_of(transforms, found.of_peaks, band_hz):
+        free &= (f < group.low) | (f > group.high)
+    return found.others.at(np.flatnonzero(free).tolist())
 
 
 def _sharper(
@@ -116,24 +129,23 @@ def _all_explained(
     ]
 
 
-def _plain(prepared: Sequence[_Prepared], one_source: bool) -> list[Explained | None]:
-    """Bands as the candidates have them."""
-    return [
-        Explained(
-            Fitter(data, neighbours, one_source).fit(in_directions(data, group.modes), False),
-            (), group.is_wanted,
-        )
-        for group, data, neighbours in prepared
-    ]  # fmt: skip
+def _plain(prepared: Sequence[_Prepared], one_source: bool) -> list[Explained]:
+    """Bands as the candidates have them, whose sensors may have phases: late ones are no source."""
+    bands = []
+    for group, data, neighbours in prepared:
+        fitter = Fitter(data, neighbours, one_source)
+        real = fitter.fit(in_directions(data, group.modes), has_phases=False)
+        bands.append(Explained(fitter.fit(real, has_phases=True), (), group.is_wanted))
+    return bands
 
 
-def _is_one_source(one: Sequence[Explained | None], many: Sequence[Explained | None]) -> bool:
+def _is_one_source(one: Sequence[Explained], many: Sequence[Explained]) -> bool:
     """Whether one process drives everything: it explains more bands, or as many and better."""
     doubts = [sum(map(_doubtful, each)) for each in (one, many)]
     nats = [
-        float(np.clip(a.fit.log_likelihood - b.fit.log_likelihood - USUAL_GAIN, *DECISIVE))
+        float(np.clip(a.fit.log_evidence - b.fit.log_evidence, *DECISIVE))
         for a, b in zip(one, many, strict=True)
-        if a is not None and b is not None and a.excess < 1.0
+        if a.excess < 1.0
     ]
     return doubts[0] < doubts[1] or (doubts[0] == doubts[1] and sum(nats) > UNEXPECTED)
 

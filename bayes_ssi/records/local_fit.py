@@ -22,7 +22,8 @@ from bayes_ssi.records.local_model import (
     Scene,
     basis,
     coordinates,
-    responses,
+    information_of,
+    response_slopes,
     scene,
     started,
 )
@@ -141,12 +142,15 @@ class Fitter:
         traces = np.einsum("kii->k", solved).real
         return float(self.data.weights @ (logs + traces))
 
-    def fit(self, start: Resonances | LocalFit, has_phases: bool) -> LocalFit:
+    def fit(
+        self, start: Resonances | LocalFit, has_phases: bool, most_steps: int = MOST_STEPS
+    ) -> LocalFit:
         """The most probable modes.
 
         Args:
             start: where to begin; a fit with real shapes may go on with phases.
             has_phases: whether shapes may be complex.
+            most_steps: after so many the climb ends.
         """
         if isinstance(start, LocalFit):
             model = start.model
@@ -160,8 +164,8 @@ class Fitter:
         e = model.covariances(self.scene)
         usual = np.maximum(model.drive.sizes(model.modes), LEAST_SIZE)
         damping = 1e-2
-        steps = _Steps(self, model, e, has_phases, model.drive.scales(model.modes, usual))
-        for _ in range(MOST_STEPS):
+        steps = _Steps(self, model, e, has_phases, model.drive.scales(self.scene, model.modes, usual))
+        for _ in range(most_steps):
             scales = steps.scales
             value = self.misfit(e) + self._energy(model, scales)
             moved = None
@@ -179,7 +183,7 @@ class Fitter:
             if moved is None:
                 break
             model, e = moved
-            steps = _Steps(self, model, e, has_phases, model.drive.scales(model.modes, usual))
+            steps = _Steps(self, model, e, has_phases, model.drive.scales(self.scene, model.modes, usual))
             if (model.modes.dampings > 2.0 * HEAVIEST).any():
                 break
         return self._described(model, e, steps)
@@ -259,8 +263,7 @@ class _Steps:
         inverse = 0.5 * (inverse + inverse.conj().swapaxes(1, 2))
         residual = inverse @ (fitter.matrices - e) @ inverse
         slopes = data.weights[:, None] * coordinates(residual)  # (K, r²)
-        products = inverse[:, None] @ basis(r) @ inverse[:, None]  # (K, r², r, r)
-        information = data.weights[:, None, None] * coordinates(products)
+        information = data.weights[:, None, None] * information_of(inverse)
         derivatives = self._derivatives(fitter)  # (K, P, r²)
         self.slopes, self.of_blocks, self.derivatives = slopes, information, derivatives
         smooth, n = 3 * r * r, derivatives.shape[1]
@@ -271,31 +274,22 @@ class _Steps:
         self.slope[smooth:] = np.einsum("kpa,ka->p", derivatives, slopes)
         flat = seen.transpose(1, 0, 2).reshape(n, -1)
         self.curvature[smooth:, smooth:] = flat @ derivatives.transpose(1, 0, 2).reshape(n, -1).T
+        x = at.powers[1]
+        moments = (x ** np.arange(5)[:, None] @ information.reshape(len(e), -1)).reshape(5, r * r, -1)
         for i, power in enumerate(at.powers):
             a = slice(i * r * r, (i + 1) * r * r)
             self.slope[a] = power @ slopes
             cross = np.einsum("k,kpa->pa", power, seen)
             self.curvature[smooth:, a], self.curvature[a, smooth:] = cross, cross.T
-            for j, other in enumerate(at.powers):
-                b = slice(j * r * r, (j + 1) * r * r)
-                self.curvature[a, b] = np.einsum("k,kab->ab", power * other, information)
+            for j in range(len(at.powers)):
+                self.curvature[a, j * r * r : (j + 1) * r * r] = moments[i + j]
         self.information = self.curvature.copy()
         self._add_prior()
 
     def _derivatives(self, fitter: Fitter) -> FloatArray:
         """Of E by all coordinates but backgrounds (K, P, r²)."""
         at, modes, drive = fitter.scene, self.model.modes, self.model.drive
-        log_f, log_z = np.log(modes.frequencies_hz), np.log(modes.dampings)
-        h = self.model.h(at)
-        eps = 1e-5
-        by_f, by_z = (
-            (
-                responses(log_f + df, log_z + dz, at.data)
-                - responses(log_f - df, log_z - dz, at.data)
-            )
-            / (2.0 * eps)
-            for df, dz in ((eps, 0.0), (0.0, eps))
-        )
+        h, by_f, by_z = response_slopes(modes, at.data)
         shapes = modes.shapes
         m = shapes.shape[1]
         self.tangents = [_tangent(shape, self.has_phases) for shape in shapes.T]
@@ -311,7 +305,7 @@ class _Steps:
              np.repeat(columns.right, 2, axis=1)], axis=1,
         )  # fmt: skip
         products = np.concatenate(left, axis=1)[..., None] * right[..., None, :].conj()
-        return coordinates(products + products.conj().swapaxes(2, 3))
+        return 2.0 * coordinates(products)  # of products and their conjugate transposes
 
     def _add_prior(self) -> None:
         model, modes = self.model, self.model.modes
@@ -404,13 +398,12 @@ def gain_of(fitter: Fitter, fit: LocalFit, one: Resonances) -> tuple[float, Comp
         that gains most where one source drives all.
     """
     at, modes, drive = fitter.scene, fit.modes, fit.model.drive
-    steps = _Steps(
-        fitter, fit.model, fit.covariances, fit.has_phases, np.maximum(drive.sizes(modes), 1e-12)
-    )
+    scales = drive.scales(at, modes, np.maximum(drive.sizes(modes), LEAST_SIZE))
+    steps = _Steps(fitter, fit.model, fit.covariances, fit.has_phases, scales)
     left, right, turn = drive.more(at, modes, fit.model.h(at), one)
     parts = np.stack([left, turn * left], axis=2).reshape(len(left), -1, fitter.r)
     products = parts[..., None] * np.repeat(right, 2, axis=1)[..., None, :].conj()
-    own = coordinates(products + products.conj().swapaxes(2, 3))  # (K, 2c, r²)
+    own = 2.0 * coordinates(products)  # (K, 2c, r²)
     seen = own @ steps.of_blocks
     n = own.shape[1]
     slope = np.einsum("kpa,ka->p", own, steps.slopes)

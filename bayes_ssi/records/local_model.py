@@ -73,22 +73,41 @@ class Resonances(NamedTuple):
         return self.dampings * self.frequencies_hz
 
 
-def responses(
-    log_frequencies: FloatArray, log_dampings: FloatArray, data: LocalSpectra
-) -> ComplexArray:
+def responses(modes: Resonances, data: LocalSpectra) -> ComplexArray:
     """Means of h over the blocks (K, m)."""
-    f, zeta = np.exp(log_frequencies), np.exp(log_dampings).clip(1e-6, 0.99)
+    return response_slopes(modes, data)[0]
+
+
+def response_slopes(
+    modes: Resonances, data: LocalSpectra
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Means of h over the blocks, and their derivatives by ln f and ln ζ, (K, m) each."""
+    f, zeta = modes.frequencies_hz, modes.dampings.clip(1e-6, 0.99)
     root = np.sqrt(1.0 - zeta**2)
     p, conjugate = f * (1j * zeta + root), f * (1j * zeta - root)
     # h = f² / ((f - p)(f - p')) = 1 + [p² / (f - p) - p'² / (f - p')] / (p - p')
     centres, halves = data.frequencies_hz[:, None], 0.5 * data.widths_hz[:, None]
-    low, high = centres - halves, centres + halves
 
-    def mean(pole: ComplexArray) -> ComplexArray:
-        return np.asarray((np.log(high - pole) - np.log(low - pole)) / (high - low))
+    def term(pole: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """p² times the mean of 1 / (f - p), and its derivative by p."""
+        low, high = centres - halves - pole, centres + halves - pole
+        mean = np.log(high / low) / (2.0 * halves)
+        return pole**2 * mean, 2.0 * pole * mean + pole**2 / (low * high)
 
-    means: ComplexArray = 1.0 + (p**2 * mean(p) - conjugate**2 * mean(conjugate)) / (p - conjugate)
-    return means
+    (a, a_slope), (b, b_slope) = term(p), term(conjugate)
+    apart = p - conjugate
+    h = 1.0 + (a - b) / apart
+
+    def slope(of_p: ComplexArray, of_conjugate: ComplexArray) -> ComplexArray:
+        change = a_slope * of_p - b_slope * of_conjugate
+        return (change - (h - 1.0) * (of_p - of_conjugate)) / apart
+
+    by_zeta = zeta * f
+    return (
+        h,
+        slope(p, conjugate),
+        slope(by_zeta * (1j - zeta / root), by_zeta * (1j + zeta / root)),
+    )
 
 
 @cache
@@ -106,11 +125,26 @@ def basis(r: int) -> ComplexArray:
     return basis
 
 
+@cache
+def _projection(r: int) -> FloatArray:
+    """From real and imaginary parts of a Hermitian matrix to its coordinates (2r², r²)."""
+    flat = basis(r).reshape(r * r, r * r)
+    return np.stack([flat.real, flat.imag], axis=2).reshape(r * r, 2 * r * r).T.copy()
+
+
 def coordinates(matrices: ComplexArray) -> FloatArray:
     """Of Hermitian matrices (..., r, r) in the basis (..., r²)."""
     r = matrices.shape[-1]
-    flat = matrices.reshape(*matrices.shape[:-2], r * r)
-    return np.asarray((flat @ basis(r).reshape(r * r, r * r).conj().T).real, dtype=np.float64)
+    flat = np.ascontiguousarray(matrices).reshape(*matrices.shape[:-2], r * r)
+    return np.asarray(flat.view(np.float64) @ _projection(r))
+
+
+def information_of(inverse: ComplexArray) -> FloatArray:
+    """tr(E⁻¹ B E⁻¹ B') of all pairs of basis matrices, from E⁻¹ of the blocks: (K, r², r²)."""
+    k, r = inverse.shape[:2]
+    left = inverse.reshape(k * r, r) @ basis(r).transpose(1, 0, 2).reshape(r, -1)
+    left = left.reshape(k, r, r * r, r).swapaxes(1, 2).reshape(k, r**3, r)
+    return coordinates((left @ inverse).reshape(k, r * r, r, r))
 
 
 class Scene(NamedTuple):
@@ -133,7 +167,7 @@ def scene(data: LocalSpectra, neighbours: Resonances) -> Scene:
     """What models of a band are evaluated on."""
     low, high = data.band_hz
     x = (2.0 * data.frequencies_hz - low - high) / (high - low)
-    of_neighbours = responses(np.log(neighbours.frequencies_hz), np.log(neighbours.dampings), data)
+    of_neighbours = responses(neighbours, data)
     return Scene(data, np.stack([x**0, x, x**2]), neighbours, of_neighbours)
 
 
@@ -176,8 +210,8 @@ class Drive(Protocol):
     def more(self, at: Scene, modes: Resonances, h: ComplexArray, one: Resonances, /) -> Columns:
         """Derivatives by the values of a mode more."""
 
-    def scales(self, modes: Resonances, usual: FloatArray, /) -> FloatArray:
-        """Prior standard deviations (m,) that go with the modes; they stand still in a step."""
+    def scales(self, at: Scene, modes: Resonances, usual: FloatArray, /) -> FloatArray:
+        """What of the prior goes with the modes, (m, ...); it stands still in a step."""
 
     def energy(self, modes: Resonances, scales: FloatArray, /) -> float:
         """The quadratic part of -ln prior of the values."""
@@ -238,7 +272,7 @@ class IndependentLoads(NamedTuple):
 
     def more(self, at: Scene, _modes: Resonances, _h: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with its shape."""
-        response = responses(np.log(one.frequencies_hz), np.log(one.dampings), at.data)
+        response = responses(one, at.data)
         r = len(one.shapes)
         left = np.repeat(response[:, :, None] * one.shapes[:, 0], r, axis=1)
         return Columns(left, np.broadcast_to(np.eye(r, dtype=complex), left.shape), -1j)
@@ -254,23 +288,45 @@ class IndependentLoads(NamedTuple):
         along = (modes.shapes.conj() * self.of_modes).sum(0).imag
         return np.asarray(4.0 * modes.dampings * along)
 
-    def scales(self, modes: Resonances, usual: FloatArray) -> FloatArray:
-        """Prior standard deviations (m,) of forces coherent with a background of unit power."""
+    def scales(self, at: Scene, modes: Resonances, usual: FloatArray) -> FloatArray:
+        """Prior covariances (m, r, r) of forces coherent with all that moves at each mode.
+
+        That is a background of unit power, and the other modes: S_ij of two modal forces gives
+        a_i the part φ_j S_ij h_j*(p_i) by partial fractions. Loads that are alike everywhere make
+        forces of modes as coherent as their shapes are alike.
+        """
+        m = len(modes.dampings)
         # On the way to the most probable model forces may all but vanish.
-        return np.asarray(COHERENCE_SD * np.sqrt(self.sizes(modes).clip(0.1 * usual, 10.0 * usual)))
+        sizes = self.sizes(modes).clip(0.1 * usual, 10.0 * usual)
+        others = modes.beside(at.neighbours)
+        along = (at.neighbours.shapes.conj() * self.of_neighbours).sum(0).imag
+        of_others = np.r_[sizes, 4.0 * at.neighbours.dampings * along.clip(0.0)]
+        beta = others.frequencies_hz / modes.frequencies_hz[:, None]
+        damped = beta * (others.dampings + beta * modes.dampings[:, None])
+        mac = np.abs(modes.shapes.conj().T @ others.shapes) ** 2
+        coherences = 1.0 + (0.5 * COHERENCE_SD**-2 - 1.0) * mac  # over that with the background
+        powers = coherences * of_others / ((1.0 - beta**2) ** 2 + 4.0 * damped**2)
+        powers[range(m), range(m)] = 0.0
+        outer = np.einsum("aj,bj->jab", others.shapes, others.shapes.conj()).real
+        motion = np.eye(len(modes.shapes)) + np.einsum("ij,jab->iab", powers, outer)
+        return np.asarray(COHERENCE_SD**2 * sizes[:, None, None] * motion)
 
     def energy(self, modes: Resonances, scales: FloatArray) -> float:
         """The quadratic part of -ln prior of the values."""
         along = (modes.shapes.conj() * self.of_modes).sum(0)
         across = self.of_modes - 1j * modes.shapes * along.imag
-        value = 0.5 * float(((np.abs(across) / scales) ** 2).sum())
+        solved = np.linalg.solve(scales, across.T[:, :, None])[:, :, 0]
+        value = 0.5 * float((across.T.conj() * solved).real.sum())
         return value + 0.5 * float((np.abs(self.of_neighbours / NEIGHBOUR_SD) ** 2).sum())
 
     def log_normalisation(self, modes: Resonances, scales: FloatArray) -> float:
         """The rest of -ln prior of the values, up to constants of the band."""
-        r = len(modes.shapes)
+        r, m = modes.shapes.shape
         along = (modes.shapes.conj() * self.of_modes).sum(0).imag
-        value = float((2 * r - 1) * np.log(scales * ROOT_2_PI).sum())
+        # Of all directions but one, that of i φ.
+        own = np.einsum("im,mij,jm->m", modes.shapes.conj(), scales, modes.shapes).real
+        value = (2 * r - 1) * m * math.log(ROOT_2_PI)
+        value += float(np.linalg.slogdet(scales)[1].sum() - 0.5 * np.log(own).sum())
         return value + float(np.log(along.clip(1e-9) * LOG_SIZES).sum())
 
     def prior(self, modes: Resonances, scales: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -283,8 +339,9 @@ class IndependentLoads(NamedTuple):
         for shape, scale in zip(modes.shapes.T, scales, strict=True):
             along = as_reals(1j * shape)
             own = slice(at, at + 2 * r)
-            across = (np.eye(2 * r) - np.outer(along, along)) / scale**2
-            precisions[own, own] = across + LEAST_PRECISION * np.eye(2 * r)
+            across = np.eye(2 * r) - np.outer(along, along)
+            precision = across @ np.kron(np.linalg.inv(scale), np.eye(2)) @ across
+            precisions[own, own] = precision + LEAST_PRECISION * np.eye(2 * r)
             at += 2 * r
         return precisions, -precisions @ as_reals(self.values)
 
@@ -348,7 +405,7 @@ class OneSource(NamedTuple):
 
     def more(self, at: Scene, modes: Resonances, h: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with any shape."""
-        response = responses(np.log(one.frequencies_hz), np.log(one.dampings), at.data)
+        response = responses(one, at.data)
         left = response[:, :, None] * np.eye(len(one.shapes))
         return Columns(left, np.broadcast_to(self.motion(at, modes, h)[:, None], left.shape), 1j)
 
@@ -361,7 +418,7 @@ class OneSource(NamedTuple):
         """4 ζ s (m,), where s is about the part i φ of the forces."""
         return np.asarray(np.abs(self.of_modes) ** 2)
 
-    def scales(self, _modes: Resonances, usual: FloatArray) -> FloatArray:
+    def scales(self, _at: Scene, _modes: Resonances, usual: FloatArray) -> FloatArray:
         """Factors of modes may have any size."""
         return usual
 
@@ -410,7 +467,7 @@ class Model(NamedTuple):
 
     def h(self, at: Scene) -> ComplexArray:
         """Responses of the modes (K, m)."""
-        return responses(np.log(self.modes.frequencies_hz), np.log(self.modes.dampings), at.data)
+        return responses(self.modes, at.data)
 
 
 def started(at: Scene, modes: Resonances, one_source: bool) -> Model:
@@ -432,7 +489,7 @@ def started(at: Scene, modes: Resonances, one_source: bool) -> Model:
     # The leading singular vectors give v but for the phase of each block, which a reference fixes.
     values, vectors = np.linalg.eigh(data.matrices)
     v = vectors[:, :, -1] * np.sqrt(values[:, -1:])
-    h = responses(np.log(modes.frequencies_hz), np.log(modes.dampings), data)
+    h = responses(modes, data)
     source = OneSource(
         np.zeros((3, r), dtype=complex),
         np.zeros(p, dtype=complex),

@@ -17,6 +17,8 @@ SHARED = 3.0
 NEAR = 1.25
 # Where the two modes of a peak are at first, in dampings from its middle, and their damping.
 SPLITS, NARROWER = (0.5, 1.0), 0.7
+# All starts climb so many steps, and the best of them to the top.
+FIRST_STEPS, BEST_STARTS = 8, 3
 # Their shapes: shares of the one mode's shape, and of what it leaves unexplained.
 PAIRS = (
     (np.array([1.0, 1.0]), np.array([0.3, -0.3])),
@@ -30,10 +32,10 @@ def two_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> tuple[float, Local
     """Nats by which two modes explain a peak better than one, and the fit with two."""
     one = fit.modes.at([i])
     frequency, damping = float(one.frequencies_hz[0]), float(one.dampings[0])
-    direction = _unexplained(fit, frequency, damping)
+    unexplained = direction = _unexplained(fit, frequency, damping)
     gain = 0.0
     for sign in (-1.0, 1.0):
-        for shape in (_unexplained(fit, frequency, damping), one.shapes[:, 0]):
+        for shape in (unexplained, one.shapes[:, 0]):
             flank = Resonances(
                 np.array([frequency * (1.0 + sign * damping)]), one.dampings, shape[:, None]
             )
@@ -48,7 +50,7 @@ def two_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> tuple[float, Local
     if gain < 0.8 * n_unknowns:
         return gain - 0.5 * n_unknowns * math.log(n_lines), None
     others = fit.modes.at([j for j in range(len(fit.modes.frequencies_hz)) if j != i])
-    best: LocalFit | None = None
+    begun = []
     for split in SPLITS:
         for mix in PAIRS:
             shapes = one.shapes * mix[0] + direction[:, None] * mix[1]
@@ -57,18 +59,22 @@ def two_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> tuple[float, Local
                 np.full(2, NARROWER * damping),
                 shapes / np.linalg.norm(shapes, axis=0),
             )
-            two = fitter.fit(others.joined(pair), fit.has_phases)
-            if not (two.converged and two.are_modes.all()):
-                continue
-            nearest = np.argsort(np.abs(two.modes.frequencies_hz - frequency))[:2]
-            reach = NEAR * max(two.modes.half_widths_hz[nearest].max(), damping * frequency)
-            if (np.abs(two.modes.frequencies_hz[nearest] - frequency) > reach).any():
-                continue
-            apart = abs(float(np.diff(two.modes.frequencies_hz[nearest])[0]))
-            if apart < SEPARATE * two.modes.half_widths_hz[nearest].sum():
-                continue
-            if best is None or two.log_evidence > best.log_evidence:
-                best = two
+            begun.append(fitter.fit(others.joined(pair), fit.has_phases, FIRST_STEPS))
+    begun.sort(key=lambda each: each.log_likelihood, reverse=True)
+    best: LocalFit | None = None
+    for each in begun[:BEST_STARTS]:
+        two = fitter.fit(each, fit.has_phases)
+        if not (two.converged and two.are_modes.all()):
+            continue
+        nearest = np.argsort(np.abs(two.modes.frequencies_hz - frequency))[:2]
+        reach = NEAR * max(two.modes.half_widths_hz[nearest].max(), damping * frequency)
+        if (np.abs(two.modes.frequencies_hz[nearest] - frequency) > reach).any():
+            continue
+        apart = abs(float(np.diff(two.modes.frequencies_hz[nearest])[0]))
+        if apart < SEPARATE * two.modes.half_widths_hz[nearest].sum():
+            continue
+        if best is None or two.log_evidence > best.log_evidence:
+            best = two
     if best is None:
         return -0.5 * n_unknowns, None
     order = np.argsort(best.modes.frequencies_hz)

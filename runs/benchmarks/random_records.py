@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,10 @@ CLEAR_DB = 6.0
 
 
 class Case(NamedTuple):
-    """A record and what it should be identified as: modes of the structure, at the sensors."""
+    """A record and what it should be identified as: modes of the structure, at the sensors.
+
+    ``of_ground`` gives the absolute accelerations of unit motion of the ground, (K, sensors, 1).
+    """
 
     record: bs.Record
     band_hz: tuple[float, float]
@@ -36,6 +40,7 @@ class Case(NamedTuple):
     shapes: np.ndarray
     clear: np.ndarray
     is_ground: bool
+    of_ground: Callable[[np.ndarray], np.ndarray]
 
 
 def chain(stiffnesses: np.ndarray) -> np.ndarray:
@@ -120,15 +125,19 @@ def case(seed: int) -> Case:
     band = (float(low), float(min(high, 0.45 * rate_hz)))
     n_samples = int(60.0 * minutes * rate_hz)
     is_ground = rng.random() < 0.2
+    participation = -(vectors.T @ m @ ground)[None]
+
+    def of_ground(at_hz: np.ndarray) -> np.ndarray:
+        response = spectra_of(f, (vectors[sensors], participation), dampings, at_hz)
+        return response + ground[sensors][:, None]
+
     if is_ground:
-        loads = -(vectors.T @ m @ ground)[None]
-        direct = ground[sensors]
+        transfer = of_ground
     else:
         loads = vectors * np.sqrt(m.diagonal())[:, None] * rng.lognormal(0.0, 0.3, n)[:, None]
 
-    def transfer(at_hz: np.ndarray) -> np.ndarray:
-        response = spectra_of(f, (vectors[sensors], loads), dampings, at_hz)
-        return response + direct[:, None] if is_ground else response
+        def transfer(at_hz: np.ndarray) -> np.ndarray:
+            return spectra_of(f, (vectors[sensors], loads), dampings, at_hz)
 
     samples = stationary(transfer, n_samples, rate_hz, rng)
     scale = samples.std(1)
@@ -156,7 +165,14 @@ def case(seed: int) -> Case:
     shapes = shapes / np.linalg.norm(shapes, axis=0)
     record = bs.Record(samples, rate_hz, names, "acceleration", "m/s2")
     return Case(
-        record, band, f[inside], dampings[inside], shapes[:, inside], clear[inside], is_ground
+        record,
+        band,
+        f[inside],
+        dampings[inside],
+        shapes[:, inside],
+        clear[inside],
+        is_ground,
+        of_ground,
     )
 
 
@@ -185,23 +201,28 @@ def compare(case: Case, found: bs.ModalIdentification) -> dict:
         apart = quoted.shapes[:, i] * np.sign(cosine) - case.shapes[:, best]
         n = len(apart)
         pulls_shape.append(float(np.linalg.norm(apart) / np.sqrt(n - 1) / quoted.shape_sds[i]))
-    named, absent = [], []
-    for j in np.flatnonzero(case.clear):
+    named, absent, unseen = [], [], []
+    for j, f in enumerate(case.frequencies_hz):
         if j in taken.values():
             continue
-        f, width = case.frequencies_hz[j], case.dampings[j] * case.frequencies_hz[j]
+        width = case.dampings[j] * f
         said = any(abs(each[0] - f) < max(2.0 * width, 0.02 * f) for each in found.not_identified)
-        (named if said else absent).append(float(f))
+        if case.clear[j]:
+            (named if said else absent).append(float(f))
+        if not said:
+            unseen.append(float(f))
     return {
         "clear": int(case.clear.sum()),
         "quoted": int(sum(case.clear[j] for j in taken.values())),
         "named": named,
         "absent": absent,
+        "unseen": unseen,
         "modes": int(quoted.n_modes),
         "false": falsely,
         "pulls": pulls,
         "pulls_damping": pulls_z,
         "pulls_shape": pulls_shape,
+        "claimed": [float(v) for v in quoted.frequency_covs],
         "failed": len(found.failed_checks),
         "checks": list(found.failed_checks),
     }
