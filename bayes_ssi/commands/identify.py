@@ -36,6 +36,12 @@ METHODS = ("bayesian-fft", "next-era", "ssi-cov", "fdd", "tfie")
     multiple=True,
     help="Frequency of a mode, in place of those that are looked for; may be repeated.",
 )
+@click.option(
+    "--ground",
+    metavar="SENSOR",
+    default="",
+    help="The sensor that measures the motion of the base, which drives the structure.",
+)
 @record_options
 @click.option(
     "--method",
@@ -53,7 +59,8 @@ METHODS = ("bayesian-fft", "next-era", "ssi-cov", "fdd", "tfie")
 )
 @json_option
 def identify(
-    files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], rate: float | None,
+    files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], ground: str,
+    rate: float | None,
     quantity: str | None, unit: str | None, sensors: tuple[str, ...], keys: tuple[str, ...],
     method: str, compare: bool, out: Path | None, figures: Path | None,
 ) -> None:  # fmt: skip
@@ -72,7 +79,7 @@ def identify(
     require_new_files(*written, *(() if figures is None else (figures,)))
     record = record_of(files, rate, quantity, unit, sensors, keys)
     warnings = record.warnings()
-    found = modal_identification.identify(record, band, at=at)
+    found = modal_identification.identify(record, band, at=at, ground=ground)
     by_others: dict[str, MethodModes | str] = {}
     if compare or method != METHODS[0]:
         from bayes_ssi.records import methods
@@ -107,7 +114,7 @@ def identify(
         (own,) = data.identifications
         own = replace(own, remarks=(*warnings, *own.remarks), figures=tuple(map(str, drawn)))
         if method != METHODS[0]:
-            data = chosen.modal_data(found.quoted.band_hz, record.sensors, data.source)
+            data = chosen.modal_data(found.quoted.band_hz, found.quoted.sensors, data.source)
             own = replace(own, method=methods.NAMES[method])
         data = replace(data, identifications=(own,))
         write_modal_data(data, out)

@@ -68,7 +68,8 @@ def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> 
     # What is far below the noise is of no interest.
     ax.set_ylim(bottom=0.3 * float(np.quantile(measured[:, min(3, measured.shape[1]) - 1], 0.02)))
     ax.set_xlabel("frequency (Hz)")
-    ax.set_ylabel(f"singular values (({_unit(found)})²/Hz)")
+    of = f"over those of {found.ground!r}" if found.ground else f"(({_unit(found)})²/Hz)"
+    ax.set_ylabel(f"singular values {of}")
     title_of(ax, "Singular values of the spectral matrices")
     legend_below(ax, columns=4)
     return ax

@@ -45,8 +45,8 @@ def explain(
     transforms: Transforms,
     found: Candidates,
     band_hz: tuple[float, float],
-    n_passes: int = 2,
     fixed: bool = False,
+    is_driven: bool = False,
 ) -> list[Explained]:
     """The bands of all candidates' peaks, explained; those next to the search, too.
 
@@ -54,24 +54,24 @@ def explain(
         transforms: the lines of all channels.
         found: candidates.
         band_hz: of the search.
-        n_passes: how often.
         fixed: whether modes are as many as the candidates' peaks.
+        is_driven: whether a measured motion is known to drive everything.
     """
     modes = found.of_peaks.beside(_between_bands(transforms, found, band_hz))
     bands: list[Explained] = []
-    one_source = False
-    for number in range(n_passes):
+    one_source = is_driven
+    for is_first in (True, False):
         prepared: list[_Prepared] = []
         for group in groups_of(transforms, modes, band_hz):
             data = spectra_of(transforms, group, modes)
             if data is not None:
                 prepared.append((group, *data))
-        if number == 0:
+        if is_first and not is_driven:
             # Where independent loads do not explain the spectra, one source may: as they stand, or
             # when more modes have been tried.
             one_source = _is_one_source(_plain(prepared, True), _plain(prepared, False))
         each = _all_explained(prepared, one_source, found, fixed)
-        if number == 0 and not one_source and any(_doubtful(band) for band in each):
+        if is_first and not one_source and any(_doubtful(band) for band in each):
             others = _all_explained(prepared, True, found, fixed)
             if _fewer_doubts(others, each):
                 one_source, each = True, others

@@ -24,6 +24,8 @@ from bayes_ssi.records.record import Record
 class SingularValues(NamedTuple):
     """Of the spectral matrices of all channels, in unit² / Hz of accelerations.
 
+    Where the ground's motion is measured, they are over its power.
+
     Attributes:
         frequencies_hz: (K,).
         values: (K, n), descending.
@@ -50,6 +52,7 @@ class ModalIdentification:
             of their damping and shape.
         remarks: what to know of the result, a sentence each.
         doubts: why the claimed errors may be wrong, a sentence each.
+        ground: the sensor whose motion drives all, and over which the spectra are; "" if none.
     """
 
     record: MeasuredRecord
@@ -62,6 +65,7 @@ class ModalIdentification:
     too_short: tuple[int, ...]
     remarks: tuple[str, ...]
     doubts: tuple[str, ...]
+    ground: str = ""
 
     @property
     def failed_checks(self) -> tuple[str, ...]:
@@ -80,7 +84,9 @@ class ModalIdentification:
 
     @property
     def loads(self) -> str:
-        """What drives the modes, by the evidence."""
+        """What drives the modes: the ground that is measured, or else by the evidence."""
+        if self.ground:
+            return f"the motion of sensor {self.ground!r}"
         return "one process" if self.worst.fit.one_source else "independent loads"
 
     def modal_data(self, source: str = "") -> ModalData:

@@ -143,14 +143,14 @@ class Fitter:
         return float(self.data.weights @ (logs + traces))
 
     def fit(
-        self, start: Resonances | LocalFit, has_phases: bool, most_steps: int = MOST_STEPS
+        self, start: Resonances | LocalFit, has_phases: bool, most_steps: int | None = None
     ) -> LocalFit:
         """The most probable modes.
 
         Args:
             start: where to begin; a fit with real shapes may go on with phases.
             has_phases: whether shapes may be complex.
-            most_steps: after so many the climb ends.
+            most_steps: after so many the climb ends, if not before.
         """
         if isinstance(start, LocalFit):
             model = start.model
@@ -165,7 +165,7 @@ class Fitter:
         usual = np.maximum(model.drive.sizes(model.modes), LEAST_SIZE)
         damping = 1e-2
         steps = _Steps(self, model, e, has_phases, model.drive.scales(self.scene, model.modes, usual))
-        for _ in range(most_steps):
+        for _ in range(MOST_STEPS if most_steps is None else most_steps):
             scales = steps.scales
             value = self.misfit(e) + self._energy(model, scales)
             moved = None

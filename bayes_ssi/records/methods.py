@@ -118,7 +118,8 @@ def modes_by(method: str, record: Record, identified: ModalEstimates) -> MethodM
         return of_estimates(identified)
     if method not in _OTHERS:
         raise ValueError(f"method must be one of {', '.join(NAMES)}, got {method!r}")
-    return _OTHERS[method](record, identified.band_hz, identified.poles)
+    own = record.selected(identified.sensors)
+    return _OTHERS[method](own, identified.band_hz, identified.poles)
 
 
 def compared(record: Record, identified: ModalEstimates) -> dict[str, MethodModes | str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -91,6 +91,28 @@ class ModalEstimates:
         """Standard deviation of a component across its shape (m,), √(tr Cov φ / (n - 1))."""
         variances = self.covariance.diagonal()[2 * self.n_modes :].reshape(self.n_modes, -1)
         return np.sqrt(variances.sum(1) / (len(self.sensors) - 1))
+
+    def without_sensor(self, place: int) -> ModalEstimates:
+        """The modes at all sensors but one, with shapes at unit length there."""
+        m, n = self.n_modes, len(self.sensors)
+        rest = np.delete(np.eye(n), place, axis=0)
+        shapes = rest @ self.shapes
+        lengths = np.linalg.norm(shapes, axis=0)
+        shapes = shapes / lengths
+        jacobian = np.zeros((2 * m + m * (n - 1), 2 * m + m * n))
+        jacobian[range(2 * m), range(2 * m)] = 1.0
+        signed, signs = with_positive_largest(shapes)
+        for i, (shape, length, sign) in enumerate(zip(shapes.T, lengths, signs, strict=True)):
+            across = np.eye(n - 1) - np.outer(shape, shape)
+            rows, columns = 2 * m + i * (n - 1), 2 * m + i * n
+            own = sign * across @ rest / length
+            jacobian[rows : rows + n - 1, columns : columns + n] = own
+        return replace(
+            self,
+            sensors=tuple(np.delete(self.sensors, place).tolist()),
+            shapes=signed,
+            covariance=jacobian @ self.covariance @ jacobian.T,
+        )
 
     def modal_data(self, source: str = "") -> ModalData:
         """The modes as data of model classes, labelled 1, 2, … in ascending order of frequency.

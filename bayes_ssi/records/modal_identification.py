@@ -25,7 +25,7 @@ from bayes_ssi.records.mode_candidates import Candidates, Prominence, candidates
 from bayes_ssi.records.peaks import Peak
 from bayes_ssi.records.record import Record
 from bayes_ssi.records.spectra import Spectra, Transforms, transforms_of
-from bayes_ssi.records.stationarity import stationary_part
+from bayes_ssi.records.stationarity import EVERYTHING, stationary_part
 
 METHOD = "Bayesian FFT"
 # The search reaches beyond the band by this factor, for the modes next to it.
@@ -37,13 +37,15 @@ SHORTEST = 1.0
 MOST_VARIATION = 8.0
 # Relative width of the blocks of the spectrum that is shown.
 SPECTRUM_WIDTH = 0.01
+# Delays are sought again where shapes still have phases, so often at most.
+MOST_DELAYS = 3
 # Lines of the record below which nothing is looked for.
 FEWEST_LINES = 20
 
 
 @checked
 def identify(
-    record: Record, band_hz: Sequence[float], *, at: Sequence[float] = ()
+    record: Record, band_hz: Sequence[float], *, at: Sequence[float] = (), ground: str = ""
 ) -> ModalIdentification:
     """Identify the modes of a band, with the joint uncertainty of frequencies and shapes.
 
@@ -55,17 +57,28 @@ def identify(
         record: the record of one setup.
         band_hz: lowest and highest frequency of the search.
         at: frequencies of the modes, in Hz, in place of the candidates; all are then kept.
+        ground: the sensor that measures the motion of the base, if that drives the structure; modes
+            are then those of the amplification at the other sensors, however strong or long the
+            motion is.
 
     Raises:
-        ValueError: the record does not cover the band, or no mode is identified.
+        ValueError: the record does not cover the band, ground is no sensor or leaves too few, or no
+            mode is identified.
     """
     band = record.checked_band(band_hz)
-    remarks: list[str] = []
+    driven_by = _place_of(record, ground)
+    remarks = [
+        f"sensor {name!r} is a floor like the others here; if it measures the motion of the base, "
+        f"name it as ground"
+        for name in record.sensors
+        if not ground and name.casefold().startswith(("ground", "base", "free field"))
+    ]
     lowest = max(band[0] / BEYOND, min(band[0], FEWEST_LINES / record.duration_s))
     highest = min(band[1] * BEYOND, max(band[1], 0.98 * record.nyquist_hz))
     reach = (0.75 * lowest, min(1.3 * highest, record.nyquist_hz))
-    still, doubts = _undisturbed(record, reach, band, remarks)
-    part = stationary_part(still, reach)
+    doubts: list[str] = []
+    still = _undisturbed(record, reach, band, remarks)
+    part = stationary_part(still, reach) if driven_by is None else EVERYTHING
     remarks += [
         f"from {start:.4g} to {end:.4g} s the motion is many times as strong as otherwise, and is "
         "left out"
@@ -78,32 +91,57 @@ def identify(
             "to be"
         )
     transforms = transforms_of(still, reach, part.mask)
+    if driven_by is not None:
+        transforms = transforms.relative_to(driven_by)
     found = _given(transforms, band, at) if len(at) else candidates(transforms, lowest, highest)
-    bands = explain(transforms, found, band, fixed=len(at) > 0)
-    late = delays(bands, len(record.sensors))
-    if late is not None:
-        on_time = transforms.turned(late)
-        turned = explain(on_time, found.turned(late), band, fixed=len(at) > 0)
-        if _n_with_phases(turned) < _n_with_phases(bands):
-            bands = turned
-            remarks += [
-                f"sensor {name!r}: {abs(own):.2g} s {'late' if own > 0.0 else 'early'} against the "
-                "others, by the phases of the modes; this is removed"
-                for name, own in zip(record.sensors, late, strict=True)
-                if abs(own) > 0.05 * np.abs(late).max()
-            ]
+    how = {"fixed": len(at) > 0, "is_driven": driven_by is not None}
+    bands = explain(transforms, found, band, **how)
+    late = np.zeros(len(record.sensors))
+    for _ in range(MOST_DELAYS):
+        more = delays(bands, len(record.sensors))
+        if more is None:
+            break
+        turned = explain(transforms.turned(late + more), found.turned(late + more), band, **how)
+        if _nats_of_phases(turned) >= _nats_of_phases(bands):
+            break
+        bands, late = turned, late + more
+    remarks += [
+        f"sensor {name!r}: {abs(own):.2g} s {'late' if own > 0.0 else 'early'} against the "
+        "others, by the phases of the modes; this is removed"
+        for name, own in zip(record.sensors, late, strict=True)
+        if abs(own) > 0.05 * np.abs(late).max()
+    ]
     spectrum = transforms.spectra(*band, SPECTRUM_WIDTH)
-    return _result(record, band, found, bands, spectrum, remarks, doubts)
+    result = _result(record, band, found, bands, spectrum, remarks, doubts)
+    if driven_by is None:
+        return result
+    return replace(result, quoted=result.quoted.without_sensor(driven_by), ground=ground)
+
+
+def _place_of(record: Record, ground: str) -> int | None:
+    """Of the sensor that measures the motion of the base; None if there is none."""
+    if not ground:
+        return None
+    others = [name for name in record.sensors if name != ground]
+    if len(others) == len(record.sensors):
+        raise ValueError(
+            f"ground: no sensor {ground!r}; the record's sensors are {', '.join(record.sensors)}"
+        )
+    if len(others) < 2:
+        raise ValueError(
+            f"ground: {ground!r} leaves the sensor {others[0]!r} alone; shapes need two or more"
+        )
+    return record.sensors.index(ground)
 
 
 def _undisturbed(
     record: Record, reach: tuple[float, float], band: tuple[float, float], remarks: list[str]
-) -> tuple[Record, list[str]]:
-    """The record without lines of machines, and why claimed errors may be wrong."""
+) -> Record:
+    """The record without lines of machines."""
     lines = machine_lines(record.samples, record.rate_hz)
     lines = lines[(lines > reach[0]) & (lines < reach[1])]
     if not len(lines):
-        return record, []
+        return record
     samples = without_lines(record.samples, record.rate_hz, lines)
     samples.setflags(write=False)
     for f in np.sort(lines[(lines >= band[0]) & (lines <= band[1])]):
@@ -111,11 +149,13 @@ def _undisturbed(
             f"a line at {f:.4g} Hz, as of a machine, is taken out; a mode so narrow would have "
             "decayed less than once over the record"
         )
-    return replace(record, samples=samples), []
+    return replace(record, samples=samples)
 
 
-def _n_with_phases(bands: list[Explained]) -> int:
-    return sum(band.fit.has_phases and band.is_wanted for band in bands)
+def _nats_of_phases(bands: list[Explained]) -> float:
+    """Nats by which phases explain the bands that have them."""
+    wanted = [band for band in bands if band.is_wanted and band.fit.has_phases and band.peaks]
+    return float(sum(max(0.0, band.peaks[0][1].phases) for band in wanted))
 
 
 def _given(transforms: Transforms, band: tuple[float, float], at: Sequence[float]) -> Candidates:

@@ -22,6 +22,9 @@ from bayes_ssi.records.record import Record
 
 # Blocks of fewer lines overlap too much: of two, a quarter of the information is counted twice.
 FEWEST_TAPERS = 3
+# A sensor's level around a line is the mean of this share of the frequency to either side, and of
+# so many half lines at least.
+LEVEL_WIDTH, LINES_OF_LEVEL = 0.001, 8
 # Integrations that lead from accelerations to what is measured.
 INTEGRATIONS = {"acceleration": 0, "velocity": 1, "displacement": 2}
 
@@ -72,6 +75,16 @@ class Transforms(NamedTuple):
         """The lines of sensors that are no longer late by ``delays_s`` (n,)."""
         turns = np.exp(2j * np.pi * np.outer(delays_s, self.frequencies_hz))
         return self._replace(values=self.values * turns)
+
+    def relative_to(self, sensor: int) -> Transforms:
+        """The lines over the level of one sensor's around each: amplification of its motion."""
+        power = np.abs(self.values[sensor]) ** 2
+        totals = np.concatenate([[0.0], np.cumsum(power)])
+        places = np.arange(len(power))
+        reach = np.maximum(LINES_OF_LEVEL, np.round(LEVEL_WIDTH * (self.first + places))).astype(int)
+        low, high = np.maximum(places - reach, 0), np.minimum(places + reach + 1, len(power))
+        level = (totals[high] - totals[low]) / (high - low)
+        return self._replace(values=self.values / np.sqrt(np.maximum(level, np.finfo(float).tiny)))
 
     def spectra(self, low_hz: float, high_hz: float, relative_width: float) -> Spectra:
         """The spectral matrices of blocks of a band's lines.

@@ -36,6 +36,10 @@ class Stationary(NamedTuple):
     varies: float
 
 
+# Where what drives the structure is measured, all of a record is used.
+EVERYTHING = Stationary(None, (), 1.0)
+
+
 def stationary_part(record: Record, band_hz: tuple[float, float]) -> Stationary:
     """The stationary part, as the motion of a band shows it."""
     from scipy.fft import irfft, rfft

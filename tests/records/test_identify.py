@@ -151,6 +151,51 @@ def test_a_quake_in_an_ambient_record_is_left_out():
     assert 620.0 < end < 700.0
 
 
+def shaken(seed):
+    """Three quakes of coloured motion of the ground, and the absolute accelerations of the frame."""
+    rng = np.random.default_rng(seed)
+    n, rate = 12_000, 50.0
+    times = np.arange(n) / rate
+    ground = np.zeros(n)
+    for start in (20.0, 90.0, 130.0):
+        after = np.maximum(times - start, 0.0)
+        ground += after**2 * np.exp(-after / 2.0) * rng.standard_normal(n)
+    at_hz = np.fft.rfftfreq(2 * n, 1.0 / rate)
+    lines = np.fft.rfft(ground, 2 * n) / (1.0 + 1j * at_hz / 2.0)
+    lines[0] = 0.0
+    model = STRUCTURE.modal_model(np.empty((1, 0)))
+    at_sensors = STRUCTURE.sensor_matrix(SENSORS).apply(model.shapes)[0]
+    beta = model.frequencies_hz / np.maximum(at_hz, 1e-9)[:, None]
+    h = 1.0 / (1.0 - beta**2 - 0.04j * beta)
+    # Relative to the ground, and with it.
+    amplification = 1.0 - (h * model.participation[0]) @ at_sensors.T
+    rows = np.vstack([lines, amplification.T * lines])
+    samples = np.fft.irfft(rows, 2 * n)[:, :n]
+    samples += 0.01 * samples.std(1, keepdims=True) * rng.standard_normal(samples.shape)
+    return bs.Record(samples, rate, ("ground", *SENSORS), "acceleration", "m/s2")
+
+
+def test_quakes_are_used_where_the_motion_of_the_ground_is_measured():
+    for seed in (1, 2, 3):
+        found = bs.identify(shaken(seed), BAND, ground="ground")
+        assert found.quoted.sensors == SENSORS
+        assert found.quoted.n_modes == 4
+        off_f, off_shapes = errors(found.quoted)
+        assert np.abs(off_f).max() < 4.0
+        assert np.abs(off_shapes).max() < 4.0
+        assert (found.quoted.frequency_covs < 0.01).all()
+        assert not found.remarks
+        assert found.loads == "the motion of sensor 'ground'"
+
+
+def test_a_sensor_on_the_ground_is_one_of_the_sensors():
+    with pytest.raises(ValueError, match=r"ground: no sensor 'base'; the record's sensors are"):
+        bs.identify(simulated(0), BAND, ground="base")
+    two = simulated(0).selected(SENSORS[:2])
+    with pytest.raises(ValueError, match="leaves the sensor 'floor 2' alone"):
+        bs.identify(two, BAND, ground="floor 1")
+
+
 def test_a_peak_that_no_mode_explains_is_named():
     """Two close frequencies are given; the record's other clear modes are not quietly absent."""
     record = simulated(2, duration_s=600.0)
