@@ -49,8 +49,17 @@ def groups_of(
     modes: Resonances,
     band_hz: tuple[float, float],
     least_reach: float = LEAST_REACH,
+    share: float = 1.0,
 ) -> list[Group]:
-    """Modes by band, in ascending order: those in the search, and the next to either side."""
+    """Modes by band, in ascending order: those in the search, and the next to either side.
+
+    Args:
+        transforms: the lines of all channels.
+        modes: as they are known by now.
+        band_hz: of the search.
+        least_reach: bandwidths that a band reaches beyond its modes, whatever their damping.
+        share: of the usual reach of bands.
+    """
     order = np.argsort(modes.frequencies_hz, kind="stable").tolist()
     members: list[list[int]] = []
     f = modes.frequencies_hz
@@ -65,7 +74,7 @@ def groups_of(
         members.append([i])
     usual = 2.0 * modes.dampings.clip(*REACH_DAMPINGS) * f
     reach = np.minimum(REACH * usual, np.maximum(WIDEST * f, least_reach * usual))
-    reach = np.maximum(reach, np.maximum(NARROWEST * f, FEWEST_LINES * transforms.line_hz))
+    reach = np.maximum(share * reach, np.maximum(NARROWEST * f, FEWEST_LINES * transforms.line_hz))
     lowest, highest = transforms.band_hz
     groups = []
     for k, group in enumerate(members):

@@ -25,6 +25,8 @@ from bayes_ssi.records.two_modes import nats_of_a_pair, share_a_peak, two_in_pla
 # When modes are known, their bands reach so many bandwidths where that moves no frequency or
 # damping by more claimed standard deviations than two estimates from much the same lines may.
 SHARP_REACH, SAME = 6.0, 2.5
+# Where a band's spectra are not explained, it reaches this share as far, on the same condition.
+NARROWER = 0.6
 # Nats that phases must gain: sensors are in step but for few records.
 PHASES = 5.0
 # Nats that a second mode of a peak must gain: one in a thousand peaks has one that shows as no
@@ -80,7 +82,11 @@ def explain(
         for band in bands:
             modes = modes.joined(band.modes)
     wide = groups_of(transforms, modes, band_hz, SHARP_REACH)
-    return [_sharper(transforms, band, wide, modes) for band in bands]
+    narrow = groups_of(transforms, modes, band_hz, share=NARROWER)
+    return [
+        _of_other_reach(transforms, band, wide if band.doubt is None else narrow, modes)
+        for band in bands
+    ]
 
 
 def _between_bands(
@@ -94,19 +100,22 @@ def _between_bands(
     return found.others.at(np.flatnonzero(free).tolist())
 
 
-def _sharper(
-    transforms: Transforms, band: Explained, wide: Sequence[Group], modes: Resonances
+def _of_other_reach(
+    transforms: Transforms, band: Explained, groups: Sequence[Group], modes: Resonances
 ) -> Explained:
-    """The band with the errors of a wider one, where that says the same and is explained, too."""
+    """The band with another reach, where that says the same and is explained.
+
+    Wider ones have smaller errors; narrower ones leave out what is farther off and unexplained.
+    """
     f = band.fit.modes.frequencies_hz
-    groups = [g for g in wide if np.array_equal(g.modes.frequencies_hz, f)]
-    if not groups or not band.is_wanted or band.doubt is not None:
+    own = [g for g in groups if np.array_equal(g.modes.frequencies_hz, f)]
+    if not own or not band.is_wanted:
         return band
-    found = spectra_of(transforms, groups[0], modes)
+    found = spectra_of(transforms, own[0], modes)
     if found is None:
         return band
     data, neighbours = found
-    start = in_directions(data, groups[0].modes)
+    start = in_directions(data, own[0].modes)
     fit = Fitter(data, neighbours, band.fit.one_source).fit(start, band.fit.has_phases)
     m = len(f)
     moves = (
@@ -115,8 +124,8 @@ def _sharper(
     )
     sds = np.sqrt(band.fit.covariance.diagonal()[: 2 * m])
     is_same = bool((np.abs(np.concatenate(moves)) < SAME * sds).all())
-    wider = replace(band, fit=fit)
-    return wider if is_same and fit.are_modes.all() and wider.doubt is None else band
+    other = replace(band, fit=fit)
+    return other if is_same and fit.are_modes.all() and other.doubt is None else band
 
 
 def _all_explained(

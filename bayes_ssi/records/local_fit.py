@@ -164,7 +164,9 @@ class Fitter:
         e = model.covariances(self.scene)
         usual = np.maximum(model.drive.sizes(model.modes), LEAST_SIZE)
         damping = 1e-2
-        steps = _Steps(self, model, e, has_phases, model.drive.scales(self.scene, model.modes, usual))
+        steps = _Steps(
+            self, model, e, has_phases, model.drive.scales(self.scene, model.modes, usual)
+        )
         for _ in range(MOST_STEPS if most_steps is None else most_steps):
             scales = steps.scales
             value = self.misfit(e) + self._energy(model, scales)
@@ -183,7 +185,9 @@ class Fitter:
             if moved is None:
                 break
             model, e = moved
-            steps = _Steps(self, model, e, has_phases, model.drive.scales(self.scene, model.modes, usual))
+            steps = _Steps(
+                self, model, e, has_phases, model.drive.scales(self.scene, model.modes, usual)
+            )
             if (model.modes.dampings > 2.0 * HEAVIEST).any():
                 break
         return self._described(model, e, steps)
@@ -275,7 +279,9 @@ class _Steps:
         flat = seen.transpose(1, 0, 2).reshape(n, -1)
         self.curvature[smooth:, smooth:] = flat @ derivatives.transpose(1, 0, 2).reshape(n, -1).T
         x = at.powers[1]
-        moments = (x ** np.arange(5)[:, None] @ information.reshape(len(e), -1)).reshape(5, r * r, -1)
+        moments = (x ** np.arange(5)[:, None] @ information.reshape(len(e), -1)).reshape(
+            5, r * r, -1
+        )
         for i, power in enumerate(at.powers):
             a = slice(i * r * r, (i + 1) * r * r)
             self.slope[a] = power @ slopes

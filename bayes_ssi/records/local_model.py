@@ -129,7 +129,8 @@ def basis(r: int) -> ComplexArray:
 def _projection(r: int) -> FloatArray:
     """From real and imaginary parts of a Hermitian matrix to its coordinates (2r², r²)."""
     flat = basis(r).reshape(r * r, r * r)
-    return np.stack([flat.real, flat.imag], axis=2).reshape(r * r, 2 * r * r).T.copy()
+    parts = np.stack([flat.real, flat.imag], axis=2)
+    return np.asarray(parts.reshape(r * r, 2 * r * r).T.copy(), dtype=np.float64)
 
 
 def coordinates(matrices: ComplexArray) -> FloatArray:

@@ -81,7 +81,9 @@ class Transforms(NamedTuple):
         power = np.abs(self.values[sensor]) ** 2
         totals = np.concatenate([[0.0], np.cumsum(power)])
         places = np.arange(len(power))
-        reach = np.maximum(LINES_OF_LEVEL, np.round(LEVEL_WIDTH * (self.first + places))).astype(int)
+        reach = np.maximum(LINES_OF_LEVEL, np.round(LEVEL_WIDTH * (self.first + places))).astype(
+            int
+        )
         low, high = np.maximum(places - reach, 0), np.minimum(places + reach + 1, len(power))
         level = (totals[high] - totals[low]) / (high - low)
         return self._replace(values=self.values / np.sqrt(np.maximum(level, np.finfo(float).tiny)))

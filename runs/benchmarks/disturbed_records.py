@@ -65,7 +65,9 @@ def disturbed(each: Case, how: str, rng: np.random.Generator) -> Case:
     rows = np.concatenate([samples, np.zeros((2, n)), noise])
     extra = ("dead 1", "dead 2", "noise 1", "noise 2", "noise 3")
     changed = with_samples(each, rows, (*record.sensors, *extra))
-    return changed._replace(shapes=np.concatenate([each.shapes, np.zeros((5, each.shapes.shape[1]))]))
+    return changed._replace(
+        shapes=np.concatenate([each.shapes, np.zeros((5, each.shapes.shape[1]))])
+    )
 
 
 def tall(rng: np.random.Generator) -> Case:
@@ -147,7 +149,9 @@ def main() -> None:
         }
         failed = sum(bool(row.get("failed")) for row in rows)
         pairs = {row["seed"]: row["pairs"] for row in rows if row.get("pairs")}
-        print(f"failed checks in {failed} of {len(rows)}, pairs {pairs}; silent beyond four {silent}")
+        print(
+            f"failed checks in {failed} of {len(rows)}, pairs {pairs}; silent beyond four {silent}"
+        )
 
 
 if __name__ == "__main__":

@@ -152,7 +152,7 @@ def test_a_quake_in_an_ambient_record_is_left_out():
 
 
 def shaken(seed):
-    """Three quakes of coloured motion of the ground, and the absolute accelerations of the frame."""
+    """Three quakes of coloured ground motion, and the absolute accelerations of the frame."""
     rng = np.random.default_rng(seed)
     n, rate = 12_000, 50.0
     times = np.arange(n) / rate

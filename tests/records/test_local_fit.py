@@ -67,7 +67,9 @@ def fitter_and_model(drive_kind, seed=0):
 def test_a_block_sees_the_mean_response_over_its_width():
     """Against quadrature of h = 1 / (1 - β² - 2iζβ), in blocks wider than the resonance."""
     data = data_of(np.zeros((5, R, R)), width=0.3)
-    means = responses(Resonances(np.array([2.01]), np.array([0.004]), np.ones((1, 1), complex)), data)[:, 0]
+    means = responses(
+        Resonances(np.array([2.01]), np.array([0.004]), np.ones((1, 1), complex)), data
+    )[:, 0]
     for centre, mean in zip(data.frequencies_hz, means, strict=True):
 
         def h(f):
