@@ -4,6 +4,7 @@ from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.appendages.candidate_files import read_candidates
 from bayes_ssi.appendages.candidates import Candidate
 from bayes_ssi.appendages.hypotheses import SearchSettings
+from bayes_ssi.appendages.ranked_study import rank
 from bayes_ssi.calibration.calibration import calibrate
 from bayes_ssi.calibration.fit import rms_distance
 from bayes_ssi.data.identified_mode import IdentifiedMode
@@ -39,7 +40,7 @@ from bayes_ssi.priors.families import (
 )
 from bayes_ssi.ranking.changed_settings import ChangedSettings
 from bayes_ssi.ranking.comparison import compare
-from bayes_ssi.ranking.study import Study, rank
+from bayes_ssi.ranking.study import Study
 from bayes_ssi.ranking.study_file import load_study
 from bayes_ssi.records.modal_identification import identify
 from bayes_ssi.records.record import Record

@@ -27,8 +27,8 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
     classes where there are at least as many classes as workers, or where models are small; else
     they share the evaluations of one class.
     """
+    from bayes_ssi.appendages.ranked_study import rank as rank_study
     from bayes_ssi.ranking.averages import averaged_parameters
-    from bayes_ssi.ranking.study import rank as rank_study
 
     loaded = load(study, only)
     if any_pairing:

@@ -43,9 +43,10 @@ def json_record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, A
 
 
 def say_misfit(where: Console, result: StoredResult) -> None:
-    """Say ahead of everything else that the best class does not explain the data, if so."""
-    if result.comparison.misfit:
-        say_in_paragraphs(where, f"(!) {result.comparison.misfit}.")
+    """Say ahead of everything else that the best class misses an appendage, or the data."""
+    for text in (result.comparison.unmodelled_appendage, result.comparison.misfit):
+        if text:
+            say_in_paragraphs(where, f"(!) {text[0].upper()}{text[1:]}.")
 
 
 def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:

@@ -6,6 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -221,24 +222,29 @@ class ModalData:
                 )
             if mode.damping is not None and mode.damping > HEAVY_DAMPING:
                 warnings.append(f"{name}: {heavy_damping_warning(mode.damping)}")
+        for low, high in pairwise(self.modes):
+            if low.frequency_hz == high.frequency_hz:
+                warnings.append(f"modes {low.label!r} and {high.label!r}: the same frequency")
+        for low, high, criterion in self.alike:
+            gap = high.frequency_hz / low.frequency_hz - 1.0
+            warnings.append(
+                f"modes {low.label!r} and {high.label!r}: {100 * gap:.0f} % apart with similar "
+                f"shapes (MAC {criterion:.2f}), as when an appendage in resonance splits a mode"
+            )
+        return warnings
+
+    @property
+    def alike(self) -> list[tuple[IdentifiedMode, IdentifiedMode, float]]:
+        """Neighbouring modes that look like one that is split, and the MAC of their shapes."""
         shapes = self.unit_shapes.T
         criteria = mac_of_pairs(shapes[:-1], shapes[1:])
         pairs = zip(self.modes, self.modes[1:], criteria, strict=False)
-        return warnings + [text for pair in pairs if (text := _too_close(*pair))]
+        return [(low, high, float(mac)) for low, high, mac in pairs if _are_alike(low, high, mac)]
 
 
-def _too_close(low: IdentifiedMode, high: IdentifiedMode, criterion: float) -> str:
-    """A warning if two neighbouring modes look like one that is split; empty if not."""
-    names = f"modes {low.label!r} and {high.label!r}"
+def _are_alike(low: IdentifiedMode, high: IdentifiedMode, criterion: float) -> bool:
     gap = high.frequency_hz / low.frequency_hz - 1.0
-    if gap == 0:
-        return f"{names}: the same frequency"
     shape, other = low.scored_shape, high.scored_shape
-    if gap >= 0.2 or shape is None or other is None or not criterion > 0.8:  # it may be NaN
-        return ""
-    if (np.isfinite(shape) & np.isfinite(other)).sum() >= 2:
-        return (
-            f"{names}: {100 * gap:.0f} % apart with similar shapes (MAC {criterion:.2f}), as when "
-            "an appendage in resonance splits a mode"
-        )
-    return ""
+    if not 0 < gap < 0.2 or shape is None or other is None or not criterion > 0.8:  # may be NaN
+        return False
+    return bool((np.isfinite(shape) & np.isfinite(other)).sum() >= 2)

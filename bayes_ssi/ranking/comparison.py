@@ -126,12 +126,15 @@ class Comparison:
         data_digest: identifies the data that all of them explain.
         scale: source of the words for Bayes factors.
         failed_data_checks: failed checks of these data, such as of how the modes were identified.
+        unmodelled_appendage: why the answer may be that of an analyst who misses an appendage;
+            empty where nothing says so. It is a failed check.
     """
 
     classes: tuple[RankedClass, ...]
     data_digest: str
     scale: str = SCALE_NAME
     failed_data_checks: tuple[str, ...] = ()
+    unmodelled_appendage: str = ""
 
     @property
     def has_equal_priors(self) -> bool:
@@ -154,9 +157,13 @@ class Comparison:
 
     @property
     def failed_checks(self) -> tuple[str, ...]:
-        """Those of the data, then those of every class with its name; first the best's misfit."""
+        """Those of the data, a missing appendage, then those of every class with its name.
+
+        The best's misfit is the first of these.
+        """
         return (
             *self.failed_data_checks,
+            *([self.unmodelled_appendage] if self.unmodelled_appendage else []),
             *(f"{row.name!r}: {check}" for row in self.classes for check in row.failed_checks),
         )
 

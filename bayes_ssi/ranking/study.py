@@ -18,7 +18,7 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.adequacy import Hint
 from bayes_ssi.posterior.diagnosis import diagnose
 from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.ranking.class_sampling import is_cheap, sample_all
+from bayes_ssi.ranking.class_sampling import is_cheap
 from bayes_ssi.ranking.comparison import Comparison, checked_weights, compare
 from bayes_ssi.ranking.setting_checks import with_settings_checked
 from bayes_ssi.sampling.settings import SamplingSettings
@@ -178,34 +178,6 @@ class Ranking:
     comparison: Comparison
     seed: int
     settings: SamplingSettings
-
-
-@checked
-def rank(
-    study: Study,
-    seed: int = 0,
-    settings: SamplingSettings | None = None,
-    run: Run | None = None,
-) -> Ranking:
-    """Sample every model class of a study and rank them by evidence.
-
-    Args:
-        study: the candidates.
-        seed: a class's result follows from it and the class's name, regardless of other classes.
-        settings: how precisely to sample.
-        run: workers, a checkpoint to resume from, and progress; the result does not depend on
-            them.
-
-    Raises:
-        ValueError: the classes explain different data, a class's likelihood is zero everywhere,
-            the model cannot be evaluated by the workers, or the checkpoint is of another run.
-    """
-    study.require_same_data()
-    settings = settings or SamplingSettings()
-    run = run or Run()
-    with run.working():
-        posteriors = sample_all(study.model_classes, seed, settings, run)
-        return compare_and_diagnose(study, posteriors, seed, settings, run)
 
 
 def compare_and_diagnose(

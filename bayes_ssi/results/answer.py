@@ -68,6 +68,13 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
     misfit, of_data = result.comparison.misfit, result.comparison.failed_data_checks
     accepted = result.record.failed_checks_accepted
     yield from data_warnings(of_data, accepted)
+    missing = result.comparison.unmodelled_appendage
+    if missing:
+        yield (
+            "The data look as if an appendage split a mode, and no model class has one. The answer "
+            "is among wrong structures.",
+            (missing,),
+        )
     if misfit:
         yield "The most probable class does not explain the data.", (misfit,)
     beaten = beaten_baselines(result.search) if result.search else ()
@@ -78,7 +85,7 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
             beaten,
         )
     failed = tuple(
-        each for each in result.comparison.failed_checks if each not in (misfit, *of_data)
+        each for each in result.comparison.failed_checks if each not in (misfit, missing, *of_data)
     )
     if failed:
         several = len(failed) > 1

@@ -24,8 +24,8 @@ from time import perf_counter, sleep
 
 import numpy as np
 
+from bayes_ssi.appendages.ranked_study import rank
 from bayes_ssi.execution.run import Run
-from bayes_ssi.ranking.study import rank
 from bayes_ssi.ranking.study_file import load_study
 from bayes_ssi.results.load import load_result
 

@@ -1,0 +1,78 @@
+"""A ranking warns of an appendage that no class models, and of nothing else."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import bayes_ssi as bs
+from bayes_ssi.appendages import unmodelled_appendage as module
+from bayes_ssi.appendages.unmodelled_appendage import unmodelled_appendage
+from bayes_ssi.cli import main
+from bayes_ssi.execution.run import Run
+from bayes_ssi.ranking.study_file import load_study
+
+MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"
+QUICK = bs.SamplingSettings(log_evidence_error=0.1)
+
+
+def ranked(study, *names):
+    chosen = load_study(MODEL_CLASSES / f"{study}.py")
+    return bs.rank(chosen.only(names) if names else chosen, settings=QUICK)
+
+
+def test_the_analyst_who_misses_the_infill_is_warned():
+    """The paper's numerical study: 1-a fits perfectly with stiffnesses that are 10 % off."""
+    comparison = ranked("shear_building", "1-a", "1-b", "2").comparison
+    assert comparison.best.name == "1-a"
+    text = comparison.unmodelled_appendage
+    assert text.startswith("modes '2a' and '2b' (15 % apart, MAC 0.92) look like one mode")
+    assert "most probably an infill between floors 1 and 2" in text
+    assert text.endswith("ask with bayes-ssi search STUDY")
+    assert comparison.failed_checks == (text,)
+
+
+def test_nothing_is_said_where_a_class_has_the_appendage():
+    assert not ranked("shear_building").comparison.unmodelled_appendage
+
+
+def test_the_warning_comes_first_and_fails(tmp_path):
+    arguments = ["rank", str(MODEL_CLASSES / "bare_building.py"), "--error", "0.1"]
+    result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "out")])
+    assert result.exit_code == 3
+    warning = result.stdout.index("(!) Modes '2a' and '2b'")
+    assert warning < result.stdout.index("log evidence")
+    assert "The answer is among wrong" in " ".join(result.stdout.split())
+    again = CliRunner().invoke(main, ["report", str(tmp_path / "out")])
+    assert again.exit_code in (0, 3), again.output
+    stored = bs.load_result(tmp_path / "out").comparison
+    assert "ask with bayes-ssi search" in stored.unmodelled_appendage
+
+
+@pytest.fixture(scope="module")
+def spurious():
+    """A bare building's own modes, and one that has nothing to do with it."""
+    (bare,) = load_study(MODEL_CLASSES / "bare_building.py").model_classes
+    structure = bare.structure
+    frequencies, shapes = structure.modes(structure.prior_medians())
+    own = [
+        bs.IdentifiedMode(str(i), float(f), shape)
+        for i, (f, shape) in enumerate(zip(frequencies[0], shapes[0].T, strict=True), 1)
+    ]
+    odd = bs.IdentifiedMode("odd", 1.7, (0.9, -0.3, 0.3))
+    data = bs.ModalData((own[0], odd, *own[1:]), (0.0, 6.0), bare.data.sensors)
+    return bs.Study("one spurious mode", [replace(bare, data=data)])
+
+
+def test_a_spurious_mode_is_no_appendage(spurious):
+    ranking = bs.rank(spurious, settings=QUICK)
+    assert set(ranking.posteriors[0].pairing) == {"1", "2", "3"}
+    assert not ranking.comparison.unmodelled_appendage
+
+
+def test_a_mode_that_looks_split_is_said_without_screening_where_that_is_slow(monkeypatch):
+    study = load_study(MODEL_CLASSES / "bare_building.py")
+    monkeypatch.setattr(module, "is_cheap", lambda _: False)
+    text = unmodelled_appendage(study, ranked("bare_building"), 0, Run())
+    assert text.endswith("and no class models one; ask with bayes-ssi search STUDY")
