@@ -70,8 +70,8 @@ def unmodelled_appendage(study: Study, ranking: Ranking, seed: int, run: Run) ->
     looks = looks or f"{best.name!r} takes {left} for spurious"
     return (
         f"{looks}, and no class models one: with an appendage, most probably {where}, the data "
-        f"are {_times(nats)} as probable as by {best.name!r} alone, whose parameters then stand for "
-        f"what it lacks{ASK}"
+        f"are {_times(nats)} as probable as by {best.name!r} alone, whose parameters then stand "
+        f"for what it lacks{ASK}"
     )
 
 
