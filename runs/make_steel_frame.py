@@ -4,8 +4,8 @@
 
 The paper publishes no identified modes of its section 4. These are the modes of that study's
 augmented model at the paper's best parameters (M3+, Table 5), in the three configurations, at its
-sensors: frequencies with a scatter of 0.3 %, unit shapes with 0.02 per component, from seed
-20130704. Writes steel_frame_BC.csv, _SC.csv and _NC.csv to DIRECTORY; none may exist.
+sensors: frequencies with a scatter of 0.6 %, unit shapes with 0.03 per component, with which the
+objectives of calibrations are about the paper's, from seed 20130704. Writes steel_frame_BC.csv, _SC.csv and _NC.csv to DIRECTORY; none may exist.
 """
 
 import sys
@@ -23,7 +23,7 @@ BEST = {
     "JO1": 0.785, "JO2": 0.742, "ms": 1.062, "fs": 1.011,
 }  # fmt: skip
 LABELS = ("1", "2", "3", "4a", "4b", "5", "6")
-FREQUENCY_SCATTER, SHAPE_SCATTER = 0.003, 0.02
+FREQUENCY_SCATTER, SHAPE_SCATTER = 0.006, 0.03
 BAND_HZ = (0.0, 30.0)
 SEED = 20130704
 

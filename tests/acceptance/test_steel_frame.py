@@ -12,26 +12,26 @@ import bayes_ssi as bs
 from bayes_ssi.ranking.study_file import load_study
 
 ROOT = Path(__file__).parents[2]
-NOMINAL_HZ = [3.48, 4.32, 6.13, 10.48, 15.66, 19.82]
+NOMINAL_HZ = [3.23, 4.02, 5.70, 9.74, 14.55, 18.42]
 APPROACHES = ("1-a", "1-b", "2")
 # Log evidences by full sampling, and about where the posterior lies: mean, standard deviation.
-SAMPLED = {"3 M3+": 357.17, "3 M1+": 341.33, "1-a M1": 231.18}
+SAMPLED = {"3 M3+": 294.05, "3 M1+": 289.01, "1-a M1": 212.99}
 POSTERIOR = {
     "3 M3+": {
-        "Icx1": (0.634, 0.020), "Icy1": (0.833, 0.028), "Ibx": (1.241, 0.048),
-        "Iby": (1.014, 0.067), "m1": (0.814, 0.010), "m2": (0.778, 0.013), "JO1": (0.798, 0.009),
-        "JO2": (0.736, 0.013), "ms": (1.104, 0.060), "fs": (1.009, 0.0032),
-        "frequency_cov": (0.0020, 0.0009), "shape_sd": (0.0084, 0.0025),
+        "Icx1": (0.666, 0.035), "Icy1": (0.870, 0.046), "Ibx": (1.20, 0.073),
+        "Iby": (0.979, 0.10), "m1": (0.830, 0.019), "m2": (0.782, 0.022), "JO1": (0.813, 0.018),
+        "JO2": (0.741, 0.023), "ms": (1.15, 0.12), "fs": (1.010, 0.0064),
+        "frequency_cov": (0.0033, 0.0016), "shape_sd": (0.0116, 0.0039),
     },
     "3 M1+": {
-        "Icx1": (0.745, 0.025), "Icy1": (0.825, 0.024), "m1": (0.839, 0.018), "m2": (0.754, 0.011),
-        "JO1": (0.819, 0.017), "JO2": (0.716, 0.013), "ms": (1.17, 0.12), "fs": (1.019, 0.006),
-        "frequency_cov": (0.0074, 0.002), "shape_sd": (0.0099, 0.0027),
+        "Icx1": (0.767, 0.034), "Icy1": (0.840, 0.032), "m1": (0.857, 0.024), "m2": (0.757, 0.016),
+        "JO1": (0.830, 0.021), "JO2": (0.726, 0.017), "ms": (1.07, 0.14), "fs": (1.020, 0.0071),
+        "frequency_cov": (0.0054, 0.0024), "shape_sd": (0.0125, 0.0040),
     },
     "1-a M1": {
-        "Icx1": (0.887, 0.058), "Icy1": (0.809, 0.046), "m1": (0.987, 0.039), "m2": (0.757, 0.021),
-        "JO1": (0.867, 0.037), "JO2": (0.743, 0.025), "frequency_cov": (0.022, 0.005),
-        "shape_sd": (0.016, 0.003),
+        "Icx1": (0.880, 0.044), "Icy1": (0.872, 0.040), "m1": (0.960, 0.028), "m2": (0.773, 0.018),
+        "JO1": (0.873, 0.027), "JO2": (0.754, 0.021), "frequency_cov": (0.0104, 0.0028),
+        "shape_sd": (0.0139, 0.0043),
     },
 }  # fmt: skip
 
@@ -82,7 +82,7 @@ def test_the_braces_split_the_second_transverse_mode():
     augmented = model_class("3 M3+").configurations[0].structure
     single = bare.modes(paper_values(bare))
     modes = augmented.modes(paper_values(augmented))
-    np.testing.assert_allclose(modes.frequencies_hz[0, 3:5], [9.84, 11.64], rtol=2e-3)
+    np.testing.assert_allclose(modes.frequencies_hz[0, 3:5], [9.665, 11.011], rtol=2e-3)
     assert modes.frequencies_hz[0, 3] < single.frequencies_hz[0, 3] < modes.frequencies_hz[0, 4]
     x_and_torsion = [1, 2, 5, 6], [1, 2, 4, 5]
     np.testing.assert_allclose(
@@ -135,8 +135,8 @@ def test_the_data_have_the_scatter_that_they_say():
         signs = np.sign((shapes * test.data.unit_shapes).sum(axis=0))
         components += list((test.data.unit_shapes * signs - shapes).ravel())
     # 21 frequencies and 168 components, less what unit length takes away.
-    assert np.std(deviations) == pytest.approx(0.003, rel=3 / np.sqrt(2 * 21))
-    assert np.std(components) == pytest.approx(0.02 * np.sqrt(7 / 8), rel=3 / np.sqrt(2 * 147))
+    assert np.std(deviations) == pytest.approx(0.006, rel=3 / np.sqrt(2 * 21))
+    assert np.std(components) == pytest.approx(0.03 * np.sqrt(7 / 8), rel=3 / np.sqrt(2 * 147))
 
 
 def test_the_distances_of_the_published_tables():
@@ -148,7 +148,7 @@ def test_the_distances_of_the_published_tables():
 
 
 def calibrated(name):
-    calibration = bs.calibrate(model_class(name), 0.15, n_starts=2)
+    calibration = bs.calibrate(model_class(name), 0.075, n_starts=2)
     best = calibration.best
     return dict(zip(calibration.parameter_names, best.values, strict=True)), best.objective
 
@@ -159,31 +159,22 @@ def test_approach_2_lies_nearer_to_the_best_model_than_1_a_and_that_nearer_than_
     for approach in APPROACHES:
         values, objectives[approach] = calibrated(f"{approach} M3")
         distances[approach] = tables()["distance"](values, best)
-    assert distances == pytest.approx({"1-a": 23.3, "1-b": 26.9, "2": 0.6}, abs=0.15)
-    # In the paper, too, leaving mode 4 out halves f_ob, and the augmented model fits best.
-    assert best_objective < objectives["2"] < 0.5 * min(objectives["1-a"], objectives["1-b"])
-    assert tables()["distance"](best, tables()["paper_values"]("3 M3+")) < 6.0
+    assert distances == pytest.approx({"1-a": 15.6, "1-b": 66.1, "2": 2.3}, abs=0.15)
+    # In the paper, too, f_ob is nearly halved by leaving mode 4 out, or by the augmented model.
+    assert max(best_objective, objectives["2"]) < 0.65 * min(objectives["1-a"], objectives["1-b"])
+    # Within what many seeds give: 5 to 11 %.
+    assert tables()["distance"](best, tables()["paper_values"]("3 M3+")) < 11.0
 
 
-def test_masses_that_are_not_published_move_the_tables():
-    """With floors a tenth heavier, approach 1-a comes out as in the paper."""
+def test_two_fitted_numbers_give_the_published_distances():
+    """Of M3 of approaches 1-a and 1-b from what made the modes, without scatter: 17.6 and 72.9 %."""
     unpublished = runpy.run_path(str(ROOT / "runs" / "steel_frame_unpublished.py"))
-    change, simulate = unpublished["changed"], unpublished["without_scatter"]
-    augmented, candidate = model_class("3 M3+"), model_class("1-a M3")
-    tests = []
-    for of_truth, test in zip(augmented.configurations, candidate.configurations, strict=True):
-        data = simulate(change(of_truth.structure, 1.1, 1.0), of_truth.data.labels)
-        tests.append(
-            bs.Configuration(
-                test.name, change(test.structure, 1.1, 1.0), data, pairing=test.pairing
-            )
-        )
-    heavier = bs.ModelClass("1-a", configurations=tests)
-    calibration = bs.calibrate(heavier, 0.15, n_starts=1)
-    values = dict(zip(calibration.parameter_names, calibration.best.values, strict=True))
-    distance = tables()["distance"](values, tables()["paper_values"]("3 M3+"))
-    assert distance == pytest.approx(17.6, abs=1.5)
-    assert 100.0 * calibration.best.objective == pytest.approx(1.24, abs=0.05)
+    results = unpublished["calibrated"](["1-a M3", "1-b M3"], unpublished["FLOORS"], 0.075)
+    truth = tables()["paper_values"]("3 M3+")
+    distances = [tables()["distance"](values, truth) for values, _ in results.values()]
+    assert distances == pytest.approx([17.6, 72.9], abs=0.4)
+    # 1-a fits better than 1-b, as in the paper.
+    assert results["1-a M3"][1] < 0.6 * results["1-b M3"][1]
 
 
 @pytest.mark.parametrize("name", SAMPLED)
