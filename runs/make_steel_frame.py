@@ -5,7 +5,8 @@
 The paper publishes no identified modes of its section 4. These are the modes of that study's
 augmented model at the paper's best parameters (M3+, Table 5), in the three configurations, at its
 sensors: frequencies with a scatter of 0.6 %, unit shapes with 0.03 per component, with which the
-objectives of calibrations are about the paper's, from seed 20130704. Writes steel_frame_BC.csv, _SC.csv and _NC.csv to DIRECTORY; none may exist.
+objectives of calibrations are about the paper's, from seed 20130704. Writes steel_frame_BC.csv,
+_SC.csv and _NC.csv to DIRECTORY; none may exist.
 """
 
 import sys

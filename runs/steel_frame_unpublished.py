@@ -2,14 +2,14 @@
 
     python runs/steel_frame_unpublished.py [--seeds 25] [--processes 2]
 
-The nominal mass of the floors and the weight λ of the shapes are not published. The first decides how
-near the frame's own second transverse mode lies to the braces' 10.1 Hz, the second how far approach
-1-b goes. Both are fitted here so that M3 of approaches 1-a and 1-b lie as far from M3+ as in the
-paper, 17.6 and 72.9 %, on modes simulated without scatter at the paper's M3+. What all published
-parameters are then off by is no fit, but a check. Further, all twelve sets are calibrated on modes
-with scatter, from ``--seeds`` seeds: medians and 5 to 95 % ranges stand beside the paper's figures,
-whose objectives are of measured modes, too; those that the ranges do not hold are named. PSEUDO-
-EXPERIMENTAL. About ten minutes on two cores.
+The nominal mass of the floors and the weight λ of the shapes are not published. The first decides
+how near the frame's own second transverse mode lies to the braces' 10.1 Hz, the second how far
+approach 1-b goes. Both are fitted here so that M3 of approaches 1-a and 1-b lie as far from M3+ as
+in the paper, 17.6 and 72.9 %, on modes simulated without scatter at the paper's M3+. What all
+published parameters are then off by is no fit, but a check. Further, all twelve sets are calibrated
+on modes with scatter, from ``--seeds`` seeds: medians and 5 to 95 % ranges stand beside the paper's
+figures, whose objectives are of measured modes, too; those that the ranges do not hold are named.
+PSEUDO-EXPERIMENTAL. About eight minutes on two cores.
 """
 
 import argparse

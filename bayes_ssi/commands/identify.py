@@ -39,8 +39,8 @@ METHODS = ("bayesian-fft", "next-era", "ssi-cov", "fdd", "tfie")
 @click.option(
     "--ground",
     metavar="SENSOR",
-    default="",
-    help="The sensor that measures the motion of the base, which drives the structure.",
+    help="The sensor that measures the motion of the base, which drives the structure; by default "
+    "one that is named ground or base, if the others follow it. '' for none.",
 )
 @record_options
 @click.option(
@@ -59,7 +59,7 @@ METHODS = ("bayesian-fft", "next-era", "ssi-cov", "fdd", "tfie")
 )
 @json_option
 def identify(
-    files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], ground: str,
+    files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], ground: str | None,
     rate: float | None,
     quantity: str | None, unit: str | None, sensors: tuple[str, ...], keys: tuple[str, ...],
     method: str, compare: bool, out: Path | None, figures: Path | None,

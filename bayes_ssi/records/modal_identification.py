@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,8 @@ SHORTEST = 1.0
 MOST_VARIATION = 8.0
 # Relative width of the blocks of the spectrum that is shown.
 SPECTRUM_WIDTH = 0.01
+# Sensors follow the ground where the median coherence, in blocks of this relative width, is above.
+FOLLOWED, FOLLOWED_WIDTH = 0.5, 0.05
 # Delays are sought again where shapes still have phases, so often at most.
 MOST_DELAYS = 3
 # Lines of the record below which nothing is looked for.
@@ -45,7 +48,7 @@ FEWEST_LINES = 20
 
 @checked
 def identify(
-    record: Record, band_hz: Sequence[float], *, at: Sequence[float] = (), ground: str = ""
+    record: Record, band_hz: Sequence[float], *, at: Sequence[float] = (), ground: str | None = None
 ) -> ModalIdentification:
     """Identify the modes of a band, with the joint uncertainty of frequencies and shapes.
 
@@ -59,63 +62,114 @@ def identify(
         at: frequencies of the modes, in Hz, in place of the candidates; all are then kept.
         ground: the sensor that measures the motion of the base, if that drives the structure; modes
             are then those of the amplification at the other sensors, however strong or long the
-            motion is.
+            motion is. If None, a sensor that is named ground or base, where the others mostly
+            follow it; "" for none.
 
     Raises:
         ValueError: the record does not cover the band, ground is no sensor or leaves too few, or no
             mode is identified.
     """
     band = record.checked_band(band_hz)
-    driven_by = _place_of(record, ground)
-    remarks = [
-        f"sensor {name!r} is a floor like the others here; if it measures the motion of the base, "
-        f"name it as ground"
-        for name in record.sensors
-        if not ground and name.casefold().startswith(("ground", "base", "free field"))
-    ]
+    remarks: list[str] = []
     lowest = max(band[0] / BEYOND, min(band[0], FEWEST_LINES / record.duration_s))
     highest = min(band[1] * BEYOND, max(band[1], 0.98 * record.nyquist_hz))
     reach = (0.75 * lowest, min(1.3 * highest, record.nyquist_hz))
     doubts: list[str] = []
     still = _undisturbed(record, reach, band, remarks)
+    if ground is None:
+        ground = _driving_sensor(still, band, remarks)
+    driven_by = _place_of(record, ground)
     part = stationary_part(still, reach) if driven_by is None else EVERYTHING
-    remarks += [
-        f"from {start:.4g} to {end:.4g} s the motion is many times as strong as otherwise, and is "
-        "left out"
-        for start, end in part.spans_s
-    ]
     if part.varies > MOST_VARIATION:
         doubts.append(
             f"the motion is up to {part.varies:.2g} times as strong as its median: modes may "
             "depend on amplitude, and loads are not stationary, as the spectral model takes them "
             "to be"
         )
-    transforms = transforms_of(still, reach, part.mask)
-    if driven_by is not None:
-        transforms = transforms.relative_to(driven_by)
-    found = _given(transforms, band, at) if len(at) else candidates(transforms, lowest, highest)
-    how = {"fixed": len(at) > 0, "is_driven": driven_by is not None}
-    bands = explain(transforms, found, band, **how)
-    late = np.zeros(len(record.sensors))
-    for _ in range(MOST_DELAYS):
-        more = delays(bands, len(record.sensors))
-        if more is None:
-            break
-        turned = explain(transforms.turned(late + more), found.turned(late + more), band, **how)
-        if _nats_of_phases(turned) >= _nats_of_phases(bands):
-            break
-        bands, late = turned, late + more
+    search = _Search(band, (lowest, highest), tuple(at), driven_by)
+    found, bands, late, spectrum = search.of(transforms_of(still, reach, part.mask))
+    if part.spans_s and not any(map(search.has_modes, bands)):
+        doubts.append(
+            "only the strong motion shows modes: they are of the whole record, whose loads are not "
+            "stationary, as the spectral model takes them to be"
+        )
+        found, bands, late, spectrum = search.of(transforms_of(still, reach))
+    else:
+        remarks += [
+            f"from {start:.4g} to {end:.4g} s the motion is many times as strong as otherwise, and "
+            "is left out"
+            for start, end in part.spans_s
+        ]
     remarks += [
         f"sensor {name!r}: {abs(own):.2g} s {'late' if own > 0.0 else 'early'} against the "
         "others, by the phases of the modes; this is removed"
         for name, own in zip(record.sensors, late, strict=True)
         if abs(own) > 0.05 * np.abs(late).max()
     ]
-    spectrum = transforms.spectra(*band, SPECTRUM_WIDTH)
     result = _result(record, band, found, bands, spectrum, remarks, doubts)
     if driven_by is None:
         return result
     return replace(result, quoted=result.quoted.without_sensor(driven_by), ground=ground)
+
+
+class _Search(NamedTuple):
+    """What is looked for: in which band, among candidates of a range or at given frequencies."""
+
+    band: tuple[float, float]
+    candidates_from: tuple[float, float]
+    at: tuple[float, ...]
+    driven_by: int | None
+
+    def of(self, transforms: Transforms) -> tuple[Candidates, list[Explained], FloatArray, Spectra]:
+        """Candidates, bands, delays of the sensors, and the spectrum, on time."""
+        if self.driven_by is not None:
+            transforms = transforms.relative_to(self.driven_by)
+        if self.at:
+            found = _given(transforms, self.band, self.at)
+        else:
+            found = candidates(transforms, *self.candidates_from)
+        how = {"fixed": bool(self.at), "is_driven": self.driven_by is not None}
+        bands = explain(transforms, found, self.band, **how)
+        n_sensors = len(transforms.values)
+        late = np.zeros(n_sensors)
+        for _ in range(MOST_DELAYS):
+            more = delays(bands, n_sensors)
+            if more is None:
+                break
+            on_time, turned = transforms.turned(late + more), found.turned(late + more)
+            again = explain(on_time, turned, self.band, **how)
+            if _nats_of_phases(again) >= _nats_of_phases(bands):
+                break
+            bands, late = again, late + more
+        return found, bands, late, transforms.spectra(*self.band, SPECTRUM_WIDTH)
+
+    def has_modes(self, band: Explained) -> bool:
+        """Whether a mode of a band is in the search."""
+        f = band.fit.modes.frequencies_hz
+        return bool(((f >= self.band[0]) & (f <= self.band[1])).any())
+
+
+def _driving_sensor(record: Record, band: tuple[float, float], remarks: list[str]) -> str:
+    """The sensor that is named as ground, if the others mostly follow it; empty if none."""
+    named = [name for name in record.sensors if name.casefold() in ("ground", "base")]
+    if len(named) != 1 or len(record.sensors) < 3:
+        return ""
+    place = record.sensors.index(named[0])
+    matrices = transforms_of(record, band).spectra(*band, FOLLOWED_WIDTH).matrices
+    powers = np.einsum("kii->ki", matrices).real.clip(np.finfo(float).tiny)
+    coherences = np.abs(matrices[:, place]) ** 2 / powers / powers[:, [place]]
+    followed = float(np.median(np.delete(coherences, place, axis=1)))
+    if followed > FOLLOWED:
+        remarks.append(
+            f"sensor {named[0]!r} is taken for the motion of the base, which the others follow "
+            f"(coherence {followed:.2f}); give another as ground, or none"
+        )
+        return named[0]
+    remarks.append(
+        f"sensor {named[0]!r} is taken for one like the others, which do not follow it (coherence "
+        f"{followed:.2f}); give it as ground if it drives the structure"
+    )
+    return ""
 
 
 def _place_of(record: Record, ground: str) -> int | None:

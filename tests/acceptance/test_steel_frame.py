@@ -167,7 +167,7 @@ def test_approach_2_lies_nearer_to_the_best_model_than_1_a_and_that_nearer_than_
 
 
 def test_two_fitted_numbers_give_the_published_distances():
-    """Of M3 of approaches 1-a and 1-b from what made the modes, without scatter: 17.6 and 72.9 %."""
+    """Of M3 of approaches 1-a and 1-b from what made the modes: 17.6 and 72.9 %, no scatter."""
     unpublished = runpy.run_path(str(ROOT / "runs" / "steel_frame_unpublished.py"))
     results = unpublished["calibrated"](["1-a M3", "1-b M3"], unpublished["FLOORS"], 0.075)
     truth = tables()["paper_values"]("3 M3+")

@@ -177,15 +177,26 @@ def shaken(seed):
 
 def test_quakes_are_used_where_the_motion_of_the_ground_is_measured():
     for seed in (1, 2, 3):
-        found = bs.identify(shaken(seed), BAND, ground="ground")
+        found = bs.identify(shaken(seed), BAND, ground="ground" if seed == 1 else None)
         assert found.quoted.sensors == SENSORS
         assert found.quoted.n_modes == 4
         off_f, off_shapes = errors(found.quoted)
         assert np.abs(off_f).max() < 4.0
         assert np.abs(off_shapes).max() < 4.0
         assert (found.quoted.frequency_covs < 0.01).all()
-        assert not found.remarks
+        assert len(found.remarks) == (seed != 1)
         assert found.loads == "the motion of sensor 'ground'"
+
+
+def test_a_sensor_on_the_ground_that_drives_nothing_is_one_like_the_others():
+    ambient = simulated(0)
+    noise = np.random.default_rng(1).standard_normal((1, ambient.n_samples)) * 0.01
+    rows = np.vstack([noise, ambient.samples])
+    named = bs.Record(rows, ambient.rate_hz, ("Ground", *SENSORS), "acceleration", "m/s2")
+    found = bs.identify(named, BAND)
+    assert found.quoted.sensors == ("Ground", *SENSORS)
+    assert "do not follow it" in found.remarks[0]
+    np.testing.assert_allclose(found.quoted.frequencies_hz, TRUTH.frequencies_hz, rtol=0.01)
 
 
 def test_a_sensor_on_the_ground_is_one_of_the_sensors():
