@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,9 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
     BLUE,
+    GREEN,
     GREY,
+    ORANGE,
     VERMILION,
     figure_of,
     hover,
@@ -22,7 +25,7 @@ from bayes_ssi.plots.figure_style import (
     without_math,
 )
 from bayes_ssi.plots.modes_in_space import panels_in_space
-from bayes_ssi.plots.shape_plots import DrawnShape, plot_shapes
+from bayes_ssi.plots.shape_plots import MODEL, DrawnShape, by_direction, plot_shapes
 from bayes_ssi.plots.space_axes import draw_structure
 from bayes_ssi.posterior.configuration_modes import moves_sideways
 from bayes_ssi.predictions.bands import Band
@@ -107,17 +110,24 @@ def _over_sensors(
     rows, n = -(-len(shapes) // across), len(sensors)
     figure = figure_of(figure, (width_of_panels(across), 0.3 + (0.75 + 0.18 * n) * rows))
     axes = figure.subplots(rows, across, squeeze=False, sharex=True).ravel()
+    # Lines join what moves in one direction.
+    groups = by_direction(sensors, ())
+    ordered = [name for group in groups.values() for name in group]
     for i, (shape, ax) in enumerate(zip(shapes, axes, strict=False)):
         y = np.arange(n)
         ax.axvline(0.0, color=GREY, linewidth=0.8)
-        bars = ax.errorbar(shape.components, y, xerr=shape.half_widths, fmt=".-", color=BLUE,
-                           linewidth=0.8, markersize=3, ecolor=VERMILION, elinewidth=1.5,
-                           capsize=3, label=INTERVAL)  # fmt: skip
-        hover(bars, shape.title.replace("\n", ", "))
+        for (name, group), colour in zip(groups.items(), cycle((BLUE, GREEN, ORANGE))):
+            at = [list(sensors).index(sensor) for sensor in group]
+            direction = "" if len(groups) == 1 else f"{name.removeprefix(MODEL)}, "
+            bars = ax.errorbar(shape.components[at], [ordered.index(sensor) for sensor in group],
+                               xerr=shape.half_widths[at], fmt=".-", color=colour,
+                               linewidth=0.8, markersize=3, ecolor=VERMILION, elinewidth=1.5,
+                               capsize=3, label=direction + INTERVAL)  # fmt: skip
+            hover(bars, shape.title.replace("\n", ", "))
         ax.set_xlim(-1.2, 1.2)
         ax.set_xticks([-1, 0, 1])
         ax.set_ylim(-0.6, n - 0.4)
-        ax.set_yticks(y, sensors if i % across == 0 else [""] * n)
+        ax.set_yticks(y, ordered if i % across == 0 else [""] * n)
         title_of(ax, shape.title)
         without_math(*ax.get_yticklabels())
     for ax in axes[len(shapes) :]:

@@ -45,6 +45,8 @@ BEYOND = "appendage beyond the scale, its component below"
 MOST_ROWS = 40
 # A point has three displacements and three rotations.
 MOST_DIRECTIONS = 6
+# Before the direction in the label of a group of places.
+MODEL = "model, "
 
 # Both give the heights of their places and name their appendages.
 Building = Structure | UpdatedModes
@@ -213,7 +215,7 @@ def plot_shape_components(
     is the lowest bar.
     """
     ax = axes_of(ax, (2.6, 0.8 + 0.22 * len(places)))
-    groups = _by_direction(places, structure.appendages)
+    groups = by_direction(places, structure.appendages)
     order = [place for group in groups.values() for place in group]
     # Half a row between directions.
     gaps = np.repeat(0.5 * np.arange(len(groups)), [len(group) for group in groups.values()])
@@ -250,7 +252,7 @@ def plot_shape_components(
     return ax
 
 
-def _by_direction(places: Sequence[str], appendages: Sequence[str]) -> dict[str, list[str]]:
+def by_direction(places: Sequence[str], appendages: Sequence[str]) -> dict[str, list[str]]:
     """Label of a group → its places: those of the main structure by direction, then appendages.
 
     Labels of places that move in several directions end with the direction: "floor 2 x". Where
@@ -262,7 +264,7 @@ def _by_direction(places: Sequence[str], appendages: Sequence[str]) -> dict[str,
         directions.setdefault(place.split()[-1], []).append(place)
     few = 1 < len(directions) <= min(MOST_DIRECTIONS, len(main) - 1)
     if few and not any(ending.isdecimal() for ending in directions):
-        groups = {f"model, {ending}": group for ending, group in directions.items()}
+        groups = {f"{MODEL}{ending}": group for ending, group in directions.items()}
     else:
         groups = {"model": main}
     others = [place for place in places if place in appendages]
