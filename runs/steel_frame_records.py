@@ -115,9 +115,8 @@ def identified(name: str, rng: np.random.Generator, directory: Path) -> bs.Modal
     found = bs.identify(case.record, case.band_hz)
     save_record_figures(directory / f"{name} figures", found)
     data = found.modal_data(f"SIMULATED ambient record, configuration {name}")
-    print(
-        f"{name}, {case.record.duration_s / 60.0:.0f} min: identified (Hz), true, error over claimed"
-    )
+    minutes = case.record.duration_s / 60.0
+    print(f"{name}, {minutes:.0f} min: identified (Hz), true, error over claimed error")
     for mode, true in zip(data.modes, case.frequencies_hz, strict=True):
         off = np.log(mode.frequency_hz / true) / mode.frequency_cov
         print(f"  {mode.frequency_hz:7.3f} {true:7.3f} {off:5.1f}")
@@ -131,6 +130,39 @@ def identified(name: str, rng: np.random.Generator, directory: Path) -> bs.Modal
     data = replace(data, modes=tuple(modes))
     bs.write_modal_data(data, directory / f"{name}.csv")
     return data
+
+
+def draw_parameters(posteriors: tuple[bs.Posterior, ...], file: Path) -> None:
+    """The parameters of M3 by each approach, over what made the records."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    names = [name for name in BEST if name not in ("ms", "fs")]
+    figure, ax = plt.subplots(figsize=(8.0, 3.4), layout="constrained")
+    ax.axhline(1.0, color="0.4", linewidth=1.0, label="what made the records")
+    wanted = {"1-a M3": "o", "1-b M3": "s", "2 M3": "^", "3 M3+": "D"}
+    colours = ("#E69F00", "#D55E00", "#0072B2", "#009E73")
+    for i, ((name, marker), colour) in enumerate(zip(wanted.items(), colours, strict=True)):
+        (posterior,) = (each for each in posteriors if each.name == name)
+        rows = {row.name: row for row in posterior.summary}
+        at = np.arange(len(names)) + 0.16 * (i - 1.5)
+        true = np.array([BEST[each] for each in names])
+        low, middle, high = (
+            np.array([(rows[n].quantile_05, rows[n].median, rows[n].quantile_95) for n in names]).T
+            / true
+        )
+        errors = [(middle - low).tolist(), (high - middle).tolist()]
+        ax.errorbar(at, middle, yerr=errors, fmt=marker, color=colour, markersize=4,
+                    linewidth=1.2, label=f"approach {name.split()[0]}")  # fmt: skip
+    ax.set_yscale("log", base=2)
+    ax.set_yticks([0.25, 0.5, 1.0, 2.0, 4.0], ["¼", "½", "1", "2", "4"])
+    ax.set_xticks(range(len(names)), names)
+    ax.set_ylabel("median and 90 % interval over truth")
+    ax.legend(ncols=5, loc="upper center", bbox_to_anchor=(0.5, -0.1), frameon=False, fontsize=8)
+    figure.savefig(file, dpi=130)
+    plt.close(figure)
 
 
 def main() -> None:
@@ -158,6 +190,7 @@ def main() -> None:
         true = BEST.get(row.name)
         print(f"  {row.name:14s} {row.median:.4f} ({row.quantile_05:.4f} to {row.quantile_95:.4f})"
               f"  {'' if true is None else true}")  # fmt: skip
+    draw_parameters(ranking.posteriors, options.directory / "parameters.png")
     (bare,) = (each for each in classes if each.name == "2 M3")
     one = bs.SearchSettings(number_weights=(1.0, 1.0))
     result = bs.search(bare, one, settings=bs.SamplingSettings(0.1))

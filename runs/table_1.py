@@ -3,7 +3,10 @@
     python runs/table_1.py
 
 Approaches 1-a, 1-b and 3 fit frequencies alone; approach 2 fits the frequencies and shapes of
-modes 1 and 3 (λ = 1). All multipliers are relative to their true values, so d is the error.
+modes 1 and 3 (λ = 1). All multipliers are relative to their true values, so d is the error. The
+paper's 2.7 % of approach 2 is over three parameters; over four, with ks at its nominal value as it
+says of approach 1, it is 2.38 %. Below, what λ = 1 makes of the other approaches: the paper claims
+that shapes would hardly matter.
 """
 
 from pathlib import Path
@@ -29,7 +32,8 @@ def main() -> None:
     table = Table(title="Table 1: calibration for the four approaches", title_justify="left")
     for heading in ("approach", "", "k1", "k2", "k3", "ks", "d (%)", "f_ob (%)"):
         table.add_column(heading, justify="right")
-    for candidate in load_study(STUDY).model_classes:
+    classes = load_study(STUDY).model_classes
+    for candidate in classes:
         values, distance = PAPER[candidate.name]
         _add(table, candidate.name, "paper", values, distance, "")
         calibration = bs.calibrate(candidate, SHAPE_WEIGHT[candidate.name])
@@ -39,6 +43,14 @@ def main() -> None:
                 _add(table, "", row, fit.values, 100 * fit.distance, f"{100 * fit.objective:.3f}")
         table.add_section()
     Console(width=80).print(table)
+    shapes = Table(title="Shapes fitted, too (λ = 1)", title_justify="left")
+    for heading in ("approach", "", "k1", "k2", "k3", "ks", "d (%)", "f_ob (%)"):
+        shapes.add_column(heading, justify="right")
+    for candidate in classes:
+        best = bs.calibrate(candidate, 1.0).best
+        objective = f"{100 * best.objective:.3f}"
+        _add(shapes, candidate.name, "ours", best.values, 100 * best.distance, objective)
+    Console(width=80).print(shapes)
 
 
 def _add(

@@ -235,6 +235,9 @@ def choose_baselines(
     chosen.require_same_data()
     chosen = chosen.with_any_pairing()
     known = {name for own in chosen.stands_for.values() for name in own}
+    if not any(map(_appendages_of, chosen.model_classes)):
+        # To have an appendage is what the search asks: such a class is no rival without any.
+        known |= {each.name for each in study.model_classes if _appendages_of(each)}
     return Baselines(
         chosen,
         {each.name: _places(each, candidates, present_in) for each in chosen.model_classes},
@@ -268,12 +271,14 @@ def _places(
     return places_of(located(each, tests[0].structure) for each in candidates)
 
 
+def _appendages_of(model_class: ModelClass) -> list[str]:
+    """Labels of the appendages that a class carries."""
+    return [label for test in model_class.configurations for label in test.structure.appendages]
+
+
 def _with_appendages(classes: Sequence[ModelClass]) -> dict[str, str]:
     """Classes that carry appendages of their own, where others do not → why they are left out."""
-    own = {
-        each.name: [label for test in each.configurations for label in test.structure.appendages]
-        for each in classes
-    }
+    own = {each.name: _appendages_of(each) for each in classes}
     if all(own.values()):
         return {}
     return {

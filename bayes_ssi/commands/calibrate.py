@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 @click.option("--with-prior", is_flag=True,
               help="Fit the prior, too (regularised least squares): it determines what the data "
               "leave open.")  # fmt: skip
+@click.option("--reference", metavar="CLASS",
+              help="Print how far the best fits are from that of this class.")  # fmt: skip
 @json_option
 def calibrate(
     study: Path,
@@ -46,6 +48,7 @@ def calibrate(
     starts: int,
     seed: int,
     with_prior: bool,
+    reference: str | None,
 ) -> None:
     """List every distinct minimum of the deterministic objective of the model classes of STUDY.
 
@@ -58,6 +61,11 @@ def calibrate(
 
     where, calibrations = console(), []
     candidates = load(study, only).model_classes
+    names = [each.name for each in candidates]
+    if reference is not None and reference not in names:
+        raise ValueError(
+            f"--reference: no model class {reference!r}; choose from {', '.join(map(repr, names))}"
+        )
     tests = [{each.name: each.data for each in one.configurations} for one in candidates]
     failed = list(dict.fromkeys(check for each in tests for check in failed_data_checks(each)))
     for candidate in candidates:
@@ -73,10 +81,19 @@ def calibrate(
             say(where, f"(!) {error}")
     for group in _same_to_the_reader(calibrations):
         _show(where, group)
+    distances: dict[str, float] = {}
+    if reference is not None:
+        from bayes_ssi.calibration.distances import distances_from
+        from bayes_ssi.tables.calibration_tables import distances_table
+
+        of_names = {each.name: each for each in calibrations}
+        parameters, distances = distances_from(reference, candidates, of_names)
+        where.print(distances_table(reference, parameters, distances, of_names))
     say_warnings(where, data_warnings(failed))
     print_record(
         lambda: {
             "calibrations": [asdict(each) for each in calibrations],
+            **({"distances": distances} if distances else {}),
             "failed_checks": failed,
         }
     )

@@ -144,3 +144,18 @@ def _largest(components: Mapping[str, float]) -> tuple[list[tuple[str, float]], 
     seen = [(name, component) for name, component in components.items() if abs(component) >= 5e-3]
     seen.sort(key=lambda each: -abs(each[1]))
     return seen[:MOST_COMPONENTS], len(seen) > MOST_COMPONENTS
+
+
+def distances_table(
+    reference: str,
+    parameters: Sequence[str],
+    distances: Mapping[str, float],
+    calibrations: Mapping[str, Calibration],
+) -> Table:
+    """Objectives and distances of the best fits from that of a reference class."""
+    title = f"Distance d from {reference!r}, over {', '.join(parameters)}"
+    table = new_table(title, ["model class"], ["f_ob (%)", "d (%)"])
+    for name, distance in distances.items():
+        objective = 100.0 * calibrations[name].best.objective
+        add_row(table, name, f"{objective:.3f}", f"{100.0 * distance:.1f}")
+    return table
