@@ -84,7 +84,7 @@ class ModalIdentification:
 
     @property
     def loads(self) -> str:
-        """What drives the modes: the ground that is measured, or else by the evidence."""
+        """What drives the modes, by the evidence, or the ground whose motion is measured."""
         if self.ground:
             return f"the motion of sensor {self.ground!r}"
         return "one process" if self.worst.fit.one_source else "independent loads"

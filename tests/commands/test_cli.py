@@ -413,7 +413,7 @@ def test_slow_structures_are_named_before_they_are_sampled(run, tmp_path, monkey
     def refuse(*_, **__):
         raise ValueError("not sampled here")
 
-    monkeypatch.setattr("bayes_ssi.ranking.study.sample_all", refuse)
+    monkeypatch.setattr("bayes_ssi.appendages.ranked_study.sample_all", refuse)
     study = tmp_path / "large.py"
     study.write_text(LARGE_STUDY, encoding="utf-8")
     lines = run("rank", study, "--out", "r").stderr.splitlines()
