@@ -7,6 +7,7 @@ from bayes_ssi.appendages.hypotheses import SearchSettings
 from bayes_ssi.appendages.ranked_study import rank
 from bayes_ssi.calibration.calibration import calibrate
 from bayes_ssi.calibration.fit import rms_distance
+from bayes_ssi.calibration.modal_sensitivities import modal_sensitivities
 from bayes_ssi.data.identified_mode import IdentifiedMode
 from bayes_ssi.data.merging import merge_modal_data
 from bayes_ssi.data.modal_csv import write_modal_data
@@ -117,6 +118,7 @@ __all__ = [
     "load_study",
     "merge_modal_data",
     "modal_data_from_pyoma2",
+    "modal_sensitivities",
     "predict_frequencies",
     "rank",
     "read_candidates",

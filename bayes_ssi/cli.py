@@ -22,6 +22,7 @@ from bayes_ssi.commands.predict import predict
 from bayes_ssi.commands.rank import rank
 from bayes_ssi.commands.report import report
 from bayes_ssi.commands.search import search
+from bayes_ssi.commands.sensitivities import sensitivities
 from bayes_ssi.commands.terminal import QUIET_OPTION, OneLineErrors
 from bayes_ssi.commands.what_if import what_if
 
@@ -29,6 +30,7 @@ COMMANDS = (
     identify,
     merge,
     calibrate,
+    sensitivities,
     check,
     new,
     import_model,

@@ -156,8 +156,6 @@ def draw_parameters(posteriors: tuple[bs.Posterior, ...], file: Path) -> None:
         errors = [(middle - low).tolist(), (high - middle).tolist()]
         ax.errorbar(at, middle, yerr=errors, fmt=marker, color=colour, markersize=4,
                     linewidth=1.2, label=f"approach {name.split()[0]}")  # fmt: skip
-    ax.set_yscale("log", base=2)
-    ax.set_yticks([0.25, 0.5, 1.0, 2.0, 4.0], ["¼", "½", "1", "2", "4"])
     ax.set_xticks(range(len(names)), names)
     ax.set_ylabel("median and 90 % interval over truth")
     ax.legend(ncols=5, loc="upper center", bbox_to_anchor=(0.5, -0.1), frameon=False, fontsize=8)

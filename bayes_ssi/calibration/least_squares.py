@@ -141,7 +141,7 @@ class CalibrationProblem:
 
     def sensitivities(self, z: FloatArray) -> FloatArray:
         """Jacobian (m, d) of the residuals over their standard errors, at one point."""
-        return _jacobian(self.residuals, z) / self.standard_errors[:, None]
+        return central_differences(self.residuals, z) / self.standard_errors[:, None]
 
     def descend(self, start: FloatArray, basis: FloatArray | None = None) -> FloatArray | None:
         """The minimum reached from ``start``; None where the search leaves the model's domain.
@@ -156,7 +156,7 @@ class CalibrationProblem:
             return self.minimised((basis @ y)[None])[0]
 
         def jacobian(y: FloatArray) -> FloatArray:
-            return _jacobian(self.minimised, basis @ y) @ basis
+            return central_differences(self.minimised, basis @ y) @ basis
 
         if not np.isfinite(minimised(start @ basis)).all():
             return None
@@ -203,7 +203,7 @@ class CalibrationProblem:
         )
 
 
-def _jacobian(function: Callable[[FloatArray], FloatArray], z: FloatArray) -> FloatArray:
+def central_differences(function: Callable[[FloatArray], FloatArray], z: FloatArray) -> FloatArray:
     """Jacobian (m, d) at one point, by central differences in one batch."""
     steps = DIFFERENCE_STEP * np.eye(len(z))
     both = function(np.concatenate([z + steps, z - steps]))

@@ -14,7 +14,7 @@ from bayes_ssi.plots.evidence_plot import plot_evidence
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.plots.identified_modes import plot_identified_modes
 from bayes_ssi.plots.identified_shapes import plot_identified_shapes
-from bayes_ssi.plots.matrix_plots import plot_mac, plot_pairing
+from bayes_ssi.plots.matrix_plots import plot_mac, plot_modal_sensitivities, plot_pairing
 from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.plots.population_plot import plot_population
 from bayes_ssi.plots.record_plots import (
@@ -39,6 +39,7 @@ __all__ = [
     "plot_identified_shapes",
     "plot_mac",
     "plot_mac_change",
+    "plot_modal_sensitivities",
     "plot_mode_shapes",
     "plot_pairing",
     "plot_parameters",

@@ -1,4 +1,4 @@
-"""Annotated matrices of two lists of modes: MACs and pairing probabilities."""
+"""Annotated matrices: MACs, pairing probabilities, sensitivities of modes to parameters."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.calibration.modal_sensitivities import ModalSensitivities
 from bayes_ssi.identification.inferred_pairing import InferredPairing
 from bayes_ssi.plots.figure_style import SMALL, axes_of, without_math
 
@@ -49,6 +50,36 @@ def plot_pairing(inferred: InferredPairing, n_modes: int, ax: Axes | None = None
     # Values that round to 0.000 are left blank.
     shown = np.where(probabilities < 0.0005, np.nan, probabilities)
     _draw(ax, shown, labels, columns, ("identified mode", "model mode"), decimals=3)
+    return ax
+
+
+def plot_modal_sensitivities(sensitivities: ModalSensitivities, ax: Axes | None = None) -> Axes:
+    """How many percent each frequency rises where a parameter rises by one; proposed ones in bold.
+
+    Args:
+        sensitivities: of the modes of a class.
+        ax: axes; new ones if None.
+    """
+    modes, names = sensitivities.modes, sensitivities.parameters
+    ax = axes_of(ax, (2.4 + 0.55 * len(names), 1.3 + 0.3 * len(modes)))
+    matrix = sensitivities.of_frequencies
+    largest = max(float(np.abs(matrix).max()), np.finfo(float).tiny)
+    image = ax.imshow(matrix, cmap="RdBu_r", vmin=-largest, vmax=largest, aspect="auto")
+    for (i, k), value in np.ndenumerate(matrix):
+        ax.text(k, i, f"{value:+.2f}" if abs(value) >= 0.005 else "", ha="center", va="center",
+                fontsize=SMALL,
+                color="white" if abs(value) > 0.6 * largest else "black")  # fmt: skip
+    ax.set_xticks(range(len(names)), names)
+    ax.set_yticks(range(len(modes)), modes)
+    for label in ax.get_xticklabels():
+        if label.get_text() in sensitivities.proposed:
+            label.set_fontweight("bold")
+    without_math(*ax.get_xticklabels(), *ax.get_yticklabels())
+    ax.spines[:].set_visible(False)
+    ax.tick_params(length=0)
+    ax.set_ylabel("mode")
+    ax.set_xlabel("parameter; bold: proposed for updating")
+    ax.figure.colorbar(image, ax=ax, label="% of frequency per % of parameter")
     return ax
 
 

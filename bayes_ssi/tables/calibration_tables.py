@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from rich.table import Table
 
 from bayes_ssi.calibration.calibration import Calibration
+from bayes_ssi.calibration.modal_sensitivities import ModalSensitivities
 from bayes_ssi.model_class.configuration import label_in
 from bayes_ssi.tables.layout import add_row, new_table, number
 
@@ -158,4 +159,20 @@ def distances_table(
     for name, distance in distances.items():
         objective = 100.0 * calibrations[name].best.objective
         add_row(table, name, f"{objective:.3f}", f"{100.0 * distance:.1f}")
+    return table
+
+
+def sensitivities_table(sensitivities: ModalSensitivities) -> Table:
+    """Of every paired mode to every parameter: of its frequency, and of its shape in brackets."""
+    title = (
+        f"Sensitivities of {sensitivities.name!r}: percent of frequency (of unit shape) per percent"
+    )
+    table = new_table(title, ["mode"], sensitivities.parameters)
+    rows = zip(
+        sensitivities.modes, sensitivities.of_frequencies, sensitivities.of_shapes, strict=True
+    )
+    for mode, of_frequency, of_shape in rows:
+        # Zero has no sign.
+        cells = zip((of_frequency.round(2) + 0.0).tolist(), of_shape.tolist(), strict=True)
+        add_row(table, mode, *(f"{by_f:+.2f} ({by_shape:.2f})" for by_f, by_shape in cells))
     return table

@@ -1,0 +1,117 @@
+"""Sensitivities of modes: against those of the eigenvalue problem, and which are proposed."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import bayes_ssi as bs
+from bayes_ssi.calibration.least_squares import NothingToCalibrateError
+from bayes_ssi.cli import main
+from bayes_ssi.plots import plot_modal_sensitivities
+
+N = 3
+
+
+def factor(name, cov=0.3):
+    return bs.Parameter(name, bs.LogNormal(median=1.0, cov=cov))
+
+
+def model_class(names=("k1", "k2", "k3", "m1"), pairing=None, **errors):
+    """Three storeys, whose parameters are stiffnesses and masses; data are its own modes."""
+
+    def times(name):
+        return factor(name) if name in names else 1.0
+
+    structure = bs.ShearBuilding(
+        masses=[times(f"m{i}") for i in range(1, N + 1)],
+        stiffnesses=[200.0 * times(f"k{i}") for i in range(1, N + 1)],
+    )
+    frequencies, shapes = structure.modes(structure.prior_medians())
+    modes = [
+        bs.IdentifiedMode(str(i), float(f), shape)
+        for i, (f, shape) in enumerate(zip(frequencies[0], shapes[0].T, strict=True), 1)
+    ]
+    data = bs.ModalData(tuple(modes), (0.0, 6.0), ("floor 1", "floor 2", "floor 3"))
+    error = bs.ErrorModel(**({"frequency_cov": 0.01, "shape_sd": 0.05} | errors))
+    pairing = pairing or {str(i): i for i in range(1, N + 1)}
+    return bs.ModelClass("frame", structure, data, error, pairing=pairing)
+
+
+def test_frequencies_change_as_energies_say():
+    """∂ ln f / ∂ ln k_j is half the share of storey j in the strain energy, and so for masses."""
+    names = ("k1", "k2", "k3", "m1", "m2", "m3")
+    found = bs.modal_sensitivities(model_class(names))
+    _, shapes = model_class().structure.modes(model_class().structure.prior_medians())
+    drifts = np.diff(shapes[0], axis=0, prepend=0.0)
+    strain = drifts**2 / (drifts**2).sum(0)
+    kinetic = shapes[0] ** 2 / (shapes[0] ** 2).sum(0)
+    expected = {f"k{i + 1}": 0.5 * strain[i] for i in range(N)}
+    expected |= {f"m{i + 1}": -0.5 * kinetic[i] for i in range(N)}
+    for name, column in zip(found.parameters, found.of_frequencies.T, strict=True):
+        np.testing.assert_allclose(column, expected[name], atol=1e-7)
+    assert found.modes == ("1", "2", "3")
+
+
+def test_shapes_change_as_perturbation_theory_says():
+    """∂φ_i = Σ_j φ_j (φ_jᵀ ∂K φ_i) / (λ_i - λ_j), without what is along φ_i."""
+    found = bs.modal_sensitivities(model_class())
+    structure = model_class().structure
+    frequencies, shapes = structure.modes(structure.prior_medians())
+    squares, vectors = (2.0 * np.pi * frequencies[0]) ** 2, shapes[0]
+    change = np.zeros((N, N))
+    change[0, 0] = 200.0  # of the first storey, by ln k1
+    for i in range(N):
+        off = sum(
+            vectors[:, j] * (vectors[:, j] @ change @ vectors[:, i]) / (squares[i] - squares[j])
+            for j in range(N)
+            if j != i
+        )
+        unit = vectors[:, i] / np.linalg.norm(vectors[:, i])
+        off = off / np.linalg.norm(vectors[:, i])
+        length = np.linalg.norm(off - unit * (unit @ off))
+        place = found.parameters.index("k1")
+        assert found.of_shapes[i, place] == pytest.approx(length, rel=1e-6)
+
+
+def test_parameters_that_scale_alike_are_not_proposed_together():
+    """With frequencies alone, all stiffnesses and all masses say one thing twice."""
+    names = ("k1", "k2", "k3", "m1", "m2", "m3")
+    found = bs.modal_sensitivities(model_class(names), shape_weight=0.0)
+    assert len(found.proposed) == 3  # of three frequencies
+    assert found.signals[3:] == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+    assert sorted(found.order) == sorted(names)
+    vague = bs.modal_sensitivities(model_class(frequency_cov=1.0, shape_sd=1.0))
+    assert vague.proposed == ()
+
+
+def test_at_other_values_and_what_is_refused():
+    at = bs.modal_sensitivities(model_class(), {"k1": 4.0})
+    assert at.of_frequencies[0, 0] < bs.modal_sensitivities(model_class()).of_frequencies[0, 0]
+    with pytest.raises(ValueError, match="unknown parameter 'k9'"):
+        bs.modal_sensitivities(model_class(), {"k9": 1.0})
+    with pytest.raises(NothingToCalibrateError, match="its pairing is 'any'"):
+        bs.modal_sensitivities(model_class(pairing="any"))
+
+
+def test_the_heat_map_has_a_cell_for_each_and_the_proposed_in_bold():
+    found = bs.modal_sensitivities(model_class())
+    ax = plot_modal_sensitivities(found)
+    bold = {each.get_text() for each in ax.get_xticklabels() if each.get_fontweight() == "bold"}
+    assert bold == set(found.proposed)
+    assert len(ax.texts) == 3 * 4
+
+
+def test_the_command(tmp_path):
+    study = str(Path(__file__).parents[2] / "model_classes" / "shear_building.py")
+    arguments = ["sensitivities", study, "--only", "1-a,3", "--figures", str(tmp_path / "new")]
+    result = CliRunner().invoke(main, [*arguments, "--json"])
+    assert result.exit_code == 0, result.output
+    record = json.loads(result.stdout)["sensitivities"]
+    assert [each["name"] for each in record] == ["1-a", "3"]
+    assert record[1]["parameters"] == ["k1", "k2", "k3", "ks"]
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["1-a.png", "3.png"]
+    again = CliRunner().invoke(main, arguments)
+    assert again.exit_code == 2
