@@ -6,7 +6,7 @@ Simulates an ambient record of 15 to 20 minutes of each configuration, at 15 sen
 (where they were it does not say), identifies the modes, ranks the twelve classes of
 model_classes/steel_frame.py on them, and searches for appendages from "2 M3", which has none and
 leaves 4a and 4b out. What comes out stands beside what made the records: the paper's M3+. Records,
-modes and pictures are written to DIRECTORY, a new one. Three minutes.
+modes and pictures are written to DIRECTORY, a new one. About ten minutes.
 """
 
 import argparse
@@ -197,7 +197,9 @@ def main() -> None:
     for row in rows[:4]:
         print(f"  {row.name}: {row.probability:.4f}")
     for each in result.appendages(rows[0].name):
-        print(f"  {each}")
+        (low, mass, high), (slow, hz, fast) = each.mass, each.frequency_hz
+        print(f"  {each.place.name}: {mass:.1f} ({low:.1f} to {high:.1f}) kg, "
+              f"{hz:.3f} ({slow:.3f} to {fast:.3f}) Hz")  # fmt: skip
     for check in result.ranking.comparison.failed_checks:
         print(f"  (!) {check}")
 
