@@ -130,6 +130,7 @@ def _nearest_outside(known: Resonances, group: Group, side: int) -> int | None:
 
 
 def in_directions(data: LocalSpectra, modes: Resonances) -> Resonances:
+    """Modes of all channels in the directions of a band, at unit length, as real as may be."""
     shapes = data.from_channels @ modes.shapes
     lengths = np.maximum(np.linalg.norm(shapes, axis=0), np.finfo(float).tiny)
     shapes = shapes / lengths

@@ -157,8 +157,7 @@ class Explained:
 def resolution(fit: LocalFit, i: int) -> float:
     """Half-power bandwidths by which two modes of one shape must differ to be told from one."""
     width = 2.0 * float(fit.modes.half_widths_hz[i])
-    line_hz = float(fit.data.widths_hz.sum() / fit.data.weights.sum())
-    n_lines = max(math.e, width / line_hz)
+    n_lines = max(math.e, width / fit.data.line_hz)
     r = fit.modes.shapes.shape[0]
     cost = 0.5 * (3 * r + 1) * math.log(n_lines)
     return float((8.0 * cost / (math.pi * n_lines)) ** 0.25)

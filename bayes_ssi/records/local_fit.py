@@ -352,7 +352,7 @@ class _Steps:
         by_f, by_z = step[smooth : smooth + m], step[smooth + m : smooth + 2 * m]
         # No farther than a bandwidth, nor to twice the damping.
         steepest = [*np.abs(by_z) / 0.7, *np.abs(by_f) / np.maximum(modes.dampings, 0.003)]
-        step = step / max(1.0, *steepest, 1.0)
+        step = step / max([1.0, *steepest])
         by_f, by_z = step[smooth : smooth + m], step[smooth + m : smooth + 2 * m]
         changes = np.einsum("pa,aij->pij", step[:smooth].reshape(3, r * r), basis(r))
         shapes = modes.shapes.copy()

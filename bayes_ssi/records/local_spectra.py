@@ -53,9 +53,9 @@ class LocalSpectra(NamedTuple):
         return float(self.frequencies_hz[0] - half[0]), float(self.frequencies_hz[-1] + half[-1])
 
     @property
-    def n_lines(self) -> float:
-        """Independent transforms of all blocks."""
-        return float(self.weights.sum())
+    def line_hz(self) -> float:
+        """Width in Hz of one independent transform."""
+        return float(self.widths_hz.sum() / self.weights.sum())
 
 
 def noise_scales(spectra: Spectra) -> FloatArray:

@@ -45,8 +45,7 @@ def two_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> tuple[float, Local
                 if fitter.one_source:
                     direction = its_shape
     n_unknowns = 2 + (fitter.r - 1) * (1 + fit.has_phases) + 2 * fitter.r
-    line_hz = float(fit.data.widths_hz.sum() / fit.data.weights.sum())
-    n_lines = max(math.e, 2.0 * damping * frequency / line_hz)
+    n_lines = max(math.e, 2.0 * damping * frequency / fit.data.line_hz)
     if gain < 0.8 * n_unknowns:
         return gain - 0.5 * n_unknowns * math.log(n_lines), None
     others = fit.modes.at([j for j in range(len(fit.modes.frequencies_hz)) if j != i])

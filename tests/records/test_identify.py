@@ -14,6 +14,7 @@ import bayes_ssi as bs
 from bayes_ssi.records.fdd import fdd
 from bayes_ssi.records.methods import NAMES, compared, modes_by
 from bayes_ssi.records.modal_estimates import Poles
+from bayes_ssi.records.modal_identification import _not_identified
 from bayes_ssi.records.ssi_cov import ssi_cov
 from bayes_ssi.records.tfie import tfie
 
@@ -207,8 +208,17 @@ def test_a_sensor_on_the_ground_is_one_of_the_sensors():
         bs.identify(two, BAND, ground="floor 1")
 
 
-def test_a_peak_that_no_mode_explains_is_named():
-    """Two close frequencies are given; the record's other clear modes are not quietly absent."""
+def test_a_clear_peak_without_a_mode_is_named():
+    candidates = identified(2).candidates
+    named = _not_identified(candidates, [], BAND)
+    clear = [peak.frequency_hz for peak in candidates.peaks if peak.is_clear]
+    assert [hz for hz, _ in named] == [hz for hz in clear if BAND[0] < hz < BAND[1]]
+    assert len(named) >= 3
+    assert all("explained by no mode there" in why for _, why in named)
+    assert not _not_identified(candidates, list(identified(2).bands), BAND)
+
+
+def test_modes_that_given_frequencies_leave_out_fail_a_check():
     record = simulated(2, duration_s=600.0)
     result = bs.identify(record, (2.2, 4.4), at=[2.8, 4.0])
     assert result.failed_checks
