@@ -8,6 +8,7 @@ from click.testing import CliRunner
 
 import bayes_ssi as bs
 from bayes_ssi.appendages import unmodelled_appendage as module
+from bayes_ssi.appendages.baselines import choose_baselines
 from bayes_ssi.appendages.unmodelled_appendage import unmodelled_appendage
 from bayes_ssi.cli import main
 from bayes_ssi.execution.run import Run
@@ -76,3 +77,13 @@ def test_a_mode_that_looks_split_is_said_without_screening_where_that_is_slow(mo
     monkeypatch.setattr(module, "is_cheap", lambda _: False)
     text = unmodelled_appendage(study, ranked("bare_building"), 0, Run())
     assert text.endswith("and no class models one; ask with bayes-ssi search STUDY")
+
+
+def test_a_class_with_an_appendage_is_no_rival_without_any():
+    """Searched from the bare frame, "3 M3+" would beat it by carrying what is searched."""
+    study = load_study(MODEL_CLASSES / "steel_frame.py")
+    chosen = choose_baselines(study, ["2 M3"])
+    assert [each.name for each in chosen.classes] == ["2 M3"]
+    names = {each.name for each in chosen.rivals}
+    assert names
+    assert not any("+" in name for name in names)
