@@ -88,7 +88,7 @@ def _point(given: Sequence[float] | None, where: str) -> Point | None:
 
 
 def default_candidates(structure: Structure, sensors: Sequence[str]) -> tuple[Candidate, ...]:
-    """Floors and storeys where a structure has them, in x and y in space; else all sensors.
+    """Floors and storeys where a structure has them, in x and y in space; else sensors' places.
 
     Args:
         structure: the structure.
@@ -102,7 +102,9 @@ def default_candidates(structure: Structure, sensors: Sequence[str]) -> tuple[Ca
             *(Candidate(str(floor), floor) for floor in floors),
             *(Candidate(f"{floor - 1}-{floor}", floor - 1, to=floor) for floor in floors),
         )
-    return tuple(Candidate(sensor, sensor) for sensor in sensors)
+    motions = {sensor.label: dict(sensor.motion) for sensor in structure.sensors}
+    places = [place for sensor in sensors for place in motions.get(sensor, (sensor,))]
+    return tuple(Candidate(place, place) for place in dict.fromkeys(places))
 
 
 def _in_space(n_floors: int) -> list[Candidate]:

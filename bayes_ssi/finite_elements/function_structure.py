@@ -28,9 +28,10 @@ from bayes_ssi.parameters import (
     as_product,
     collect_parameters,
 )
+from bayes_ssi.structures.combined_sensors import CombinedSensors
 
 
-class FunctionStructure(PointwiseStructure):
+class FunctionStructure(PointwiseStructure, CombinedSensors):
     """A structure whose modes or matrices are returned by a function of the parameters.
 
     The function is called once for each set of values, in whichever process evaluates them
@@ -119,6 +120,7 @@ class FunctionStructure(PointwiseStructure):
             "function": _name(self.function),
             "arguments": self._arguments,
             "modes": f"the lowest {self._n_modes}",
+            **self._described_sensors(),
         }
 
     def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - raises

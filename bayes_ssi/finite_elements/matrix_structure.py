@@ -153,6 +153,7 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
             "mass": main._mass.formula("M"),
             "modes": f"the lowest {self.n_modes}{up_to}",
             **{element.label: element for element in self.elements},
+            **self._described_sensors(),
         }
 
     def modal_model(self, values: FloatArray) -> ModalModel:

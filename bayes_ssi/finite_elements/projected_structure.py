@@ -30,6 +30,7 @@ from bayes_ssi.repeated_modes import settle
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.motion import Motion, Place, motion_of
+from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure, listed
 
 
@@ -107,6 +108,10 @@ class ProjectedStructure(Structure):
     @property
     def degrees_of_freedom(self) -> tuple[str, ...]:
         return (*self.main.sensors, *self._own)
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        return self.main.combined
 
     @property
     def appendages(self) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from bayes_ssi.finite_elements.reduced_basis import SKETCH_SIZE, ReducedBasis, R
 from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 from bayes_ssi.parameters import Product
 from bayes_ssi.structures.motion import SinglePlace
+from bayes_ssi.structures.sensors import Sensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,7 @@ class Projection:
         sensors: their names.
         rows: degrees of freedom on which elements may be put.
         n_modes: number of lowest modes.
+        combined: sensors that combine those.
     """
 
     stiffness: tuple[tuple[Product, FloatArray], ...]
@@ -65,6 +67,7 @@ class Projection:
     sensors: tuple[str, ...]
     rows: Mapping[SinglePlace, BasisRow]
     n_modes: int
+    combined: tuple[Sensor, ...] = ()
 
     @classmethod
     def of(
@@ -100,6 +103,7 @@ class Projection:
                 for place, motion, each in zip(known, motions, residual, strict=True)
             },
             full.n_modes,
+            full.sensors,
         ).at_unit_mass()
 
     @property

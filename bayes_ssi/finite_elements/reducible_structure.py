@@ -20,10 +20,11 @@ from bayes_ssi.finite_elements.sparse_factors import fill_reducing_order, is_sem
 from bayes_ssi.finite_elements.sparse_modes import DENSE_UP_TO, lowest_modes
 from bayes_ssi.modal import Eigenpairs, NoModesError
 from bayes_ssi.parameters import Parameter, collect_parameters
+from bayes_ssi.structures.combined_sensors import CombinedSensors
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.geometry import Geometry, Location
 from bayes_ssi.structures.motion import Place, SinglePlace, motion_of
-from bayes_ssi.structures.structure import Structure, listed
+from bayes_ssi.structures.structure import listed
 
 
 class Coefficients(NamedTuple):
@@ -50,7 +51,7 @@ class System(NamedTuple):
     influence: FloatArray | None
 
 
-class ReducibleStructure(Structure):
+class ReducibleStructure(CombinedSensors):
     """A model whose matrices are sums of fixed ones times products of parameters.
 
     Elements on it add terms k v vᵀ and m v vᵀ, and a row for each degree of freedom of their own.

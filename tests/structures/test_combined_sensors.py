@@ -1,0 +1,92 @@
+"""Sensors between degrees of freedom, on matrices and functions as on buildings."""
+
+import pickle
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import bayes_ssi as bs
+
+K = np.array([[300.0, -200.0, 0.0], [-200.0, 400.0, -200.0], [0.0, -200.0, 200.0]])
+NAMES = ("a", "b", "c")
+HALFWAY = bs.Sensor("halfway", {"a": 0.5, "b": 0.5})
+SLOPED = bs.Sensor("sloped", {"b": 0.6, "c": -0.8})
+
+
+def stiff():
+    return bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+
+
+def matrices():
+    return bs.MatrixStructure([(stiff(), K)], np.eye(3), labels=NAMES, n_modes=3)
+
+
+def solved(k):
+    return k * K, np.eye(3)
+
+
+def function():
+    return bs.FunctionStructure(solved, {"k": stiff()}, n_modes=3, sensors=NAMES)
+
+
+def frequencies_and_shapes(structure, sensors, value=1.3):
+    frequencies, shapes = structure.modes(np.array([[value]]))
+    return frequencies[0], structure.sensor_matrix(sensors).apply(shapes)[0]
+
+
+@pytest.mark.parametrize("make", [matrices, function])
+def test_they_measure_combinations_of_the_modes(make):
+    structure = make().with_sensors([HALFWAY]).with_sensors([SLOPED])
+    frequencies, shapes = frequencies_and_shapes(structure, ("halfway", "c", "sloped"))
+    values, vectors = scipy.linalg.eigh(1.3 * K)
+    np.testing.assert_allclose(frequencies, np.sqrt(values) / (2.0 * np.pi))
+    rows = np.array([[0.5, 0.5, 0.0], [0.0, 0.0, 1.0], [0.0, 0.6, -0.8]])
+    np.testing.assert_allclose(np.abs(shapes), np.abs(rows @ vectors), atol=1e-9)
+    assert not make().sensors
+    assert structure.description()["combined sensors"].startswith("halfway = 0.5 a + 0.5 b; ")
+    again = pickle.loads(pickle.dumps(structure))
+    np.testing.assert_array_equal(frequencies_and_shapes(again, ("halfway",))[1], shapes[:1])
+
+
+@pytest.mark.parametrize("make", [matrices, function])
+@pytest.mark.parametrize(
+    ("sensor", "message"),
+    [
+        (bs.Sensor("a", {"b": 1.0}), "another sensor or degree of freedom has that label"),
+        (bs.Sensor("d", {"e": 1.0}), "the structure has no degree of freedom 'e'"),
+    ],
+)
+def test_what_is_not_on_the_structure_is_refused(make, sensor, message):
+    with pytest.raises(ValueError, match=message):
+        make().with_sensors([sensor])
+
+
+def test_they_stay_on_a_reduced_model_with_an_element():
+    structure = matrices().with_sensors([HALFWAY])
+    tank = bs.Pendulum("c", mass=0.1, frequency=2.0, label="tank")
+    exact = structure.with_element(tank)
+    reduced = structure.reduced().with_element(tank)
+    sensors = ("halfway", "tank")
+    for one, other in zip(
+        frequencies_and_shapes(exact, sensors),
+        frequencies_and_shapes(reduced, sensors),
+        strict=True,
+    ):
+        np.testing.assert_allclose(np.abs(one), np.abs(other), rtol=1e-5, atol=1e-7)
+
+
+def test_a_search_hangs_appendages_on_what_they_measure():
+    structure = matrices().with_sensors([HALFWAY, SLOPED])
+    frequencies, shapes = frequencies_and_shapes(structure, ("halfway", "sloped"), 1.0)
+    modes = [
+        bs.IdentifiedMode(str(i), float(f), shape)
+        for i, (f, shape) in enumerate(zip(frequencies, shapes.T, strict=True), 1)
+    ]
+    data = bs.ModalData(tuple(modes), (0.0, 6.0), ("halfway", "sloped"))
+    candidate = bs.ModelClass("points", structure, data, pairing="any")
+    one = bs.SearchSettings(number_weights=(1.0, 1.0), most_sampled=1)
+    coarse = bs.SamplingSettings(log_evidence_error=0.2)
+    found = bs.search(candidate, one, settings=coarse)
+    names = {row.name for row in found.record.hypotheses}
+    assert names == {"no appendage", "pendulum a", "pendulum b", "pendulum c"}
