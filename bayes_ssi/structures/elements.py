@@ -107,6 +107,8 @@ class AddedMass(Element):
         shares: (place, share) pairs: a floor (from 1) or another place, and the share of the mass
             that moves with it; they add up to 1.
         label: names the element in messages and reports.
+        stands_for: label of an appendage whose mass this is; a sensor on it then moves with the
+            mean of the places, by their shares.
 
     Raises:
         ValueError, TypeError: as those of every :class:`Element`.
@@ -115,6 +117,7 @@ class AddedMass(Element):
     mass: Value
     shares: tuple[tuple[Place, float], ...]
     label: str = "added mass"
+    stands_for: str = ""
 
     def __post_init__(self) -> None:
         self._check("added mass")
@@ -188,7 +191,7 @@ class Pendulum(_InSeries):
         return [PointMass.on(self.label, as_product(self.mass))]
 
     def as_mass(self) -> AddedMass:
-        return AddedMass(self.mass, ((self.on, 1.0),), label=f"{self.label}, as mass")
+        return AddedMass(self.mass, ((self.on, 1.0),), f"{self.label}, as mass", self.label)
 
 
 @dataclass(frozen=True)
@@ -218,7 +221,9 @@ class _Infill(Element):
     def as_mass(self) -> AddedMass:
         """Half of the mass on each of the two floors."""
         low, high = self.between
-        return AddedMass(self.mass, ((low, 0.5), (high, 0.5)), label=f"{self.label}, as mass")
+        shares = ((low, 0.5), (high, 0.5))
+        own = self.own_degree_of_freedom or ""
+        return AddedMass(self.mass, shares, f"{self.label}, as mass", own)
 
 
 @dataclass(frozen=True)

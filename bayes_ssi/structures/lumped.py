@@ -20,7 +20,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.parameters import Parameter, collect_parameters, positive_product
 from bayes_ssi.structures.affine_array import AffineArray
-from bayes_ssi.structures.elements import Element, PointMass, Spring
+from bayes_ssi.structures.elements import AddedMass, Element, PointMass, Spring
 from bayes_ssi.structures.motion import Motion, Place, SinglePlace, motion_of
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
@@ -251,6 +251,20 @@ class LumpedStructure(Structure):
             for place, share in motion
             for dof, own in sensors.get(str(place), ((place, 1.0),))
         )
+
+    def _rigid_motions(self) -> dict[str, dict[str, float]]:
+        motions = {}
+        for element in self.elements:
+            if isinstance(element, AddedMass) and element.stands_for:
+                mean = [
+                    (single, share * own)
+                    for place, share in element.shares
+                    for single, own in motion_of(place)
+                ]
+                vector = self._vector(tuple(mean))
+                named = zip(self.degrees_of_freedom, vector.tolist(), strict=True)
+                motions[element.stands_for] = {name: own for name, own in named if own != 0.0}
+        return motions
 
     def _outer(self, direction: Motion) -> FloatArray:
         """``v vᵀ``, (n, n), of the displacement ``Σ component · x(place)``."""

@@ -103,7 +103,10 @@ class Structure(ABC):
         """
         labels = self.degrees_of_freedom
         known = set(labels)
-        combined = {sensor.label: dict(sensor.motion) for sensor in self.sensors}
+        combined = {
+            **self._rigid_motions(),
+            **{sensor.label: dict(sensor.motion) for sensor in self.sensors},
+        }
         motions = [combined.get(name, {name: 1.0}) for name in sensors]
         for name, motion in zip(sensors, motions, strict=True):
             missing = next((label for label in motion if label not in known), None)
@@ -114,6 +117,10 @@ class Structure(ABC):
                     f"choose from {listed(choices)}"
                 )
         return SensorMatrix.of(motions, labels)
+
+    def _rigid_motions(self) -> dict[str, dict[str, float]]:
+        """Motions of sensors on appendages that are there as masses alone."""
+        return {}
 
     @property
     def appendages(self) -> tuple[str, ...]:

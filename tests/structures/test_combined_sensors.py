@@ -90,3 +90,19 @@ def test_a_search_hangs_appendages_on_what_they_measure():
     found = bs.search(candidate, one, settings=coarse)
     names = {row.name for row in found.record.hypotheses}
     assert names == {"no appendage", "pendulum a", "pendulum b", "pendulum c"}
+
+
+def test_a_sensor_on_an_appendage_stays_where_it_becomes_a_mass():
+    """It then moves with the mean of the two floors, or with the floor that carries it."""
+    frame = bs.ShearBuilding(masses=(1.0, 1.0, 1.0), stiffnesses=(200.0, 200.0, 200.0))
+    infill = bs.OutOfPlaneInfill(between=(1, 2), mass=0.1, frequency=2.0)
+    tank = bs.Pendulum(on=3, mass=0.05, frequency=1.5, label="tank")
+    whole = frame.with_element(infill).with_element(tank)
+    rigid = frame.with_element(infill.as_mass()).with_element(tank.as_mass())
+    sensors = ("infill 1-2", "tank", "floor 2")
+    assert set(whole.appendages) == {"infill 1-2", "tank"}
+    assert not rigid.appendages
+    rows = rigid.sensor_matrix(sensors).toarray()
+    np.testing.assert_allclose(rows, [[0.5, 0.5, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+    with pytest.raises(ValueError, match="'tank'"):
+        frame.sensor_matrix(["tank"])
