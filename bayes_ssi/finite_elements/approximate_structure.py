@@ -9,7 +9,6 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.structures.geometry import Geometry, Location
 from bayes_ssi.structures.motion import Place
-from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 
 
@@ -50,10 +49,6 @@ class ApproximateStructure(Structure):
     @property
     def n_modes(self) -> int:
         return self.exact.n_modes
-
-    @property
-    def sensors(self) -> tuple[Sensor, ...]:
-        return tuple(self.exact.sensors)
 
     @property
     def geometry(self) -> Geometry | None:

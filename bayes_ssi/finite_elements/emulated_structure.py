@@ -22,6 +22,7 @@ from bayes_ssi.finite_elements.mode_representations import (
 )
 from bayes_ssi.modal import ModalModel, Modes, NoModesError
 from bayes_ssi.parameters import values_at
+from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 
 # Solutions over the prior for each coefficient of a polynomial of second degree: one would do
@@ -74,6 +75,10 @@ class EmulatedStructure(ApproximateStructure):
     @property
     def exact(self) -> Structure:
         return self._exact
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        return tuple(self._exact.sensors)
 
     @property
     def appendages(self) -> tuple[str, ...]:

@@ -36,6 +36,7 @@ from bayes_ssi.repeated_modes import settle
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.motion import Place, SinglePlace
+from bayes_ssi.structures.sensors import Sensor
 
 # Directions that add less than this share of the required accuracy to a mode are left out, some of
 # which together remain below it.
@@ -113,6 +114,10 @@ class ReducedStructure(ApproximateStructure):
     def require_place(self, place: Place, label: str) -> None:
         """See :class:`~bayes_ssi.structures.elements.CarriesElements`."""
         self.full.require_place(place, label)
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        return self.full.sensors
 
     @property
     def appendages(self) -> tuple[str, ...]:
