@@ -78,8 +78,9 @@ def identify(
     written = () if out is None else possible_modal_files(out)
     require_new_files(*written, *(() if figures is None else (figures,)))
     record = record_of(files, rate, quantity, unit, sensors, keys)
-    warnings = record.warnings()
     found = modal_identification.identify(record, band, at=at, ground=ground)
+    # Floors lag behind the ground that shakes them.
+    warnings = (record.selected(found.quoted.sensors) if found.ground else record).warnings()
     by_others: dict[str, MethodModes | str] = {}
     if compare or method != METHODS[0]:
         from bayes_ssi.records import methods

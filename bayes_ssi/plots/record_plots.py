@@ -147,6 +147,8 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
         figure: an empty figure; a new one if None.
     """
     frequencies = found.quoted.frequencies_hz
+    # All but the ground, where that is measured.
+    channels = [i for i, name in enumerate(found.record.sensors) if name != found.ground]
     across = panels_across(len(frequencies))
     rows = -(-len(frequencies) // across)
     figure = figure_of(figure, (width_of_panels(across), 1.9 * rows))
@@ -155,7 +157,8 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
         data = band.fit.data
         ax = figure.add_subplot(rows, across, i + 1, projection="polar")
         nearest = np.abs(data.frequencies_hz - frequency).argmin()
-        motion = data.to_channels @ np.linalg.eigh(data.matrices[nearest])[1][:, -1]
+        leading = np.linalg.eigh(data.matrices[nearest])[1][:, -1]
+        motion = data.to_channels[channels] @ leading
         motion = motion / np.linalg.norm(motion)
         motion = motion * np.exp(-0.5j * np.angle((motion**2).sum()))
         motion *= np.sign(motion.real[np.abs(motion.real).argmax()])

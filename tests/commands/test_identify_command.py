@@ -20,6 +20,36 @@ def test_the_methods_are_those_that_there_are():
     assert tuple(NAMES) == METHODS
 
 
+def test_the_ground_is_no_sensor_of_the_modes(tmp_path):
+    """Two floors on a shaken ground, with all figures: the ground is in none of them."""
+    rng = np.random.default_rng(4)
+    n, rate = 6000, 20.0
+    at_hz = np.fft.rfftfreq(2 * n, 1.0 / rate)
+    lines = np.fft.rfft(rng.standard_normal(n), 2 * n)
+    lines[0] = 0.0
+    shapes, amplification = np.array([[0.526, 0.851], [0.851, -0.526]]), 1.0
+    for f, shape in zip((1.0, 2.62), shapes, strict=True):
+        beta = f / np.maximum(at_hz, 1e-9)
+        h = 1.0 / (1.0 - beta**2 - 0.04j * beta)
+        amplification = amplification - np.outer(shape * shape.sum(), h)
+    samples = np.fft.irfft(np.vstack([lines, amplification * lines]), 2 * n)[:, :n]
+    samples += 0.01 * samples.std(1, keepdims=True) * rng.standard_normal(samples.shape)
+    names = ("ground", "floor 1", "floor 2")
+    known = {"sensors": names, "rate_hz": rate, "quantity": "acceleration", "unit": "m/s2"}
+    np.savez(tmp_path / "shaken.npz", samples=samples, **known)
+    figures, out = tmp_path / "figures", tmp_path / "modes.csv"
+    record = tmp_path / "shaken.npz"
+    result = run(record, "--band", "0.5", "4", "--figures", figures, "--out", out, "--compare")
+    assert result.exit_code == 0, result.output
+    assert {path.stem for path in figures.iterdir()} >= {"complexity", "shapes", "singular_values"}
+    modes = bs.read_modal_data(out)
+    assert modes.sensors == ("floor 1", "floor 2")
+    np.testing.assert_allclose(modes.frequencies_hz, [1.0, 2.62], rtol=0.01)
+    macs = (np.abs(modes.unit_shapes * shapes.T).sum(0)) ** 2
+    assert (macs > 0.99).all()
+    assert "clocks" not in result.output
+
+
 def run(*arguments):
     return CliRunner().invoke(main, ["identify", *map(str, arguments)])
 
