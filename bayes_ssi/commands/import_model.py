@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 @click.option("--check", "checks", multiple=True, metavar="PROPERTY=FACTOR,…:FILE",
               help="Export with several properties altered, which must be predicted to 1e-8; "
               "repeatable.")  # fmt: skip
-@click.option("--data", type=click.Path(path_type=Path), metavar="CSV",
-              help="Identified modes; NAME.csv, to be written by you, if not given.")  # fmt: skip
+@click.option("--data", "files", multiple=True, metavar="[TEST=]CSV",
+              help="Identified modes; NAME.csv, to be written by you, if not given. Repeatable, "
+              "with a name for each test, as in --data BC=bc.csv --data SC=sc.csv.")  # fmt: skip
 @click.option("--sensor", "sensors", multiple=True, metavar="SENSOR=LABEL",
               help="Label of the degree of freedom that a sensor measures, as in 'roof=12 x', "
               "where the data do not name it so; repeatable.")  # fmt: skip
@@ -54,7 +55,7 @@ def import_model(
     nominal: Path,
     changed: tuple[str, ...],
     checks: tuple[str, ...],
-    data: Path | None,
+    files: tuple[str, ...],
     sensors: tuple[str, ...],
     points: Path | None,
     points_scale: float | None,
@@ -74,12 +75,14 @@ def import_model(
     from bayes_ssi.solver_files.parameter_matrices import Export, parameter_matrices
 
     study_paths(name)  # refused before large files are read
-    modes = None if data is None else read_modal_data(data, band_hz=band)
+    data = _data(files)
+    tests = [read_modal_data(path, band_hz=band) for path in data.values()]
     labels = dict(_sensor(text) for text in sensors)
     if not changed:
         raise ValueError("--changed: give at least one export with an altered property")
     model = read_model(nominal, units=units, mass_kg=mass_kg)
-    wanted = [labels.get(name, name) for name in (modes.sensors if modes is not None else labels)]
+    measured = [name for modes in tests for name in modes.sensors] if tests else list(labels)
+    wanted = dict.fromkeys(labels.get(name, name) for name in measured)
     tied = [label for label in wanted if label in model.dependent]
     spring = float(model.stiffness.diagonal().mean())
     model = model.with_rows(tied, spring)
@@ -93,9 +96,9 @@ def import_model(
         [read(text, "--changed") for text in changed],
         [read(text, "--check") for text in checks],
     )
-    placed = imported_sensors(model, modes, labels, points, points_scale)
-    study, modes_file = write_imported_study(name, matrices, data, band, placed.places, _command())
-    to_come = "" if data is not None else f" Put the modes into {modes_file}."
+    placed = imported_sensors(model, tests, labels, points, points_scale)
+    study, modes_files = write_imported_study(name, matrices, data, band, placed.places, _command())
+    to_come = "" if data else f" Put the modes into {modes_files[0]}."
     say(
         console(),
         str(model),
@@ -103,9 +106,28 @@ def import_model(
         *placed.lines,
         f"Wrote {study} and its matrices.{to_come}",
         "Next:",
-        *([f"  {shlex.join(['bayes-ssi', 'check', str(modes_file)])}"] if band is None else []),
+        *(
+            f"  {shlex.join(['bayes-ssi', 'check', str(file)])}"
+            for file in modes_files
+            if band is None
+        ),
         f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
     )
+
+
+def _data(files: tuple[str, ...]) -> dict[str, Path]:
+    """Name of the test ("" where there is one without a name) → file of its modes."""
+    data: dict[str, Path] = {}
+    for text in files:
+        test, equals, path = text.partition("=")
+        test, path = ("", text) if not equals or Path(text).exists() else (test.strip(), path)
+        if not path or test in data or (not test and len(files) > 1):
+            raise ValueError(
+                f"--data: expected TEST=CSV, a name of its own for each of several tests, "
+                f"got {text!r}"
+            )
+        data[test] = Path(path)
+    return data
 
 
 def _factors_and_file(text: str, option: str) -> tuple[dict[str, float], str]:

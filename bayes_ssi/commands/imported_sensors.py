@@ -28,7 +28,7 @@ class ImportedSensors:
 
 def imported_sensors(
     model: ExportedModel,
-    modes: ModalData | None,
+    tests: Sequence[ModalData],
     labels: Mapping[str, str],
     points_file: Path | None,
     scale: float | None,
@@ -37,7 +37,7 @@ def imported_sensors(
 
     Args:
         model: the nominal model.
-        modes: the identified modes, if there are any.
+        tests: the identified modes of each test, if there are any.
         labels: sensor → label, as the user gave them.
         points_file: coordinates of sensors, or a table of nodes, or None.
         scale: factor of these coordinates; None for 1, or what the units of the file give.
@@ -51,15 +51,16 @@ def imported_sensors(
     if model.labels is None:
         raise ValueError("the nominal export has no labels, by which sensors are named")
     known = set(model.labels)
-    given = _given(points_file, modes)
+    measured = tuple(dict.fromkeys(name for modes in tests for name in modes.sensors))
+    given = _given(points_file, measured)
     points, said = given.points, []
     if scale is None and given.metres is not None and model.units == "N, m, kg":
         scale = given.metres
         said = [f"{points_file}: its coordinates are in units of {scale:g} m"]
     scale = 1.0 if scale is None else scale
     mapped = nearest_degrees_of_freedom(points, model, scale) if points else ()
-    by_point = {each.name: each.label for each in mapped} | _by_node(given.nodes, modes)
-    names = list(modes.sensors) if modes is not None else list({**by_point, **labels})
+    by_point = {each.name: each.label for each in mapped} | _by_node(given.nodes, measured)
+    names = list(measured or {**by_point, **labels})
     unknown = [name for name in labels if name not in names]
     if unknown:
         raise ValueError(f"--sensor: the data have no sensor {unknown[0]!r}; they have {names}")
@@ -93,7 +94,7 @@ def imported_sensors(
             turned[name] = moved.get(name, f"{node} {axes.get(direction, direction)}")
         return turned if known >= set(turned.values()) else None
 
-    if modes is not None:
+    for modes in tests:
         lines += compared_with_nominal(model, modes, with_axes).lines
     return ImportedSensors(places, tuple(lines))
 
@@ -107,7 +108,7 @@ class _Given:
     nodes: Mapping[str, str] = field(default_factory=dict)
 
 
-def _given(path: Path | None, modes: ModalData | None) -> _Given:
+def _given(path: Path | None, measured: tuple[str, ...]) -> _Given:
     from bayes_ssi.solver_files.sensor_points import (
         metres_of_universal_file,
         points_of_universal_file,
@@ -119,12 +120,12 @@ def _given(path: Path | None, modes: ModalData | None) -> _Given:
     if path is None:
         return _Given()
     if is_universal_file(path):
-        sensors = modes.sensors if modes is not None else _sensors_of_universal_file(path)
+        sensors = measured or _sensors_of_universal_file(path)
         return _Given(points_of_universal_file(path, sensors), metres_of_universal_file(path))
     nodes = read_node_table(path)
     if nodes is None:
         return _Given(read_sensor_points(path))
-    if modes is None:
+    if not measured:
         raise ValueError(f"{path}: a table of nodes states no sensors; give --data as well")
     return _Given(nodes=nodes)
 
@@ -144,10 +145,10 @@ def _sensors_of_universal_file(path: Path) -> tuple[str, ...]:
     return names
 
 
-def _by_node(nodes: Mapping[str, str], modes: ModalData | None) -> dict[str, str]:
+def _by_node(nodes: Mapping[str, str], measured: tuple[str, ...]) -> dict[str, str]:
     """Sensor → label, for sensors "node direction" of which a table states the node."""
     placed = {}
-    for name in modes.sensors if modes is not None else ():
+    for name in measured:
         node, _, direction = name.rpartition(" ")
         if node in nodes:
             placed[name] = f"{nodes[node]} {direction}"

@@ -38,23 +38,24 @@ def study_paths(name: Path) -> tuple[Path, Path]:
 def write_imported_study(
     name: Path,
     matrices: ParameterMatrices,
-    data: Path | None,
+    data: Mapping[str, Path],
     band_hz: tuple[float, float] | None,
     places: Mapping[str, str],
     command: str,
-) -> tuple[Path, Path]:
+) -> tuple[Path, list[Path]]:
     """Write a study and a folder of its matrices.
 
     Args:
         name: name of the study, with or without ``.py``; its directory must exist.
         matrices: stiffness and mass, whose model has labels.
-        data: the identified modes; ``NAME.csv`` if None, which need not exist.
+        data: file of the identified modes by test; of one, ``NAME.csv``, which need not exist, if
+            empty.
         band_hz: of a universal file, which does not state it.
         places: sensor → label of a degree of freedom.
         command: the command line, which the study states.
 
     Returns:
-        The paths of the study and of the data.
+        The path of the study and those of the data.
 
     Raises:
         FileExistsError: a file or folder exists; nothing is written.
@@ -64,14 +65,15 @@ def write_imported_study(
     from bayes_ssi.results.new_directory import new_directory
 
     study, folder = study_paths(name)
-    csv_path = study.with_suffix(".csv") if data is None else data
+    data = data or {"": study.with_suffix(".csv")}
+    tests = {test: _read(path, study, band_hz) for test, path in data.items()}
     files = file_names(_names(matrices), "npz")
-    text = _study(folder, _read(csv_path, study, band_hz), matrices, files, places, command)
+    text = _study(folder, tests, matrices, files, places, command)
     with new_directory(folder, marker=LABELS) as partial:
         _write_matrices(partial, matrices, files)
         with study.open("x", encoding="utf-8") as file:
             file.write(text)
-    return study, csv_path
+    return study, list(data.values())
 
 
 def _names(matrices: ParameterMatrices) -> Iterable[str]:
@@ -108,7 +110,7 @@ def _write_csv(path: Path, rows: Iterable[Iterable[str]]) -> None:
 
 def _study(
     folder: Path,
-    data: str,
+    tests: Mapping[str, str],
     matrices: ParameterMatrices,
     files: Mapping[str, str],
     places: Mapping[str, str],
@@ -126,11 +128,14 @@ def _study(
         "PROGRAM": f"{model.program}, {model.size} degrees of freedom, {model.units}",
         "COMMAND": command,
         "FOLDER": _quoted(folder.name),
-        "DATA": data,
+        "TESTS": _mapping({test: f"bs.read_modal_data({read})" for test, read in tests.items()}),
+        "ADDED": _mapping(dict.fromkeys(tests, "[]")),
         "PROPERTIES": _quoted(properties),
         "STIFFNESS": _terms("K", matrices.stiffness, files),
         "MASS": _terms("M", matrices.mass, files),
-        "SENSORS": _sensors(places),
+        "SENSORS": _mapping(
+            {name: _quoted(label) for name, label in places.items() if name != label}
+        ),
         "IMPORTS": "import csv\n" if model.geometry is not None else "",
         "GEOMETRY": GEOMETRY if model.geometry is not None else "geometry = None\n",
         "UNIT": _quoted("m" if model.units == "N, m, kg" else ""),
@@ -155,18 +160,15 @@ with (matrices / "faces.csv").open(encoding="utf-8") as file:
 """
 ONE_CLASS = """\
 study = bs.Study(
-    "How far are the properties from nominal?",
-    [bs.ModelClass("altered", structure(own), modes, pairing="any")],
+    "How far are the properties from nominal?", [model_class("altered", own, "a factor each")]
 )
 """
 TWO_CLASSES = """\
 study = bs.Study(
     "One factor for all properties, or one for each?",
     [
-        bs.ModelClass("one factor", structure(common), modes, pairing="any",
-                      description="the same factor for all properties"),
-        bs.ModelClass("each its own", structure(own), modes, pairing="any",
-                      description="a factor for each property"),
+        model_class("one factor", common, "the same factor for all properties"),
+        model_class("each its own", own, "a factor for each property"),
     ],
 )
 """
@@ -177,11 +179,10 @@ def _quoted(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def _sensors(places: Mapping[str, str]) -> str:
-    if all(name == label for name, label in places.items()):
-        return "list(modes.sensors)"
-    lines = (f"    {_quoted(name)}: {_quoted(label)},\n" for name, label in places.items())
-    return "{\n" + "".join(lines) + "}"
+def _mapping(expressions: Mapping[str, str]) -> str:
+    """A mapping of texts to expressions, as Python writes it."""
+    lines = (f"    {_quoted(key)}: {value},\n" for key, value in expressions.items())
+    return "{\n" + "".join(lines) + "}" if expressions else "{}"
 
 
 def _read(data: Path, study: Path, band_hz: tuple[float, float] | None) -> str:

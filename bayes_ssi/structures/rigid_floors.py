@@ -6,6 +6,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from bayes_ssi.argument_types import checked
 from bayes_ssi.parameters import Product, Value, as_product
@@ -17,9 +18,16 @@ from bayes_ssi.structures.sensors import Sensor
 DIRECTIONS = ("x", "y", "torsion")
 
 
-def floor_label(floor: int, direction: str) -> str:
-    """The degree of freedom of a floor, from 1, in one of its three directions."""
-    return f"floor {floor} {direction}"
+# A floor from 1, or three labels of a rigid part of any structure: of what moves in x, in y, and
+# turns about the vertical.
+RigidPart = int | tuple[str, str, str]
+
+
+def floor_label(floor: RigidPart, direction: str) -> str:
+    """The degree of freedom of a floor or rigid part in one of its three directions."""
+    if isinstance(floor, int):
+        return f"floor {floor} {direction}"
+    return floor[DIRECTIONS.index(direction)]
 
 
 @dataclass(frozen=True)
@@ -71,15 +79,17 @@ class RigidFloors(LumpedStructure):
 
 @dataclass(frozen=True)
 class _OnFloor(Element):
-    """A mass on a floor of a structure in space."""
+    """A mass on a floor of a structure in space, or on a rigid part of another structure."""
 
-    on: int
+    on: RigidPart
     mass: Value
 
     def _check(self, default_label: str) -> None:
         super()._check(default_label)
-        if not isinstance(self.on, int) or isinstance(self.on, bool) or self.on < 1:
-            raise ValueError(f"{self.label}: on must be a floor from 1 upwards, got {self.on!r}")
+        object.__setattr__(self, "on", _rigid_part(self.on, f"{self.label}: on"))
+
+    def _default_label(self, kind: str) -> str:
+        return f"{kind} on {f'floor {self.on}' if isinstance(self.on, int) else self.on[0]}"
 
 
 @dataclass(frozen=True)
@@ -87,7 +97,8 @@ class FloorMass(_OnFloor):
     """A mass that rides on a floor of a structure in space, in x, y and torsion.
 
     Attributes:
-        on: the floor, from 1.
+        on: the floor, from 1; on other structures, labels of the degrees of freedom (or sensors)
+            in x, y and torsion (in radians) of the rigid part that carries it.
         mass: the mass, in the structure's unit.
         radius: radius of gyration about the floor's centre; for a small mass, its distance.
         label: names the element in messages and reports; made from its place if not given.
@@ -100,7 +111,7 @@ class FloorMass(_OnFloor):
     label: str = ""
 
     def __post_init__(self) -> None:
-        self._check(f"mass on floor {self.on}")
+        self._check(self._default_label("mass"))
 
     def masses(self) -> Sequence[PointMass]:
         mass, radius = as_product(self.mass), as_product(self.radius)
@@ -109,15 +120,16 @@ class FloorMass(_OnFloor):
 
 @dataclass(frozen=True)
 class FloorBlock(_OnFloor):
-    """A point mass somewhere on a floor of a structure in space.
+    """A point mass somewhere on a floor of a structure in space, or off a node of another one.
 
     Off the floor's centre it couples the floor's motions: its static moment counts, and its polar
     inertia about the centre.
 
     Attributes:
-        on: the floor, from 1.
+        on: the floor, from 1; on other structures, labels of the degrees of freedom (or sensors)
+            in x, y and torsion (in radians) of the node or rigid part that carries it.
         mass: the mass, in the structure's unit.
-        at: (x, y) from the floor's centre, in the structure's unit of length.
+        at: (x, y) from the floor's centre or from the node, in the structure's unit of length.
         label: names the element in messages and reports; made from its place if not given.
 
     Raises:
@@ -128,7 +140,7 @@ class FloorBlock(_OnFloor):
     label: str = ""
 
     def __post_init__(self) -> None:
-        self._check(f"block on floor {self.on}")
+        self._check(self._default_label("block"))
         object.__setattr__(self, "at", _point(self.at, f"{self.label}: at"))
 
     def masses(self) -> Sequence[PointMass]:
@@ -140,18 +152,22 @@ class FloorBlock(_OnFloor):
 
 
 @checked
-def floor_sensor(label: str, floor: int, at: tuple[float, float], direction: str | float) -> Sensor:
-    """A sensor at a point of a floor of a structure in space.
+def floor_sensor(
+    label: str, floor: RigidPart, at: tuple[float, float], direction: str | float
+) -> Sensor:
+    """A sensor at a point of a floor of a structure in space, or off a node of another one.
 
     Args:
         label: its name in the data.
-        floor: number of the floor, from 1.
-        at: (x, y) from the floor's centre, in the structure's unit of length.
+        floor: number of the floor, from 1; on other structures, labels of the degrees of freedom
+            in x, y and torsion of the rigid part that carries it.
+        at: (x, y) from the floor's centre or from the node, in the structure's unit of length.
         direction: direction of measurement: "x", "y", or degrees from x towards y.
 
     Raises:
-        ValueError: the point or the direction is not valid.
+        ValueError: the floor, the point or the direction is not valid.
     """
+    floor = _rigid_part(floor, f"sensor {label!r}: floor")
     angles = {"x": 0.0, "y": 90.0}
     angle = angles.get(direction) if isinstance(direction, str) else float(direction)
     if angle is None or not math.isfinite(angle):
@@ -161,13 +177,13 @@ def floor_sensor(label: str, floor: int, at: tuple[float, float], direction: str
     return Sensor(label, _motion_at(floor, _point(at, f"sensor {label!r}: at"), angle))
 
 
-def rigid_masses(floor: int, mass: Product, rotational_inertia: Product) -> list[PointMass]:
+def rigid_masses(floor: RigidPart, mass: Product, rotational_inertia: Product) -> list[PointMass]:
     """The inertia of a mass that moves with a floor about its centre."""
     inertias = zip((mass, mass, rotational_inertia), DIRECTIONS, strict=True)
     return [PointMass.on(floor_label(floor, direction), each) for each, direction in inertias]
 
 
-def _motion_at(floor: int, at: tuple[float, float], angle: float) -> dict[str, float]:
+def _motion_at(floor: RigidPart, at: tuple[float, float], angle: float) -> dict[str, float]:
     """Motion of a point of a floor along an axis, at an angle in degrees from x.
 
     The point itself moves by (u - y θ, v + x θ); zero terms are left out.
@@ -179,6 +195,18 @@ def _motion_at(floor: int, at: tuple[float, float], angle: float) -> dict[str, f
     x, y = at
     parts = zip(DIRECTIONS, (cosine, sine, x * sine - y * cosine), strict=True)
     return {floor_label(floor, direction): part for direction, part in parts if part != 0.0}
+
+
+def _rigid_part(on: Any, where: str) -> RigidPart:
+    if isinstance(on, int) and not isinstance(on, bool) and on >= 1:
+        return on
+    labels = tuple(on) if isinstance(on, (tuple, list)) else ()
+    if len(labels) != 3 or not all(isinstance(each, str) and each.strip() for each in labels):
+        raise ValueError(
+            f"{where} must be a floor from 1 upwards, or three labels of degrees of freedom, in "
+            f"x, y and torsion, got {on!r}"
+        )
+    return labels
 
 
 def _point(at: Sequence[float], where: str) -> tuple[float, float]:

@@ -99,9 +99,32 @@ def test_sensors_of_other_names_and_data_to_come(folder):
     assert load_study("later.py").model_classes[1].structure.degrees_of_freedom == ("roof",)
 
 
+def test_several_tests_are_configurations(folder):
+    """With the sensors of each, and elements put on one of them by hand."""
+    (folder / "light.csv").write_text("# band_hz,0,18\nlabel,frequency_hz,roof\n1,1.9,1\n")
+    data = ("--data", "as built=modes.csv", "--data", "with a tank=light.csv")
+    done = run("both", *FRAME, *data, "--sensor", "roof=2 x")
+    assert done.exit_code == 0, done.output
+    assert done.output.count("bayes-ssi check") == 2
+    text = (folder / "both.py").read_text("utf-8")
+    tank = 'bs.AddedMass(2500.0, (("2 x", 1.0),))'
+    (folder / "both.py").write_text(text.replace('tank": []', f'tank": [{tank}]'))
+    built, with_tank = load_study("both.py").model_classes[0].configurations
+    assert (built.name, with_tank.name) == ("as built", "with a tank")
+    assert built.structure.degrees_of_freedom == ("1 x",)
+    assert with_tank.structure.degrees_of_freedom == ("roof",)
+    k = np.array([[1600.0, -700.0], [-700.0, 700.0]])
+    for each, mass in ((built, 0.0), (with_tank, 2500.0)):
+        squares = scipy.linalg.eigvalsh(k, np.diag([5e3, 5e3 + mass]))
+        frequencies = each.structure.modes(np.array([[1.0]])).frequencies_hz[0]
+        np.testing.assert_allclose(frequencies, np.sqrt(squares) / (2 * np.pi), rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ((*FRAME, "--data", "modes.csv", "--data", "b=modes.csv"), "--data: expected TEST=CSV, a"),
+        ((*FRAME, "--data", "a=modes.csv", "--data", "a=modes.csv"), "got 'a=modes.csv'"),
         ((*FRAME, "--check", "lower=1.1,upper=1.3:both.sti"), "both.sti: its stiffness is missed"),
         (
             (*FRAME, "--check", "foot=1.1:both.sti"),
