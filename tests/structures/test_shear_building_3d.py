@@ -111,7 +111,7 @@ def test_parameters_stand_in_any_field():
          "stiffnesses_y, number 1 from below, must be positive and finite, got -2.0"),
         (lambda: bs.ShearBuilding3D([1.0], [1.0], [1.0], [1.0], [1.0], [(0, 0), (0, 0)]),
          "1 torsional_stiffnesses, 2 eccentricities"),
-        (lambda: bs.FloorMass(0, 1.0, 1.0), "on must be a floor from 1 upwards, got 0"),
+        (lambda: bs.FloorMass(0, 1.0, 1.0), "on must be a floor from 1 upwards, or three labels"),
         (lambda: bs.FloorMass(1, 0.0, 1.0), "mass on floor 1: mass must be positive"),
         (lambda: one_storey().with_element(bs.FloorMass(2, 1.0, 1.0)),
          "mass on floor 2: the structure has no degree of freedom 'floor 2 x'; choose from "
