@@ -19,11 +19,7 @@ SHOWN = 80
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, which first checks its arguments against its type hints.
-
-    Raises:
-        TypeError: an argument has another type; the message gives its name, value and type hint.
-    """
+    """The function, which first checks its arguments against its type hints."""
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -37,11 +33,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def require(value: Any, hint: Any, name: str) -> None:
-    """Check that a value has a type; ``name`` is what the message calls it.
-
-    Raises:
-        TypeError: it has not.
-    """
+    """Check that a value has a type; ``name`` is what the message calls it."""
     if not _fits(value, hint):
         shown = repr(value)
         shown = shown if len(shown) <= SHOWN else f"{shown[:SHOWN]}…"

@@ -23,11 +23,7 @@ NOT_FINITE = ("inf", "-inf", "nan")
 
 
 def to_record(value: Any, without: Collection[str] = ()) -> Any:
-    """The value in a form that JSON can hold; for a dataclass, without the fields in ``without``.
-
-    Raises:
-        TypeError: the value, or a part of it, has a type that records cannot hold.
-    """
+    """As JSON can hold the value; for a dataclass, without the fields in ``without``."""
     if is_dataclass(value) or _is_named_tuple(type(value)):
         tag = getattr(value, "record_tag", None)
         head = {tag: type(value).__name__} if tag else {}
@@ -50,16 +46,6 @@ def from_record(kind: type[T], record: Any, path: str = "", **given: Any) -> T:
     """The object from its record by :func:`to_record`; keys that are not fields are ignored.
 
     A field with a default may be missing: older files lack what was added since.
-
-    Args:
-        kind: the class of the object.
-        record: the record, read from JSON.
-        path: path to the record within a larger one, for messages.
-        given: fields of the object that the record does not hold.
-
-    Raises:
-        ValueError: a key is missing, or a value has the wrong type; the message begins with the
-            path to it.
     """
     return cast(T, _read_fields(kind, record, path, given) if given else _read(kind, record, path))
 

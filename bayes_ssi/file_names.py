@@ -15,11 +15,7 @@ def file_stem(name: str) -> str:
 
 
 def require_printable(name: str, what: str) -> None:
-    """Refuse a name that tables and files could not hold.
-
-    Raises:
-        ValueError: it holds a line break, a tab, or another character that cannot be printed.
-    """
+    """Refuse a name that tables and files could not hold."""
     if not name.isprintable():
         raise ValueError(
             f"{what}: name may not hold a line break, a tab or another character that cannot be "

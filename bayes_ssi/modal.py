@@ -90,7 +90,6 @@ def modal_model(
     inside another program.
 
     Args:
-        modes: modes of B structures.
         mass_times_shapes: (B, n_dof, n_modes), M φ in the scale of ``modes.shapes``.
         influence: (n_dof,); ones if None, all degrees of freedom then being displacements in the
             direction of the ground motion.
@@ -175,15 +174,6 @@ def lowest_eigenpairs(
     """The lowest modes of one dense structure, of matrices (n, n).
 
     They are the greatest 1/(2πf)² of M φ = (2πf)⁻² K φ, so M may be singular.
-
-    Args:
-        stiffness: K, positive definite.
-        mass: M, positive semi-definite.
-        n_modes: number of modes.
-        extra: number of further modes, as far as the structure has them.
-
-    Raises:
-        NoModesError: K is not positive definite, or there are fewer modes.
     """
     n, wanted = len(stiffness), n_modes + extra
     try:

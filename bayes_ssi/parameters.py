@@ -108,11 +108,7 @@ Value = float | Parameter | Product
 
 
 def as_product(value: Value, field: str = "value") -> Product:
-    """The :class:`Product` that a number, Parameter or Product stands for.
-
-    Raises:
-        TypeError: ``value`` is none of these; ``field`` names it in the message.
-    """
+    """The :class:`Product` that a number, Parameter or Product stands for."""
     if isinstance(value, Product):
         return value
     if isinstance(value, Parameter):
@@ -123,12 +119,7 @@ def as_product(value: Value, field: str = "value") -> Product:
 
 
 def positive_product(value: Value, field: str) -> Product:
-    """Like :func:`as_product`, for a field that must be positive.
-
-    Raises:
-        ValueError: the number is not positive and finite, or a parameter's prior puts more than a
-            negligible probability on values that are not positive.
-    """
+    """Like :func:`as_product`, for a field that must be positive."""
     product = as_product(value, field)
     if not (math.isfinite(product.scale) and product.scale > 0):
         raise ValueError(f"{field} must be positive and finite, got {product.scale!r}")
@@ -144,11 +135,7 @@ def positive_product(value: Value, field: str) -> Product:
 
 
 def fraction_product(value: Value, field: str) -> Product:
-    """Like :func:`as_product`, for a field that must be at least 0 and below 1.
-
-    Raises:
-        ValueError: the number is not in [0, 1), or the priors do not keep the product there.
-    """
+    """Like :func:`as_product`, for a field that must be at least 0 and below 1."""
     product = as_product(value, field)
     if not product.parameters:
         if not 0.0 <= product.scale < 1.0:
@@ -170,11 +157,7 @@ def fraction_product(value: Value, field: str) -> Product:
 
 
 def collect_parameters(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
-    """Each parameter once, in the order of first appearance.
-
-    Raises:
-        ValueError: two different parameters share a name.
-    """
+    """Each parameter once, in the order of first appearance."""
     by_name: dict[str, Parameter] = {}
     for parameter in parameters:
         known = by_name.setdefault(parameter.name, parameter)
@@ -190,10 +173,6 @@ def checked_values(values: ArrayLike, parameters: Sequence[Parameter], name: str
     """``values`` as an array (B, n_parameters); ``name`` is what messages call it.
 
     Numbers that are not finite are left to the model: a batch is not refused for one of its rows.
-
-    Raises:
-        TypeError: they are not numbers.
-        ValueError: there are not two dimensions, or not one column for each parameter.
     """
     try:
         array = np.asarray(values, dtype=float)
@@ -221,7 +200,6 @@ class ProductTable:
     """Evaluates many products for a batch of parameter values at once.
 
     Attributes:
-        products: the T products.
         parameters: the columns of the values that :meth:`evaluate` takes; every parameter in
             ``products`` is among them.
     """

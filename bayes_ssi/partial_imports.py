@@ -13,10 +13,6 @@ def importing_without(optional: str, package: str) -> Iterator[None]:
 
     Whoever imports the package later gets another copy of it, a whole one. Where either is
     imported already, nothing is left out.
-
-    Args:
-        optional: a module that the package does without, as its own code provides for.
-        package: name of the package.
     """
     if optional in sys.modules or package in sys.modules:
         yield

@@ -13,12 +13,7 @@ STATED_DELIMITER = re.compile(r'\s*"?sep=([,;\t])"?[,;\s]*?(?=\n|\Z)', re.IGNORE
 
 
 def require_regular_file(path: Path) -> None:
-    """Refuse what can be opened but has no end of its own, such as a pipe or a device.
-
-    Raises:
-        OSError: it does not exist, or is a directory.
-        ValueError: it is anything else that is not a file.
-    """
+    """Refuse what can be opened but has no end of its own, such as a pipe or a device."""
     mode = path.stat().st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -32,10 +27,6 @@ def read_columns(path: Path) -> tuple[str, str | None]:
     Returns:
         The text, in which a first line such as ``sep=;`` is blank, so that the numbers of the
         others stay the same; and the delimiter, None where the file states none.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is not a regular file, not text in UTF-8, or empty.
     """
     require_regular_file(path)
     try:

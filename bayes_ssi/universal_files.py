@@ -13,12 +13,7 @@ from bayes_ssi.text_files import require_regular_file
 
 
 def is_universal_file(path: Path) -> bool:
-    """Whether the file begins as universal files do, with the delimiter -1 of a data set.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is not a regular file.
-    """
+    """Whether the file begins as universal files do, with the delimiter -1 of a data set."""
     require_regular_file(path)
     with path.open("rb") as file:
         return file.read(80).split()[:1] == [b"-1"]
@@ -38,11 +33,7 @@ def response_direction(one: Mapping[str, Any]) -> tuple[str, float] | None:
 
 
 def read_data_sets(path: Path, *numbers: int) -> list[dict[str, Any]]:
-    """The data sets of these numbers, such as 55, as pyuff gives them, in the file's order.
-
-    Raises:
-        ValueError: pyuff is not installed, or the file is damaged.
-    """
+    """The data sets of these numbers, such as 55, as pyuff gives them, in the file's order."""
     try:
         import pyuff
     except ImportError:

@@ -60,11 +60,7 @@ class Baselines:
     """What a search hangs appendages on, and what it compares that with.
 
     Attributes:
-        study: the baselines, any pairing; classes that differ in nothing else are one of them.
-        places: name of a baseline → the appendages that are tried on it, one by one.
         present_in: names of the configurations that have appendages; all if None.
-        rivals: further classes of the study, any pairing, which are compared without appendages.
-        left_out: class of the study that no appendage is hung on → why.
     """
 
     study: Study
@@ -125,10 +121,6 @@ class Baselines:
         """A baseline with its reduced structures in a basis for draws.
 
         Others, and those that carry elements already, are as they are.
-
-        Args:
-            name: of the baseline.
-            draws: gives draws of its parameters.
         """
         ends = (end for place in self.places[name] for end in place.candidate.ends)
         singles = dict.fromkeys(
@@ -198,18 +190,12 @@ def choose_baselines(
     """The baselines of a search, and the appendages that are tried on them.
 
     Args:
-        study: the model classes.
         names: those to hang appendages on. If None, all on which that can be done, but for those
             that carry an appendage of their own where others do not: they are hypotheses of the
             kind that the search makes.
         candidates: where appendages may hang; those of the structure if None.
         present_in: names of the configurations that have appendages; if None, all whose structures
             have the candidates' places.
-
-    Raises:
-        ValueError: the study has no class of such a name, appendages cannot be hung on one of
-            those named, or on any; a candidate is given twice; or the classes explain different
-            data.
     """
     if candidates is not None:
         require_distinct(candidates)
@@ -252,11 +238,7 @@ def _places(
     candidates: Sequence[Candidate] | None,
     present_in: Sequence[str] | None,
 ) -> tuple[AppendagePlace, ...]:
-    """The appendages that are tried on a class.
-
-    Raises:
-        ValueError: a candidate is not on its structure, or elements cannot be put on it.
-    """
+    """The appendages that are tried on a class."""
     tests = tests_with_appendages(baseline, present_in)
     if candidates is None:
         sensors = dict.fromkeys(name for test in tests for name in test.data.sensors)

@@ -88,12 +88,7 @@ def _point(given: Sequence[float] | None, where: str) -> Point | None:
 
 
 def default_candidates(structure: Structure, sensors: Sequence[str]) -> tuple[Candidate, ...]:
-    """Floors and storeys where a structure has them, in x and y in space; else sensors' places.
-
-    Args:
-        structure: the structure.
-        sensors: names of the sensors at which modes were identified.
-    """
+    """Floors and storeys where a structure has them, in x and y in space; else sensors' places."""
     if isinstance(structure, RigidFloors):
         return tuple(_in_space(structure.n_floors))
     if isinstance(structure, LumpedStructure):
@@ -142,11 +137,7 @@ def located(candidate: Candidate, structure: Structure) -> Candidate:
 
 
 def require_distinct(candidates: Sequence[Candidate]) -> None:
-    """Refuse an empty list, and one that holds a name or a place twice.
-
-    Raises:
-        ValueError: it does; the message names the candidates.
-    """
+    """Refuse an empty list, and one that holds a name or a place twice."""
     if not candidates:
         raise ValueError("candidates: the list is empty; give one or more, or none for the default")
     by_name: dict[str, Candidate] = {}
@@ -163,11 +154,7 @@ def require_distinct(candidates: Sequence[Candidate]) -> None:
 
 
 def require_on_structure(candidates: Sequence[Candidate], structure: CarriesElements) -> None:
-    """Refuse candidates whose places are not on a structure.
-
-    Raises:
-        ValueError: a place does not exist; the message begins with the candidate.
-    """
+    """Refuse candidates whose places are not on a structure."""
     for candidate in candidates:
         for end in candidate.ends:
             structure.require_place(end, f"candidate {candidate.name!r}")

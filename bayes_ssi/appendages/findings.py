@@ -35,16 +35,7 @@ def search_record(
     hypotheses: Sequence[ScreenedHypothesis],
     levels: Sequence[NextLevel],
 ) -> SearchRecord:
-    """The record of a search.
-
-    Args:
-        baselines: the model classes that the hypotheses were built on.
-        rivals: what screening gave for the classes to compare them with.
-        search_settings: what an appendage may be.
-        ranking: ranking of those hypotheses that were sampled.
-        hypotheses: all of them.
-        levels: how many hypotheses were not tried.
-    """
+    """The record of a search."""
     posteriors = {posterior.name: posterior for posterior in ranking.posteriors}
     draws = {
         each.model_class.name: {

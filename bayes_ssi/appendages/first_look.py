@@ -64,7 +64,6 @@ class FirstLook(NamedTuple):
         """Screened by the first look alone.
 
         Args:
-            parameter_names: of the hypothesis.
             gap: from a log evidence up to the greatest log-likelihood, as other hypotheses have it.
                 The error is such that the evidence may be as great as the likelihood.
         """
@@ -87,11 +86,6 @@ class FirstLook(NamedTuple):
 
 def first_looks(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, FirstLook]:
     """Look at those hypotheses that can be computed together.
-
-    Args:
-        hypotheses: what is looked at.
-        seed: a result follows from it, the hypothesis's name and the simpler one's result.
-        run: workers; the result does not depend on them.
 
     Returns:
         By the number of the hypothesis. Others are not on finite-element models in a small basis,
@@ -187,12 +181,7 @@ class _AllPlaces(Target):
 
 @dataclass(frozen=True, eq=False)
 class _JointLikelihood:
-    """Log-likelihoods of hypotheses that differ in nothing but places.
-
-    Attributes:
-        model_class: one of the hypotheses.
-        places: of all of them, for each configuration.
-    """
+    """Log-likelihoods of hypotheses that differ in nothing but places."""
 
     model_class: ModelClass
     places: tuple[AlternativePlaces, ...]

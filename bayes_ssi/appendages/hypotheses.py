@@ -100,15 +100,8 @@ def hypothesis(
     """The baseline with an appendage at each of ``places``, scored over all pairings.
 
     Args:
-        baseline: the class that has none of these appendages.
-        places: where they are.
-        search_settings: what an appendage may be.
         name: of the hypothesis; that of the places if None.
         present_in: names of the configurations that have the appendages; all if None.
-        scale: the mass to which mass ratios refer, if it is known already.
-
-    Raises:
-        ValueError: elements cannot be put on its structure, or not at these places.
     """
     options = search_settings or SearchSettings()
     tests = tests_with_appendages(baseline, present_in)
@@ -144,12 +137,7 @@ def name_of(places: Sequence[AppendagePlace]) -> str:
 def tests_with_appendages(
     baseline: ModelClass, present_in: Sequence[str] | None
 ) -> tuple[Configuration, ...]:
-    """The configurations of a class that have the appendages of a search.
-
-    Raises:
-        ValueError: there is no configuration of such a name, or none is named, or elements cannot
-            be put on its structure.
-    """
+    """The configurations of a class that have the appendages of a search."""
     names = baseline.configuration_names if present_in is None else tuple(present_in)
     if not names:
         raise ValueError("present_in: names no test; give one or more, or None for all")
@@ -200,11 +188,7 @@ def scale_of(baseline: ModelClass, present_in: Sequence[str] | None = None) -> M
 def _frequency_prior(
     baseline: ModelClass, tests: Sequence[Configuration], options: SearchSettings
 ) -> Prior:
-    """The prior of an appendage's frequency.
-
-    Raises:
-        ValueError: it lies outside the bands in which modes were searched for.
-    """
+    """The prior of an appendage's frequency."""
     low = min(test.data.band_hz[0] for test in tests)
     high = max(test.data.band_hz[1] for test in tests)
     prior = options.frequency

@@ -29,13 +29,6 @@ def mass_scale(structure: Structure, data: ModalData) -> MassScale:
     largest component of 1 at the sensors: the mass at the place of largest motion that would have
     the mode's inertia. A local mode that hardly moves a sensor has a huge one, which does not
     change the median. All are at the prior medians.
-
-    Args:
-        structure: the structure without appendages.
-        data: the identified modes.
-
-    Raises:
-        ValueError: none of these modes moves a sensor.
     """
     if isinstance(structure, LumpedStructure):
         return MassScale(_mean_floor_mass(structure), "mean floor mass")

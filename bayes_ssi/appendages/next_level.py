@@ -31,8 +31,6 @@ class NextLevel(NamedTuple):
     """Hypotheses to try, and those of as many appendages that are not.
 
     Attributes:
-        keys: what they claim.
-        n_not_tried: the number of the others.
         log_mass_not_tried: log of their expected evidences times prior weights, summed.
     """
 
@@ -48,15 +46,7 @@ def next_level(
     most_appendages: int,
     branches: int,
 ) -> NextLevel:
-    """Hypotheses with one more appendage; none where more are not considered, or do not help.
-
-    Args:
-        hypotheses: those so far, each level after the last.
-        places_of: name of a baseline → the appendages that are tried on it.
-        prior_weight: that of a hypothesis on a baseline with a number of appendages.
-        most_appendages: the largest number.
-        branches: the number of best hypotheses that are extended everywhere.
-    """
+    """Hypotheses with one more appendage; none where more are not considered, or do not help."""
     n = max(len(key.places) for key in hypotheses)
     if n == most_appendages:
         return NextLevel([])
@@ -92,9 +82,6 @@ class _Expected:
     """Expected log masses of hypotheses on one baseline, with one more appendage than known.
 
     Attributes:
-        name: of the baseline.
-        places: the appendages that are tried on it.
-        parents: the known hypotheses with one appendage less.
         log_masses: (n_parents, n_places), minus infinity where the place is taken.
     """
 

@@ -30,11 +30,6 @@ def are_observed(
 
     At the prior medians; of two ends of a candidate one is enough. An appendage elsewhere changes
     no identified mode, so its probability remains that before the test.
-
-    Args:
-        structure: the structure without appendages.
-        candidates: places on it.
-        data: the identified modes, the band and the sensors.
     """
     if not isinstance(structure, (LumpedStructure, ReducibleStructure, ReducedStructure)):
         return np.ones(len(candidates), dtype=bool)

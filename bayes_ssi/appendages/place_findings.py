@@ -19,10 +19,7 @@ class AppendageDraws(NamedTuple):
     """Posterior draws of one appendage, (n,) each.
 
     Attributes:
-        mass_ratio: vibrating mass over the mass scale.
         mass: vibrating mass, in the structure's unit.
-        frequency_hz: natural frequency on a fixed structure.
-        weights: which add up to one.
     """
 
     mass_ratio: FloatArray
@@ -67,13 +64,7 @@ def place_records(
     probabilities: Mapping[str, float],
     unobserved: Collection[AppendagePlace],
 ) -> tuple[PlaceRecord, ...]:
-    """Every place: the probability of an appendage there, and its mass and frequency if there is.
-
-    Args:
-        draws: hypothesis → place → draws of the appendage there.
-        probabilities: of the hypotheses.
-        unobserved: places that no sensor sees.
-    """
+    """Every place: the probability of an appendage there, and its mass and frequency if so."""
     at_place: dict[AppendagePlace, list[tuple[float, AppendageDraws]]] = {}
     for name, appendages in draws.items():
         for place, of_one in appendages.items():

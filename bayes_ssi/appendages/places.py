@@ -16,15 +16,7 @@ from bayes_ssi.structures.motion import Place, place_name
 
 @dataclass(frozen=True)
 class AppendagePlace(ABC):
-    """One kind of appendage at one candidate.
-
-    Attributes:
-        candidate: where.
-        word: name of the kind, in the names of hypotheses.
-        title: name of the kind, for the legend of a drawing.
-        marker: matplotlib's name of the marker that draws it.
-        is_outside: whether it is drawn next to a building, joined to its floor.
-    """
+    """One kind of appendage at one candidate."""
 
     candidate: Candidate
 

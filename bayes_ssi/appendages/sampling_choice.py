@@ -24,7 +24,6 @@ def unsampled_bounds(
 
     Args:
         approximate: log of prior weight times evidence, approximately, of all hypotheses.
-        sampled: the same of those that were sampled.
     """
     excess = max((sampled[h] - approximate[h].log_evidence for h in sampled), default=0.0)
     return {
@@ -58,8 +57,6 @@ def to_sample(
 
     Args:
         approximate: as in :func:`unsampled_bounds`, and ``sampled``.
-        sampled: those sampled so far.
-        most_unsampled: the permitted change of a probability.
         most: largest number of hypotheses that are sampled, if limited. Then only such are as have
             more than the permitted probability each: where it rests on many, sampling a few of
             them decides nothing.

@@ -41,10 +41,8 @@ class Effort(NamedTuple):
     """What screening one hypothesis may cost.
 
     Attributes:
-        n_draws: draws of the prior in each search, and as many that scan.
         n_ascents: ascents from each of these; if zero, importance draws are of the simpler
             hypothesis alone.
-        batch: importance draws of a batch.
         is_full: whether searches are repeated until they agree, with descents in residuals, and
             draws are added until the error is ``WANTED_ERROR``.
     """
@@ -76,14 +74,12 @@ class Screened:
     Attributes:
         parameter_names: columns of ``z``.
         log_evidence: in nats, from importance draws.
-        error: its standard error, as far as the draws show it.
         laplace: Laplace's approximation of the log evidence, summed over the maxima; NaN where
             none were climbed to.
         n_evaluations: evaluations of the log-likelihood.
         maxima: (m, d), those that were climbed to, in standard-normal coordinates.
         z: (n, d), importance draws in standard-normal coordinates.
         weights: (n,), of the draws, which add up to one.
-        mixture: the components of the proposal, weighted by their shares of the posterior.
     """
 
     parameter_names: tuple[str, ...]
@@ -134,17 +130,7 @@ class ToScreen(NamedTuple):
 def screen_all(
     hypotheses: Sequence[ToScreen], seed: int, run: Run, effort: Effort = FULL
 ) -> list[Screened]:
-    """Screen hypotheses, side by side in the workers of ``run``.
-
-    Args:
-        hypotheses: what is screened.
-        seed: a result follows from it, the hypothesis's name and the simpler one's result.
-        run: workers and progress; the result does not depend on them.
-        effort: what one hypothesis may cost.
-
-    Raises:
-        ValueError: the likelihood of a hypothesis is zero at every draw from its prior.
-    """
+    """Screen hypotheses, side by side in the workers of ``run``."""
     one = partial(screen, seed=seed, effort=effort)
     n_done = 0
 

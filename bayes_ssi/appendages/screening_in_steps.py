@@ -47,17 +47,10 @@ def screen_best(
     """Screen hypotheses with one number of appendages, the better ones with more effort.
 
     Args:
-        hypotheses: what is screened.
-        weights: their prior weights.
-        n_appendages: the number of appendages of each.
         seed: a result follows from it, the hypothesis's name, the effort, and the simpler one's
             result.
-        run: workers and progress.
         log_mass_of_fewer: log of prior weights times evidences, summed over the hypotheses with
             fewer appendages.
-
-    Raises:
-        ValueError: the likelihood of a hypothesis is zero at every draw from its prior.
     """
     n = len(hypotheses)
     if n_appendages <= 1 and n <= MOST_IN_FULL:

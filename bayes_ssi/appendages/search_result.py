@@ -23,10 +23,7 @@ class AppendageSummary:
     """One appendage of one hypothesis: 5, 50 and 95 % quantiles.
 
     Attributes:
-        place: where it hangs.
         mass: the vibrating mass, in the structure's unit.
-        mass_ratio: the vibrating mass over the mass scale.
-        frequency_hz: natural frequency on a fixed structure.
     """
 
     place: AppendagePlace
@@ -54,7 +51,6 @@ class PlaceRecord:
     Attributes:
         appendage: what hangs there, if anything does, averaged over all hypotheses in which
             something does.
-        probability: that something does.
         is_observed: whether the place takes part in a mode of the band that the sensors see; else
             the test says nothing about it.
     """
@@ -74,13 +70,9 @@ class HypothesisRecord:
     """One hypothesis of a search.
 
     Attributes:
-        name: name of its model class.
-        baseline: name of the class that it adds appendages to.
         prior_probability: among all hypotheses, and ``probability`` likewise.
         log_evidence: in nats, with its standard ``error``; approximate where it is not sampled.
-        is_sampled: whether it was sampled, and has draws.
         screened: the approximate log evidence, and ``laplace``, Laplace's alone.
-        appendages: its appendages.
     """
 
     name: str
@@ -100,11 +92,7 @@ class BaselineRecord:
     """A class that appendages were hung on, or that was compared with such without appendages.
 
     Attributes:
-        name: its name; over all pairings, it may represent several classes of the study.
-        classes: the study's classes that it represents.
         log_evidence: without any appendage, in nats; approximate where that was not sampled.
-        prior_probability: of all hypotheses on it together; zero where no appendage was tried.
-        probability: of the same, after the test.
         mass_scale: the mass, in the structure's unit, to which mass ratios refer; None where no
             appendage was tried.
     """
@@ -124,16 +112,9 @@ class SearchRecord:
     Attributes:
         baselines: the classes that appendages were hung on, the most probable first; and those
             compared with them without appendages.
-        left_out: class of the study on which no appendage was hung → why.
         present_in: names of the configurations that have the appendages; None if all have.
-        search_settings: what an appendage may be.
-        probability_of_any: probability that there is at least one appendage.
         most_probability_unsampled: an upper bound on the probability of all hypotheses together
             whose evidences are approximate.
-        places: all places that were considered.
-        geometry: where the structure's nodes are, as far as it is known, for drawings.
-        hypotheses: the most probable first.
-        averaged_parameters: averaged parameters of the baselines.
         n_not_tried: the number of hypotheses with several appendages that were not tried though
             others with as many were.
         expected_not_tried: the probability that these would have together, if every appendage
@@ -212,12 +193,7 @@ class SearchRecord:
 
 @dataclass(frozen=True, eq=False)
 class AppendageSearch:
-    """The result of a search.
-
-    Attributes:
-        ranking: ranking of the hypotheses that were sampled; probabilities are among these.
-        record: where appendages are, and their properties.
-    """
+    """The result of a search."""
 
     ranking: Ranking
     record: SearchRecord

@@ -31,14 +31,7 @@ ASK = "; ask with bayes-ssi search STUDY"
 
 
 def unmodelled_appendage(study: Study, ranking: Ranking, seed: int, run: Run) -> str:
-    """Why the answer may be that of an analyst who misses an appendage; empty if nothing says so.
-
-    Args:
-        study: the classes.
-        ranking: their ranking.
-        seed: of the screening.
-        run: workers that share it.
-    """
+    """Why the answer may be that of an analyst who misses an appendage, if it may."""
     if any(
         test.structure.appendages for each in study.model_classes for test in each.configurations
     ):

@@ -19,16 +19,8 @@ def distances_from(
     They are over the parameters of all classes without appendages, each divided by its prior
     median; a class that does not infer one has it at the median.
 
-    Args:
-        reference: name of the reference class.
-        classes: of one study.
-        calibrations: those of the classes that have one, by name.
-
     Returns:
         The names of the parameters, and name of a class → its distance.
-
-    Raises:
-        ValueError: there is no calibration of the reference class, or no parameter in common.
     """
     if reference not in calibrations:
         raise ValueError(

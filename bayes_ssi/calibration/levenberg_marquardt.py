@@ -34,7 +34,6 @@ class LeastSquares(NamedTuple):
         z: (n, d).
         halves: (n,), half the sums of squares; infinite where the model has no answer at the start.
         curvatures: (n, d, d), JᵀJ of the Jacobian J at the end, or one step before it.
-        n_evaluations: points at which residuals were computed.
     """
 
     z: FloatArray
@@ -49,10 +48,7 @@ def descend(
     """Descend from every row of ``starts`` (n, d).
 
     Args:
-        residuals: half the sum of whose squares is minimised.
         starts: (n, d).
-        most_steps: largest number of steps that are tried.
-        tolerance: a descent ends when half the sum of squares should fall by less than this.
     """
     z = np.array(starts, dtype=float)
     n, d = z.shape

@@ -54,7 +54,6 @@ def nearest_fit(problem: CalibrationProblem, start: FloatArray, exactly: bool) -
     smallest norm, by the truncated singular value decomposition.
 
     Args:
-        problem: without the prior's pull.
         start: (d,), near the fit.
         exactly: whether only directions count as undetermined that change nothing at all, rather
             than less than the standard errors.

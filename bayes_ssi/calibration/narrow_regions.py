@@ -60,7 +60,6 @@ class NarrowRegions:
     """Starts in the narrow regions of a model class's posterior.
 
     Attributes:
-        model_class: the class.
         workers: where structures that are solved one by one are solved; in this process if None.
     """
 

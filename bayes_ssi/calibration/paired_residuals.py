@@ -27,10 +27,6 @@ class PairedResiduals:
     """Residuals of one configuration's J identified modes, S of them with a shape that is scored.
 
     Each is paired with a model mode or none. Where the pairing is given, only its modes count.
-
-    Attributes:
-        any_pairing: whether pairings are drawn; otherwise there is only the given one.
-        n_identified: J.
     """
 
     def __init__(self, likelihood: ModalLikelihood) -> None:

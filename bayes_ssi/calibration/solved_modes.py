@@ -16,12 +16,7 @@ from bayes_ssi.model_class.model_class import ModelClass
 
 
 class SolvedModes:
-    """Modes of every configuration; counts the points at which they are solved.
-
-    Attributes:
-        model_class: the class.
-        n_evaluations: points so far.
-    """
+    """Modes of every configuration; counts the points at which they are solved."""
 
     def __init__(self, model_class: ModelClass, workers: Workers | None = None) -> None:
         self.model_class = model_class

@@ -15,12 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ImportedSensors:
-    """Where sensors are on the model, and what is to be said of it.
-
-    Attributes:
-        places: sensor → label of a degree of freedom.
-        lines: distances to nodes, and how the nominal model compares with the data.
-    """
+    """Where sensors are on the model, and what is to be said of it."""
 
     places: Mapping[str, str]
     lines: tuple[str, ...]
@@ -36,14 +31,8 @@ def imported_sensors(
     """Sensors of the data, or those given where there are no data yet.
 
     Args:
-        model: the nominal model.
-        tests: the identified modes of each test, if there are any.
-        labels: sensor → label, as the user gave them.
         points_file: coordinates of sensors, or a table of nodes, or None.
         scale: factor of these coordinates; None for 1, or what the units of the file give.
-
-    Raises:
-        ValueError: the model has no labels, or a sensor is at none of them.
     """
     from bayes_ssi.data.nominal_comparison import compared_with_nominal
     from bayes_ssi.solver_files.sensor_points import exchanged, nearest_degrees_of_freedom

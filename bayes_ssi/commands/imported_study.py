@@ -19,12 +19,7 @@ TEMPLATE = Path(__file__).with_name("templates") / "imported.py.txt"
 
 
 def study_paths(name: Path) -> tuple[Path, Path]:
-    """The study NAME.py and the folder of its matrices, neither of which exists.
-
-    Raises:
-        FileExistsError: one of them does.
-        ValueError: the name is not a file name.
-    """
+    """The study NAME.py and the folder of its matrices, neither of which exists."""
     name = name.with_suffix("") if name.suffix == ".py" else name
     if not name.name or not name.name.isprintable():
         raise ValueError(f"name of the study: {str(name)!r} is not a file name")
@@ -47,20 +42,11 @@ def write_imported_study(
 
     Args:
         name: name of the study, with or without ``.py``; its directory must exist.
-        matrices: stiffness and mass, whose model has labels.
         data: file of the identified modes by test; of one, ``NAME.csv``, which need not exist, if
             empty.
-        band_hz: of a universal file, which does not state it.
-        places: sensor → label of a degree of freedom.
-        command: the command line, which the study states.
 
     Returns:
         The path of the study and those of the data.
-
-    Raises:
-        FileExistsError: a file or folder exists; nothing is written.
-        ValueError: the name is not a file name.
-        OSError: the files cannot be read or written.
     """
     from bayes_ssi.results.new_directory import new_directory
 

@@ -53,11 +53,7 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
 
 
 def _names(files: tuple[Path, ...]) -> list[str]:
-    """The files' names; with their directories where two are alike.
-
-    Raises:
-        ValueError: a file is given twice.
-    """
+    """The files' names; with their directories where two are alike."""
     names = [file.name for file in files]
     if len(set(names)) < len(names):
         names = [str(file) for file in files]

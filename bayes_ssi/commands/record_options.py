@@ -47,11 +47,7 @@ def record_of(
     files: Sequence[Path], rate: float | None, quantity: str | None, unit: str | None,
     sensors: tuple[str, ...], keys: tuple[str, ...],
 ) -> Record:  # fmt: skip
-    """The record in the files.
-
-    Raises:
-        OSError, ValueError: as for :func:`bayes_ssi.read_record`.
-    """
+    """The record in the files."""
     from bayes_ssi.records.record_files import read_record
 
     return read_record(

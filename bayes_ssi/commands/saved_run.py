@@ -41,14 +41,7 @@ RESULTS = Path("runs") / "results"
 
 @dataclass(frozen=True)
 class ResultPlace:
-    """Where a command saves its result and, until then, its evaluations.
-
-    Attributes:
-        study_file: the file that defines the study.
-        directory: directory of the result.
-        checkpoint: checkpoint of the run, next to the result.
-        overwrite: whether an existing result may be replaced.
-    """
+    """Where a command saves its result and, until then, its evaluations."""
 
     study_file: Path
     directory: Path
@@ -79,20 +72,7 @@ class RunOptions:
         )
 
     def place(self, study: Study, study_file: Path, name: str, *options: object) -> ResultPlace:
-        """Where the result of a study goes; no other run may write there until the command ends.
-
-        Args:
-            study: what is sampled.
-            study_file: the file that defines it.
-            name: name of the result directory, where none was given.
-            options: what determines the result besides the study, the seed and the settings.
-
-        Raises:
-            FileExistsError: there is another result, which is not to be overwritten.
-            OSError: it cannot be written there.
-            ValueError: the path of its directory does not end in a name, or another run is
-                writing there.
-        """
+        """Where the result of a study goes; no other run may write there until the command ends."""
         from bayes_ssi.execution.checkpoint import Checkpoint, name_of_run
         from bayes_ssi.results.load import MARKER
         from bayes_ssi.results.new_directory import require_new, sibling

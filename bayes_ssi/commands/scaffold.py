@@ -22,11 +22,6 @@ def write_study(name: str | Path, kind: str) -> tuple[Path, Path]:
 
     Returns:
         The paths of the study and of the data.
-
-    Raises:
-        FileExistsError: one of the files exists; nothing is written.
-        ValueError: the name is not a file name.
-        OSError: the files cannot be written.
     """
     path = Path(name)
     path = path.with_suffix("") if path.suffix == ".py" else path

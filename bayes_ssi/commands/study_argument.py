@@ -14,11 +14,7 @@ study_argument = click.argument("study", type=click.Path(path_type=Path))
 
 
 def load(path: Path, only: str | None = None) -> Study:
-    """The study from a file, with all its model classes or only the listed ones.
-
-    Raises:
-        ValueError: the file is not a study, or lacks a listed class.
-    """
+    """The study from a file, with all its model classes or only the listed ones."""
     from bayes_ssi.ranking.study_file import load_study
 
     study = load_study(path)

@@ -44,17 +44,7 @@ def write_covariance(data: ModalData, path: Path) -> None:
 def read_covariance(
     path: Path, csv_path: Path, modes: Sequence[IdentifiedMode], sensors: Sequence[str]
 ) -> FloatArray:
-    """The joint covariance of ``modes``, in their order.
-
-    Args:
-        path: the JSON file.
-        csv_path: the CSV file that names it, for messages.
-        modes: the modes of the CSV file, all of them or some of those of the JSON file.
-        sensors: the sensors of the CSV file.
-
-    Raises:
-        ValueError: there is no such file, or it holds no covariance of these modes.
-    """
+    """The joint covariance of ``modes``, in their order."""
     record = _record(path, csv_path)
     if list(record["sensors"]) != list(sensors):
         raise ValueError(

@@ -37,15 +37,7 @@ def write_identifications(identifications: Sequence[IdentificationRecord], path:
 
 
 def read_identifications(path: Path, csv_path: Path) -> tuple[IdentificationRecord, ...]:
-    """How the modes in a CSV file were identified.
-
-    Args:
-        path: the JSON file.
-        csv_path: the CSV file that names it, for messages.
-
-    Raises:
-        ValueError: there is no such file, or it is damaged.
-    """
+    """How the modes in a CSV file were identified."""
     try:
         content = from_record(_Identifications, json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:

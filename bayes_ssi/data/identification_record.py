@@ -11,11 +11,8 @@ class MeasuredRecord:
 
     Attributes:
         source: its files; empty where it was made in Python.
-        sensors: their names.
-        duration_s: number of samples over the rate.
         rate_hz: samples per second.
         quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
-        unit: of the samples.
     """
 
     source: str
@@ -31,10 +28,7 @@ class EstimatedMode:
     """One mode with the standard deviations that are claimed; None where nothing is claimed.
 
     Attributes:
-        frequency_hz: its frequency.
-        frequency_cov: standard deviation over the frequency.
         damping: fraction of critical damping.
-        damping_sd: standard deviation of the damping.
         shape_sd: standard deviation of a component across the unit shape.
     """
 
@@ -53,7 +47,6 @@ class EstimatedPeak:
         modes: places of its modes among those identified, from 0.
         probability_of_two: that it holds two modes rather than one; None where the spectra around
             it do not support a comparison.
-        resolution_hz: two modes of one shape that are closer could not be told from one.
         probability_of_phases: that it is one mode whose sensors have phases, rather than one or two
             with real shapes; None where that was not asked.
     """
@@ -69,20 +62,8 @@ class IdentificationRecord:
     """An identification of modes from one record.
 
     Attributes:
-        record: from which.
-        band_hz: lowest and highest frequency of the search.
-        method: whose modes are quoted.
-        loads: that explain the record best.
-        is_explained: whether the spectral model of the Bayesian FFT explains the record.
         whiteness: chi-square of the whitened spectra over its degrees of freedom, where it is
             largest.
-        allowed_whiteness: the largest that a right model has by chance.
-        cycles_of_decay: ζ f T of the mode for which the record is shortest.
-        modes: as quoted, in ascending order of frequency.
-        peaks: of the spectra, in ascending order.
-        remarks: a sentence each.
-        failed_checks: a sentence each.
-        figures: paths of PNG files that were drawn of it.
         not_identified: frequency (Hz) of each mode that the record shows, but that is not among
             those identified, and why.
     """

@@ -176,11 +176,7 @@ def _require_positive(number: float, where: str) -> None:
 
 
 def checked_band(band_hz: Sequence[float]) -> tuple[float, float]:
-    """Lowest and highest frequency in Hz.
-
-    Raises:
-        ValueError: they are not two numbers with 0 <= lowest < highest.
-    """
+    """Lowest and highest frequency in Hz."""
     try:
         low, high = (float(bound) for bound in band_hz)
     except (TypeError, ValueError):

@@ -11,11 +11,7 @@ from bayes_ssi.data.modal_data import ModalData
 
 
 def joined_band(tests: Mapping[str, ModalData]) -> tuple[float, float]:
-    """From the lowest to the highest frequency (Hz) of all bands.
-
-    Raises:
-        ValueError: there is a gap between them, in which no modes were sought.
-    """
+    """From the lowest to the highest frequency (Hz) of all bands."""
     first, *others = sorted(tests, key=lambda name: tests[name].band_hz)
     low, high = tests[first].band_hz
     for name in others:

@@ -25,12 +25,7 @@ TWO_DIGITS = 0.05
 def checked_covariance(
     covariance: FloatArray, modes: Sequence[IdentifiedMode], n_sensors: int
 ) -> FloatArray:
-    """The covariance of these modes, in their order, read-only.
-
-    Raises:
-        ValueError: it has the wrong shape, is not finite, not symmetric or not positive
-            semi-definite, or it has no variance of a frequency or of a shape that is scored.
-    """
+    """The covariance of these modes, in their order, read-only."""
     matrix = np.array(covariance, dtype=float)
     size = len(modes) * (1 + n_sensors)
     if matrix.shape != (size, size):
@@ -66,11 +61,7 @@ def checked_covariance(
 def with_sizes(
     modes: Sequence[IdentifiedMode], covariance: FloatArray
 ) -> tuple[IdentifiedMode, ...]:
-    """The modes with the sizes of their errors from their covariance.
-
-    Raises:
-        ValueError: a mode states another size.
-    """
+    """The modes with the sizes of their errors from their covariance."""
     return tuple(
         replace(
             mode,

@@ -24,10 +24,6 @@ def matched_modes(tests: Mapping[str, ModalData], sensors: Sequence[str]) -> lis
     A mode of one more test belongs to a group where each is the nearest to the other, by the square
     of the difference of ln f and by 1 - MAC at the sensors that both have. Modes that lie outside
     of the band of the other's test, by more than their errors allow, are different.
-
-    Args:
-        tests: name → modes.
-        sensors: those of all tests.
     """
     groups: list[Group] = []
     for test, data in tests.items():
@@ -64,11 +60,7 @@ def scattered(mode: IdentifiedMode, data: ModalData, sensors: Sequence[str]) -> 
 def joined_shape(
     group: Group, tests: Mapping[str, ModalData], sensors: Sequence[str]
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """A first estimate of the shape (N,) at unit length, and which components were measured.
-
-    Raises:
-        ValueError: a test shares no sensor with the others.
-    """
+    """A first estimate of the shape (N,) at unit length, and which components were measured."""
     left = {name: scattered(mode, tests[name], sensors) for name, mode in group.items()}
     left = {name: shape for name, shape in left.items() if np.isfinite(shape).any()}
     if not left:

@@ -35,7 +35,6 @@ class Scatter:
 
     Attributes:
         ratio: root of chi-square over its degrees of freedom: scatter over claimed errors.
-        p_value: the probability of as much scatter or more by the claimed errors alone.
     """
 
     ratio: float
@@ -47,8 +46,6 @@ class MergedMode:
     """One merged mode.
 
     Attributes:
-        label: in the merged data.
-        labels: name of each test that has the mode → its label there.
         frequency: scatter of the frequencies; None where one test has the mode.
         shape: scatter of the shapes at shared sensors; None where they cannot differ.
     """
@@ -64,8 +61,6 @@ class MergedModes:
     """Modes of several tests as one.
 
     Attributes:
-        data: the merged modes, with their joint covariance.
-        modes: what was merged to each of them.
         remarks: modes that tests lack in whose band they are, and modes that two bands of one
             record have, a sentence each.
         failed_checks: quantities in which the tests differ by more than their errors, a sentence

@@ -85,12 +85,7 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
     """Read identified modes from a CSV file (see the module's docstring for its form).
 
     Args:
-        path: the file.
         band_hz: lowest and highest frequency (Hz) of the search, in place of the file's own.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: the content is not understood; the message names file, line and column.
     """
     path = Path(path)
     lines = _split(path)

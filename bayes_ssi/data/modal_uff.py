@@ -31,10 +31,6 @@ def read_modal_uff(
     Returns:
         Modes labelled 1, 2, … in ascending order of frequency. A complex mode's frequency is
         |λ|/2π and its damping -Re λ/|λ|, λ being its eigenvalue in rad/s.
-
-    Raises:
-        ValueError: pyuff is not installed, the file is damaged or holds no modes, or it lacks the
-            node of a sensor.
     """
     sets = read_data_sets(path, 55)
     sets = [s for s in sets if s["analysis_type"] in (NORMAL, COMPLEX, COMPLEX_SECOND_ORDER)]

@@ -33,11 +33,8 @@ class AxisExchange:
     """Axes of the test that fit the model better than the stated ones.
 
     Attributes:
-        axes: axis of the test → axis of the model.
         measure: MAC, or MAC times ratio of frequencies, which tells a tower's alike modes in two
             directions apart.
-        mean: over identified modes, the largest with any mode of the model.
-        stated_mean: the same with the axes as stated.
     """
 
     axes: Exchange
@@ -59,8 +56,6 @@ class NominalComparison:
     """The nominal model against the identified modes.
 
     Attributes:
-        nominal_hz: its lowest frequencies, as many as there are identified modes, or all.
-        identified_hz: the identified frequencies.
         exchange: axes of the test that fit it much better than the stated ones; None if none do.
     """
 
@@ -95,12 +90,7 @@ def compared_with_nominal(
     """Frequencies of the nominal model, and whether other axes would fit the test much better.
 
     Args:
-        model: the nominal model, with labels.
-        modes: the identified modes.
         places: sensor → label for an exchange of axes; None where sensors then have no label.
-
-    Raises:
-        ValueError: the model has no modes.
     """
     mapped = {}
     for order in permutations(TRANSLATIONS):

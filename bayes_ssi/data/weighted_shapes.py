@@ -35,7 +35,6 @@ class PartOfTest:
         frequency_places: (p,), the merged mode of each.
         unit_shapes: for each shape, (n,), zero where not measured.
         measured: for each shape, (n,), whether the sensor measured it.
-        shape_places: the merged mode of each shape.
         bases: for each shape, (n, d - 1), directions at right angles to it.
         columns: (n,), place of each sensor of the test among those of all.
         whitening: (k, k), turns errors of frequencies, then of shapes in their planes, into
@@ -61,19 +60,7 @@ class PartOfTest:
         frequencies: bool = True,
         shapes: bool = True,
     ) -> PartOfTest:
-        """A part of a test's data.
-
-        Args:
-            name: of the test, for messages.
-            data: of the test.
-            places: label of a mode → the merged mode that it is.
-            sensors: those of all tests.
-            frequencies: whether its frequencies count.
-            shapes: whether its shapes count.
-
-        Raises:
-            ValueError: a mode has no sizes of errors, or the covariance is singular.
-        """
+        """A part of a test's data."""
         chosen = [mode for mode in data.modes if mode.label in places]
         with_shape = [mode for mode in chosen if shapes and mode.scored_shape is not None]
         m, n = len(data.modes), len(data.sensors)
@@ -157,8 +144,6 @@ class Merged(NamedTuple):
         log_frequencies: (m,).
         shapes: (m, N), at unit length; zero where no test measured.
         covariance: (m + m N, m + m N), of the logarithms of frequencies, then of shapes.
-        squares: sum of squares of the whitened residuals.
-        degrees_of_freedom: how many of them chance has: their number less that of the unknowns.
     """
 
     log_frequencies: FloatArray
@@ -177,13 +162,9 @@ def weighted_least_squares(
     """The merged modes, from first estimates.
 
     Args:
-        parts: of the tests.
         log_frequencies: (m,); without frequencies in the parts they remain, with no variance.
         shapes: (m, N), at unit length, zero where not measured.
         measured: (m, N), whether any test measured that component.
-
-    Raises:
-        ValueError: the parts do not determine the shapes.
     """
     m = len(shapes)
     counted = m if any(part.frequency_places for part in parts) else 0

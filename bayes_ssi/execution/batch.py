@@ -34,12 +34,7 @@ def evaluate(function: Function, z: FloatArray, n_columns: int | None = None) ->
     A batch that raises is halved repeatedly, down to the rows at fault.
 
     Args:
-        function: the model.
-        z: the points.
         n_columns: number of values that it returns for each row; None if it is one, (B,).
-
-    Raises:
-        ValueError: it does not return that many values per row.
     """
     of_row = () if n_columns is None else (n_columns,)
     values = np.full((len(z), *of_row), np.nan)

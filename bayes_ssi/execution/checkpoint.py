@@ -47,8 +47,6 @@ class Checkpoint:
     Attributes:
         directory: holds the journals; created with the first one, inside an existing directory. A
             relative path starts in the working directory of this process, also for its workers.
-        run: identifies the run, so that it recognises its own result later.
-        discard_others: whether another run's journals are discarded instead of refused.
         say: called with a message when an earlier run is resumed, and when a journal is damaged or
             was made on another kind of processor; issues a warning by default.
     """
@@ -62,12 +60,7 @@ class Checkpoint:
         object.__setattr__(self, "directory", Path(self.directory).absolute())
 
     def journal(self, model_class: ModelClass, seed: int, settings: DataclassInstance) -> Journal:
-        """The journal of one model class, closed by the caller; a damaged one is replaced.
-
-        Raises:
-            ValueError: it belongs to another run, or is in use.
-            OSError: it cannot be read or written.
-        """
+        """The journal of one model class, closed by the caller; a damaged one is replaced."""
         self.directory.mkdir(exist_ok=True)
         path = self._path(model_class.name)
         run = {
@@ -95,12 +88,7 @@ class Checkpoint:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other runs from this checkpoint, also between two model classes and while saving.
-
-        Raises:
-            ValueError: another run is using it.
-            OSError: it cannot be written.
-        """
+        """Keep other runs from this checkpoint, also between two model classes and while saving."""
         self.directory.mkdir(exist_ok=True)
         # A journal without evaluations: its lock ends with this process, however that ends.
         lock = Journal(self.directory / LOCK, {})

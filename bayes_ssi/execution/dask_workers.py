@@ -34,11 +34,7 @@ class DaskWorkers(Workers):
             return 0
 
     def _start(self) -> None:
-        """Connect.
-
-        Raises:
-            ValueError: Dask is not installed, no scheduler answers, or it has no workers.
-        """
+        """Connect."""
         try:
             from dask.distributed import Client
             from distributed.comm import get_address_host_port

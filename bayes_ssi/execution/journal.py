@@ -60,13 +60,7 @@ class DamagedJournalError(ValueError):
 
 
 class Journal:
-    """The evaluations of one run, written to disk as they are made.
-
-    Attributes:
-        path: path of the file.
-        n_kept: evaluations that the file held when it was opened.
-        is_empty: whether it holds no evaluation.
-    """
+    """The evaluations of one run, written to disk as they are made."""
 
     def __init__(
         self,
@@ -74,19 +68,7 @@ class Journal:
         run: Mapping[str, Any],
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Open a journal, or create one.
-
-        Args:
-            path: path of the file, in an existing directory.
-            run: identifies the run.
-            say: called with a message when evaluations in it are of no use.
-
-        Raises:
-            OtherRunError: the file belongs to another run.
-            DamagedJournalError: it is damaged, or not a journal.
-            ValueError: another run has it open.
-            OSError: it cannot be read or written.
-        """
+        """Open a journal, or create one."""
         self.path, self._say = Path(path), say
         with self._errors_of_file():
             # Without waiting for a lock; every statement is a transaction.
@@ -177,11 +159,7 @@ class Journal:
         )
 
     def add(self, z: FloatArray, evaluated: Evaluated) -> None:
-        """Write one more batch.
-
-        Raises:
-            OSError: it cannot be written.
-        """
+        """Write one more batch."""
         failures = json.dumps(dict(evaluated.failures))
         self._write(_key(z), evaluated.values, failures, len(z))
 

@@ -35,16 +35,12 @@ class LocalWorkers(Workers):
         """Prepare ``n`` processes.
 
         Args:
-            n: their number.
             copies: whether to start them as copies of this process when they are entered, where
                 that is possible: at once, while a new process takes about a second to import the
                 package. A copy has the state of other threads and libraries as well, so there must
                 be none that it could stumble over.
             while_busy: called once by this process, while it would only wait for them, for what
                 will be needed later.
-
-        Raises:
-            ValueError: ``n`` is not positive.
         """
         if n < 1:
             raise ValueError(f"workers must be at least 1, got {n!r}")
@@ -64,11 +60,7 @@ class LocalWorkers(Workers):
         return self._executor
 
     def begin(self, function: Callable[[T], R], item: T) -> Future[R]:
-        """Begin ``function(item)`` as soon as a process is free.
-
-        Raises:
-            ValueError: one of the two cannot be sent.
-        """
+        """Begin ``function(item)`` as soon as a process is free."""
         data = pickled(function)
         packed = PackedFunction(digest_of(data), os.getpid(), data)
         return self._running().submit(call_packed, packed, pickled(item))
@@ -148,12 +140,7 @@ def can_copy() -> bool:
 
 
 def as_workers(workers: int | Executor | Workers | None) -> Workers | None:
-    """The workers from whatever a caller passed.
-
-    Raises:
-        ValueError: their number is not positive.
-        TypeError: they cannot evaluate anything.
-    """
+    """The workers from whatever a caller passed."""
     if workers is None or isinstance(workers, Workers):
         return workers
     if isinstance(workers, Integral) and not isinstance(workers, bool):

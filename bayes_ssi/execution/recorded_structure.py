@@ -22,13 +22,7 @@ FARTHEST = 38.0
 
 
 class RecordedStructure(Structure):
-    """Another structure, solved once at each set of values.
-
-    Attributes:
-        structure: the structure.
-        n_solved: solutions so far, those that failed among them.
-        failures: why some failed, by the bytes of their values.
-    """
+    """Another structure, solved once at each set of values."""
 
     def __init__(
         self, structure: Structure, workers: Workers | None = None, journal: Journal | None = None
@@ -36,9 +30,7 @@ class RecordedStructure(Structure):
         """Record the solutions of a structure.
 
         Args:
-            structure: the structure.
             workers: share the solutions of a batch; in this process if None.
-            journal: recalls the solutions of an earlier run, and records the new ones.
         """
         self.structure = structure
         self.n_solved = 0
@@ -77,11 +69,7 @@ class RecordedStructure(Structure):
         return self.structure.modal_model(values)
 
     def modes(self, values: FloatArray) -> Modes:
-        """The structure's modes; NaN in rows at which it fails.
-
-        Raises:
-            ValueError: the only row failed; the message says why, if it is known.
-        """
+        """The structure's modes; NaN in rows at which it fails."""
         keys = [row.tobytes() for row in np.ascontiguousarray(values)]
         # A row that is there twice is solved once.
         new = {key: row for key, row in zip(keys, values, strict=True) if key not in self._known}

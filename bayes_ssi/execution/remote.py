@@ -23,13 +23,7 @@ STUDY_MODULE = "bayes_ssi_study_"
 
 @dataclass(frozen=True)
 class PackedFunction:
-    """A pickled function to be sent to workers.
-
-    Attributes:
-        digest: digest of the pickled function; a worker that has unpickled it keeps it.
-        sender: id of the process that sends it.
-        content: the pickled function, or a file that holds it.
-    """
+    """A pickled function to be sent to workers."""
 
     digest: str
     sender: int = field(compare=False)
@@ -41,11 +35,7 @@ def digest_of(data: bytes) -> str:
 
 
 def pickled(what: object) -> bytes:
-    """Any object as bytes, including the code from a study file that it needs.
-
-    Raises:
-        ValueError: it cannot be pickled.
-    """
+    """Any object as bytes, including the code from a study file that it needs."""
     import cloudpickle
 
     studies = [m for name, m in sys.modules.items() if name.startswith(STUDY_MODULE)]
@@ -64,11 +54,7 @@ def pickled(what: object) -> bytes:
 
 
 def call_packed(function: PackedFunction, item: bytes) -> Any:
-    """The function's value at a pickled item.
-
-    Raises:
-        ValueError: one of the two cannot be unpickled here.
-    """
+    """The function's value at a pickled item."""
     return _unpacked(function)(_unpickled(item))
 
 

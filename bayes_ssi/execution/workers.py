@@ -44,7 +44,6 @@ class Workers:
         """Use an executor.
 
         Args:
-            executor: an executor that accepts pickled arguments, or works in threads.
             n_workers: number of its workers, where known; determines only the number of parts
                 into which a batch is divided.
         """
@@ -82,10 +81,6 @@ class Workers:
 
         Points whose worker died are evaluated again in smaller groups, down to single points. A
         single point at which a worker dies again counts as failed.
-
-        Raises:
-            ValueError: the function cannot be sent to a worker, there is no worker left, or
-                workers die again and again.
         """
         values = np.full((len(z),) if n_columns is None else (len(z), n_columns), np.nan)
         failures: dict[int, str] = {}
@@ -132,16 +127,8 @@ class Workers:
         """``function`` of every item, each in one worker; items whose worker died are left out.
 
         Args:
-            function: picklable, as are the items and the answers.
-            items: the function's arguments.
-            done: called with the number of each item that is ready.
-            meanwhile: called again and again until all are.
             are_brief: whether calls take no longer than what this process could do in the
                 meantime, so that workers would wait for it.
-
-        Raises:
-            OSError: a file of this machine cannot be read or written by a call.
-            ValueError: an item cannot be sent, or workers die again and again.
         """
         answers: dict[int, R] = {}
         waiting: dict[Future[R], int] = {}

@@ -23,25 +23,14 @@ SMALLEST_SCALE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class AffineMatrix:
-    """A matrix that depends on parameters.
-
-    Attributes:
-        products: the coefficients c_t.
-        matrices: A_t, all of one size.
-    """
+    """A matrix that depends on parameters."""
 
     products: tuple[Product, ...]
     matrices: tuple[Matrix, ...]
 
     @classmethod
     def of(cls, given: Any, name: str, size: int | None = None) -> AffineMatrix:
-        """From a user's argument: a matrix, or a list of matrices and pairs (coefficient, matrix).
-
-        Raises:
-            TypeError: a term is neither.
-            ValueError: there is no term, or
-                :func:`~bayes_ssi.finite_elements.matrix_files.checked_matrix` refuses a matrix.
-        """
+        """Of a user's argument, a matrix, or a list of matrices and pairs (coefficient, matrix)."""
         is_pair = isinstance(given, tuple) and len(given) == 2 and not np.ndim(given[0])
         terms = list(given) if isinstance(given, (list, tuple)) and not is_pair else [given]
         if not terms:
@@ -122,12 +111,7 @@ class AffineMatrix:
     def with_terms(
         self, size: int, terms: Iterable[tuple[Product, Mapping[int, float]]]
     ) -> AffineMatrix:
-        """This matrix, enlarged to ``size`` by zeros, and terms c v vᵀ.
-
-        Args:
-            size: number of rows, no fewer than now.
-            terms: coefficients c, and vectors v by their entries: row → component.
-        """
+        """This matrix, enlarged to ``size`` by zeros, and terms c v vᵀ."""
         products, matrices = list(self.products), [_enlarged(m, size) for m in self.matrices]
         for coefficient, vector in terms:
             rows, components = np.array(list(vector), dtype=np.intp), np.array([*vector.values()])

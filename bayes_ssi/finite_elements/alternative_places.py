@@ -20,12 +20,7 @@ from bayes_ssi.modal import Modes
 
 @dataclass(frozen=True, eq=False)
 class AlternativePlaces:
-    """P structures that differ in nothing but the places of their elements.
-
-    Attributes:
-        first: one of them.
-        vectors: their elements, P rows.
-    """
+    """P structures that differ in nothing but the places of their elements."""
 
     first: ProjectedStructure
     vectors: ElementVectors

@@ -16,9 +16,7 @@ class Accuracy(NamedTuple):
     """How far the modes of an approximate structure may be from the exact ones.
 
     Attributes:
-        frequency: relative error of frequencies.
         shape: error of shapes at unit length.
-        statement: a sentence for reports: how the errors are known, and at what cost.
     """
 
     frequency: float
@@ -69,7 +67,6 @@ class ApproximateStructure(Structure):
 
         Args:
             values: (B, n_parameters), where it must be accurate.
-            frequency_error: largest relative error of frequencies.
             shape_error: largest error of shapes at unit length.
             n_modes: number of lowest modes that must be; all if None.
         """

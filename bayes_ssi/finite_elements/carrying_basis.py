@@ -26,7 +26,6 @@ class CarryingBasis(SmallProblem):
     """A basis of the model without elements, static answers, and elongations of own springs.
 
     Attributes:
-        main: the basis of the model without elements.
         statics: (n, k), the part of the static answers that lies outside that basis.
         elongations: how the elements' own degrees of freedom follow from elongations.
     """
@@ -39,14 +38,7 @@ class CarryingBasis(SmallProblem):
     def of(
         cls, main: ReducedBasis, carried: ElementsOnRows, negligible: float, reference: Reference
     ) -> CarryingBasis:
-        """The basis that carries some elements.
-
-        Args:
-            main: a basis of the model without elements.
-            carried: the elements, with rows as in the reference.
-            negligible: of the static answers, directions of a smaller share are left out.
-            reference: of the model without elements.
-        """
+        """The basis that carries some elements."""
         elongations = _Elongations.of(carried)
         of_springs, of_masses = map(elongations.directions, (carried.springs, carried.masses))
         loads = np.vstack([of_springs[0], of_masses[0]])

@@ -23,8 +23,6 @@ class ElementsOnRows:
 
     Attributes:
         labels: of the degrees of freedom that elements add, which are rows ``size`` upwards.
-        springs: stiffness k and v of every spring.
-        masses: mass m and v of every mass.
         size: number of degrees of freedom of the model without them.
     """
 
@@ -43,13 +41,9 @@ class ElementsOnRows:
         """Find the rows of elements.
 
         Args:
-            elements: the elements; one may stand on the degree of freedom of another.
             row_of: the row of a place of the model, None for the ground; refuses others with a
                 message that begins with the element's label.
             size: number of degrees of freedom of the model.
-
-        Raises:
-            ValueError: a place does not exist.
         """
         own = [e.own_degree_of_freedom for e in elements if e.own_degree_of_freedom is not None]
         added = {label: size + i for i, label in enumerate(own)}

@@ -66,7 +66,6 @@ class EmulatedStructure(ApproximateStructure):
         Args:
             exact: the structure; rows of its modes may be NaN, or raise, where it has none.
             most_solutions: largest number of its solutions; 70 for each parameter if None.
-            fit: of an emulator of the same structure.
         """
         self._exact = exact
         self.most_solutions = most_solutions or 70 * max(len(exact.parameters), 2)
@@ -95,12 +94,7 @@ class EmulatedStructure(ApproximateStructure):
         return self._exact.modal_model(values)
 
     def modes(self, values: FloatArray) -> Modes:
-        """See :meth:`Structure.modes`; rows where the structure is expected to fail are NaN.
-
-        Raises:
-            ValueError: the only row is expected to fail; the message says why the structure failed
-                at the nearest point, if it raised there.
-        """
+        """See :meth:`Structure.modes`; rows where the structure is expected to fail are NaN."""
         fit = self.fitted
         x = self._coordinates(values)
         modes = fit.representation.decoded(fit.process.mean(x))
@@ -242,13 +236,8 @@ class EmulatorFit(NamedTuple):
 
     Attributes:
         x: (N, d), coordinates of the solutions.
-        modes: the solutions.
-        failing: where there are none.
-        representation: what is emulated.
-        process: predicts it.
         ratios: (N, 2), errors of the frequencies and shapes of each solution, predicted from all
             others, as multiples of the process's spread there.
-        n_needed: number of lowest modes whose errors count.
     """
 
     x: FloatArray

@@ -36,7 +36,6 @@ class GaussianProcess:
         x: (N, d), the points.
         y: (N, n_outputs), the outputs there.
         lengths: (d,), correlation lengths.
-        noise: variance of the noise as a share of the process's.
     """
 
     x: FloatArray
@@ -58,7 +57,6 @@ class GaussianProcess:
             x: (N, d), N at least twice the number of terms of a linear trend.
             y: (N, n_outputs).
             weights: (n_outputs,), factors that make the outputs comparable for the likelihood.
-            start: a process of fewer points, from whose lengths the search begins.
         """
         some = slice(max(len(x) - MOST_FITTED, 0), None)
         spread = np.maximum(x.std(axis=0), 1e-12)
@@ -95,7 +93,6 @@ class GaussianProcess:
         """Standard errors (B,) at ``x`` (B, d), in units of the process's standard deviation.
 
         Args:
-            x: the points.
             also_at: (C, d), further points, whose outputs are taken for known.
         """
         process = self

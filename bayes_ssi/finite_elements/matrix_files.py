@@ -65,12 +65,7 @@ def read_matrix(path: str | Path, key: str | None = None) -> Any:
 
 
 def matrix_keys(path: Path) -> tuple[str, ...] | None:
-    """Keys of the arrays in a file that holds several; None for a file of one array.
-
-    Raises:
-        OSError: there is no such file, or it cannot be opened.
-        ValueError: it is damaged or truncated.
-    """
+    """Keys of the arrays in a file that holds several; None for a file of one array."""
     suffix = path.suffix.lower()
     if suffix not in (".npz", ".mat"):
         return None
@@ -88,17 +83,8 @@ def matrix_keys(path: Path) -> tuple[str, ...] | None:
 def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Any:
     """A square, symmetric, finite and real matrix; a copy.
 
-    Args:
-        matrix: sparse or dense.
-        name: name of the matrix for messages.
-        size: the required number of rows, if known.
-
     Returns:
         A sparse matrix in compressed columns if a sparse one is given, else an array (n, n).
-
-    Raises:
-        TypeError: it is not a matrix of numbers.
-        ValueError: it is not square, finite, real and symmetric, or has another size.
     """
     if isinstance(matrix, (str, Path)):
         raise TypeError(f"{name} must be an array, got {matrix!r}; read a file with read_matrix")

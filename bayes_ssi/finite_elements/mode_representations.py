@@ -53,11 +53,7 @@ class Representation(ABC):
 
 @dataclass(frozen=True)
 class ModalOperator(Representation):
-    """ln of the modal operator in coordinates of the shapes at the first point.
-
-    Attributes:
-        n_dof, n_modes: shape of a row of shapes.
-    """
+    """ln of the modal operator in coordinates of the shapes at the first point."""
 
     n_dof: int
     n_modes: int
@@ -99,11 +95,7 @@ class ModalOperator(Representation):
 
 @dataclass(frozen=True)
 class TrackedModes(Representation):
-    """Logarithms of frequencies, and shapes at unit length, each mode followed across crossings.
-
-    Attributes:
-        n_dof, n_modes: shape of a row of shapes.
-    """
+    """Logarithms of frequencies, and shapes at unit length, each mode followed across crossings."""
 
     n_dof: int
     n_modes: int

@@ -129,7 +129,6 @@ class ProjectedStructure(Structure):
 
         Args:
             values: (B, n_parameters).
-            vectors: of the same springs and masses; one row, or B.
         """
         springs = self._spring_table.evaluate(values)
         # In series with the residual flexibility at their places.

@@ -55,10 +55,7 @@ class Projection:
         stiffness, mass: coefficients and matrices (N, N), term by term; of the mass only the
             diagonals (N,) where all terms are diagonal.
         at_sensors: (d, N), motions of the sensors.
-        sensors: their names.
         rows: degrees of freedom on which elements may be put.
-        n_modes: number of lowest modes.
-        combined: sensors that combine those.
     """
 
     stiffness: tuple[tuple[Product, FloatArray], ...]
@@ -80,10 +77,7 @@ class Projection:
         """The model in a basis, in coordinates of unit mass where the mass is known.
 
         Args:
-            basis: of a few vectors, orthonormal in the reference's stiffness.
-            full: the model, without elements.
             places: degrees of freedom and sensors on which elements may be put.
-            reference: of the model.
         """
         vectors = basis.vectors
         # What the basis lacks of K_r⁻¹ times forces; the vectors are orthonormal in K_r.

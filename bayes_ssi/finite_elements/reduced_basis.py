@@ -71,17 +71,10 @@ class Reference:
 
     Attributes:
         sketch: (n, SKETCH_SIZE + d), S and, for the d sensors, K_r⁻¹ E.
-        sensors: rows of the sensors.
-        coefficients: coefficients at the reference values.
-        definite: whether every K_t is positive semi-definite.
     """
 
     def __init__(self, system: System, coefficients: Coefficients) -> None:
-        """Factorise the stiffness at the reference.
-
-        Raises:
-            NoModesError: it is not positive definite.
-        """
+        """Factorise the stiffness at the reference."""
         self.stiffness, self.mass, self.sensors = system.stiffness, system.mass, system.sensor_rows
         self.coefficients = coefficients
         self.matrix = self.stiffness.at(coefficients.stiffness)

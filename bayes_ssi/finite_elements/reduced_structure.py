@@ -68,17 +68,11 @@ class ReducedStructure(ApproximateStructure):
         """Set the accuracy; nothing is computed yet.
 
         Args:
-            full: the model.
-            frequency_error: largest relative error of frequencies over the prior.
             shape_error: largest error of shapes at the sensors, at unit length there.
             most_full_solutions: largest number of full solutions; at this limit, a larger error is
                 accepted and reported.
             training_points: number of Sobol points of the prior among which full solutions are
                 placed; best a power of two.
-
-        Raises:
-            ValueError: one of them is not positive.
-            TypeError: ``full`` cannot be reduced.
         """
         if not isinstance(full, ReducibleStructure):
             raise TypeError(f"ReducedStructure: full must be a MatrixStructure, got {full!r}")
@@ -101,9 +95,6 @@ class ReducedStructure(ApproximateStructure):
         element's own degree of freedom; no mode is solved for. The error is certified as before,
         and :meth:`accurate_at` adds full solutions of the model with the element where they are
         needed.
-
-        Raises:
-            ValueError: the element's place is not on the structure, or its label is taken.
         """
         whole = self._copied()
         whole.full = self.full.with_element(element)
@@ -129,11 +120,7 @@ class ReducedStructure(ApproximateStructure):
 
     @property
     def basis(self) -> SmallProblem:
-        """The basis with the elements that it carries, computed when it is first needed.
-
-        Raises:
-            NoModesError: the full model has no solution at the prior medians.
-        """
+        """The basis with the elements that it carries, computed when it is first needed."""
         _ = self._main_basis
         assert self._problem is not None
         return self._problem
@@ -172,9 +159,6 @@ class ReducedStructure(ApproximateStructure):
             values: (B, n_parameters), where it is to be accurate: frequencies to a hundredth
                 of ``frequency_error`` on average.
             places: degrees of freedom and sensors on which elements may be put.
-
-        Raises:
-            TypeError: it carries elements.
         """
         if self.full.elements:
             raise TypeError("a structure that carries elements is not projected")
@@ -194,9 +178,6 @@ class ReducedStructure(ApproximateStructure):
         Args:
             values: (B, n_parameters), where it is to be accurate. Where that is not enough,
                 :meth:`accurate_at` adds full solutions as to any basis.
-
-        Raises:
-            TypeError: it carries elements.
         """
         if self.full.elements:
             raise TypeError("a structure that carries elements is not made compact")
@@ -223,11 +204,7 @@ class ReducedStructure(ApproximateStructure):
         return NEGLIGIBLE * min(math.sqrt(frequency_error), shape_error)
 
     def modes(self, values: FloatArray) -> Modes:
-        """See :meth:`Structure.modes`; rows without modes are NaN.
-
-        Raises:
-            NoModesError: the only row of ``values`` has no modes; the message says why.
-        """
+        """See :meth:`Structure.modes`; rows without modes are NaN."""
         in_basis = self._modes_in_basis(values)
         shapes = self.basis.at_sensors @ in_basis.shapes
         # What basis the vectors are is a matter of rounding, too.

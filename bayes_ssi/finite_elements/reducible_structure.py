@@ -38,9 +38,6 @@ class System(NamedTuple):
     """The matrices of a model, with their rows in an order that keeps factors sparse.
 
     Attributes:
-        stiffness, mass: the matrices, with reordered rows.
-        sensor_rows: rows of the sensors.
-        rows: the row here of every degree of freedom, as they were given.
         influence: (n,), displacements when the ground moves by 1; None if not known.
     """
 

@@ -27,9 +27,6 @@ def sensor_rows(
         labels: labels of all degrees of freedom, or None.
         sensors: name → label, or number from 0, of a degree of freedom; or labels alone; or
             None for all.
-
-    Raises:
-        ValueError, TypeError: a label or sensor is not valid, or a large model has no sensors.
     """
     if isinstance(labels, str) or isinstance(sensors, str):
         raise TypeError("labels and sensors must be several names, got a single text")

@@ -43,12 +43,6 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) 
     Args:
         stiffness: (n, n), positive definite, its rows in an order that keeps factors sparse.
         mass: (n, n), positive semi-definite.
-        n_modes: number of modes.
-        extra: number of further modes, as far as the structure has them.
-
-    Raises:
-        NoModesError: K is not positive definite, M gives fewer modes, or the modes and their count
-            disagree at every attempt.
     """
     n = stiffness.shape[0]
     # With many modes, Lanczos vectors (twice as many) would span half of the space.

@@ -11,11 +11,7 @@ class GuideBuilder(BuildHookInterface):
     """Hatchling calls this before it makes a wheel."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Build ``bayes_ssi/guide/html``, which the wheel then takes along.
-
-        Raises:
-            RuntimeError: Sphinx could not build the pages.
-        """
+        """Build ``bayes_ssi/guide/html``, which the wheel then takes along."""
         del version, build_data
         from sphinx.cmd.build import build_main
 

@@ -17,10 +17,6 @@ def read_covariate(path: str | Path) -> tuple[str, dict[str, float]]:
         test, temperature in °C
         2026-01-14, -3.5
         2026-04-02, 11
-
-    Raises:
-        ValueError: there is no such file, it is a pipe or a device, or a line does not have a
-            test and a number; the message names the file and the line.
     """
     path = Path(path)
     try:

@@ -48,9 +48,7 @@ def coverage(
     """How far the draws of the tests confirm the bumps.
 
     Args:
-        likelihood: the likelihood by bumps.
         second: the same by the second best fits.
-        fits: of each test.
         z: of each test, the (n, k) coordinates of its draws that the population describes.
         values: (S, n_parameters), of the population.
     """

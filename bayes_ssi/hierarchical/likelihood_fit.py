@@ -178,8 +178,6 @@ class LikelihoodFit:
     """Bumps fitted to the likelihood of one test.
 
     Attributes:
-        bumps: the fit.
-        second: the next best fit, which differs from the best one where both extrapolate.
         log_ratios: (n,), log of the likelihood over that of the bumps, at the draws.
     """
 
@@ -201,8 +199,6 @@ def fit_likelihood(
     Args:
         z: (n, d), draws from the posterior, in standard-normal coordinates.
         log_likelihoods: (n,), at the draws.
-        log_evidence: of the test; it tells of bumps that are high where there are no draws.
-        rng: chooses where the bumps begin.
     """
     fitting = _Fitting.of(z, log_likelihoods, log_evidence)
     n, d = z.shape
@@ -231,8 +227,6 @@ class _Fitting:
         origin, unit: (d,), mean and standard deviation of the draws; x = (z - origin) / unit.
         x: (n, d), the draws.
         log_likelihoods: (n,), at the draws.
-        log_evidence: of the test.
-        prior: the density N(z; 0, I) as a bump of x, times dz/dx.
     """
 
     origin: FloatArray

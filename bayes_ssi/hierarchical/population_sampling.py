@@ -36,11 +36,8 @@ class SampledPopulation:
     """A population whose parameters were sampled.
 
     Attributes:
-        population: the population.
         log_evidence: in nats, of all tests together, and ``error``, its standard error.
-        coverage: what the draws of the tests say of their likelihoods at the population's.
         draws: (n_draws, n_parameters), posterior draws of the population's parameters.
-        failed_checks: of the sampling.
     """
 
     population: Population
@@ -84,12 +81,7 @@ class PopulationSampler:
     """Samples populations of one series of tests.
 
     Attributes:
-        tests: the tests.
-        fits: bumps for their likelihoods.
-        columns: those of the tests' parameters that the populations describe.
         covariates: (n_tests,), standardised.
-        seed: everything random follows from it.
-        settings: how precisely to sample.
     """
 
     tests: Sequence[SingleTest]

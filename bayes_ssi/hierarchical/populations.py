@@ -41,15 +41,7 @@ class PopulationPriors:
 
 @dataclass(frozen=True)
 class Population:
-    """One hypothesis about how the parameters of the tests are related.
-
-    Attributes:
-        name: in words.
-        names: the k parameters of the model class that it describes.
-        varies: whether they vary from test to test.
-        follows: whether their mean follows the covariate.
-        priors: priors of spreads and slopes.
-    """
+    """One hypothesis about how the parameters of the tests are related."""
 
     name: str
     names: tuple[str, ...]
@@ -84,8 +76,6 @@ class PopulationLikelihood:
     """The likelihood of all tests, each given by bumps, at parameters of a population.
 
     Attributes:
-        population: the population.
-        bumps: of every test, functions of the population's k coordinates.
         covariates: (n_tests,), standardised; zero where there are none.
     """
 

@@ -27,13 +27,9 @@ class HierarchyRecord:
     """What ``hierarchy.json`` holds.
 
     Attributes:
-        hierarchy: the result.
         results: name of a test → directory of its result; empty where they were not read from
             files.
         command: the command that reproduces it; empty where it was made from Python.
-        created: date and time.
-        versions: versions of the software that the result depends on.
-        format: format of the files.
     """
 
     hierarchy: Hierarchy

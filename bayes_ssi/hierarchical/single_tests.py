@@ -32,15 +32,10 @@ class SingleTest:
     """The posterior of one model class in one test.
 
     Attributes:
-        name: of the test.
         parameters: of the model class, the columns of ``z``.
         z: (n, d), nearly independent posterior draws in standard-normal coordinates.
         log_likelihoods: (n,).
         evidence: log evidence of the class.
-        data_digest: identifies the test's data.
-        definitions: the structures, configuration by configuration, as text.
-        failed_checks: of the test's data and of its sampling, a sentence each.
-        adequacy: of the class in this test, where it is known.
     """
 
     name: str
@@ -62,17 +57,7 @@ class SingleTest:
 def single_tests(
     results: Mapping[str, TestResult], class_name: str | None = None
 ) -> tuple[str, tuple[SingleTest, ...]]:
-    """The name of the model class, and its posterior in every test.
-
-    Args:
-        results: name of a test → its result.
-        class_name: the model class; not needed where each result is of one.
-
-    Raises:
-        ValueError: there are too few tests, a result is damaged or lacks the class, the class is
-            not given, two tests have the same data, or the class's parameters or their priors
-            differ from test to test.
-    """
+    """The name of the model class, and its posterior in every test."""
     if len(results) < FEWEST_TESTS:
         raise ValueError(f"hierarchy: at least {FEWEST_TESTS} tests are needed, got {len(results)}")
     tests: list[SingleTest] = []

@@ -30,9 +30,6 @@ class AnyPairing(ModalLikelihood):
     identified mode is spurious and every model mode missed. Of a joint covariance of the data it
     takes each mode's own part, of its frequency and its shape: errors of different modes count as
     independent, because the sum over pairings is one over products.
-
-    Raises:
-        ValueError: also where prediction errors are correlated.
     """
 
     def __post_init__(self) -> None:

@@ -50,13 +50,7 @@ class CorrelatedErrors:
     """Prediction errors of the paired modes of all tests of a model class.
 
     Attributes:
-        error: sizes and correlations of the errors.
-        likelihoods: of the tests, in their order.
         parameters: columns of ``values``; those of all likelihoods are among them.
-
-    Raises:
-        ValueError: errors are correlated between several tests, but no mode has the same label in
-            two of them; or also between modes, but a label has different numbers.
     """
 
     error: ErrorModel
@@ -100,7 +94,6 @@ class CorrelatedErrors:
 
         Args:
             values: (B, n_parameters).
-            modes: the modes of each test at these values.
         """
         ratios = np.zeros((len(values), len(self.groups)))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -216,7 +209,6 @@ class CorrelatedErrors:
         Args:
             values: (B, n_parameters).
             frequencies_hz: model frequencies (B, n_modes) of each test at these values.
-            further: M modes, of these tests or of a test with an index of its own.
 
         Returns:
             Means (B, M) and covariance (B or 1, M, M) of their prediction errors, as residuals.

@@ -32,7 +32,6 @@ class Separation(NamedTuple):
     """How far apart modes are: in different tests or in the same one, and in their numbers.
 
     Attributes:
-        tests: 1 where two modes belong to different tests, 0 elsewhere.
         modes: difference of their numbers; infinite for modes of different tests that are not
             correlated.
     """
@@ -149,12 +148,7 @@ class ErrorGroups:
 def conditional_errors(
     covariance: FloatArray, errors: FloatArray
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Variance (..., ) and residual (..., k) of each of n errors, given those before it.
-
-    Args:
-        covariance: (..., n, n).
-        errors: (..., n, k).
-    """
+    """Variance (..., ) and residual (..., k) of each of n errors, given those before it."""
     covariance, errors = covariance.copy(), errors.copy()
     for i in range(covariance.shape[-1]):
         variance, residual = covariance[..., i, i], errors[..., i, :]

@@ -27,7 +27,6 @@ class PairingShare:
     Attributes:
         pairing: label of an identified mode → number of the model mode, from 1; modes that are
             left out are spurious.
-        probability: given the model class and the data.
     """
 
     pairing: Mapping[str, int]
@@ -39,7 +38,6 @@ class InferredPairing:
     """Posterior probabilities of pairings of identified with model modes.
 
     Attributes:
-        pairings: at most the ten most probable ones, the best first.
         of_modes: label of an identified mode → number of a model mode, from 1, or 0 for spurious
             → probability. Probabilities below 0.0001 are left out.
     """
@@ -62,7 +60,6 @@ def infer_pairing(likelihood: AnyPairing, values: FloatArray) -> InferredPairing
     """Pairings by their probability, averaged over posterior draws.
 
     Args:
-        likelihood: likelihood of the model class.
         values: equally weighted posterior draws (n, n_parameters); at most ``MAX_DRAWS`` are
             used.
     """

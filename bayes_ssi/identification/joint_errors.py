@@ -85,12 +85,7 @@ class JointErrors:
 
     @classmethod
     def of(cls, data: ModalData, labels: Sequence[str]) -> JointErrors:
-        """The errors of some modes of data with a joint covariance.
-
-        Args:
-            data: the identified modes.
-            labels: labels of the modes, in the order of the residuals.
-        """
+        """The errors of some modes of data with a joint covariance."""
         assert data.covariance is not None
         m, n = len(data.modes), len(data.sensors)
         places = [data.labels.index(label) for label in labels]

@@ -51,12 +51,7 @@ class OwnErrors(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class JointPairs:
-    """The errors of pairs whose identified modes have a joint covariance.
-
-    Attributes:
-        data: the identified modes, with their covariance.
-        pairs: the pairs; those of one identified mode follow each other.
-    """
+    """The errors of pairs whose identified modes have a joint covariance."""
 
     data: ModalData
     pairs: PairedModes

@@ -48,15 +48,7 @@ class ModalLikelihood:
     """The log-likelihood of identified modes for one explicit pairing with model modes.
 
     Attributes:
-        structure: gives the modes for a batch of parameter values.
-        data: the identified modes.
-        error: prediction errors.
-        identification: probabilities of detection and of spurious modes.
         pairing: label of an identified mode → number of the model mode, from 1.
-
-    Raises:
-        ValueError: the structure has no such sensor, the pairing is not valid, or prediction errors
-            are correlated and identification errors, too.
     """
 
     structure: Structure
@@ -134,7 +126,6 @@ class ModalLikelihood:
 
         Args:
             values: (B, n_parameters).
-            modes: the modes at these values.
         """
         terms = self.terms(values, modes)
         spurious = [self.unpaired.log_spurious(mode) for mode in self.data.modes]

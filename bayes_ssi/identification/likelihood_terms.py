@@ -32,7 +32,6 @@ class ModalTerms(NamedTuple):
         frequency: (B, n_pairs), terms of the paired frequencies, p_D included.
         shape: (B, n_shape_pairs), terms of the paired modes whose shape is scored.
         undetected: (B,), terms of the unpaired model modes.
-        spurious: term of the unpaired identified modes, and of e^(-ν).
         joint: (B,), log of the joint density of the paired modes' errors over the product of
             single ones; zero where errors are independent.
     """

@@ -21,13 +21,7 @@ def prediction_sizes(error: ErrorModel, pairs: PairedModes) -> list[Product]:
 
 @dataclass(frozen=True, eq=False)
 class PairErrors:
-    """The errors of pairs for a batch of B parameter values.
-
-    Attributes:
-        error: prediction errors.
-        pairs: identified and model modes.
-        parameters: columns of the values.
-    """
+    """The errors of pairs for a batch of B parameter values."""
 
     error: ErrorModel
     pairs: PairedModes
@@ -64,7 +58,6 @@ class PairErrors:
 
         Args:
             values: (B, n_parameters).
-            own: squared identification errors of frequencies and of shapes.
         """
         prediction_var = self.prediction_var(values) * self._least_independent_share(values)
         frequency, shape = (

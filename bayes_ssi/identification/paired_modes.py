@@ -122,13 +122,7 @@ def of_modes(quantity: FloatArray, modes: Places) -> FloatArray:
 
 
 def check_pairing(pairing: Mapping[str, int], data: ModalData, n_modes: int) -> None:
-    """Refuse a pairing that is not one to one between modes that exist.
-
-    Raises:
-        TypeError: it is not a mapping of labels to numbers.
-        ValueError: it names an identified mode or a model mode that does not exist, or a model
-            mode twice.
-    """
+    """Refuse a pairing that is not one to one between modes that exist."""
     if not isinstance(pairing, Mapping):
         raise TypeError(
             "pairing must map labels of identified modes to numbers of model modes, or be "

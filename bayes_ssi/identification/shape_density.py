@@ -36,7 +36,6 @@ def log_shape_normaliser(shape_sd: FloatArray, d: int) -> FloatArray:
 
     Args:
         shape_sd: σ, of any shape, positive.
-        d: number of sensors, at least 2.
     """
     sd = np.asarray(shape_sd, dtype=float)
     coefficients, largest = _series(d)
@@ -63,7 +62,6 @@ def log_shape_survival(distances: FloatArray, shape_sd: FloatArray, d: int) -> F
     Args:
         distances: 1 - |φ_e·φ|, between 0 and 1.
         shape_sd: σ, positive, of a shape that broadcasts with ``distances``.
-        d: number of sensors, at least 2.
     """
     variance = np.asarray(shape_sd, dtype=float)[..., None] ** 2
     distance = np.clip(np.asarray(distances, dtype=float), 0.0, 1.0)[..., None]

@@ -17,11 +17,7 @@ from bayes_ssi.modal import Modes
 
 @dataclass(frozen=True, eq=False)
 class ShapeErrors:
-    """Errors of the shapes that several tests measured at the same sensors.
-
-    Attributes:
-        likelihoods: of the tests, in their order.
-    """
+    """Errors of the shapes that several tests measured at the same sensors."""
 
     likelihoods: tuple[ModalLikelihood, ...]
 

@@ -20,12 +20,7 @@ from bayes_ssi.identification.shape_density import log_sphere_area
 
 @dataclass(frozen=True, eq=False)
 class UnpairedModes:
-    """The terms of a likelihood that belong to modes without a counterpart.
-
-    Attributes:
-        data: the identified modes, and the band of the search.
-        identification: probabilities of detection and of spurious modes.
-    """
+    """The terms of a likelihood that belong to modes without a counterpart."""
 
     data: ModalData
     identification: IdentificationModel

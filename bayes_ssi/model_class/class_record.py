@@ -18,7 +18,6 @@ class ParameterRecord:
 
     Attributes:
         prior_quantiles: 5, 50 and 95 % quantiles of its prior.
-        is_error: whether it is a size of prediction errors, and of no structure.
     """
 
     name: str
@@ -34,16 +33,12 @@ class ConfigurationRecord:
 
     Attributes:
         name: name of the configuration; empty where there is only one.
-        structure: name of the structure's class.
         definition: ``repr`` of the structure.
-        parameters: names of the structure's parameters.
-        structure_lines: heading and text, line by line.
         degrees_of_freedom: degrees of freedom of the structure.
         pairing: label of an identified mode → number of the model mode; None where it is inferred.
         spurious: labels of the identified modes that are not paired; None where that is inferred.
         identification_errors: label → name of the error → its size, None where not given.
         covariance_digest: of the joint covariance of these errors; None where they are independent.
-        data_digest: digest of the identified modes.
     """
 
     name: str

@@ -106,12 +106,7 @@ class Configuration:
 def configurations_of(
     given: Sequence[Configuration] | None, own: Mapping[str, Any]
 ) -> tuple[Configuration, ...]:
-    """The given configurations with ``own`` fields replaced, or one made of the ``own`` fields.
-
-    Raises:
-        ValueError: there are none, or names are missing or repeated.
-        TypeError: a field is missing, or one is no configuration.
-    """
+    """The given configurations with ``own`` fields replaced, or one made of the ``own`` fields."""
     if given is None:
         missing = [name for name in ("structure", "data", "pairing") if name not in own]
         if missing:
@@ -162,16 +157,7 @@ def label_in(configuration: str, label: str) -> str:
 
 
 def choose_configuration(items: Mapping[str, T], name: str | None, owner: str) -> T:
-    """The item of one configuration, or the only item if no name is given.
-
-    Args:
-        items: name of a configuration → item.
-        name: name of the configuration.
-        owner: what has the configurations, for messages.
-
-    Raises:
-        ValueError: there is no such configuration, or there are several and none is named.
-    """
+    """The item of one configuration, or the only item if no name is given."""
     if name is None and len(items) == 1:
         return next(iter(items.values()))
     names = ", ".join(map(repr, items))

@@ -46,10 +46,7 @@ def plot_frequency_change(
     """Frequencies of modes before and after updating, relative to the identified ones.
 
     Args:
-        modes: stored or predicted modes.
-        data: the identified modes.
         ax: axes; new ones if None.
-        level: probability of the intervals, for the legend.
     """
     rows = []
     for mode in modes:
@@ -77,9 +74,6 @@ def plot_mac_change(modes: Sequence[UpdatedMode], ax: Axes | None = None) -> Axe
     """MACs of paired modes with the identified shapes, before and after updating.
 
     Modes without an identified shape are left out.
-
-    Raises:
-        ValueError: no mode has an identified shape.
     """
     rows = []
     for mode in modes:
@@ -136,7 +130,6 @@ def plot_parameters(
     90 % interval, and between them the scale is linear.
 
     Args:
-        posterior: the draws.
         prior_quantiles: name of a parameter → 5 %, 50 % and 95 % quantile of its prior.
         ax: axes; new ones if None.
     """

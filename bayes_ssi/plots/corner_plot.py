@@ -34,12 +34,8 @@ def plot_corner(
     the draws.
 
     Args:
-        posterior: the draws.
         figure: to draw on; a new one if None.
         parameters: names of the parameters; all if None.
-
-    Raises:
-        ValueError: there is no parameter with one of these names.
     """
     names = posterior.parameter_names if parameters is None else tuple(parameters)
     unknown = [name for name in names if name not in posterior.parameter_names]

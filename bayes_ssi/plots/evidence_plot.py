@@ -31,7 +31,6 @@ def plot_evidence(
     information gained, by which the evidence falls short of the fit.
 
     Args:
-        comparison: the ranking.
         ax: axes; new ones if None.
         most: largest number of classes drawn, the best first; all if None.
     """

@@ -147,8 +147,6 @@ def rows_of(ax: Axes | None, names: Sequence[str], extra: float) -> Axes:
 
     Args:
         ax: axes; new ones if None.
-        names: of the rows.
-        extra: inches for what is above and below the rows.
     """
     lines = max((wrapped(name, NAMES, SMALL).count("\n") + 1 for name in names), default=1)
     return axes_of(ax, (WIDTH, extra + LINE * (1 + lines) * len(names)))

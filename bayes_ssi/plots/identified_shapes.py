@@ -61,12 +61,7 @@ def plot_identified_shapes(
     move sideways. Otherwise they are drawn over the names of the sensors.
 
     Args:
-        data: identified modes; those without a shape are left out.
-        structure: on which the sensors are.
         figure: an empty figure; a new one if None.
-
-    Raises:
-        ValueError: no mode has a shape.
     """
     shapes = _shapes(data)
     if not shapes:

@@ -29,9 +29,7 @@ def plot_mac(
 
     Args:
         matrix: (n_rows, n_columns), as of :func:`~bayes_ssi.modal.mac`; NaN is left blank.
-        rows, columns: names of the modes.
         ax: axes; new ones if None.
-        of: labels of the two axes: what the rows and the columns are.
     """
     ax = axes_of(ax, (2.0 + 0.55 * len(columns), 1.1 + 0.45 * len(rows)))
     image = _draw(ax, matrix, rows, columns, of, decimals=2)
@@ -57,7 +55,6 @@ def plot_modal_sensitivities(sensitivities: ModalSensitivities, ax: Axes | None 
     """How many percent each frequency rises where a parameter rises by one; proposed ones in bold.
 
     Args:
-        sensitivities: of the modes of a class.
         ax: axes; new ones if None.
     """
     modes, names = sensitivities.modes, sensitivities.parameters

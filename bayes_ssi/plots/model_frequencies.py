@@ -39,8 +39,6 @@ def plot_frequencies(
     calls spurious are marked with a cross.
 
     Args:
-        data: the identified modes.
-        posteriors: posteriors of the classes.
         ax: axes; new ones if None.
         configuration: the one in which ``data`` were identified, where there are several.
     """

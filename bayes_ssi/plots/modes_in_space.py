@@ -58,12 +58,7 @@ def plot_modes_in_space(
     largest displacement of each mode is drawn with the same length.
 
     Args:
-        modes: with coordinates of nodes.
-        shown: which modes, and their titles.
         figure: to draw on; a new one if None.
-
-    Raises:
-        ValueError: no mode is shown, or nothing that moves has coordinates.
     """
     if not shown or not can_be_drawn(modes):
         raise ValueError("plot_modes_in_space: needs a mode, and coordinates of what moves")
@@ -84,9 +79,7 @@ def panels_in_space(
     """A figure with a panel in three dimensions for each title, all of one view.
 
     Args:
-        titles: above the panels.
         points: (n, 3), to be drawn in every panel.
-        reach: how far anything is drawn from them.
         figure: to draw on; a new one if None.
     """
     across = panels_across(len(titles))

@@ -20,7 +20,6 @@ def plot_place_bars(places: Sequence[PlaceRecord], ax: Axes | None = None) -> Ax
     """The probability of an appendage at the most probable places, and at all others together.
 
     Args:
-        places: of a search, the most probable first.
         ax: axes; those of a new figure if None.
     """
     first, others = places[:MOST_BARS], places[MOST_BARS:]

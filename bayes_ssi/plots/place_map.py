@@ -43,12 +43,7 @@ def plot_place_map(
     """Places in space, the probability of an appendage in colour, and directions as arrows.
 
     Args:
-        places: those without coordinates are left out.
-        geometry: the structure's, whose lines and faces are drawn, or its nodes.
         ax: axes in three dimensions; those of a new figure if None.
-
-    Raises:
-        ValueError: no place has coordinates.
     """
     located = _located(places, geometry)
     best = located[-1].record

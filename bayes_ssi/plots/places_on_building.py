@@ -36,7 +36,6 @@ def plot_places_on_building(places: Sequence[PlaceRecord], ax: Axes | None = Non
     probability is written next to it.
 
     Args:
-        places: with heights.
         ax: axes; those of a new figure if None.
     """
     heights = [each.place.height or 0.0 for each in places]

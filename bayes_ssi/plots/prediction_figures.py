@@ -45,14 +45,6 @@ def save_prediction_figures(
     Transfer functions and time histories of the first four model classes, where requested;
     for the most probable class of the first one its mode shapes, their MACs with the
     identified shapes, and its frequencies before and after updating.
-
-    Args:
-        directory: where the figures are written.
-        data: the identified modes.
-        responses: from :func:`~bayes_ssi.predictions.response_bands.predict_responses`.
-
-    Raises:
-        FileExistsError: the directory exists.
     """
     Path(directory).mkdir()
     with figures_for_files():

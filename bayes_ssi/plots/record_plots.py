@@ -47,7 +47,6 @@ def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> 
     """Singular values of the spectral matrices, those of the fit, and the modes with 90 % widths.
 
     Args:
-        found: the modes of a record.
         ax: axes; new ones if None.
     """
     ax = axes_of(ax, SIZE)
@@ -86,7 +85,6 @@ def plot_stabilisation(found: ModalIdentification, ax: Axes | None = None) -> Ax
     """Poles of every order of each octave, and the modes with 90 % widths.
 
     Args:
-        found: the modes of a record.
         ax: axes; new ones if None.
     """
     ax = axes_of(ax, SIZE)
@@ -107,7 +105,6 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     Squared deviations from the unit matrix, over their number: 1 on average where the fit is right.
 
     Args:
-        found: the modes of a record.
         ax: axes; new ones if None.
     """
     from matplotlib.ticker import LogLocator, NullLocator
@@ -143,7 +140,6 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
     outer circle is 1.
 
     Args:
-        found: the modes of a record.
         figure: an empty figure; a new one if None.
     """
     frequencies = found.quoted.frequencies_hz
@@ -175,12 +171,7 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
 
 
 def save_record_figures(directory: Path, found: ModalIdentification) -> list[Path]:
-    """Write the figures of an identification as PNG files.
-
-    Args:
-        directory: where; it is made.
-        found: the modes.
-    """
+    """Write the figures of an identification as PNG files."""
     directory.mkdir(parents=True)
     with figures_for_files():
         drawn: dict[str, Axes | Figure] = {

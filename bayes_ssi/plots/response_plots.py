@@ -32,7 +32,6 @@ def plot_transfer_functions(
         ax: axes; new ones if None.
         reference: name and amplitude (F,) of a black line to compare the bands with.
         quantity: name and unit of the amplitude.
-        legend: whether to draw one.
     """
     ax = _draw(ax, frequencies_hz, bands, reference, 1.1)
     ax.set_yscale("log")

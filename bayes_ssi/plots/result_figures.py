@@ -34,12 +34,7 @@ IDENTIFIED_SHAPES = "identified_shapes"
 
 @dataclass(frozen=True)
 class ResultFigure:
-    """A figure that is drawn when it is called with the directory to write it in.
-
-    Attributes:
-        name: name of the file, without its suffix.
-        draw: draws it.
-    """
+    """A figure that is drawn when it is called with the directory to write it in."""
 
     name: str
     draw: Callable[[], Any]
@@ -58,10 +53,7 @@ def result_figures(
     """The figures of a result, the one that takes longest first.
 
     Args:
-        tests: name of a configuration → its identified modes; a single one may have the name "".
-        ranked: the posteriors, the best first; the corner plot is of the best one.
         comparison: the ranking; the best ``MOST_CLASSES`` are drawn.
-        search: the search that gave the ranking, if there was one.
     """
     figures = [ResultFigure("corner", partial(plot_corner, ranked[0]))]
     for i, (configuration, modes) in enumerate(tests.items(), 1):
@@ -124,9 +116,6 @@ def save_figures(
     """Write the figures of a result as PNG files into ``directory``, which is created.
 
     Arguments are as in :func:`result_figures`.
-
-    Raises:
-        FileExistsError: the directory exists.
     """
     directory.mkdir()
     return [figure(directory) for figure in result_figures(tests, ranked, comparison)]

@@ -76,13 +76,10 @@ def plot_shapes(
     """Mode shapes of one structure next to one another, with one legend.
 
     Args:
-        structure: gives heights and appendages.
         places: degrees of freedom of the shapes.
-        shapes: one or more shapes.
         figure: to draw on; a new one if None.
         sideways: whether the places are floors that move sideways, to be drawn as a building; if
             not, shapes are drawn component by component.
-        name: of the shapes of a building, in the legend.
     """
     across = panels_across(len(shapes))
     down = -(-len(shapes) // across)
@@ -121,15 +118,11 @@ def plot_building_shape(
     and band written below.
 
     Args:
-        structure: gives the height at which each degree of freedom is drawn.
         places: degrees of freedom of the shape.
         shape: median and band of the components (n_places,), in a scale in which floors move by
             about 1.
         ax: axes; new ones if None.
-        reference: another shape, drawn as crosses.
         before: components (n_places,) before updating, drawn as dashed columns.
-        title: above the building.
-        name: of the shape, in the legend.
     """
     ax = axes_of(ax, (2.2, 3.0))
     heights = structure.heights()

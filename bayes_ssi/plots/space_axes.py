@@ -28,7 +28,6 @@ def space_axes(points: FloatArray, unit: str, title: str, ax: Axes | None = None
     Args:
         points: (n, 3).
         unit: of the coordinates, for the names of the axes; may be empty.
-        title: above them.
         ax: axes in three dimensions; those of a new figure, as high as it must be, if None.
     """
     own = ax is None

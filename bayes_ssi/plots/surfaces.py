@@ -29,7 +29,6 @@ def outline(points: FloatArray, faces: Sequence[Sequence[int]]) -> Corners:
 
     Args:
         points: (n_points, 3).
-        faces: their corners, in the order around each.
     """
     sides, normals = [], []
     for corners in by_corners(faces):
@@ -59,11 +58,8 @@ def draw_faces(
     """Faces on axes in three dimensions, as one picture within a drawing.
 
     Args:
-        ax: the axes.
         points: (n_points, 3).
-        faces: corners of each.
         alpha: from 0, transparent, to 1.
-        colours: one colour, or a function that gives those of faces by their corners.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 

@@ -21,9 +21,6 @@ def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None
     A structure of floors that move sideways is drawn deformed, with the shape before updating
     dashed; of any other, components are bars. Shapes are scaled by
     :func:`~bayes_ssi.modal.scaled_shapes`, identified ones to the model's median.
-
-    Raises:
-        ValueError: no mode is paired.
     """
     if not modes.modes:
         raise ValueError("plot_mode_shapes: no mode is paired")

@@ -55,12 +55,7 @@ N_DRAWS = 400
 
 @dataclass(frozen=True)
 class PValue:
-    """The probability of a larger misfit if the class is right.
-
-    Attributes:
-        p_value: the probability, zero where it is too small for a float.
-        sds: the same as a distance from the mean of a normal variable, in standard deviations.
-    """
+    """The probability of a larger misfit if the class is right."""
 
     p_value: float
     sds: float
@@ -80,15 +75,12 @@ class ModeMisfit:
     """One identified mode and what the class says of it; numbers are medians over the draws.
 
     Attributes:
-        label: of the identified mode, after the configuration's name where there are several.
-        paired: share of the draws at which it is paired with a model mode.
         frequency_error: model frequency over identified frequency, less one; None where it is
             spurious at every draw.
         frequency_sd: standard deviation that the error should have, of identification and
             prediction errors in quadrature; None as well.
         mac: MAC of model and identified shape; None where no shape is scored.
         expected_mac: exceeded by 95 % of the shapes of a right model.
-        misfit: frequency and shape together.
     """
 
     label: str
@@ -105,13 +97,8 @@ class ParameterMisfit:
     """A parameter that is not where its prior expects it.
 
     Attributes:
-        name: of the parameter.
-        value: posterior median.
-        prior_median: the value that the prior expects.
         prior_sds: distance between them in standard deviations of the prior, in standard-normal
             coordinates.
-        is_error_size: whether it is the size of an error, of which only large ones are misfit.
-        misfit: how improbable so large a distance is.
     """
 
     name: str
@@ -128,10 +115,6 @@ class CountMisfit:
 
     Attributes:
         configuration: its name; empty where there is only one.
-        spurious: identified modes that are paired with nothing, on average.
-        expected_spurious: how many were expected.
-        unidentified: model modes of the band that are paired with nothing, on average.
-        misfit: of both numbers together.
     """
 
     configuration: str
@@ -146,9 +129,7 @@ class Hint:
     """A mistake without which the class would explain the data.
 
     Attributes:
-        mistake: what seems to be wrong, in words.
         gain: rise of the maximum of likelihood times prior without it, in nats.
-        misfit: of the class without it, at that maximum.
     """
 
     mistake: str
@@ -161,10 +142,6 @@ class Adequacy:
     """How well a class explains the data, part by part.
 
     Attributes:
-        overall: all parts together.
-        modes: every identified mode, configuration after configuration.
-        parameters: every parameter.
-        counts: every configuration.
         hints: mistakes without which the class would explain the data, or explain them far
             better, where they were sought.
     """
@@ -190,9 +167,7 @@ def adequacy(
     """The adequacy of a class.
 
     Args:
-        model_class: the class.
         values: draws from its posterior, (B, n_parameters).
-        modes: the model's modes at these draws, for each configuration.
         rng: draws pairings where they are inferred.
     """
     parts = [

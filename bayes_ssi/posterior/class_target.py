@@ -19,9 +19,7 @@ def class_target(
     """The log-likelihood of a class, which suggests starts in its posterior's narrow regions.
 
     Args:
-        model_class: the class.
         workers: where it is evaluated; in this process if None.
-        journal: recalls evaluations and suggestions, and records the new ones.
         known_starts: (m, d), near maxima that an earlier search found, in standard-normal
             coordinates.
     """

@@ -43,13 +43,9 @@ class UpdatedMode:
     upper end of the central 95 %.
 
     Attributes:
-        label: of the identified mode.
         model_mode: number of the model mode, from 1, in the most probable pairing.
-        before_hz: frequency at the prior medians.
-        after_hz: interval of the frequency.
         mac_before: MAC with the identified shape, at the prior medians; None where none is scored.
         mac_after: interval of the MAC; None where none is scored.
-        shape_before: components at the places, at the prior medians.
         shape_after: interval of each component, (low, median, high) of (n_places,) each.
 
     Shapes are scaled by :func:`~bayes_ssi.modal.scaled_shapes` and turned to the identified ones.
@@ -71,11 +67,8 @@ class UpdatedModes:
 
     Attributes:
         places: degrees of freedom at which shapes are given.
-        place_heights: height of each place in a drawing, in storeys above the ground.
-        appendages: the places that are no part of the main structure.
         has_floors: whether the places are floors above one another that move sideways; if not,
             heights only keep them apart.
-        modes: the paired modes, in the order of the data.
     """
 
     places: tuple[str, ...]
@@ -95,11 +88,9 @@ class ConfigurationModes:
 
     Attributes:
         name: name of the configuration; empty where there is only one and it has no name.
-        n_modes: number of modes of the structure.
         pairing: label of an identified mode → number of the model mode, from 1; where it was
             inferred, the most probable one.
         inferred_pairing: probabilities of pairings; None where the pairing was given.
-        updated: frequencies, MACs and shapes of the paired modes before and after updating.
     """
 
     name: str

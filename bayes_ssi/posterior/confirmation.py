@@ -28,7 +28,6 @@ class Confirmation(NamedTuple):
         values: (n, n_parameters), the draws.
         correction, error: of the log evidence.
         change: of the mean log-likelihood.
-        differences: largest relative difference of frequencies, and least MAC at the sensors.
     """
 
     values: FloatArray

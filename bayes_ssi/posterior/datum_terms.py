@@ -49,7 +49,6 @@ class DatumTerms:
         data: names of the data: each identified mode, and the absence of others; or together the
             modes whose errors are correlated, and all modes of a test whose pairing was inferred.
         log_likelihoods: (n_chains, n_steps, n_data); they add up to the log-likelihood.
-        identified: labels of the identified modes.
         predicted_hz: (n_chains, n_steps, n_identified), identified frequencies drawn from the
             class: the paired model frequency with its error, or, for a mode that it calls
             spurious, anything in the band. An inferred pairing is the most probable one.
@@ -145,12 +144,8 @@ def datum_terms(
     """The posterior of a class, datum by datum.
 
     Args:
-        model_class: the class.
         values: (n, n_parameters), all draws, chain after chain.
-        model: the model at all draws, chain after chain.
-        pairings: pairing of each configuration.
         shape: (n_chains, n_steps).
-        rng: draws the errors of predicted frequencies.
     """
     identified: list[str] = []
     centres, normals = [], []

@@ -65,8 +65,6 @@ def diagnose(
     probable.
 
     Args:
-        model_class: a class.
-        posterior: its posterior; where structures were emulated for it, the emulators serve here.
         workers: where the model is evaluated; in this process if None.
     """
     if posterior.emulators:
@@ -103,7 +101,6 @@ class _Points:
     """Where repairs are compared: coordinates (n, d) of named parameters, and the modes there.
 
     Attributes:
-        modes: of the structure of each configuration.
         log_densities: configuration of the class → log density (n,) of its data.
     """
 

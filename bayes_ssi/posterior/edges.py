@@ -27,8 +27,6 @@ class AtEdge:
     """Most of a posterior lies at the edge of a setting.
 
     Attributes:
-        statement: what lies where, in words.
-        end: 0 for the lower end of the prior or the band, 1 for the upper one.
         parameter: name of the parameter whose prior it is; None for the band.
         configuration: name of the configuration whose band it is; None for a prior.
     """
@@ -43,7 +41,6 @@ def edges(model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray) ->
     """The edges at which a posterior lies.
 
     Args:
-        model_class: the class that was sampled.
         z: draws from its posterior (n, d).
         frequencies_hz: model frequencies at the draws (n, n_modes), all configurations in turn.
     """

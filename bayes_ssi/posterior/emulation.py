@@ -34,9 +34,7 @@ def with_emulated_structures(
     Those with small matrices, and those that are approximate already, stay.
 
     Args:
-        model_class: the class.
         workers: solve the structures; in this process if None.
-        journal: recalls solutions that it holds, and records the others.
     """
     emulators: dict[int, EmulatedStructure] = {}
 

@@ -86,16 +86,7 @@ class KnownTest(NamedTuple):
 
 
 def known_structure(posterior: Posterior, tests: Sequence[KnownTest], name: str) -> KnownModes:
-    """The structure in one configuration, known at the draws at which the posterior keeps shapes.
-
-    Args:
-        posterior: of a model class.
-        tests: all configurations of the class, in their order.
-        name: of the configuration.
-
-    Raises:
-        ValueError: the posterior keeps no shapes.
-    """
+    """The structure in one configuration, known at draws whose shapes the posterior keeps."""
     if posterior.sensor_shapes is None:
         raise ValueError(f"posterior of {posterior.name!r}: keeps no mode shapes at its draws")
     draws, begin = draws_with_shapes(len(posterior.values)), 0
@@ -117,11 +108,7 @@ def known_structure(posterior: Posterior, tests: Sequence[KnownTest], name: str)
 
 
 def known_at_draws(model_class: ModelClass, posterior: Posterior) -> ModelClass:
-    """The class with structures that know their modes at the draws at which shapes are kept.
-
-    Raises:
-        ValueError: the posterior keeps no shapes.
-    """
+    """The class with structures that know their modes at the draws at which shapes are kept."""
     tests = [
         KnownTest(each.name, each.data, each.pairing, each.structure.parameters)
         for each in model_class.configurations

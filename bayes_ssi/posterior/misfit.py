@@ -63,9 +63,7 @@ def misfit(
     """The misfit of one configuration's identified modes.
 
     Args:
-        likelihood: of the configuration.
         values: draws from the posterior, (B, n_parameters).
-        modes: the model's modes at these draws.
         rng: draws the pairing at each draw, where it is inferred.
     """
     pairs, n_data = likelihood.pairs, len(likelihood.data.modes)

@@ -29,12 +29,7 @@ def misfits_in_words(adequacy: Adequacy) -> list[str]:
 
 
 def inadequacy_in_words(adequacy: Adequacy, others: str = "") -> str:
-    """What of the data a class that is not adequate does not explain, and why that may be.
-
-    Args:
-        adequacy: of the class.
-        others: a sentence on other classes.
-    """
+    """What of the data a class that is not adequate does not explain, and why that may be."""
     what = "the data are not explained"
     if not adequacy.overall.is_small:
         what, others = "the data are explained far better without a mistake in them", ""

@@ -59,12 +59,8 @@ def refined(
     """The posterior of a class with approximate structures, refined, certified and corrected.
 
     Args:
-        model_class: the class.
-        sample_class: samples it with its structures unchanged.
-        seed: seed of the quick search.
         log_evidence_error: wanted standard error of the log evidence.
         workers: where the quick search evaluates the model; in this process if None.
-        settings: how accurate structures are made.
         report: called when full solutions begin and end, which may take longer than sampling, with
             the name of this step and 0 or 1.
     """

@@ -12,14 +12,6 @@ class RefinementSettings:
     Attributes:
         error_share: largest error of the approximation, as a share of the data's and the model's
             own errors: added in quadrature, a tenth widens them by half a per cent.
-        error_quantile: quantile of the own errors over the draws that counts as their size.
-        n_certified: draws at which errors are certified.
-        n_searched: prior draws of the quick search that precedes sampling.
-        n_climbs: number of local searches, which start from the best of these draws.
-        n_confirmed: least number of draws at which full solutions correct the evidence.
-        most_confirmed: largest number.
-        most_searches: largest number of quick searches.
-        most_rounds: largest number of rounds of sampling and refining.
         largest_correction: largest correction of the log evidence that these draws can support.
     """
 

@@ -40,8 +40,6 @@ class Repair:
 
     Attributes:
         mistake: what seems to be wrong, in words; empty for a pairing, which the fit shows.
-        original: the class with it.
-        configurations: the tests without it; those that it does not concern are the original's.
         log_scale: log density of the original data over that of the changed ones; not zero where
             frequencies are scaled.
         given_pairings: the pairing of each configuration before it was inferred.

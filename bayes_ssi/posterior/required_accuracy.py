@@ -42,9 +42,7 @@ class Requirement(NamedTuple):
 
     Attributes:
         values: (B, n_parameters), parameter values of the structure.
-        frequency: largest relative error of frequencies.
         shape: largest error of shapes at unit length.
-        n_modes: number of lowest modes that must be accurate.
     """
 
     values: FloatArray

@@ -51,11 +51,6 @@ def default_frequencies(
 
     Args:
         data: the identified modes; their band if ``band_hz`` is None.
-        lowest_damping: the smallest of the damping ratios.
-        band_hz: lowest and highest frequency.
-
-    Raises:
-        ValueError: the band is not 0 <= lowest < highest.
     """
     low, high = data.band_hz if band_hz is None else band_hz
     if not 0.0 <= low < high < math.inf:

@@ -51,9 +51,7 @@ def write_universal_file(path: Path, modes: NodalModes, title: str) -> None:
     "Universal File Formats for Modal Analysis Testing"; numbers have six digits.
 
     Args:
-        path: the file, which does not exist.
         modes: nodes that are not numbered are numbered from 1, in their order.
-        title: identifies the model in each data set.
     """
     numbers = node_numbers(modes)
     known = ~np.isnan(modes.positions).any(axis=1)

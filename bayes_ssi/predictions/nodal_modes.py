@@ -20,7 +20,6 @@ class NodalModes:
     """Modes at nodes.
 
     Attributes:
-        nodes: their names.
         positions: (n_nodes, 3), x, y and z; NaN where they are not known.
         geometry: the structure's, with lines and faces between some of the nodes; None if it has
             none.
@@ -44,9 +43,6 @@ def nodal_modes(structure: Structure, values: FloatArray) -> NodalModes:
         structure: degrees of freedom are labelled "node direction", such as ``12 x``; others, of
             elements on it for instance, have no node.
         values: (n_parameters,).
-
-    Raises:
-        ValueError: no degree of freedom is labelled so, or the model has no modes there.
     """
     labels, frequencies, shapes = _at_all_rows(structure, values)
     places = [_place(label) for label in labels]

@@ -32,11 +32,8 @@ class PosteriorDraws:
     """Posterior draws of the parameters of one model class's structure.
 
     Attributes:
-        name: name of the model class.
-        structure: its structure, in one configuration.
         pairing: label of an identified mode → number of the model mode, from 1.
         values: (n_draws, n_parameters), parameter values of the structure.
-        data: the identified modes.
     """
 
     name: str
@@ -57,11 +54,7 @@ class PosteriorDraws:
         return self.evaluate(lambda values: Modes(*self.structure.modes(values)).frequencies_hz)
 
     def shapes(self, number: int, places: Sequence[str]) -> FloatArray:
-        """The shape of a model mode at some places, (n_draws, n_places), in the structure's scale.
-
-        Raises:
-            ValueError: a place is no degree of freedom or sensor of the structure.
-        """
+        """The shape of a model mode at places, (n_draws, n_places), in the structure's scale."""
         matrix = self.structure.sensor_matrix(places, "place")
         return self.evaluate(
             lambda values: matrix.apply(
@@ -75,7 +68,6 @@ class PosteriorDraws:
         """A function of parameter values (B, n_parameters), for all draws.
 
         Args:
-            function: called with batches of draws.
             size_per_draw: size of its largest array for each draw, in numbers; that of the mode
                 shapes if they are larger.
         """
@@ -97,19 +89,7 @@ def thinned_draws(
     n_draws: int = DRAWS,
     configuration: str | None = None,
 ) -> PosteriorDraws:
-    """Draws of a posterior, thinned evenly to ``n_draws``, with the class's structure.
-
-    Args:
-        posterior: posterior of the class, sampled or read from files.
-        model_class: the class.
-        n_draws: number of draws.
-        configuration: the one whose structure and pairing are used; not needed where there is one.
-
-    Raises:
-        ValueError: there is no draw to take, there is no such configuration, there are several
-            and none is named, or the class is not the one that was sampled: it has other
-            configurations or parameters, or other frequencies at the stored draws.
-    """
+    """Draws of a posterior, thinned evenly to ``n_draws``, with the class's structure."""
     if n_draws < 1:
         raise ValueError(f"predictions: the number of draws must be at least 1, got {n_draws!r}")
     test = model_class.configuration(configuration)

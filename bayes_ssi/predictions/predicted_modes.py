@@ -14,15 +14,7 @@ MOST_PLACES = 60
 
 
 class PredictedMode(NamedTuple):
-    """The frequency of an identified mode.
-
-    Attributes:
-        label: of the identified mode.
-        identified_hz: as identified.
-        before_hz: model frequency at the prior medians; for several classes, the median over draws.
-        after_hz: the posterior's band.
-        share: of the draws that explain the mode.
-    """
+    """The frequency of an identified mode."""
 
     label: str
     identified_hz: float

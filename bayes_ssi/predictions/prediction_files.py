@@ -24,14 +24,6 @@ def save_predictions(
 
     ``frequencies.csv``, ``mode_shapes.csv`` and, where requested, ``transfer_functions.csv``,
     ``time_histories.csv`` and ``peaks.csv`` (for both).
-
-    Args:
-        directory: where the files are written.
-        data: the identified modes.
-        responses: responses of one or more model classes to the same request.
-
-    Raises:
-        FileExistsError: one of the files exists.
     """
     directory, request = Path(directory), responses[0].request
     level = request.level

@@ -51,16 +51,6 @@ def predict_average(
     """Predictions averaged over model classes by their probabilities.
 
     A class gets its share of the draws, rounded; one whose share rounds to nothing gets none.
-
-    Args:
-        comparison: gives the probabilities.
-        posteriors: posteriors of the classes, in any order.
-        model_classes: name → class.
-        n_draws: number of draws, all classes together.
-        configuration: as for :func:`thinned_draws`.
-
-    Raises:
-        ValueError: as for :func:`thinned_draws`, or a class is missing.
     """
     by_name = {posterior.name: posterior for posterior in posteriors}
     names = [row.name for row in comparison.classes]
@@ -90,12 +80,7 @@ def _shares(probabilities: Sequence[float], total: int) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """Predictions of one model class, or of several in the proportions of their probabilities.
-
-    Attributes:
-        name: name for titles.
-        classes: the draws of each class.
-    """
+    """Predictions of one model class, or of several in the proportions of their probabilities."""
 
     name: str
     classes: tuple[PosteriorDraws, ...]
@@ -110,9 +95,6 @@ class Predictions:
         Args:
             mode: label of an identified mode; or, where there is one class only, number of a
                 model mode, from 1.
-
-        Raises:
-            ValueError: there is no such mode.
         """
         return self._joined(
             [each.frequencies_hz[:, number - 1] for each, number in self._classes_with(mode)]
@@ -136,11 +118,7 @@ class Predictions:
         identified shape, if ``mode`` has one.
 
         Args:
-            mode: as for :meth:`frequencies_hz`.
             places: labels of degrees of freedom or sensors.
-
-        Raises:
-            ValueError: there is no such mode, or a class has no such place.
         """
         wanted = places, self.main_places, self.classes[0].data.sensors
         labels = [label for some in wanted for label in some]

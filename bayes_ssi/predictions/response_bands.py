@@ -31,17 +31,9 @@ class ResponseRequest:
     """The responses to be predicted.
 
     Attributes:
-        output: the response quantity and its places.
-        damping: one damping ratio for all modes, or one for each.
         frequencies_hz: (F,), frequencies of transfer functions; none are computed if None.
         force_at: where the force of the transfer functions acts; if None, their input is the
             ground acceleration.
-        motions: ground motions of time histories, with unique names.
-        level: probability of the credible bands.
-
-    Raises:
-        ValueError: damping, frequencies or level are not valid, or two ground motions have the
-            same name.
     """
 
     output: Output
@@ -83,8 +75,6 @@ class ResponseBands:
     """Responses predicted by one model class, or by the average over all.
 
     Attributes:
-        predictions: the draws.
-        request: what was predicted.
         transfer_functions: bands of amplitudes (n_places, F), where requested.
         transfer_peaks: bands of the largest amplitude (n_places,), likewise.
         time_histories: name of a ground motion → bands (n_places, n_samples).
@@ -116,13 +106,7 @@ class ResponseBands:
 def predict_responses(
     predicted: StoredPredictions, name: str, request: ResponseRequest
 ) -> ResponseBands:
-    """Responses of the model class ``name``, or of the average over all for ``"average"``.
-
-    Raises:
-        ValueError: there is no such class, it has changed since it was sampled, or a place is
-            not on its structure.
-        TypeError: its structure does not know its masses.
-    """
+    """Responses of the model class ``name``, or of the average over all for ``"average"``."""
     predictions = predicted.of(name)
     damping, frequencies_hz, force_at = request.damping, request.frequencies_hz, request.force_at
 

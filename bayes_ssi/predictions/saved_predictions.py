@@ -29,18 +29,8 @@ class PredictionsRecord:
     """What was predicted, and from what.
 
     Attributes:
-        study: title of the study.
-        result_created: when the result was saved from which the draws are taken.
         configuration: the one that is predicted; empty where there is only one.
-        predictions_of: model classes, or "average".
-        draws: number of draws of every prediction.
-        level: probability of the credible bands.
-        quantity: response quantity.
-        places: where the responses are predicted.
-        damping: one damping ratio for all modes, or one for each.
         transfer_functions: their output and input; None where there are none.
-        records: ground motions of time histories.
-        versions: versions of the software that the predictions depend on.
     """
 
     study: str
@@ -67,11 +57,7 @@ class SavedPredictions:
 
 
 def load_saved_predictions(result: Path) -> SavedPredictions | None:
-    """The predictions saved in a result directory; None if there are none.
-
-    Raises:
-        ValueError: their record is damaged; the message names the file.
-    """
+    """The predictions saved in a result directory; None if there are none."""
     directory = result / "predictions"
     if not (directory / MARKER).is_file():
         return None

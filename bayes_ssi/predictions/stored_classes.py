@@ -18,12 +18,7 @@ def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict
     """Name → model class, for all that were sampled.
 
     Args:
-        stored: the result.
         study: the study, from ``study_file``.
-        study_file: path of the study, for messages.
-
-    Raises:
-        ValueError: the study defines no such class, or the record of a search is damaged.
     """
     names = [posterior.name for posterior in stored.posteriors]
     search, stands_for = stored.search, stored.record.stands_for

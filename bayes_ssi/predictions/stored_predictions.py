@@ -19,14 +19,7 @@ from bayes_ssi.results.load import StoredResult, load_result
 
 @dataclass(frozen=True, eq=False)
 class StoredPredictions:
-    """A stored result and its model classes.
-
-    Attributes:
-        stored: the result.
-        model_classes: name → class.
-        n_draws: number of posterior draws of every prediction.
-        configuration: the state of the structure that is predicted.
-    """
+    """A stored result and its model classes."""
 
     stored: StoredResult
     model_classes: dict[str, ModelClass]
@@ -41,9 +34,6 @@ class StoredPredictions:
     def of(self, name: str = AVERAGE) -> Predictions:
         """Predictions of the model class ``name``; for ``"average"``, averaged over all classes
         or hypotheses by their probabilities.
-
-        Raises:
-            ValueError: there is no class of that name, or it has changed since it was sampled.
         """
         if name != AVERAGE:
             posterior = self.stored.posterior(name)

@@ -71,12 +71,7 @@ class Widened(Prior):
     """Another prior, widened in standard-normal coordinates.
 
     Attributes:
-        prior: the prior that is widened.
         factor: multiplies its standard-normal coordinates; below one, the prior is narrowed.
-
-    Raises:
-        TypeError: ``prior`` is not a prior distribution.
-        ValueError: ``factor`` is not positive and finite.
     """
 
     prior: Prior

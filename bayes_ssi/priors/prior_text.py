@@ -19,9 +19,6 @@ def prior_from_text(text: str) -> Prior:
     """The prior that a text names, its numbers in the order of a study or by their names.
 
     Nothing in the text is executed.
-
-    Raises:
-        ValueError: it is not the name of a family with its numbers, or the numbers are not usable.
     """
     problem = ValueError(
         f"prior {text!r}: must be a distribution with its numbers, such as 'LogNormal(1, 0.5)'; "

@@ -22,11 +22,6 @@ def automatic_workers(
     None, too, where models hold a user's own code (see
     :func:`~bayes_ssi.execution.own_code.holds_user_code`), or classes are few and every process
     would have to import the package anew.
-
-    Args:
-        candidates: classes that are sampled, or on which those are built.
-        n_classes: number of classes that are sampled, at least.
-        while_busy: as for :class:`~bayes_ssi.execution.local_workers.LocalWorkers`.
     """
     n = usable_cores()
     if all(map(is_cheap, candidates)):

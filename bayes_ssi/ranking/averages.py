@@ -19,9 +19,7 @@ class AveragedParameter:
     Classes in which it has a fixed value, or does not occur, are left out.
 
     Attributes:
-        name: name of the parameter.
         n_classes: number of classes that infer it.
-        probability: total probability of these classes, among all that were compared.
         mean, sd, quantile_05, median, quantile_95: over the draws of these classes, weighted by
             their probabilities.
     """
@@ -43,10 +41,6 @@ def averaged_parameters(
 
     Parameters with the same name are the same. One whose classes all have probability zero is
     left out.
-
-    Args:
-        posteriors: posteriors of all classes compared, in any order.
-        comparison: their probabilities.
     """
     probabilities = {row.name: row.probability for row in comparison.classes}
     holders: dict[str, list[Posterior]] = {}

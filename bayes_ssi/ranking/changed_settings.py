@@ -139,10 +139,8 @@ class ChangedClass:
     """A model class before and after.
 
     Attributes:
-        name: name of the class.
         log_evidence_before: in nats.
         log_evidence_after: None where the draws do not say.
-        probability_before: posterior probability among the classes.
         probability_after: None where the draws of any class do not say.
         pareto_k: shape of the weights' tail; -inf where they have none.
         problem: why the draws do not say; empty where they do.
@@ -150,7 +148,6 @@ class ChangedClass:
         misfit_after: None also where the draws do not say.
         unexplained: what of the data the class does not explain after the change, in words; empty
             where it explains them, or where that is not known.
-        parameters: in the order of the class.
     """
 
     name: str
@@ -168,13 +165,7 @@ class ChangedClass:
 
 @dataclass(frozen=True)
 class WhatIf:
-    """A ranking before and after a change of settings.
-
-    Attributes:
-        changes: what was changed, a phrase each.
-        classes: all classes, by their probability before.
-        failed_data_checks: failed checks of the data, which no change of settings mends.
-    """
+    """A ranking before and after a change of settings."""
 
     changes: tuple[str, ...]
     classes: tuple[ChangedClass, ...]
@@ -213,13 +204,7 @@ def with_changed_settings(
     """Rank model classes again, with other settings, by reweighting their draws.
 
     Args:
-        posteriors: of all classes.
-        known: name → class, with modes known at the draws.
         prior_weights: name → prior weight before; equal if None.
-        settings: what is changed.
-
-    Raises:
-        ValueError: a setting is of no class, or not usable.
     """
     names = [posterior.name for posterior in posteriors]
     settings.check([known[name] for name in names])

@@ -43,19 +43,11 @@ def sample_all(
     """Sample several classes; the posteriors are in their order.
 
     Args:
-        candidates: the classes.
-        seed: a class's result follows from it and the class's name.
-        settings: how precisely to sample.
         run: workers, checkpoint and progress. Progress of a class sampled as a whole by a worker
             of another machine is reported at its end. If the worker of a class died, the class's
             evaluations are shared, so that the points at which workers die are isolated.
-        refinement: how accurate approximate structures are made.
         known_starts: for each class, if given, where an earlier search found maxima, as in
             :func:`~bayes_ssi.posterior.sample.sample`.
-
-    Raises:
-        ValueError: a class's likelihood is zero everywhere, the model cannot be evaluated by the
-            workers, or the checkpoint is of another run.
     """
     run = run or Run()
     with run.working():

@@ -35,11 +35,7 @@ WRONG_BY = 2.0 * VERY_STRONG
 
 
 def bayes_factor_scale(log_bayes_factor: float) -> str:
-    """What a Bayes factor means on the scale of Kass and Raftery (1995); the sign is ignored.
-
-    Raises:
-        ValueError: it is not a number.
-    """
+    """What a Bayes factor means on the scale of Kass and Raftery (1995); the sign is ignored."""
     if math.isnan(log_bayes_factor):
         raise ValueError("bayes_factor_scale: the log Bayes factor is not a number")
     twice = 2.0 * abs(log_bayes_factor)
@@ -57,13 +53,9 @@ class RankedClass:
     """One row of a ranking.
 
     Attributes:
-        name: name of the model class.
         log_evidence: in nats, and ``error``, its standard error.
-        prior_probability: of the class among those compared.
-        probability: posterior probability of the class among those compared.
         log_bayes_factor: log evidence less that of the most probable class; positive only where
             prior weights outweigh it.
-        log_bayes_factor_error: standard error of the difference.
         against: the evidence against this class in the words of the named scale, or "not
             distinguishable" from the best one.
         distinguishable: whether the difference from the best class is more than a bare mention
@@ -77,7 +69,6 @@ class RankedClass:
             deviations.
         misfit: what of the data the best class does not explain, and likely causes, in words;
             empty where it explains them, and for the other classes.
-        failed_checks: failed checks of the sampling, after this misfit.
         remarks: settings that the posterior depends on, but hardly the ranking, and failed checks
             of a class too improbable to change the answer, a sentence each.
     """
@@ -122,10 +113,6 @@ class Comparison:
     """Model classes ranked by probability, the best first; on equal prior weights, by evidence.
 
     Attributes:
-        classes: the rows.
-        data_digest: identifies the data that all of them explain.
-        scale: source of the words for Bayes factors.
-        failed_data_checks: failed checks of these data, such as of how the modes were identified.
         unmodelled_appendage: why the answer may be that of an analyst who misses an appendage;
             empty where nothing says so. It is a failed check.
     """
@@ -301,11 +288,7 @@ def _require_same_data(posteriors: Sequence[Posterior]) -> None:
 def checked_weights(
     names: Sequence[str], prior_weights: Mapping[str, float] | None
 ) -> dict[str, float]:
-    """Name → prior weight of every model class, 1 for each where none are given.
-
-    Raises:
-        ValueError: a weight is missing, of an unknown class, or not positive and finite.
-    """
+    """Name → prior weight of every model class, 1 for each where none are given."""
     if prior_weights is None:
         return dict.fromkeys(names, 1.0)
     for name in prior_weights:

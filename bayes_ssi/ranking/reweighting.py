@@ -51,7 +51,6 @@ class Reweighted:
     """A posterior under a changed model class.
 
     Attributes:
-        posterior: of the class as it was sampled.
         values: (m, n_parameters), its draws.
         weights: (m,), of the draws under the changed class; they add up to one.
         log_ratio: log evidence of the changed class less that of the class as sampled, in nats.
@@ -91,7 +90,6 @@ def reweighted(posterior: Posterior, known: ModelClass, changed: ModelClass) -> 
     """The posterior of a class that differs from the sampled one in priors or likelihood.
 
     Args:
-        posterior: of the class that was sampled.
         known: that class, with modes known at draws, from
             :func:`~bayes_ssi.posterior.known_modes.known_at_draws`.
         changed: ``known`` with something changed; its parameters have the same names.
@@ -190,7 +188,6 @@ def reaches_bound(x: FloatArray, bound: float, end: int, weights: FloatArray | N
     Args:
         x: (m,), draws of the parameter.
         bound: may be infinite.
-        end: 0 for a lower bound, 1 for an upper one.
         weights: (m,), of the draws, which add up to one; equal if None.
     """
     w = np.full(len(x), 1.0 / len(x)) if weights is None else weights

@@ -33,11 +33,7 @@ class SensitivityRow:
     """The ranking under one variation.
 
     Attributes:
-        name: name of the variation.
         log_evidences: model class → log evidence in nats, with its standard error.
-        probabilities: model class → posterior probability, with the study's prior weights.
-        sampled: the classes that were sampled again; draws of the others were reweighted.
-        failed_checks: failed checks of the classes that were sampled again.
     """
 
     name: str
@@ -66,11 +62,7 @@ class SensitivityRow:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """A ranking under every variation; the first row is the ranking without any.
-
-    Raises:
-        ValueError: there is no first row, or it ranks no class.
-    """
+    """A ranking under every variation; the first row is the ranking without any."""
 
     rows: tuple[SensitivityRow, ...]
 
@@ -93,15 +85,11 @@ def sensitivity(
     """Rank again under every variation.
 
     Args:
-        ranking: the ranking under the study's own settings.
         variations: :func:`default_variations` if None.
         settings: settings for classes that are sampled again; their wanted error also limits that
             of reweighting. By default it is 0.03 nats.
         run: workers for classes that are sampled again, and progress: called after each variation
             with "sensitivity", its name and the completed share of all. Nothing is kept on disk.
-
-    Raises:
-        ValueError: two variations have one name, or a class cannot be sampled.
     """
     variations = default_variations() if variations is None else tuple(variations)
     names = [variation.name for variation in variations]

@@ -45,12 +45,7 @@ NEGLIGIBLE = 1e-4
 
 @dataclass(frozen=True)
 class MovedSetting:
-    """A setting that is moved.
-
-    Attributes:
-        name: what it is moved to, in words.
-        change: function from a model class to the class with the setting moved.
-    """
+    """A setting that is moved."""
 
     name: str
     change: Callable[[ModelClass], ModelClass]
@@ -67,13 +62,7 @@ class Effect:
 def with_settings_checked(
     model_classes: Sequence[ModelClass], posteriors: Sequence[Posterior], comparison: Comparison
 ) -> Comparison:
-    """The comparison, in which settings fail a check only where they change the answer.
-
-    Args:
-        model_classes: the classes.
-        posteriors: their posteriors, in any order.
-        comparison: of these posteriors.
-    """
+    """The comparison, in which settings fail a check only where they change the answer."""
     by_name = {posterior.name: posterior for posterior in posteriors}
     if any(posterior.sensor_shapes is None for posterior in posteriors):
         return comparison
@@ -118,13 +107,7 @@ def _with(row: RankedClass, failed: list[str], remarks: list[str]) -> RankedClas
 
 @dataclass(frozen=True)
 class _MovableStudy:
-    """A comparison that can be made again with a setting moved.
-
-    Attributes:
-        comparison: the ranking as it is.
-        posteriors: name → posterior of each class.
-        known: name → class with modes known at draws, for those that are not negligible.
-    """
+    """A comparison that can be made again with a setting moved."""
 
     comparison: Comparison
     posteriors: dict[str, Posterior]

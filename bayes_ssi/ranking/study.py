@@ -190,11 +190,7 @@ def compare_and_diagnose(
     """The ranking of sampled classes; if the best one does not explain the data, with hints why.
 
     Args:
-        study: the classes.
-        posteriors: their posteriors, in the same order.
         seed: of their sampling, and ``settings``, for the record.
-        settings: how precisely they were sampled.
-        run: workers that share the evaluations of a diagnosis.
     """
     comparison = compare(posteriors, study.prior_weights)
     hints = _hints(study, posteriors, comparison, run.workers)

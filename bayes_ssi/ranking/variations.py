@@ -12,12 +12,7 @@ from bayes_ssi.parameters import as_product
 
 @dataclass(frozen=True)
 class Variation:
-    """One setting changed.
-
-    Attributes:
-        name: name for tables.
-        change: function from a model class to the class with the setting changed.
-    """
+    """One setting changed."""
 
     name: str
     change: Callable[[ModelClass], ModelClass]

@@ -22,13 +22,8 @@ def read_arrays(path: Path, keys: Sequence[str]) -> Channels:
     """Read the channels of a file of arrays.
 
     Args:
-        path: the file, whose ending (.mat, .npz, .h5, .hdf5) says what it is.
         keys: names of the arrays that hold samples; the only one with more than one number if
             empty.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is damaged, lacks a key, or an array does not hold samples.
     """
     require_regular_file(path)
     try:

@@ -34,8 +34,6 @@ class Group(NamedTuple):
     Attributes:
         low: lowest frequency in Hz.
         high: highest frequency in Hz.
-        modes: as they are known by now.
-        is_wanted: whether one is in the band of the search.
     """
 
     low: float
@@ -51,15 +49,7 @@ def groups_of(
     least_reach: float = LEAST_REACH,
     share: float = 1.0,
 ) -> list[Group]:
-    """Modes by band, in ascending order: those in the search, and the next to either side.
-
-    Args:
-        transforms: the lines of all channels.
-        modes: as they are known by now.
-        band_hz: of the search.
-        least_reach: bandwidths that a band reaches beyond its modes, whatever their damping.
-        share: of the usual reach of bands.
-    """
+    """Modes by band, in ascending order: those in the search, and the next to either side."""
     order = np.argsort(modes.frequencies_hz, kind="stable").tolist()
     members: list[list[int]] = []
     f = modes.frequencies_hz

@@ -50,15 +50,7 @@ def explain(
     fixed: bool = False,
     is_driven: bool = False,
 ) -> list[Explained]:
-    """The bands of all candidates' peaks, explained; those next to the search, too.
-
-    Args:
-        transforms: the lines of all channels.
-        found: candidates.
-        band_hz: of the search.
-        fixed: whether modes are as many as the candidates' peaks.
-        is_driven: whether a measured motion is known to drive everything.
-    """
+    """The bands of all candidates' peaks, explained; those next to the search, too."""
     modes = found.of_peaks.beside(_between_bands(transforms, found, band_hz))
     bands: list[Explained] = []
     one_source = is_driven

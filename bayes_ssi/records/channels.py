@@ -24,8 +24,6 @@ class Channels(NamedTuple):
     Attributes:
         samples: (n, N).
         names: of the channels; empty where the file has none.
-        rates_hz: every statement of the rate.
-        quantities: every statement of the quantity.
         units: every statement of the unit.
         places: node and direction of the channels; empty where the file has none.
     """
@@ -41,11 +39,7 @@ class Channels(NamedTuple):
 def with_statements(
     samples: FloatArray, names: Sequence[str], stated: Mapping[str, Any]
 ) -> Channels:
-    """Channels of a file that states things by name (:data:`STATED`).
-
-    Raises:
-        ValueError: a number stated is none.
-    """
+    """Channels of a file that states things by name (:data:`STATED`)."""
     rates = [_number(stated, "rate_hz")] if "rate_hz" in stated else []
     if "dt_s" in stated:
         rates.append(1.0 / _number(stated, "dt_s"))
@@ -69,12 +63,7 @@ def _number(stated: Mapping[str, Any], key: str) -> float:
 
 
 def step_of(times: FloatArray) -> float:
-    """The step of a column of times in s.
-
-    Raises:
-        ValueError: they do not advance by equal steps; the message names the first place, and how
-            many samples are missing, if that is why.
-    """
+    """The step of a column of times in s."""
     steps = np.diff(times)
     step = float(np.median(steps))
     # Times are printed to a few digits, and may be wrong by half of the last one.

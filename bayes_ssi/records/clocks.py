@@ -36,7 +36,6 @@ def late_sensors(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) ->
     Args:
         samples: (n, N), of sensors that all move.
         rate_hz: samples per second.
-        sensors: n names.
     """
     n_window = 2 * samples.shape[1] // (WINDOWS + 1)
     if len(samples) < 2 or n_window < WINDOWS:

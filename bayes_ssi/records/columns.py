@@ -40,12 +40,7 @@ STAMP = re.compile(r'\s*"?(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d*)?(Z|[+-]\d\d:
 
 
 def read_columns_of_record(path: Path) -> Channels:
-    """Read the channels of a text file (see the module's docstring for its form).
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: the content is not understood.
-    """
+    """Read the channels of a text file (see the module's docstring for its form)."""
     require_regular_file(path)
     with path.open(encoding="utf-8-sig") as file:
         try:

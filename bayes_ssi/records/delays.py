@@ -20,10 +20,6 @@ def delays(bands: Sequence[Explained], n_sensors: int) -> FloatArray | None:
 
     Least squares of the phases, weighted by squared components, of modes and sensors in turn; the
     median sensor is on time.
-
-    Args:
-        bands: whose modes have phases, or not.
-        n_sensors: n.
     """
     doubled, omega = [], []
     for band in bands:

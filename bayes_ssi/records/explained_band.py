@@ -21,13 +21,7 @@ from bayes_ssi.records.local_model import Resonances
 
 
 class Odds(NamedTuple):
-    """How one peak is explained: nats of each explanation, -inf where it fits nothing.
-
-    Attributes:
-        one: a mode with a real shape.
-        phases: a mode whose sensors have phases.
-        two: two modes.
-    """
+    """How one peak is explained: nats of each explanation, -inf where it fits nothing."""
 
     one: float
     phases: float
@@ -55,13 +49,7 @@ class Estimates(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """A band and its modes.
-
-    Attributes:
-        fit: the most probable modes.
-        peaks: places of the modes of each peak, and how it is explained.
-        is_wanted: whether it is in the search, not beside it.
-    """
+    """A band and its modes."""
 
     fit: LocalFit
     peaks: tuple[tuple[tuple[int, ...], Odds], ...]

@@ -22,12 +22,7 @@ def fdd(record: Record, band_hz: tuple[float, float], near: Sequence[float]) -> 
     """The peaks of the first singular value nearest uphill of some frequencies.
 
     Args:
-        record: the record.
-        band_hz: lowest and highest frequency.
         near: about where the peaks are, in Hz.
-
-    Raises:
-        ValueError: the record does not cover the band, or is too short.
     """
     frequencies, transforms = short_time_spectra(record, band_hz, PERIODS)
     matrices = np.einsum("ift,jft->fij", transforms, transforms.conj()) / transforms.shape[2]

@@ -50,19 +50,10 @@ class LocalFit:
     """The most probable modes of a band.
 
     Attributes:
-        data: the spectra.
-        modes: in the directions of the data.
-        has_phases: whether their shapes may be complex.
         covariance: of (ln f, ln ζ, shapes' real parts, shapes' imaginary parts), mode by mode
             within each; (2m + 2mr)².
-        log_likelihood: up to a constant of the data.
-        log_evidence: by Laplace's approximation, up to a constant of the data.
         whiteness: chi-square of the whitened spectra over degrees of freedom.
-        allowed_whiteness: the largest that a right model has but once in a thousand.
-        converged: whether the climb arrived.
         covariances: (K, r, r), E of each block.
-        model: with its backgrounds and what drives the modes.
-        scene: what the model was evaluated on.
     """
 
     data: LocalSpectra
@@ -113,13 +104,7 @@ def allowed_whiteness(weights: FloatArray, sizes: FloatArray, n_degrees: float) 
 
 
 class Fitter:
-    """Fits of modes to one band's spectra.
-
-    Args:
-        data: the spectra.
-        neighbours: known modes outside the band, in the data's directions.
-        one_source: whether one process drives everything.
-    """
+    """Fits of modes to one band's spectra."""
 
     def __init__(self, data: LocalSpectra, neighbours: Resonances, one_source: bool) -> None:
         self.data, self.one_source = data, one_source
@@ -145,13 +130,7 @@ class Fitter:
     def fit(
         self, start: Resonances | LocalFit, has_phases: bool, most_steps: int | None = None
     ) -> LocalFit:
-        """The most probable modes.
-
-        Args:
-            start: where to begin; a fit with real shapes may go on with phases.
-            has_phases: whether shapes may be complex.
-            most_steps: after so many the climb ends, if not before.
-        """
+        """The most probable modes."""
         if isinstance(start, LocalFit):
             model = start.model
         else:

@@ -152,9 +152,7 @@ class Scene(NamedTuple):
     """What a model is evaluated on.
 
     Attributes:
-        data: the spectra.
         powers: (3, K): 1, x, x² of the blocks.
-        neighbours: known modes outside the band, in the data's directions.
         of_neighbours: (K, p), their responses.
     """
 

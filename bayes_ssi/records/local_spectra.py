@@ -73,12 +73,7 @@ def noise_scales(spectra: Spectra) -> FloatArray:
 
 
 def local_spectra(spectra: Spectra, n_directions: int) -> LocalSpectra:
-    """The spectra in their leading directions.
-
-    Args:
-        spectra: of all channels.
-        n_directions: of them, at most as many as channels.
-    """
+    """The spectra in their leading directions."""
     scales = noise_scales(spectra)
     scaled = spectra.matrices / scales / scales[:, None]
     mean = np.einsum("k,kij->ij", spectra.weights, scaled.real) / spectra.weights.sum()

@@ -104,16 +104,7 @@ _OTHERS: Mapping[str, Callable[[Record, tuple[float, float], Poles], MethodModes
 
 
 def modes_by(method: str, record: Record, identified: ModalEstimates) -> MethodModes:
-    """The modes of a record by one method, near those that are identified.
-
-    Args:
-        method: one of :data:`NAMES`.
-        record: from which the modes were identified.
-        identified: the modes by Bayesian FFT.
-
-    Raises:
-        ValueError: the method is unknown, is not installed, or does not show all modes.
-    """
+    """The modes of a record by one method, near those that are identified."""
     if method == BAYESIAN_FFT:
         return of_estimates(identified)
     if method not in _OTHERS:

@@ -38,14 +38,7 @@ USUAL_DAMPINGS = (0.004, 0.06)
 
 
 class Prominence(NamedTuple):
-    """A peak of the first singular value.
-
-    Attributes:
-        frequency_hz: where.
-        width_hz: of the blocks there.
-        prominence_db: by how much it stands out.
-        is_clear: whether a mode must be there.
-    """
+    """A peak of the first singular value."""
 
     frequency_hz: float
     width_hz: float
@@ -57,9 +50,7 @@ class Candidates(NamedTuple):
     """Candidates of a range of frequencies.
 
     Attributes:
-        peaks: in ascending order.
         of_peaks: the pole at each peak, with shapes (n, p) in channels.
-        others: poles at no peak.
         shares: (o,), of the orders that have each of the others.
         stabilisation: (2, a), frequency and order of every pole of every order.
     """
@@ -91,13 +82,7 @@ def no_resonances(n: int) -> Resonances:
 
 
 def candidates(transforms: Transforms, low_hz: float, high_hz: float) -> Candidates:
-    """Candidates of a range, section by section.
-
-    Args:
-        transforms: the lines of all channels.
-        low_hz: lowest frequency.
-        high_hz: highest frequency.
-    """
+    """Candidates of a range, section by section."""
     n = len(transforms.values)
     n_sections = max(1, round(math.log(high_hz / low_hz) / math.log(SECTION)))
     edges = np.geomspace(low_hz, high_hz, n_sections + 1)

@@ -40,8 +40,6 @@ class Correlations:
     Attributes:
         sums: (segments, lags, n, r): R(τ), τ = 1, 2, …, of n sensors with r directions.
         directions: (n, r).
-        rate_hz: of the lags.
-        band_hz: of the search.
     """
 
     sums: FloatArray
@@ -62,11 +60,7 @@ class Correlations:
 
 
 def correlations(record: Record, band_hz: tuple[float, float]) -> Correlations:
-    """Correlation functions of a record's segments.
-
-    Raises:
-        ValueError: the record does not cover the band, or is too short to be divided.
-    """
+    """Correlation functions of a record's segments."""
     from scipy.fft import irfft, next_fast_len, rfft
 
     low, high = record.checked_band(band_hz)
@@ -104,8 +98,6 @@ class Realisation(NamedTuple):
         singular_values: (o,), of H0.
         shifted: (o, o), Uᵀ H1 V.
         first_row: (n, o), the first block row of H0 for all sensors, times V.
-        rate_hz: of the lags.
-        band_hz: of the search.
     """
 
     singular_values: FloatArray
@@ -155,14 +147,6 @@ def next_era(data: Correlations, modes: Poles, sensors: tuple[str, ...]) -> Moda
     """Frequencies, dampings and shapes of modes, with the covariance from a jackknife.
 
     The order is the lowest at which all modes appear in the record and without each segment.
-
-    Args:
-        data: correlation functions of the segments.
-        modes: about what they are.
-        sensors: names of the sensors.
-
-    Raises:
-        ValueError: no order shows all modes.
     """
     parts = [realisation(part, data) for part in data.without_each()]
     whole = realisation(data.whole, data)

@@ -12,14 +12,10 @@ class Peak(NamedTuple):
     """A peak of the spectra, and how many modes it holds.
 
     Attributes:
-        frequencies_hz: of its modes.
         modes: their places among those quoted, from 0.
         probability_of_two: that it holds two modes rather than one, with real shapes or with
             phases, each explanation equally probable before; None where the spectra around it are
             explained by none.
-        probability_of_phases: that it is one mode whose sensors have phases.
-        resolution_hz: two modes of one shape that are closer could not be told from one.
-        resolution: the same in half-power bandwidths.
     """
 
     frequencies_hz: tuple[float, ...]

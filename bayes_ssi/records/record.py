@@ -246,11 +246,7 @@ class Record:
 
 
 def checked_rate(rate_hz: float) -> float:
-    """Samples per second.
-
-    Raises:
-        ValueError: it is not a positive, finite number.
-    """
+    """Samples per second."""
     number = isinstance(rate_hz, (int, float, np.number)) and not isinstance(rate_hz, bool)
     if not (number and 0.0 < rate_hz < math.inf):
         got = float(rate_hz) if number else rate_hz
@@ -259,11 +255,7 @@ def checked_rate(rate_hz: float) -> float:
 
 
 def units_of(quantity: str) -> tuple[str, ...]:
-    """The units in which a quantity may be given.
-
-    Raises:
-        ValueError: the quantity is unknown.
-    """
+    """The units in which a quantity may be given."""
     if quantity not in QUANTITIES:
         choices = ", ".join(map(repr, QUANTITIES))
         raise ValueError(f"record: quantity must be one of {choices}, got {quantity!r}")
@@ -271,11 +263,7 @@ def units_of(quantity: str) -> tuple[str, ...]:
 
 
 def checked_unit_of(quantity: str, unit: str) -> str:
-    """The unit in its usual spelling.
-
-    Raises:
-        ValueError: the quantity is unknown, or the unit is not one of it.
-    """
+    """The unit in its usual spelling."""
     units = units_of(quantity)
     if quantity == "acceleration":
         return checked_unit(unit)

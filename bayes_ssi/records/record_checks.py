@@ -39,7 +39,6 @@ def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> l
     Args:
         samples: (n, N).
         rate_hz: samples per second.
-        sensors: n names.
     """
     moves = moving(samples)
     remarks = [

@@ -118,10 +118,6 @@ def is_record(path: Path) -> bool:
     """Whether a file that exists holds a record rather than identified modes.
 
     A file of text does where none of its first rows of names has a column ``frequency_hz``.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is not a regular file, or a universal file is damaged.
     """
     suffix = path.suffix.lower()
     require_regular_file(path)

@@ -26,16 +26,7 @@ class Peaks(NamedTuple):
 def short_time_spectra(
     record: Record, band_hz: tuple[float, float], periods: float
 ) -> tuple[FloatArray, ComplexArray]:
-    """Frequencies (F,) of a band, and transforms (n, F, T) of T half-overlapping Hann windows.
-
-    Args:
-        record: the record.
-        band_hz: lowest and highest frequency.
-        periods: length of a window, in periods of the lowest frequency.
-
-    Raises:
-        ValueError: the record does not cover the band, or has no two windows.
-    """
+    """Frequencies (F,) of a band, and transforms (n, F, T) of T half-overlapping Hann windows."""
     from scipy.signal import detrend, stft
 
     low, high = record.checked_band(band_hz)

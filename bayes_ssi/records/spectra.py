@@ -49,9 +49,6 @@ class Transforms(NamedTuple):
     """The lines of a band of a record padded to twice its length, as accelerations.
 
     Attributes:
-        first: place of the first line, in half lines of the record.
-        line_hz: width of a line of the record, 1 / duration.
-        share: of the record that is used; the rest is masked.
         values: (n, L), half a line of the record apart.
     """
 
@@ -89,16 +86,7 @@ class Transforms(NamedTuple):
         return self._replace(values=self.values / np.sqrt(np.maximum(level, np.finfo(float).tiny)))
 
     def spectra(self, low_hz: float, high_hz: float, relative_width: float) -> Spectra:
-        """The spectral matrices of blocks of a band's lines.
-
-        Args:
-            low_hz: where the first block begins.
-            high_hz: where the last block ends, at most.
-            relative_width: width of a block over its frequency.
-
-        Raises:
-            ValueError: too few lines are in the band.
-        """
+        """The spectral matrices of blocks of a band's lines."""
         low, high = self.band_hz
         centres, numbers = _blocks(
             max(low_hz, low) / self.line_hz, min(high_hz, high) / self.line_hz, relative_width
@@ -125,8 +113,6 @@ def transforms_of(
     """The lines of a band.
 
     Args:
-        record: the record; its means and linear trends are left out.
-        band_hz: lowest and highest frequency.
         mask: (N,) factors of the samples, from 0 to 1; all 1 if None.
     """
     from scipy.fft import rfft

@@ -30,7 +30,6 @@ class SubspaceModes(NamedTuple):
     """Modes by SSI-cov.
 
     Attributes:
-        poles: the modes.
         frequency_sds: standard deviations of the frequencies in Hz (m,).
         damping_sds: of the dampings (m,).
     """
@@ -41,17 +40,7 @@ class SubspaceModes(NamedTuple):
 
 
 def ssi_cov(record: Record, band_hz: tuple[float, float], near: Poles) -> SubspaceModes:
-    """The modes nearest to some, from the order of twice their number.
-
-    Args:
-        record: the record.
-        band_hz: lowest and highest frequency.
-        near: about what the modes are.
-
-    Raises:
-        ValueError: pyOMA2 is not installed, the record does not cover the band, or the order shows
-            no mode within 5 % of one of the frequencies.
-    """
+    """The modes nearest to some, from the order of twice their number."""
     try:
         from pyoma2.functions import ssi
     except ImportError:

@@ -27,8 +27,6 @@ class Stationary(NamedTuple):
 
     Attributes:
         mask: (N,) factors of the samples, 0 where they are left out; None if nothing is.
-        spans_s: from when to when is left out.
-        varies: the greatest power over the median of what is left.
     """
 
     mask: FloatArray | None

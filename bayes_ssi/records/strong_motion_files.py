@@ -45,12 +45,7 @@ def read_strong_motion(path: Path, quantity: str) -> Channels:
     ``6 Long``, ``1 90 Deg``.
 
     Args:
-        path: the file.
         quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: the quantity is unknown, or the file is of another format, or damaged.
     """
     units_of(quantity)
     require_regular_file(path)

@@ -25,12 +25,7 @@ def tfie(record: Record, band_hz: tuple[float, float], near: Sequence[float]) ->
     """The frequencies of least phase dispersion nearest uphill of some frequencies.
 
     Args:
-        record: the record.
-        band_hz: lowest and highest frequency.
         near: about where they are, in Hz.
-
-    Raises:
-        ValueError: the record does not cover the band, or is too short.
     """
     frequencies, transforms = short_time_spectra(record, band_hz, PERIODS)
     lines = peaks_of(phase_constancy(transforms), frequencies, near)

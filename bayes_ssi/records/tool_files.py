@@ -23,10 +23,6 @@ def read_universal(path: Path) -> Channels:
 
     Sensors are named by node and direction, ``12 x``; what was measured against the direction of
     an axis is turned to it.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: pyuff is not installed, the file is damaged, or it holds no time responses.
     """
     sets = [s for s in read_data_sets(path, 58) if s["func_type"] == TIME_RESPONSE]
     if not sets:
@@ -55,17 +51,7 @@ def read_universal(path: Path) -> Channels:
 
 
 def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
-    """Read the channels of a TDMS file.
-
-    Args:
-        path: the file.
-        keys: names of groups to read, if not all.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: npTDMS is not installed, the file is damaged, a group is unknown, or there are
-            no channels of numbers.
-    """
+    """Read the channels of a TDMS file."""
     try:
         from nptdms import TdmsFile
     except ImportError:
@@ -101,11 +87,7 @@ def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
 
 
 def in_rows(rows: Sequence[np.ndarray]) -> FloatArray:
-    """Channels as one array.
-
-    Raises:
-        ValueError: they differ in length.
-    """
+    """Channels as one array."""
     lengths = sorted({len(row) for row in rows})
     if len(lengths) > 1:
         raise ValueError(f"channels of {lengths[0]} to {lengths[-1]} samples")

@@ -24,13 +24,7 @@ PNG_HEADER = b"\x89PNG\r\n\x1a\n"
 
 @dataclass(frozen=True)
 class EmbeddedFigure:
-    """One figure.
-
-    Attributes:
-        caption: what it shows, also for readers who cannot see it.
-        html: the element that shows it, with names and texts escaped.
-        width: its width in pixels where its text has the size that it was drawn with.
-    """
+    """One figure."""
 
     caption: str
     html: str
@@ -43,13 +37,7 @@ class EmbeddedFigure:
 
 
 def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigure:
-    """A figure as an SVG drawing whose points show their hover texts.
-
-    Args:
-        figure: the finished figure.
-        caption: what it shows.
-        prefix: prefix of the ids in the drawing, unique on the page.
-    """
+    """A figure as an SVG drawing whose points show their hover texts."""
     figure.set_dpi(72)  # SVG is drawn in points
     # Laid out once: a figure that is saved with its layout engine is drawn twice.
     layout = figure.get_layout_engine()
@@ -70,11 +58,7 @@ def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigur
 
 
 def embedded_file(path: Path, caption: str) -> EmbeddedFigure:
-    """A PNG file saved in the package's style, at its intended size.
-
-    Raises:
-        ValueError: it is not a PNG file.
-    """
+    """A PNG file saved in the package's style, at its intended size."""
     content = path.read_bytes()
     if not content.startswith(PNG_HEADER) or len(content) < 24:
         raise ValueError(f"{path}: damaged: not a PNG file")

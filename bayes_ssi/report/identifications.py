@@ -18,12 +18,7 @@ from bayes_ssi.report.limits import LIMITS
 def identifications(
     tests: Mapping[str, ModalData], classes: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """The identifications of all tests, for the template.
-
-    Args:
-        tests: name of a configuration → its modes.
-        classes: what the page says of model classes, the best first.
-    """
+    """The identifications of all tests, for the template."""
     shown = classes[: LIMITS.classes_in_frequencies]
     return [
         {

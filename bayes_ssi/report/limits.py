@@ -10,13 +10,6 @@ class ReportLimits:
     """Most items of each kind that a report shows; the result directory holds the others.
 
     Attributes:
-        classes: classes described in full, the best first; a search may have sampled dozens.
-        hypotheses: hypotheses of a search in its table.
-        places: places of a search in its table.
-        sensors: sensors with a column in the table of identified modes.
-        classes_with_modes: classes whose modes and parameters are drawn.
-        classes_in_frequencies: classes drawn relative to the identified frequencies.
-        parameters_in_corner: parameters whose joint densities are drawn, the best determined ones.
         least_probability: smallest probability of a class that is drawn, unless it is the first,
             or the second of one test, or cannot be distinguished from the first.
     """

@@ -41,13 +41,7 @@ def page_content(
     predictions: SavedPredictions | None,
     figures: ReportFigures,
 ) -> dict[str, Any]:
-    """The variables of the template.
-
-    Args:
-        stored: the ranking.
-        predictions: the predictions saved with it.
-        figures: the figures of the report.
-    """
+    """The variables of the template."""
     record, comparison = stored.record, stored.comparison
     ranked = list(zip(comparison.classes, stored.ranked_posteriors, strict=True))
     classes = [

@@ -63,8 +63,6 @@ def draw_figures(
     """Every figure of a report, from stored records.
 
     Args:
-        stored: the ranking.
-        predictions: the predictions saved with it.
         progress: called with the fraction of the figures drawn so far.
     """
     figures = ReportFigures()

@@ -27,9 +27,6 @@ def checked_unit(unit: str) -> str:
     """The unit of acceleration as a key of :data:`UNITS`, from any usual spelling of it.
 
     Files write ``CM/S/S``, ``cm/sec^2``, ``M/S**2``, ``m s-2``, ``Gal`` or ``g's``, among others.
-
-    Raises:
-        ValueError: the unit is unknown.
     """
     plain = str(unit).lower().replace("²", "2").replace("⁻", "-")
     plain = re.sub(r"[\s^*·.'’()\[\]]", "", plain)
@@ -160,9 +157,6 @@ def along_azimuth(
     """The motion along an azimuth, from two perpendicular horizontal components.
 
     Azimuths are in degrees from north, clockwise.
-
-    Raises:
-        ValueError: the components differ in length or dt, or are not perpendicular.
     """
     if len(first) != len(second) or not math.isclose(first.dt, second.dt, rel_tol=1e-9):
         raise ValueError(

@@ -180,11 +180,7 @@ def _number(cell: str, line: int, what: str) -> float:
 
 
 def _step_of(times: np.ndarray) -> float:
-    """The step dt of a column of times.
-
-    Raises:
-        ValueError: the times do not advance by equal steps.
-    """
+    """The step dt of a column of times."""
     step = float(times[-1] - times[0]) / (len(times) - 1)
     deviation = np.abs(times - times[0] - step * np.arange(len(times)))
     # A missing sample puts some time off by half a step or more; rounding by much less.

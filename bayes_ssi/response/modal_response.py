@@ -29,12 +29,7 @@ HIGHEST_HZ = 1e75
 
 
 def modal_model_of(structure: Structure, values: FloatArray) -> ModalModel:
-    """The structure's modal model, with the shapes of its arrays checked.
-
-    Raises:
-        TypeError: the structure does not know its masses.
-        ValueError: its arrays do not have the expected shapes.
-    """
+    """The structure's modal model, with the shapes of its arrays checked."""
     model = ModalModel(*structure.modal_model(values))
     n, n_dof, n_modes = len(values), len(structure.degrees_of_freedom), structure.n_modes
     expected = ((n, n_modes), (n, n_dof, n_modes), (n, n_modes), (n_dof,))
@@ -70,21 +65,14 @@ def transfer_functions(
     """Response to a harmonic ground acceleration, or force, of amplitude 1 (e^{iωt}).
 
     Args:
-        structure: the structure.
         values: (B, n_parameters), values of its parameters.
         frequencies_hz: (F,), frequencies of the input.
-        output: the response quantity and its places.
-        damping: one damping ratio for all modes, or one for each.
         force_at: the degree of freedom, or sensor's place and direction, at which a force acts;
             ground acceleration if None.
 
     Returns:
         (B, n_places, F). For ground acceleration, accelerations have the unit 1 and displacements
         s²; for a force, these units are divided by the structure's unit of mass.
-
-    Raises:
-        ValueError: a place or the damping is not valid, or a frequency is negative or not finite.
-        TypeError: the structure does not know its masses.
     """
     omega = 2.0 * np.pi * checked_frequencies(frequencies_hz)
     output.require_on(structure)
@@ -106,11 +94,7 @@ def transfer_functions(
 
 
 def checked_frequencies(frequencies_hz: FloatArray) -> FloatArray:
-    """Frequencies as an array (F,).
-
-    Raises:
-        ValueError: they are not a one-dimensional array of numbers from 0 to :data:`HIGHEST_HZ`.
-    """
+    """Frequencies as an array (F,)."""
     frequencies = np.asarray(frequencies_hz, dtype=float)
     if frequencies.ndim != 1 or not len(frequencies):
         raise ValueError(f"frequencies_hz must be a row of numbers, got shape {frequencies.shape}")
@@ -133,18 +117,10 @@ def time_histories(
     """Response to a ground motion from rest, exact if the motion is linear between samples.
 
     Args:
-        structure: the structure.
         values: (B, n_parameters), values of its parameters.
-        motion: the ground's acceleration.
-        output: the response quantity and its places.
-        damping: one damping ratio for all modes, or one for each.
 
     Returns:
         (B, n_places, n_samples), in m/s² for an acceleration and m for a displacement.
-
-    Raises:
-        ValueError: a place or the damping is not valid.
-        TypeError: the structure does not know its masses.
     """
     histories = np.empty((len(values), len(output.places), len(motion)))
     for _ in _each_history(structure, values, motion, output, damping, histories):

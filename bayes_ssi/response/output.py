@@ -116,11 +116,7 @@ def heavy_damping_warning(ratio: float) -> str:
 
 
 def damping_ratios(damping: Damping, n_modes: int) -> FloatArray:
-    """Modal damping ratios (n_modes,), as fractions of critical damping.
-
-    Raises:
-        ValueError: a ratio is not strictly between 0 and 1, or there is not one for each mode.
-    """
+    """Modal damping ratios (n_modes,), as fractions of critical damping."""
     try:
         ratios = np.array(damping, dtype=float)
     except (TypeError, ValueError):

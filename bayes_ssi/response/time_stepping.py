@@ -33,7 +33,6 @@ def modal_histories(
         poles: (B, n_modes), λ of every mode.
         factors: (B, n_modes).
         record: (n_samples,), f.
-        dt: time between samples.
 
     Yields:
         (n_modes + 1, n_samples) for each row of B in turn, in an array that is reused; its last

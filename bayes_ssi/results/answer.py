@@ -40,8 +40,6 @@ class Answer:
     Attributes:
         warnings: what has to be understood before the answer is trusted: a sentence, and the items
             of the list below it.
-        verdict: what is most probable, and how sure that is.
-        reasons: the parameters; what the runner-up claims, and why it loses.
         figures: Bayes factors and nats.
     """
 

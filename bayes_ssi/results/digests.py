@@ -20,11 +20,7 @@ def write_digests(directory: Path) -> None:
 
 
 def check_digest(directory: Path, name: str) -> None:
-    """Check that a file is as it was saved.
-
-    Raises:
-        ValueError: it was changed, or has no digest.
-    """
+    """Check that a file is as it was saved."""
     if read_json(directory / DIGESTS).get(name) != _digest(directory / name):
         raise ValueError(
             f"{directory / name}: changed after the result was saved, so that its numbers are not "

@@ -110,11 +110,7 @@ def _varying_terms(terms: DatumTerms) -> tuple[list[str], FloatArray]:
 
 
 def load_draws(path: Path, posterior: Posterior) -> Posterior:
-    """The posterior with the draws that :func:`save_draws` wrote.
-
-    Raises:
-        ValueError: the file is missing, damaged, or lacks a group or a parameter.
-    """
+    """The posterior with the draws that :func:`save_draws` wrote."""
     import h5py  # the files are plain netCDF
 
     try:

@@ -18,12 +18,7 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def read_record(kind: type[T], path: Path) -> T:
-    """Read an object from a record that :func:`write_json` wrote.
-
-    Raises:
-        ValueError: there is no such file, or it holds no such record; the message names the file
-            and the place in it.
-    """
+    """Read an object from a record that :func:`write_json` wrote."""
     record = read_json(path)
     try:
         return from_record(kind, record)
@@ -32,11 +27,7 @@ def read_record(kind: type[T], path: Path) -> T:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a record.
-
-    Raises:
-        ValueError: there is no such file, or it holds no record; the message names it.
-    """
+    """Read a record."""
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):

@@ -18,16 +18,7 @@ Group = Mapping[str, tuple[Sequence[str], ArrayLike]]
 
 
 def write_netcdf(path: Path, groups: Mapping[str, Group]) -> None:
-    """Write a new netCDF-4 file.
-
-    Args:
-        path: of the file.
-        groups: name of a group → its variables, of numbers or of text.
-
-    Raises:
-        FileExistsError: the file exists.
-        OSError: it cannot be written, on a full disk for example; the error names the file.
-    """
+    """Write a new netCDF-4 file."""
     import h5netcdf
     import h5py
 

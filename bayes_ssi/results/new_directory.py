@@ -13,16 +13,6 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
     """Refuse a directory that exists, unless it is of the same kind and may be overwritten.
 
     Its parent is created, so that a location that cannot be written is reported at once.
-
-    Args:
-        directory: directory to be written.
-        marker: the file that every directory of this kind holds.
-        overwrite: whether a directory of this kind may be replaced.
-
-    Raises:
-        ValueError: the path does not end in a name.
-        FileExistsError: it exists, and ``overwrite`` is false or it holds something else.
-        OSError: its parent cannot be created, or not be written in.
     """
     path = Path(directory)
     _require_name(path)
@@ -41,12 +31,7 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
 
 
 def require_new_files(*paths: Path) -> None:
-    """Refuse files that exist, and create their parents, before the work that they are to hold.
-
-    Raises:
-        FileExistsError: one exists.
-        OSError: a parent cannot be created, or not be written in.
-    """
+    """Refuse files that exist, and create their parents, before the work that they are to hold."""
     for path in paths:
         if os.path.lexists(path):
             raise FileExistsError(f"{path} exists; give another name")
@@ -54,11 +39,7 @@ def require_new_files(*paths: Path) -> None:
 
 
 def sibling(directory: Path, ending: str) -> Path:
-    """The hidden path next to a directory, for what belongs to it while it is written.
-
-    Raises:
-        ValueError: the directory's path does not end in a name.
-    """
+    """The hidden path next to a directory, for what belongs to it while it is written."""
     _require_name(directory)
     return directory.with_name(f".{directory.name}.{ending}")
 
@@ -72,11 +53,7 @@ def _require_name(path: Path) -> None:
 
 
 def _require_parent(path: Path) -> None:
-    """Create the parent of a new directory or file, unless it exists.
-
-    Raises:
-        OSError: it cannot be created, or not be written in.
-    """
+    """Create the parent of a new directory or file, unless it exists."""
     existing = next(parent for parent in path.absolute().parents if os.path.lexists(parent))
     if not existing.is_dir():
         raise NotADirectoryError(f"{path}: cannot be created: {existing} is not a directory")

@@ -11,11 +11,7 @@ from bayes_ssi.results.load import StoredResult
 
 
 def recorded_class(stored: StoredResult, name: str) -> ModelClass:
-    """A model class, its modes known at the draws at which its posterior keeps shapes.
-
-    Raises:
-        ValueError: there is no such class, or its posterior keeps no shapes.
-    """
+    """A model class, its modes known at the draws at which its posterior keeps shapes."""
     posterior, record = stored.posterior(name), stored.record.model_class(name)
     # A parameter of an error may also be one of a structure: the same object ties them.
     own = {p.name: Parameter(p.name, p.prior, p.unit) for p in record.parameters}

@@ -18,23 +18,9 @@ class ResultRecord:
     """Everything in a result but its draws and its data.
 
     Attributes:
-        created: date and time.
-        study: title of the study.
-        description: what the study asks.
         study_file: the file that defines the study; empty where there is none.
-        seed: seed of the sampling.
-        settings: settings of the sampling.
         prior_weights: model class → prior weight; None where all are equal.
-        data_digest: identifies the data that were ranked.
-        versions: versions of the software that the result depends on.
-        model_classes: the candidates.
-        stands_for: as in :class:`~bayes_ssi.ranking.study.Study`.
-        posteriors: records of the posteriors, without their draws.
-        draws: model class → file of the draws, in the result's directory.
-        data: configuration → file of its identified modes.
-        failed_checks_accepted: whether the user accepted failed checks.
         command: the command that reproduces the result; empty where it was made from Python.
-        format: format of the files.
     """
 
     created: str

@@ -22,10 +22,6 @@ def data_warnings(
 ) -> list[tuple[str, tuple[str, ...]]]:
     """What to understand before anything that follows from data with failed checks is trusted.
 
-    Args:
-        failed: the failed checks of the data.
-        accepted: whether the user accepted them.
-
     Returns:
         A sentence with the items of the list below it; nothing if no check failed.
     """

@@ -31,8 +31,6 @@ class Bend:
     Attributes:
         coefficients: (..., d, F), of all monomials of d - 1 variables; row j has those of the
             first j.
-        degree: the highest of a monomial.
-        reach: (..., 1), where the arguments of the polynomials end.
     """
 
     coefficients: FloatArray
@@ -86,8 +84,6 @@ def fit_bend(
     Args:
         u: (d, n), draws in whitened coordinates of a straight component, the widest first.
         weights: (n,), of the draws.
-        total: what the weighted sum of squares is divided by for a variance.
-        degree: the highest of a monomial.
         floors: (d,), least variances.
 
     Returns:

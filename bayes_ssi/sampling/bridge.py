@@ -20,7 +20,6 @@ def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> EvidenceEst
     chain's autocorrelation.
 
     Args:
-        ensemble: posterior draws.
         sample: draws from a mixture fitted without ``ensemble``.
     """
     log_proposals = sample.mixture.log_pdf(ensemble.draws)

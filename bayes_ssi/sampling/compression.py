@@ -52,7 +52,6 @@ class Compression:
         log_likelihoods: (n_particles,).
         passed: (m, d), all particles on the way, at their levels.
         log_likelihoods_passed: (m,).
-        log_evidence: the sum of likelihood times prior mass.
         log_evidence_error: its standard error, from the chance by which particles survive and the
             correlation left between levels.
     """
@@ -86,8 +85,6 @@ class _Level:
     Attributes:
         positions: (m, d).
         log_likelihoods: (m,).
-        log_mass: of the prior, that each of them stands for.
-        memory: by how much correlation with earlier levels multiplies variances.
     """
 
     positions: FloatArray
@@ -110,16 +107,10 @@ def compress_prior(
     by level in turn. Given those, they are distributed as if they were alone.
 
     Args:
-        target: what is sampled.
         n_particles: in each compression; at least
             :data:`~bayes_ssi.sampling.settings.LEAST_PER_DIMENSION` times the number of dimensions.
         maxima: the known maxima of the posterior; proposals around them keep the shares of
             separate regions right.
-        seeds: two; everything random in a compression follows from its own.
-        progress: called with the share of the known maximum's level that is reached.
-
-    Raises:
-        ValueError: the likelihood is positive at hardly any draw from the prior.
     """
     moves = LevelMoves(target, maxima)
     climbs = [_Climb(target, n_particles, np.random.default_rng(seed)) for seed in seeds]
@@ -150,7 +141,6 @@ class _Climb:
         positions: (n, d); survivors of a level until they have moved.
         log_likelihoods: (n,).
         log_prior_left: log of the prior's mass that the particles stand for.
-        log_evidence: of the particles that were left behind.
     """
 
     def __init__(self, target: Target, n_particles: int, rng: np.random.Generator) -> None:

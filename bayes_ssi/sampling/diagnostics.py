@@ -89,9 +89,6 @@ class ParetoTail(NamedTuple):
 
     Attributes:
         k: its shape; -inf where the tail is flat, NaN where there are too few weights.
-        scale: its scale.
-        threshold: where it begins.
-        share: share of the weights that are in it.
     """
 
     k: float

@@ -71,12 +71,6 @@ def sample_target(
 
     Args:
         target: log-likelihood over coordinates whose prior is N(0, I).
-        seed: everything random follows from it.
-        settings: how precisely to sample.
-        progress: called with the name of a step and the completed share of it.
-
-    Raises:
-        ValueError: the likelihood is zero at every draw from the prior.
     """
     settings = settings or SamplingSettings()
     # The matrices are small: threads inside BLAS would only wait for one another.
@@ -91,11 +85,7 @@ class _Sampling:
     """One run: what its steps share.
 
     Attributes:
-        target: what is sampled.
-        settings: how precisely.
         seeds: six; of the compressions, the ensembles, the searches and ``rng``.
-        rng: of everything else.
-        progress: called with the name of a step and the completed share of it.
     """
 
     target: Target
@@ -193,16 +183,7 @@ class _Sampling:
         checks: Sequence[EvidenceEstimate],
         compressions: tuple[Compression, ...] = (),
     ) -> SamplingResult:
-        """Ensembles and importance draws.
-
-        Args:
-            search: independent searches.
-            fitting: fits mixtures that cover all known maxima.
-            trial: importance draws from the first of them.
-            walkers: where each of two ensembles begins.
-            checks: estimates of the evidence that came before.
-            compressions: of the prior.
-        """
+        """Ensembles and importance draws."""
         ensembles, trial = run_ensembles(
             self.target,
             walkers,

@@ -35,7 +35,6 @@ class Ensemble:
         positions: (n_steps, n_walkers, d).
         log_posteriors: (n_steps, n_walkers), likelihood times prior density.
         autocorrelation_times: (d,), in steps.
-        acceptance: share of proposals accepted.
     """
 
     positions: FloatArray
@@ -85,15 +84,6 @@ def run_ensemble(
 
     Most moves propose from a mixture, independently of a walker's position, so that walkers
     change between separate regions.
-
-    Args:
-        target: what is sampled.
-        walkers: where they begin.
-        proposal: distribution that the moves propose from.
-        max_steps: where to stop if the autocorrelation time stays too long.
-        seed: everything random follows from it.
-        progress: called with the completed share of the necessary length.
-        slowest: autocorrelation time in steps above which sampling ends, as soon as that shows.
     """
     from bayes_ssi.sampling.moves import ensemble_sampler, initial_state
 

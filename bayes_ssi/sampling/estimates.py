@@ -26,7 +26,6 @@ class EvidenceEstimate:
     """An estimate of the log evidence by one method, which checks the quoted one.
 
     Attributes:
-        name: of the method.
         log_evidence: in nats.
         error: its standard error; None where it is unknown and nothing is judged by the estimate.
         tolerance: a smaller difference from the quoted value is no disagreement, whatever the

@@ -51,7 +51,6 @@ class ImportanceSample:
     """Draws from a mixture, weighted to the posterior.
 
     Attributes:
-        mixture: the proposal distribution.
         z: (n, d), standard-normal coordinates.
         log_likelihoods: (n,).
         log_proposals: (n,), log density of the mixture.
@@ -193,14 +192,10 @@ class ImportanceSampler:
     """Draws importance samples of one target.
 
     Attributes:
-        target: whose likelihood weights the draws.
-        rng: everything random follows from it.
-        batch: draws made at once; a component that is added gets a sixth of them.
         prior_share: weight of the prior N(0, I) in every mixture. It bounds the importance
             weights and shows what the other components miss, but wastes nearly all of its draws.
         least_efficiency: components are added until the effective sample size is this share of
             the draws.
-        max_draws: the largest size of a sample.
     """
 
     target: Target

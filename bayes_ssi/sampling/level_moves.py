@@ -33,12 +33,7 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True)
 class LevelMoves:
-    """Moves particles of one target.
-
-    Attributes:
-        target: whose likelihood is above the level.
-        maxima: the known ones, around which a part of the moves is proposed.
-    """
+    """Moves particles of one target."""
 
     target: Target
     maxima: Maxima
@@ -56,9 +51,7 @@ class LevelMoves:
         Args:
             positions: (n, d), above the level.
             log_likelihoods: (n,).
-            level: the prior is left as it is above it.
             others: (m, d), independent particles at a similar level, which moves are proposed from.
-            rng: everything random follows from it.
         """
 
         def log_density(z: FloatArray) -> tuple[FloatArray, FloatArray]:

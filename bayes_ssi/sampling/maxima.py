@@ -146,11 +146,6 @@ def find_maxima(target: Target, starts: FloatArray, known: Maxima | None = None)
 
     Args:
         target: whose log-likelihood times prior density is climbed.
-        starts: where ascents begin.
-        known: maxima that the result holds as well.
-
-    Raises:
-        ValueError: the likelihood is zero at every start.
     """
     d = target.n_dimensions
     known = known or no_maxima(d)

@@ -190,7 +190,6 @@ class Proposal(NamedTuple):
     """Independence proposal of walkers' moves.
 
     Attributes:
-        mixture: fitted beforehand, and fixed.
         share: share of the steps that it proposes; differential evolution and the stretch move
             propose the others.
     """

@@ -46,9 +46,7 @@ class MultistartSearch:
     """The maxima that independent searches found.
 
     Attributes:
-        maxima: all of them.
         found_by: (n_searches, m), whether a search found a maximum by itself.
-        n_draws: prior draws of all searches together.
     """
 
     maxima: Maxima
@@ -95,14 +93,9 @@ def search_maxima(
         target: whose log-likelihood times prior density is climbed.
         n_searches: the least number, the target's earlier one included; more follow while they do
             not agree.
-        seed: everything random follows from it.
         progress: called with the completed share of ``n_searches``.
         n_draws: prior draws per search; by default :data:`DRAWS`, or fewer where the target
             suggests starts.
-        n_ascents: ascents at once from these draws; likewise.
-
-    Raises:
-        ValueError: the likelihood is zero at every draw from the prior.
     """
     alone = target.suggest_starts is None
     n_draws = n_draws or (DRAWS if alone else DRAWS_BESIDE_STARTS)
@@ -173,14 +166,7 @@ def _expected_unseen(maxima: Maxima, n_climbed: int) -> float:
 def search_starts(
     target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Where one search climbs from (m, d): what the target suggests, and the best of prior draws.
-
-    Args:
-        target: what is climbed.
-        n_draws: draws from the prior.
-        n_ascents: the most of them, those that are higher than their neighbours.
-        rng: everything random follows from it.
-    """
+    """Starts (m, d) of one search: what the target suggests, and the best of prior draws."""
     highest, suggested = _starts(target, n_draws, rng)
     return np.concatenate([highest[:n_ascents], suggested])
 

@@ -18,7 +18,6 @@ class ProposalFitting:
     """Fits mixtures, each of which is tried out on a batch of importance draws.
 
     Attributes:
-        sampler: makes the importance draws.
         maxima: maxima of the posterior. Every mixture has components around them, so that regions
             that the draws lost are still proposed.
     """

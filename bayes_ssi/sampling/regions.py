@@ -99,10 +99,8 @@ def find_regions(
     """Group draws into regions.
 
     Args:
-        target: evaluated at three points between neighbouring draws.
         draws: (n, d), posterior draws.
         log_posteriors: (n,), up to a constant.
-        max_draws: use at most this many of the draws, evenly spread.
     """
     if len(draws) > max_draws:
         chosen = evenly_spaced_indices(len(draws), max_draws)

@@ -23,15 +23,9 @@ class SamplingResult:
     """Everything that sampling one target produced, in standard-normal coordinates.
 
     Attributes:
-        search: independent searches for maxima.
-        compressions: of the prior; none where the maxima sufficed.
-        maxima: all known maxima of the posterior.
-        ensembles: posterior draws.
         resampled: posterior draws resampled from the importance draws, where ensembles mix too
             slowly and the importance draws suffice; else empty.
-        importance: what the evidence and the regions' shares come from.
         evidence_checks: estimates of the log evidence by other methods.
-        regions: separate regions of the posterior.
         wanted_error: wanted standard error of the log evidence.
         n_evaluations: evaluations of the log-likelihood.
     """

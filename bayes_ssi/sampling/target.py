@@ -31,7 +31,6 @@ class SuggestedStarts(NamedTuple):
 
     Attributes:
         z: (m, d), coordinates near them with a positive likelihood; m may be zero.
-        n_evaluations: solutions of the model that this took.
     """
 
     z: FloatArray
@@ -44,14 +43,11 @@ class Target:
 
     Attributes:
         function: (B, d) coordinates → (B,) log-likelihoods; row i depends on row i alone.
-        n_dimensions: d.
         workers: where it is evaluated; in this process if None.
-        journal: recalls the evaluations of an earlier run, and records the new ones.
         suggest_starts: where a search should climb from besides its own draws, which each search
             calls with its own generator; None where all that is known is the log-likelihood.
         known_starts: (m, d), near maxima that an earlier search found, which counts as one of the
             independent searches; None if there was none.
-        n_evaluations: points evaluated so far, those for suggestions included.
         n_failed: points at which the function raised, returned NaN or lost its worker; they
             count as likelihood zero.
         first_failure: the point (d,) at which it failed first, and why.
@@ -71,10 +67,6 @@ class Target:
         """The log-likelihood (B,) at ``z`` (B, d); -inf where the function failed.
 
         It counts as -inf, and is not evaluated, where a coordinate is beyond ``±FARTHEST``.
-
-        Raises:
-            ValueError: the function returned the wrong shape, or infinite likelihood; or the
-                journal is of another function.
         """
         beyond = (np.abs(z) > FARTHEST).any(axis=1)
         if beyond.any():

@@ -19,12 +19,7 @@ def is_substructure(head: bytes) -> bool:
 
 
 def read_substructure(path: Path) -> Matrices:
-    """Stiffness, mass and retained degrees of freedom.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is not a symmetric substructure's, or numbers are missing.
-    """
+    """Stiffness, mass and retained degrees of freedom."""
     require_whole_lines(path)
     nodes: list[int] = []
     freedoms: list[list[int]] = []

@@ -71,12 +71,7 @@ class _TruncatedError(Exception):
 
 
 def _require_whole(path: Path, end: int) -> None:
-    """Refuse a file that ends too early: the library would read beyond its end.
-
-    Args:
-        path: the file.
-        end: the position of its end that the header states, in words of four bytes.
-    """
+    """Refuse a file that ends too early: the library would read beyond its end."""
     size = path.stat().st_size
     if size < 4 * int(end):
         raise _TruncatedError(f"{path}: has {size} of {4 * int(end)} bytes: truncated")

@@ -26,11 +26,7 @@ _NAMES = {
 
 
 def direction(name: str | int) -> str:
-    """The direction that a program calls 1 to 6, U1 to R3, UX to ROTZ, or x to rz.
-
-    Raises:
-        ValueError: there is no such direction.
-    """
+    """The direction that a program calls 1 to 6, U1 to R3, UX to ROTZ, or x to rz."""
     known = _NAMES.get(str(name).strip().lower())
     if known is None:
         raise ValueError(

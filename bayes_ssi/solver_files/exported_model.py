@@ -28,14 +28,9 @@ class Matrices:
     """What a reader of one format returns.
 
     Attributes:
-        stiffness, mass: both triangles, sparse; not yet checked.
-        stiffness_from, mass_from: file, and name in it, of each matrix, for messages.
         labels: "node direction" of every row, or None where the files do not state them.
-        geometry: where the nodes are, where the files state it.
         dependent: "node direction" without a row of its own → row → factor, where the program's
             constraints tie it to rows (counted from 0).
-        removed: rows that the program marks as restrained, which are left out.
-        notes: how the program exports constraints, and what was met.
     """
 
     stiffness: Any
@@ -138,17 +133,7 @@ class ExportedModel:
 def exported_model(
     program: str, matrices: Matrices, labels: Sequence[str] | None = None
 ) -> ExportedModel:
-    """The checked model, in the units of the files, without rows that are restrained or empty.
-
-    Args:
-        program: the program and its format.
-        matrices: what its reader returned.
-        labels: of all rows, where the files state none.
-
-    Raises:
-        ValueError: the matrices are not symmetric, finite and of one size, or the labels are not
-            as many; the message names the file.
-    """
+    """The checked model, in the units of the files, without rows that are restrained or empty."""
     if matrices.labels is not None and labels is not None:
         raise ValueError(
             f"{matrices.stiffness_from}: labels are given, but the files state their own"

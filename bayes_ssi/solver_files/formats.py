@@ -12,32 +12,18 @@ from bayes_ssi.text_files import require_regular_file
 
 @dataclass(frozen=True)
 class Source:
-    """The files of a model, as the caller named them.
-
-    Attributes:
-        path: a file of the stiffness, or of the whole model.
-        mass: the file of the mass, if it was named.
-        keys: names of stiffness and mass in files that hold several matrices, if given.
-    """
+    """The files of a model, as the caller named them."""
 
     path: Path
     mass: Path | None = None
     keys: tuple[str, str] | None = None
 
     def with_ending(self, ending: str) -> Path | None:
-        """The file of the same name with another ending, in capitals or not; None if none is there.
-
-        Args:
-            ending: such as ".mas".
-        """
+        """The file of the same name with another ending, in any case; None if there is none."""
         return file_named(self.path, self.path.stem + ending)
 
     def needed(self, ending: str, what: str) -> Path:
-        """The file of the same name with another ending.
-
-        Raises:
-            ValueError: it is not there.
-        """
+        """The file of the same name with another ending."""
         file = self.with_ending(ending)
         if file is None:
             raise ValueError(
@@ -46,35 +32,20 @@ class Source:
         return file
 
     def needed_mass(self) -> Path:
-        """The file of the mass, where it cannot be known from the name of the stiffness.
-
-        Raises:
-            ValueError: it was not given.
-        """
+        """The file of the mass, where it cannot be known from the name of the stiffness."""
         if self.mass is None:
             raise ValueError(f"{self.path}: name the file of the mass matrix as well, as mass=")
         return self.mass
 
     def refuse_keys(self) -> None:
-        """For formats whose matrices have no names.
-
-        Raises:
-            ValueError: keys were given.
-        """
+        """For formats whose matrices have no names."""
         if self.keys is not None:
             raise ValueError(f"{self.path}: keys are given, but its matrices have no names")
 
 
 @dataclass(frozen=True)
 class Format:
-    """A format of solver files.
-
-    Attributes:
-        program: the program, and the format's name.
-        files: the files, for messages.
-        recognises: whether a file, with its first bytes, is of this format.
-        read: reads the model.
-    """
+    """A format of solver files."""
 
     program: str
     files: str
@@ -83,12 +54,7 @@ class Format:
 
 
 def first_bytes(path: Path) -> bytes:
-    """The beginning of a file, in which formats are recognised.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is not a regular file.
-    """
+    """The beginning of a file, in which formats are recognised."""
     require_regular_file(path)
     with path.open("rb") as file:
         return file.read(8192)

@@ -21,11 +21,6 @@ def geometry_of_deck(path: Path) -> Geometry | None:
 
     Decks that it includes are read as well. Nodes that it generates or copies, and parts that it
     places elsewhere, are missing.
-
-    Raises:
-        OSError: the file, or one that it includes, cannot be read.
-        ValueError: a data line is not a node with up to three coordinates, or an element with
-            nodes; the message names file and line.
     """
     nodes: dict[str, Point] = {}
     lines: list[tuple[str, str]] = []

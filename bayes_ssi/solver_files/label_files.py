@@ -12,12 +12,7 @@ _LABEL = re.compile(r"(\S.*?)[\s.,;]+(\w+)")
 
 
 def read_labels(path: Path) -> list[str]:
-    """Labels "node direction" of lines such as ``12 x``, ``12 UX``, ``12 1`` or ``12.1``.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: a line is not of a node and a direction; the message names it.
-    """
+    """Labels "node direction" of lines such as ``12 x``, ``12 UX``, ``12 1`` or ``12.1``."""
     require_whole_lines(path)
     labels = []
     with path.open(encoding="utf-8-sig", errors="replace") as file:

@@ -24,17 +24,7 @@ def numbered(names: Iterable[str]) -> tuple[str, ...]:
 def chosen_pair(
     file: object, names: Sequence[str], keys: tuple[str, str] | None
 ) -> tuple[int, int]:
-    """Positions of stiffness and mass.
-
-    Args:
-        file: the file, for messages.
-        names: of its matrices, each but once.
-        keys: the two names, if the caller gave them; capitals do not matter.
-
-    Raises:
-        ValueError: a key is not among the names, or, without keys, the names do not tell which
-            matrices are meant.
-    """
+    """Positions of stiffness and mass."""
     lower = [name.lower() for name in names]
     if keys is not None:
         for key in keys:

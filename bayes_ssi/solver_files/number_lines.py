@@ -19,19 +19,10 @@ def read_number_lines(
     """The numbers of a file that has the same columns in every line.
 
     Args:
-        path: the file.
-        columns: what they hold, separated by commas, such as "row, column, value".
         delimiter: between numbers; white space if None.
-        skip: number of lines at the beginning without numbers.
-        comment: what lines begin with that hold no numbers.
 
     Returns:
         (number of lines, number of columns).
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: a line is not of such numbers, the last one breaks off, or there is none; the
-            message names file and line.
     """
     require_whole_lines(path)
     width = columns.count(",") + 1
@@ -60,12 +51,7 @@ def read_number_lines(
 
 
 def require_whole_lines(path: Path) -> None:
-    """Refuse a file whose last line does not end: its last number may be cut off.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is not a regular file, is empty, or ends within a line.
-    """
+    """Refuse a file whose last line does not end: its last number may be cut off."""
     require_regular_file(path)
     with path.open("rb") as file:
         size = file.seek(0, 2)

@@ -39,13 +39,7 @@ EXPONENTS = (1, 3, 2, 4, -1)
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """An export of the model with altered properties.
-
-    Attributes:
-        file: for messages.
-        factors: property → factor of its nominal value; others are nominal.
-        model: as read.
-    """
+    """An export of the model with altered properties."""
 
     file: str
     factors: Mapping[str, float]
@@ -66,13 +60,7 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class ParameterMatrices:
-    """Stiffness and mass as sums of matrices times powers of factors and their products.
-
-    Attributes:
-        nominal: the model as exported with nominal properties.
-        stiffness, mass: their terms, the constant one first.
-        errors: file of a check → the larger relative error of its predicted stiffness and mass.
-    """
+    """Stiffness and mass as sums of matrices times powers of factors and their products."""
 
     nominal: ExportedModel
     stiffness: tuple[Term, ...]
@@ -86,14 +74,8 @@ def parameter_matrices(
     """Terms of stiffness and mass by differences of exports.
 
     Args:
-        nominal: the model with nominal properties.
         changed: exports with one altered property each, or with two whose product matters; several
             with other factors find powers and polynomials.
-        checks: exports with any properties altered, which must be predicted.
-
-    Raises:
-        ValueError: an export is of another model, alters no or more than two properties, or changes
-            nothing; or the exports are not predicted to 1e-8, and the message gives the error.
     """
     by_name: dict[str, list[Export]] = {}
     by_pair: dict[tuple[str, ...], list[Export]] = {}
@@ -188,14 +170,7 @@ def _error(difference: sp.csc_array, scale: sp.dia_array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Changes:
-    """What exports change of the stiffness or mass.
-
-    Attributes:
-        which: stiffness or mass, for messages.
-        scale: makes errors of entries relative.
-        differences: identity of an export → altered minus nominal matrix.
-        checks: exports that must be predicted.
-    """
+    """What exports change of the stiffness or mass."""
 
     which: str
     scale: sp.dia_array
@@ -214,9 +189,6 @@ def _fits(
 
     The fewest first. With as many powers as exports, each set of them does: more than one is then
     offered, and other exports must tell.
-
-    Raises:
-        ValueError: none does.
     """
     differences = [
         sp.csc_array(changes.differences[id(each)] - _predicted(known, each.factors, changes.scale))

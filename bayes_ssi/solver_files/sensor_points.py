@@ -44,12 +44,7 @@ class MappedSensor:
 
 
 def read_sensor_points(path: Path) -> tuple[SensorPoint, ...]:
-    """Sensors of a CSV file with columns sensor, x_coord, y_coord, z_coord and direction.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: a column is missing, or a cell is not valid; the message names the line.
-    """
+    """Sensors of a CSV file with columns sensor, x_coord, y_coord, z_coord and direction."""
     names, lines = _table(path)
     if sorted(names) != sorted(COLUMNS):
         raise ValueError(
@@ -72,10 +67,6 @@ def read_node_table(path: Path) -> dict[str, str] | None:
     """Node of the test → node of the model, of a CSV file with columns node and model_node.
 
     None if it has other columns.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: a row is not whole, or states a node again; the message names the line.
     """
     names, lines = _table(path)
     if sorted(names) != sorted(NODE_COLUMNS):
@@ -106,12 +97,7 @@ def _table(path: Path) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
 
 
 def points_of_universal_file(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint, ...]:
-    """Sensors "node direction" at the nodes that a universal file states (data sets 15, 2411).
-
-    Raises:
-        ValueError: pyuff is not installed, the file is damaged, or a sensor is at none of its
-            nodes.
-    """
+    """Sensors "node direction" at the nodes that a universal file states (data sets 15, 2411)."""
     nodes: dict[str, Point] = {}
     for one in read_data_sets(path, 15, 2411):
         for number, *at in zip(one["node_nums"], one["x"], one["y"], one["z"], strict=True):
@@ -152,17 +138,7 @@ def exchanged(points: Sequence[SensorPoint], axes: Mapping[str, str]) -> tuple[S
 def nearest_degrees_of_freedom(
     points: Sequence[SensorPoint], model: ExportedModel, scale: float = 1.0
 ) -> tuple[MappedSensor, ...]:
-    """The nearest node of each sensor that moves in its direction.
-
-    Args:
-        points: the sensors.
-        model: with labels and geometry.
-        scale: factor of the sensors' coordinates, to those of the model.
-
-    Raises:
-        ValueError: the model has no coordinates, nothing moves in a direction, two sensors are
-            nearest to one degree of freedom, or other units bring all of them much nearer.
-    """
+    """The nearest node of each sensor that moves in its direction."""
     mapped = _mapped(points, model, scale)
     labels = Counter(each.label for each in mapped)
     largest = max(each.distance for each in mapped)

@@ -14,11 +14,7 @@ Rows = NDArray[np.intp]
 
 
 def whole_numbers(path: Path, values: FloatArray, what: str, first_line: int) -> Rows:
-    """Numbers of rows or nodes that a file states.
-
-    Raises:
-        ValueError: one is not whole; the message names the line, counted from ``first_line``.
-    """
+    """Numbers of rows or nodes that a file states."""
     whole = values.astype(np.intp)
     wrong = np.flatnonzero(whole != values)
     if len(wrong):
@@ -30,11 +26,7 @@ def whole_numbers(path: Path, values: FloatArray, what: str, first_line: int) ->
 
 
 def rows_from_one(path: Path, values: FloatArray, size: int | None, first_line: int) -> Rows:
-    """Rows counted from 0 of rows that a file counts from 1.
-
-    Raises:
-        ValueError: one is not whole, below 1, or above ``size``.
-    """
+    """Rows counted from 0 of rows that a file counts from 1."""
     rows = whole_numbers(path, values, "row and column", first_line)
     wrong = np.flatnonzero((rows < 1) | (rows > (size or np.iinfo(np.intp).max)))
     if len(wrong):
@@ -52,15 +44,10 @@ def from_entries(
     """The whole matrix, whether the file states one triangle or both.
 
     Args:
-        path: the file, for messages.
         rows, columns, values: of the entries; rows and columns counted from 0.
-        size: number of rows.
 
     Returns:
         (size, size), with both triangles; not checked for symmetry where the file states both.
-
-    Raises:
-        ValueError: an entry is stated twice.
     """
     matrix = sp.coo_array((values, (rows, columns)), shape=(size, size)).tocsc()
     if matrix.nnz != len(values):

@@ -54,11 +54,7 @@ SYSTEMS: Mapping[str, Units] = MappingProxyType(
 
 
 def in_si(model: ExportedModel, units: str) -> ExportedModel:
-    """The model in N, m and kg; rotations stay in radians.
-
-    Raises:
-        ValueError: the units are unknown, or the rows have no labels that say which rotate.
-    """
+    """The model in N, m and kg; rotations stay in radians."""
     system = _system(units)
     if model.labels is None and system.length != 1.0:
         raise ValueError(
@@ -106,10 +102,6 @@ def require_mass(model: ExportedModel, mass_kg: float, units: str | None) -> Non
         model: in the units of the program.
         mass_kg: the structure's mass in kg, known to within a factor of 2.
         units: the units that were stated, if any.
-
-    Raises:
-        ValueError: no units are stated, or the mass contradicts them; the message gives the mass
-            and the units that would fit it.
     """
     if not 0.0 < mass_kg < np.inf:
         raise ValueError(f"mass_kg must be positive, got {mass_kg!r}")

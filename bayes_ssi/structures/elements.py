@@ -90,11 +90,7 @@ class CarriesElements(Protocol):
         ...
 
     def require_place(self, place: Place, label: str) -> None:
-        """Refuse a place that is not on the structure.
-
-        Raises:
-            ValueError: it is not; the message begins with ``label``.
-        """
+        """Refuse a place that is not on the structure."""
         ...
 
 

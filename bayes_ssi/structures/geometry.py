@@ -98,11 +98,7 @@ class Geometry:
 
 
 def checked_point(at: Any, where: str) -> Point:
-    """Three finite coordinates.
-
-    Raises:
-        ValueError: they are not; the message begins with ``where``.
-    """
+    """Three finite coordinates."""
     try:
         point = tuple(float(coordinate) for coordinate in at)
     except (TypeError, ValueError):

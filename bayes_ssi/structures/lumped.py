@@ -113,15 +113,7 @@ class LumpedStructure(Structure):
         return [field.name for field in fields(self) if field.type == "tuple[Value, ...]"]
 
     def _check_storeys(self, *others: str) -> None:
-        """Check that each field has one positive value per storey; make the fields tuples.
-
-        Args:
-            others: further fields of the same length, with other kinds of values.
-
-        Raises:
-            ValueError: their lengths differ or are zero, or a value can be zero or negative.
-            TypeError: a value is neither a number nor a Parameter.
-        """
+        """Check that each field has one positive value per storey; make the fields tuples."""
         kind, names = type(self).__name__, self._storey_fields
         for name in names:
             object.__setattr__(self, name, tuple(getattr(self, name)))

@@ -15,11 +15,7 @@ Place = SinglePlace | Motion
 
 
 def checked_place(place: Any, where: str) -> Place:
-    """A place as elements keep it: a mapping of single places to shares becomes pairs.
-
-    Raises:
-        ValueError: it is none of these, or a direction of zeros.
-    """
+    """A place as elements keep it: a mapping of single places to shares becomes pairs."""
     if _is_single(place):
         single: SinglePlace = place
         return single

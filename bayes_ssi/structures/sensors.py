@@ -68,11 +68,7 @@ class SensorMatrix:
     def of(
         cls, motions: Sequence[Mapping[str, float]], degrees_of_freedom: Sequence[str]
     ) -> SensorMatrix:
-        """The matrix from each sensor's motion: degree of freedom → its weight in the measurement.
-
-        Raises:
-            KeyError: there is no such degree of freedom.
-        """
+        """From each sensor's motion: degree of freedom → its weight in the measurement."""
         row = {label: i for i, label in enumerate(degrees_of_freedom)}
         longest = max(map(len, motions), default=1)
         rows = np.zeros((len(motions), longest), dtype=np.intp)

@@ -35,7 +35,6 @@ def population_table(hierarchy: Hierarchy, covariate: float | None = None) -> Ta
     """The most probable population, and what the next test will give, parameter by parameter.
 
     Args:
-        hierarchy: the result.
         covariate: its value in the next test; the mean of the tests if None.
     """
     best, scale = hierarchy.best, hierarchy.covariate

@@ -64,12 +64,7 @@ def estimates_table(modes: ModalEstimates) -> Table:
 
 
 def methods_table(by: Mapping[str, MethodModes | str], names: Mapping[str, str]) -> Table:
-    """Each mode by every method, with the MAC of its shape with that of the first.
-
-    Args:
-        by: method → its modes, or why it has none.
-        names: method → its name.
-    """
+    """Each mode by every method, with the MAC of its shape with that of the first."""
     shown = {name: modes for name, modes in by.items() if not isinstance(modes, str)}
     first = next(iter(shown.values()))
     table = new_table("Modes by every method", ["mode", "method"], ["frequency Hz", "± %",

@@ -63,12 +63,7 @@ def changed_parameters_table(row: ChangedClass) -> Table:
 
 
 def what_if_notes(answer: WhatIf, again: str) -> Sequence[str]:
-    """What the change does to the ranking, and what the draws do not say.
-
-    Args:
-        answer: the ranking before and after.
-        again: how to sample again, as a sentence.
-    """
+    """What the change does to the ranking, and what the draws do not say."""
     notes = [f"Changed: {phrase}." for phrase in answer.changes]
     before, after = answer.best_before, answer.best_after
     if after is None:
