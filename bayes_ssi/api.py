@@ -2,7 +2,6 @@
 
 from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.appendages.candidate_files import read_candidates
-from bayes_ssi.appendages.candidates import Candidate
 from bayes_ssi.appendages.hypotheses import SearchSettings
 from bayes_ssi.appendages.ranked_study import rank
 from bayes_ssi.calibration.calibration import calibrate
@@ -56,6 +55,7 @@ from bayes_ssi.results.stored_what_if import what_if
 from bayes_ssi.sampling.settings import SamplingSettings
 from bayes_ssi.solver_files.exported_model import ExportedModel
 from bayes_ssi.solver_files.model_files import read_model
+from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.elements import AddedMass, InPlaneInfill, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.rigid_floors import FloorBlock, FloorMass, floor_sensor

@@ -3,7 +3,6 @@
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.candidates import default_candidates
 from bayes_ssi.appendages.hypotheses import SearchSettings
 from bayes_ssi.appendages.places import InfillPlace, PendulumPlace, places_of
 from bayes_ssi.appendages.screening import Screened
@@ -20,7 +19,7 @@ INFILL_12, INFILL_01 = (InfillPlace(bs.Candidate(f"{i}-{i + 1}", i, to=i + 1)) f
 
 def places_of_building(structure):
     """What a search tries on a structure with floors."""
-    return places_of(default_candidates(structure, ()))
+    return places_of(structure.candidates(()))
 
 
 def by_count(*log_evidences):

@@ -15,7 +15,6 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_ssi.appendages.baselines import Baselines, choose_baselines, compact, prior_draws
-from bayes_ssi.appendages.candidates import Candidate
 from bayes_ssi.appendages.findings import search_record
 from bayes_ssi.appendages.hypotheses import SearchSettings, name_of
 from bayes_ssi.appendages.next_level import NextLevel, next_level
@@ -33,6 +32,7 @@ from bayes_ssi.posterior.refinement_settings import RefinementSettings
 from bayes_ssi.ranking.class_sampling import sample_all
 from bayes_ssi.ranking.study import Study, compare_and_diagnose
 from bayes_ssi.sampling.settings import SamplingSettings
+from bayes_ssi.structures.candidate import Candidate
 
 Hypotheses = Mapping[Key, ScreenedHypothesis]
 # Screening has found where posteriors lie, so that no search precedes sampling. The basis that all

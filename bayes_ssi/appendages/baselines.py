@@ -10,7 +10,6 @@ import numpy as np
 
 from bayes_ssi.appendages.candidates import (
     Candidate,
-    default_candidates,
     located,
     require_distinct,
     require_on_structure,
@@ -26,13 +25,11 @@ from bayes_ssi.appendages.mass_scale import MassScale
 from bayes_ssi.appendages.observed_places import are_observed
 from bayes_ssi.appendages.places import AppendagePlace, places_of
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.finite_elements.reduced_structure import ReducedStructure
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.refinement_settings import RefinementSettings
 from bayes_ssi.posterior.required_accuracy import is_approximate, more_accurate
 from bayes_ssi.ranking.class_sampling import is_cheap
 from bayes_ssi.ranking.study import Study
-from bayes_ssi.structures.elements import CarriesElements
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.motion import motion_of
 from bayes_ssi.structures.structure import Structure
@@ -165,20 +162,17 @@ def compact(baseline: ModelClass, draws: Draws) -> ModelClass:
 def _with_reduced(
     baseline: ModelClass,
     draws: Draws,
-    change: Callable[[ReducedStructure, FloatArray], Structure],
+    change: Callable[[Structure, FloatArray], Structure],
 ) -> ModelClass:
     structures = [test.structure for test in baseline.configurations]
-    if not any(isinstance(structure, ReducedStructure) for structure in structures):
+    if not any(structure.is_approximate for structure in structures):
         return baseline
     z = draws(baseline.parameter_names, N_DRAWS)
     columns = [own for _, _, own in baseline.parts(baseline.values(z))]
 
-    def changed(structure: Structure, i: int) -> Structure:
-        if not isinstance(structure, ReducedStructure) or structure.full.elements:
-            return structure
-        return change(structure, columns[i][:, : len(structure.parameters)])
-
-    return baseline.with_structures(changed)
+    return baseline.with_structures(
+        lambda structure, i: change(structure, columns[i][:, : len(structure.parameters)])
+    )
 
 
 def choose_baselines(
@@ -242,9 +236,8 @@ def _places(
     tests = tests_with_appendages(baseline, present_in)
     if candidates is None:
         sensors = dict.fromkeys(name for test in tests for name in test.data.sensors)
-        candidates = default_candidates(tests[0].structure, list(sensors))
+        candidates = tests[0].structure.candidates(list(sensors))
     for test in tests:
-        assert isinstance(test.structure, CarriesElements)
         try:
             require_on_structure(candidates, test.structure)
         except ValueError as error:

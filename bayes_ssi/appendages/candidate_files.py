@@ -7,8 +7,9 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-from bayes_ssi.appendages.candidates import Candidate, require_distinct
+from bayes_ssi.appendages.candidates import require_distinct
 from bayes_ssi.argument_types import checked
+from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.geometry import Point
 from bayes_ssi.structures.motion import Place
 from bayes_ssi.text_files import read_columns

@@ -26,6 +26,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.run import Run
 from bayes_ssi.finite_elements.alternative_places import AlternativePlaces
 from bayes_ssi.finite_elements.projected_structure import ProjectedStructure
+from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.to_posterior import seed_of
 from bayes_ssi.sampling.maxima import ascend
@@ -119,16 +120,17 @@ def first_looks(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int
 def _in_common(hypothesis: ToScreen) -> Hashable:
     """What hypotheses that are computed together have in common; None if one cannot be."""
     model_class, simpler = hypothesis
-    structures = [test.structure for test in model_class.configurations]
-    if simpler is None or not all(isinstance(each, ProjectedStructure) for each in structures):
+    structures = _projected(model_class.configurations)
+    if simpler is None or len(structures) < len(model_class.configurations):
         return None
-    kinds = tuple(
-        tuple(type(element) for element in structure.elements)
-        for structure in structures
-        if isinstance(structure, ProjectedStructure)
-    )
+    kinds = tuple(tuple(map(type, structure.elements)) for structure in structures)
     positions = tuple(model_class.parameter_names.index(name) for name in simpler.parameter_names)
     return id(simpler), kinds, positions
+
+
+def _projected(tests: Sequence[Configuration]) -> list[ProjectedStructure]:
+    """The structures of tests that can be computed together."""
+    return [test.structure for test in tests if isinstance(test.structure, ProjectedStructure)]
 
 
 def look_together(hypotheses: Sequence[ToScreen], seed: int) -> list[FirstLook | None]:
@@ -189,13 +191,8 @@ class _JointLikelihood:
     @classmethod
     def of(cls, classes: Sequence[ModelClass]) -> _JointLikelihood:
         tests = zip(*(each.configurations for each in classes), strict=True)
-        places = []
-        for of_test in tests:
-            structures = [test.structure for test in of_test]
-            places.append(
-                AlternativePlaces.of([s for s in structures if isinstance(s, ProjectedStructure)])
-            )
-        return cls(classes[0], tuple(places))
+        places = tuple(AlternativePlaces.of(_projected(of_test)) for of_test in tests)
+        return cls(classes[0], places)
 
     def __call__(self, z: FloatArray) -> FloatArray:
         parts = [self._of_rows(z[start : start + ROWS]) for start in range(0, len(z), ROWS)]

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 from bayes_ssi.appendages.candidates import (
     Candidate,
-    default_candidates,
     require_on_structure,
 )
 from bayes_ssi.appendages.mass_scale import MassScale, mass_scale
@@ -18,7 +17,6 @@ from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.parameters import Parameter
 from bayes_ssi.priors.families import LogNormal, LogUniform
 from bayes_ssi.priors.prior import Prior
-from bayes_ssi.structures.elements import CarriesElements
 from bayes_ssi.structures.structure import Structure
 
 NO_APPENDAGE = "no appendage"
@@ -122,7 +120,6 @@ def hypothesis(
         if baseline.configurations[i] not in tests:
             return structure
         for element in elements:
-            assert isinstance(structure, CarriesElements)
             structure = structure.with_element(element)
         return structure
 
@@ -143,7 +140,7 @@ def tests_with_appendages(
         raise ValueError("present_in: names no test; give one or more, or None for all")
     tests = tuple(baseline.configuration(name) for name in dict.fromkeys(names))
     for test in tests:
-        if not isinstance(test.structure, CarriesElements):
+        if not test.structure.carries_elements:
             raise ValueError(
                 f"model class {baseline.name!r}: a search needs a structure that carries elements, "
                 "such as a ShearBuilding or MatrixStructure, got "
@@ -161,11 +158,9 @@ def tests_with_places(
     """
     first = model_class.configurations[0]
     if candidates is None:
-        candidates = default_candidates(first.structure, first.data.sensors)
+        candidates = first.structure.candidates(first.data.sensors)
 
     def has_places(structure: Structure) -> bool:
-        if not isinstance(structure, CarriesElements):
-            return False
         try:
             require_on_structure(candidates, structure)
         except ValueError:

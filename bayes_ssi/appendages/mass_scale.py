@@ -8,9 +8,6 @@ import numpy as np
 
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.modal import seen_shapes
-from bayes_ssi.structures.lumped import LumpedStructure
-from bayes_ssi.structures.motion import SinglePlace
-from bayes_ssi.structures.rigid_floors import RigidFloors
 from bayes_ssi.structures.structure import Structure
 
 
@@ -30,8 +27,9 @@ def mass_scale(structure: Structure, data: ModalData) -> MassScale:
     the mode's inertia. A local mode that hardly moves a sensor has a huge one, which does not
     change the median. All are at the prior medians.
     """
-    if isinstance(structure, LumpedStructure):
-        return MassScale(_mean_floor_mass(structure), "mean floor mass")
+    of_floor = structure.mean_floor_mass()
+    if of_floor is not None:
+        return MassScale(of_floor, "mean floor mass")
     modes = structure.modes(structure.prior_medians())
     n_in_band = int((modes.frequencies_hz[0] <= data.band_hz[1]).sum())
     n = max(min(n_in_band, len(data.modes)), 1)
@@ -40,16 +38,3 @@ def mass_scale(structure: Structure, data: ModalData) -> MassScale:
     if not largest.any():
         raise ValueError("no mode of the structure moves a sensor, so masses have no scale")
     return MassScale(float(np.median(largest[largest > 0.0] ** -2)), "median modal mass")
-
-
-def _mean_floor_mass(structure: LumpedStructure) -> float:
-    """The main structure's mass that moves with the ground, over the number of floors."""
-    main = structure.main_degrees_of_freedom()
-    moved: dict[SinglePlace, float] = {}
-    for i, (label, motion) in enumerate(zip(main, structure.main_influence(), strict=True), 1):
-        moved[i] = moved[label] = motion
-    total = 0.0
-    for mass in structure.main_masses():
-        moves = sum(share * moved[place] for place, share in mass.direction)
-        total += mass.mass.median * moves**2
-    return total / (structure.n_floors if isinstance(structure, RigidFloors) else len(main))

@@ -7,11 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.appendages.candidates import Candidate
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.finite_elements.reduced_structure import ReducedStructure
-from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
-from bayes_ssi.structures.lumped import LumpedStructure
+from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.structure import Structure
 
 # A mode that the sensors see moves them by at least this share of the one that moves them most, at
@@ -31,17 +28,15 @@ def are_observed(
     At the prior medians; of two ends of a candidate one is enough. An appendage elsewhere changes
     no identified mode, so its probability remains that before the test.
     """
-    if not isinstance(structure, (LumpedStructure, ReducibleStructure, ReducedStructure)):
-        return np.ones(len(candidates), dtype=bool)
     values = structure.prior_medians()
     modes = structure.modes(values)
     at_sensors = structure.sensor_matrix(data.sensors).apply(modes.shapes)[0]
     seen = np.abs(at_sensors).max(axis=0, initial=0.0)
     counts = (modes.frequencies_hz[0] <= data.band_hz[1]) & (seen >= VISIBLE * seen.max())
-    if not counts.any():
-        return np.ones(len(candidates), dtype=bool)
     ends = [end for candidate in candidates for end in candidate.ends]
-    moved = np.abs(structure.place_shapes(ends, values))[:, : len(seen)]
-    takes_part = (moved >= TAKES_PART * seen)[:, counts].any(axis=1)
+    moved = structure.place_shapes(ends, values)
+    if moved is None or not counts.any():
+        return np.ones(len(candidates), dtype=bool)
+    takes_part = (np.abs(moved)[:, : len(seen)] >= TAKES_PART * seen)[:, counts].any(axis=1)
     of_candidate = np.repeat(np.arange(len(candidates)), [len(each.ends) for each in candidates])
     return np.bincount(of_candidate, takes_part, minlength=len(candidates)) > 0

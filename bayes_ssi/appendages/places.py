@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bayes_ssi.appendages.candidates import Candidate
 from bayes_ssi.parameters import Value
+from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.geometry import Point
 from bayes_ssi.structures.motion import Place, place_name

@@ -10,7 +10,6 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.calibration.fit import Fit, mode_fits, rms_distance
-from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.configuration import Configuration
@@ -41,7 +40,7 @@ class CalibrationProblem:
     ) -> None:
         self.model_class = model_class
         self.with_prior = with_prior
-        if any(isinstance(each, AnyPairing) for each in model_class.likelihoods):
+        if not all(each.pairing_is_given for each in model_class.likelihoods):
             raise NothingToCalibrateError(
                 f"model class {model_class.name!r}: its pairing is 'any', but a fit needs "
                 "an explicit pairing"

@@ -158,12 +158,12 @@ class _Descents:
         orders: Sequence[NDArray[np.intp]],
     ) -> FloatArray:
         """Ends with further modes paired, one by one in their order, where that has more mass."""
-        if not any(test.any_pairing for test in self.tests):
+        if not any(test.inferred for test in self.tests):
             return z
         z, curvatures = self._descended(z, chosen, 0.0, MOST_STEPS)
         masses = self._log_masses(z, curvatures)
         for t, test in enumerate(self.tests):
-            for mode in orders[t].T if test.any_pairing else ():
+            for mode in orders[t].T if test.inferred else ():
                 rows = np.flatnonzero(chosen[t][np.arange(len(z)), mode] < 0)
                 if not len(rows):
                     continue
@@ -187,7 +187,7 @@ class _Descents:
     def _pairings(
         self, z: FloatArray, width: float, considered: Sequence[NDArray[np.bool_]]
     ) -> list[NDArray[np.intp]]:
-        if not any(test.any_pairing for test in self.tests):
+        if not any(test.inferred for test in self.tests):
             return [test.given_pairings(len(z)) for test in self.tests]
         each = zip(self.tests, self._own(z), self.solved.at(z), considered, strict=True)
         return [test.pairings(own, modes, width, some, self.rng) for test, own, modes, some in each]

@@ -31,8 +31,8 @@ class PairedResiduals:
 
     def __init__(self, likelihood: ModalLikelihood) -> None:
         self.likelihood = likelihood
-        self.any_pairing = isinstance(likelihood, AnyPairing)
-        labels = likelihood.data.labels if self.any_pairing else tuple(likelihood.pairing)
+        self.inferred = likelihood if isinstance(likelihood, AnyPairing) else None
+        labels = likelihood.data.labels if self.inferred else tuple(likelihood.pairing)
         # Mode j of the chosen model modes belongs to identified mode j.
         self.pairs = PairedModes.of(likelihood.data, ((x, j) for j, x in enumerate(labels, 1)))
         self.given = np.array(list(likelihood.pairing.values()), dtype=np.intp) - 1
@@ -62,7 +62,7 @@ class PairedResiduals:
     def errors(self, own: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
         """Errors of frequencies (B, J) and shapes (B, S), their own and ``width`` together."""
         sizes = self.likelihood.errors.of_pairs(own)
-        each = self.likelihood.structure.n_modes if self.any_pairing else 1
+        each = self.likelihood.structure.n_modes if self.inferred else 1
         frequency, shape = (np.sqrt(size[:, ::each] ** 2 + width**2) for size in sizes)
         return frequency, shape
 
@@ -79,8 +79,8 @@ class PairedResiduals:
         rng: np.random.Generator,
     ) -> NDArray[np.intp]:
         """A pairing (B, J) for each row, of the considered modes (B, J); -1 for spurious modes."""
-        likelihood = self.likelihood
-        if not isinstance(likelihood, AnyPairing):
+        likelihood = self.inferred
+        if likelihood is None:
             return self.given_pairings(len(own))
         compared = likelihood.compared_modes(own, modes)
         if width > 0.0:
@@ -101,8 +101,8 @@ class PairedResiduals:
 
         In proportion to the weights of pairs if all errors were nearly the widest.
         """
-        likelihood = self.likelihood
-        assert isinstance(likelihood, AnyPairing)
+        likelihood = self.inferred
+        assert likelihood is not None
         compared = likelihood.compared_modes(own, modes)
         wide = replace(likelihood, error=ErrorModel(WIDEST / NARROWING, WIDEST / NARROWING))
         rows = np.arange(len(own))

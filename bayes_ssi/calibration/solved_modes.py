@@ -9,7 +9,6 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.workers import Workers
-from bayes_ssi.finite_elements.pointwise_structure import PointwiseStructure
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.model_class import ModelClass
@@ -22,8 +21,7 @@ class SolvedModes:
         self.model_class = model_class
         self.n_evaluations = 0
         # The others are solved faster here than sent.
-        structures = [test.structure for test in model_class.configurations]
-        slow = any(isinstance(structure, PointwiseStructure) for structure in structures)
+        slow = any(test.structure.is_solved_by_rows for test in model_class.configurations)
         self._workers = workers if slow else None
 
     def at(self, z: FloatArray) -> list[Modes]:

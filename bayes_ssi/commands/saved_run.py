@@ -202,13 +202,12 @@ def _reminder_of_checkpoint() -> Iterator[None]:
 
 def _print_performance_hints(study: Study) -> None:
     """Advise before a long run how to shorten it, once for each kind of structure."""
-    from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
 
     names_by_hint: dict[str, list[str]] = {}
     for candidate in study.model_classes:
         for configuration in candidate.configurations:
             structure = configuration.structure
-            if isinstance(structure, ReducibleStructure) and structure.performance_hint:
+            if structure.performance_hint:
                 names = names_by_hint.setdefault(structure.performance_hint, [])
                 names.append(repr(candidate.name))
     for hint, names in names_by_hint.items():

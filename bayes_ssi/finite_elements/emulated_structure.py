@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.finite_elements.approximate_structure import Accuracy, ApproximateStructure
+from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.finite_elements.failing_points import FailingPoints
 from bayes_ssi.finite_elements.gaussian_process import GaussianProcess, n_quadratic_terms
 from bayes_ssi.finite_elements.mode_representations import (
@@ -23,7 +23,7 @@ from bayes_ssi.finite_elements.mode_representations import (
 from bayes_ssi.modal import ModalModel, Modes, NoModesError
 from bayes_ssi.parameters import values_at
 from bayes_ssi.structures.sensors import Sensor
-from bayes_ssi.structures.structure import Structure
+from bayes_ssi.structures.structure import Accuracy, Structure
 
 # Solutions over the prior for each coefficient of a polynomial of second degree: one would do
 # without errors.
@@ -74,6 +74,10 @@ class EmulatedStructure(ApproximateStructure):
     @property
     def exact(self) -> Structure:
         return self._exact
+
+    @property
+    def emulator(self) -> EmulatorFit:
+        return self.fitted
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:

@@ -24,6 +24,8 @@ class PointwiseStructure(Structure):
     parts, and the modes of stored draws are computed more than once.
     """
 
+    is_solved_by_rows = True
+
     @abstractmethod
     def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
         """Frequencies (n_modes,) and shapes (n_dof, n_modes) at ``values`` (n_parameters,).

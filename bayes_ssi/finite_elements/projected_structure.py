@@ -78,11 +78,9 @@ class ProjectedStructure(Structure):
         ]
 
     def with_element(self, element: Element) -> ProjectedStructure:
-        """See :class:`~bayes_ssi.structures.elements.CarriesElements`."""
         return ProjectedStructure(self.main, (*self.elements, element))
 
     def require_place(self, place: Place, label: str) -> None:
-        """See :class:`~bayes_ssi.structures.elements.CarriesElements`."""
         for single, _ in motion_of(place):
             if single != 0 and single not in (*self.main.rows, *self._own):
                 choices = listed([str(row) for row in self.main.rows])

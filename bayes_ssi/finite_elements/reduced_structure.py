@@ -12,7 +12,7 @@ import numpy as np
 
 from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.finite_elements.approximate_structure import Accuracy, ApproximateStructure
+from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.finite_elements.carrying_basis import CarryingBasis
 from bayes_ssi.finite_elements.projected_structure import ProjectedStructure
 from bayes_ssi.finite_elements.projection import Projection
@@ -37,6 +37,7 @@ from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.motion import Place, SinglePlace
 from bayes_ssi.structures.sensors import Sensor
+from bayes_ssi.structures.structure import Accuracy, Structure
 
 # Directions that add less than this share of the required accuracy to a mode are left out, some of
 # which together remain below it.
@@ -103,7 +104,6 @@ class ReducedStructure(ApproximateStructure):
         return whole
 
     def require_place(self, place: Place, label: str) -> None:
-        """See :class:`~bayes_ssi.structures.elements.CarriesElements`."""
         self.full.require_place(place, label)
 
     @property
@@ -152,7 +152,7 @@ class ReducedStructure(ApproximateStructure):
         vectors = self._main_basis.vectors
         return self.full.combined_rows(places, lambda rows: vectors[rows] @ y)
 
-    def projected(self, values: FloatArray, places: Iterable[SinglePlace]) -> ProjectedStructure:
+    def projected(self, values: FloatArray, places: Iterable[SinglePlace]) -> Structure:
         """The model in the few combinations of the basis that its modes at some values consist of.
 
         Args:
@@ -161,7 +161,7 @@ class ReducedStructure(ApproximateStructure):
             places: degrees of freedom and sensors on which elements may be put.
         """
         if self.full.elements:
-            raise TypeError("a structure that carries elements is not projected")
+            return self
         shares, directions = self._directions(values)
         # The energy that is neglected of a mode is about twice the relative error of its frequency.
         neglected = np.cumsum(shares) <= 2.0 * 0.01 * self.frequency_error
@@ -180,7 +180,7 @@ class ReducedStructure(ApproximateStructure):
                 :meth:`accurate_at` adds full solutions as to any basis.
         """
         if self.full.elements:
-            raise TypeError("a structure that carries elements is not made compact")
+            return self
         smaller = self._copied()
         _, directions = self._directions(values)
         smaller._basis = self._main_basis.combined(directions[:, 4 - BATCHED_UP_TO :])

@@ -18,7 +18,7 @@ from bayes_ssi.finite_elements.elements_on_rows import ElementsOnRows
 from bayes_ssi.finite_elements.matrix_files import Matrix
 from bayes_ssi.finite_elements.sparse_factors import fill_reducing_order, is_semidefinite
 from bayes_ssi.finite_elements.sparse_modes import DENSE_UP_TO, lowest_modes
-from bayes_ssi.modal import Eigenpairs, NoModesError
+from bayes_ssi.modal import Eigenpairs, NoModesError, frequencies_hz
 from bayes_ssi.parameters import Parameter, collect_parameters
 from bayes_ssi.structures.combined_sensors import CombinedSensors
 from bayes_ssi.structures.elements import Element
@@ -161,7 +161,6 @@ class ReducibleStructure(CombinedSensors):
             self._add_terms()
 
     def require_place(self, place: Place, label: str) -> None:
-        """See :class:`~bayes_ssi.structures.elements.CarriesElements`."""
         for single, _ in motion_of(place):
             if single not in self._carried.labels:
                 (self._main or self).row_of(single, label)
@@ -211,6 +210,14 @@ class ReducibleStructure(CombinedSensors):
         """
         vectors = self.full_modes(values[0]).vectors
         return self.combined_rows(places, lambda rows: vectors[rows])
+
+    def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        """By a full solution, at all degrees of freedom where these have labels."""
+        modes, n = self.full_modes(values), self.n_modes
+        labels, rows = self.degrees_of_freedom, self.system.sensor_rows
+        if self.labels is not None:
+            labels, rows = self.labels, self.system.rows[: len(self.labels)]
+        return labels, frequencies_hz(modes.eigenvalues[:n]), modes.vectors[rows, :n]
 
     def combined_rows(
         self, places: Sequence[Place], rows_of: Callable[[NDArray[np.intp]], FloatArray]

@@ -13,10 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
+from bayes_ssi.identification.inferred_pairing import (
+    InferredPairing,
+    inferred_pairing,
+    thinned,
+)
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.likelihood_terms import ComparedModes, row_sums
 from bayes_ssi.identification.paired_modes import PairedModes
-from bayes_ssi.identification.pairings import PairingWeights, log_sum, pair_probabilities
+from bayes_ssi.identification.pairings import (
+    PairingWeights,
+    log_sum,
+    pair_probabilities,
+    sample_pairings,
+)
 
 # The one datum of a test whose pairing is inferred.
 ALL_MODES = "all modes"
@@ -31,6 +41,8 @@ class AnyPairing(ModalLikelihood):
     takes each mode's own part, of its frequency and its shape: errors of different modes count as
     independent, because the sum over pairings is one over products.
     """
+
+    pairing_is_given = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -67,6 +79,19 @@ class AnyPairing(ModalLikelihood):
         nothing_paired = -self.identification.expected_spurious_modes + self._spurious.sum()
         weights, missed = self._weights(values, modes)
         return nothing_paired + row_sums(missed) + log_sum(weights)
+
+    def inferred_pairing(self, values: FloatArray) -> InferredPairing:
+        values = thinned(values)
+        return inferred_pairing(self.data.labels, self.pairing_weights(values))
+
+    def sampled_pairings(
+        self, values: FloatArray, modes: ComparedModes, rng: np.random.Generator
+    ) -> NDArray[np.intp]:
+        return sample_pairings(self.pairing_weights(values, modes), rng)
+
+    def pairs_of(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+        first = self.structure.n_modes * np.arange(len(self.data.labels))
+        return np.where(chosen < 0, -1, first + chosen)
 
     def pairing_weights(
         self, values: FloatArray, modes: ComparedModes | None = None

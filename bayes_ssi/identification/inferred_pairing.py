@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.pairings import (
+    PairingWeights,
     log_sum,
     pair_probabilities,
     sample_pairings,
@@ -56,17 +56,15 @@ class InferredPairing:
         return next((share.probability for share in shares), 0.0)
 
 
-def infer_pairing(likelihood: AnyPairing, values: FloatArray) -> InferredPairing:
-    """Pairings by their probability, averaged over posterior draws.
+def thinned(values: FloatArray) -> FloatArray:
+    """At most ``MAX_DRAWS`` of equally weighted draws (n, n_parameters)."""
+    if len(values) <= MAX_DRAWS:
+        return values
+    return values[np.linspace(0, len(values) - 1, MAX_DRAWS).astype(np.intp)]
 
-    Args:
-        values: equally weighted posterior draws (n, n_parameters); at most ``MAX_DRAWS`` are
-            used.
-    """
-    labels = likelihood.data.labels
-    if len(values) > MAX_DRAWS:
-        values = values[np.linspace(0, len(values) - 1, MAX_DRAWS).astype(np.intp)]
-    weights = likelihood.pairing_weights(values)
+
+def inferred_pairing(labels: Sequence[str], weights: PairingWeights) -> InferredPairing:
+    """Pairings of identified modes by their probability, averaged over posterior draws."""
     # Random pairings show which ones matter; the probability of each is exact at every draw.
     drawn = np.unique(sample_pairings(weights, np.random.default_rng(0)), axis=0)
     total = log_sum(weights)
@@ -74,7 +72,7 @@ def infer_pairing(likelihood: AnyPairing, values: FloatArray) -> InferredPairing
     for pairing in drawn:
         paired = np.flatnonzero(pairing >= 0)
         log_weight = weights.log_ratios[:, paired, pairing[paired]].sum(axis=1)
-        numbers = {labels[j]: int(pairing[j]) + 1 for j in paired}
+        numbers = {labels[j]: int(pairing[j]) + 1 for j in paired.tolist()}
         shares.append(PairingShare(numbers, float(np.exp(log_weight - total).mean())))
     shares.sort(key=lambda share: -share.probability)
     kept = [share for share in shares if share.probability >= LEAST_PROBABILITY][:10]

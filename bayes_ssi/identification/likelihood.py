@@ -21,6 +21,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
 from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
+from bayes_ssi.identification.inferred_pairing import InferredPairing
 from bayes_ssi.identification.joint_pairs import JointPairs, Residuals
 from bayes_ssi.identification.likelihood_terms import ComparedModes, ModalTerms, row_sums
 from bayes_ssi.identification.pair_errors import PairErrors, prediction_sizes
@@ -57,6 +59,9 @@ class ModalLikelihood:
     identification: IdentificationModel
     pairing: Mapping[str, int]
 
+    # Whether ``pairing`` says which mode is which, or that is inferred.
+    pairing_is_given: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         self.structure.sensor_matrix(self.data.sensors)
         check_pairing(self.pairing, self.data, self.structure.n_modes)
@@ -69,6 +74,29 @@ class ModalLikelihood:
     @cached_property
     def pairs(self) -> PairedModes:
         return PairedModes.of(self.data, self.pairing.items())
+
+    def inferred_pairing(self, values: FloatArray) -> InferredPairing | None:  # noqa: ARG002
+        """Pairings by their probability over draws (n, n_parameters); None where one is given."""
+        return None
+
+    def sampled_pairings(
+        self,
+        values: FloatArray,
+        modes: ComparedModes,  # noqa: ARG002 - for inferred pairings
+        rng: np.random.Generator,  # noqa: ARG002
+    ) -> NDArray[np.intp]:
+        """The model mode (B, J), from 0, that each identified mode is; -1 for spurious ones.
+
+        Where the pairing is inferred, that of each row is drawn by its probability.
+        """
+        given = [self.pairing.get(label, 0) - 1 for label in self.data.labels]
+        return np.tile(np.array(given, dtype=np.intp), (len(values), 1))
+
+    def pairs_of(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The index (B, J) among :attr:`pairs` of the pairs that are ``chosen``, or -1."""
+        numbers = {mode.label: i for i, mode in enumerate(self.pairs.modes)}
+        which = [numbers.get(label, -1) for label in self.data.labels]
+        return np.tile(np.array(which, dtype=np.intp), (len(chosen), 1))
 
     @cached_property
     def unpaired(self) -> UnpairedModes:

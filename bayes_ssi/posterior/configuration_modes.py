@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.identification.any_pairing import AnyPairing
-from bayes_ssi.identification.inferred_pairing import InferredPairing, infer_pairing
+from bayes_ssi.identification.inferred_pairing import InferredPairing
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.paired_modes import PairedModes
-from bayes_ssi.identification.pairings import sample_pairings
 from bayes_ssi.modal import Modes, scaled_shapes, shape_signs
 from bayes_ssi.model_class.configuration import Configuration
 from bayes_ssi.model_class.model_class import ModelClass
@@ -109,7 +107,7 @@ def configuration_modes(
     at = np.concatenate([model_class.values(np.zeros((1, values.shape[1]))), values])
     for configuration, likelihood, rows in model_class.parts(at):
         medians, draws = rows[:1], rows[1:]
-        inferred = infer_pairing(likelihood, draws) if isinstance(likelihood, AnyPairing) else None
+        inferred = likelihood.inferred_pairing(draws)
         pairing = dict(inferred.best if inferred else likelihood.pairing)
         n_modes = configuration.structure.n_modes
         updated = _updated_modes(configuration, likelihood, pairing, draws, medians)
@@ -177,10 +175,8 @@ def _own_modes(
     """
     labels = [label for label in likelihood.data.labels if label in pairing]
     every = np.arange(len(at))
-    if not isinstance(likelihood, AnyPairing):
-        return {label: (every, np.full(len(at), pairing[label] - 1)) for label in labels}
-    weights = likelihood.pairing_weights(at, likelihood.compared_modes(at, modes))
-    chosen = sample_pairings(weights, np.random.default_rng(0))
+    compared = likelihood.compared_modes(at, modes)
+    chosen = likelihood.sampled_pairings(at, compared, np.random.default_rng(0))
     own_modes = {}
     for label in labels:
         numbers = chosen[:, likelihood.data.labels.index(label)]

@@ -27,8 +27,6 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.workers import Workers
-from bayes_ssi.identification.any_pairing import AnyPairing
-from bayes_ssi.identification.inferred_pairing import infer_pairing
 from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.configuration import Configuration, label_in
 from bayes_ssi.model_class.model_class import ModelClass
@@ -229,8 +227,9 @@ def _other_pairing(repair: Repair, values: FloatArray) -> str:
     differences = []
     parts = repair.model_class.parts(values)
     for (test, likelihood, own), given in zip(parts, repair.given_pairings, strict=True):
-        if isinstance(likelihood, AnyPairing) and given != "any":
-            best = infer_pairing(likelihood, own).best
+        inferred = likelihood.inferred_pairing(own)
+        if inferred is not None and given != "any":
+            best = inferred.best
             differences += [
                 f"mode {label_in(test.name, label)!r} seems to be "
                 f"{_model_mode(best.get(label))}, not {_model_mode(given.get(label))}"

@@ -14,7 +14,6 @@ from bayes_ssi.execution.journal import Journal
 from bayes_ssi.execution.recorded_structure import RecordedStructure
 from bayes_ssi.execution.run import Run
 from bayes_ssi.execution.workers import Workers
-from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.finite_elements.emulated_structure import EmulatedStructure
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
@@ -22,7 +21,6 @@ from bayes_ssi.posterior.refinement import refined
 from bayes_ssi.posterior.refinement_settings import RefinementSettings
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
 from bayes_ssi.sampling.settings import SamplingSettings
-from bayes_ssi.structures.lumped import LumpedStructure
 from bayes_ssi.structures.structure import Structure
 
 
@@ -39,9 +37,7 @@ def with_emulated_structures(
     emulators: dict[int, EmulatedStructure] = {}
 
     def emulated(structure: Structure, _: int) -> Structure:
-        if isinstance(structure, (LumpedStructure, ApproximateStructure)):
-            return structure
-        if not structure.parameters:
+        if structure.is_cheap or not structure.parameters:
             return structure
         if id(structure) not in emulators:
             recorded = RecordedStructure(structure, workers, journal)
@@ -81,12 +77,6 @@ def sample_emulated(
     posterior = refined(
         emulated, sample_class, seed, settings.log_evidence_error, settings=refinement
     )
-    recorded = {
-        id(test.structure.exact): test.structure.exact
-        for test in emulated.configurations
-        if isinstance(test.structure, EmulatedStructure)
-    }
-    n_solved = sum(
-        each.n_solved for each in recorded.values() if isinstance(each, RecordedStructure)
-    )
+    exact = {id(test.structure.exact): test.structure.exact for test in emulated.configurations}
+    n_solved = sum(each.n_solved for each in exact.values() if isinstance(each, RecordedStructure))
     return replace(posterior, n_evaluations=n_solved)

@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtri, pdtrc
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.identification.any_pairing import AnyPairing
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.identification.likelihood_terms import ComparedModes
-from bayes_ssi.identification.pairings import sample_pairings
 from bayes_ssi.identification.shape_density import log_shape_survival
 from bayes_ssi.posterior.p_values import log_chi_square, log_two_sided
 
@@ -67,7 +65,7 @@ def misfit(
         rng: draws the pairing at each draw, where it is inferred.
     """
     pairs, n_data = likelihood.pairs, len(likelihood.data.modes)
-    which = _which_pairs(likelihood, values, modes, rng)
+    which = likelihood.pairs_of(likelihood.sampled_pairings(values, modes, rng))
     shape_of_pair = np.full(len(pairs.modes) + 1, -1, dtype=np.intp)  # the last one is of no pair
     shape_of_pair[pairs.with_shape] = np.arange(len(pairs.with_shape))
     which_shape = shape_of_pair[which]
@@ -121,29 +119,11 @@ def _joint_misfit(
     likelihood: ModalLikelihood, values: FloatArray, modes: ComparedModes
 ) -> FloatArray | None:
     """Log probability (B,) of a larger misfit of all modes of a given pairing with joint errors."""
-    if likelihood.joint_pairs is None or isinstance(likelihood, AnyPairing):
+    if likelihood.joint_pairs is None or not likelihood.pairing_is_given:
         return None
     white = likelihood.joint_pairs.together.white(*likelihood.residuals(values, modes))
     n_errors = white.frequencies.shape[1] + white.shapes.shape[1]
     return log_chi_square(white.frequency_squares + white.shape_squares, n_errors)
-
-
-def _which_pairs(
-    likelihood: ModalLikelihood,
-    values: FloatArray,
-    modes: ComparedModes,
-    rng: np.random.Generator,
-) -> NDArray[np.intp]:
-    """The index (B, J) of each identified mode's pair among the likelihood's; -1 if spurious."""
-    labels = likelihood.data.labels
-    if isinstance(likelihood, AnyPairing):
-        chosen = sample_pairings(likelihood.pairing_weights(values, modes), rng)
-        first = likelihood.structure.n_modes * np.arange(len(labels))
-        return np.where(chosen < 0, -1, first + chosen)
-    which = np.full(len(labels), -1, dtype=np.intp)
-    for pair, mode in enumerate(likelihood.pairs.modes):
-        which[labels.index(mode.label)] = pair
-    return np.tile(which, (len(values), 1))
 
 
 def _taken(columns: FloatArray, which: NDArray[np.intp]) -> FloatArray:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.finite_elements.emulated_structure import EmulatorFit
 from bayes_ssi.identification.inferred_pairing import InferredPairing
 from bayes_ssi.model_class.configuration import choose_configuration
 from bayes_ssi.posterior.adequacy import Adequacy
@@ -156,7 +156,7 @@ class Posterior:
     adequacy: Adequacy | None = None
     remarks: tuple[str, ...] = ()
     frequency_error: float = 0.0
-    emulators: tuple[EmulatorFit | None, ...] = ()
+    emulators: tuple[Any, ...] = ()
 
     @property
     def configuration_names(self) -> tuple[str, ...]:

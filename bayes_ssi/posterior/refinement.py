@@ -22,8 +22,6 @@ import numpy as np
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.execution.workers import Workers
-from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
-from bayes_ssi.finite_elements.emulated_structure import EmulatedStructure
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.class_target import class_target
 from bayes_ssi.posterior.confirmation import Confirmation, confirmed, corrected
@@ -101,8 +99,7 @@ def refined(
     if n_before:
         remark = f"{n_before} full solutions at draws showed that this accuracy is needed"
         posterior = replace(posterior, remarks=(*posterior.remarks, remark))
-    structures = [test.structure for test in model_class.configurations]
-    emulators = [s.fitted if isinstance(s, EmulatedStructure) else None for s in structures]
+    emulators = [test.structure.emulator for test in model_class.configurations]
     return replace(
         corrected(posterior, confirmation, log_evidence_error, settings),
         emulators=tuple(emulators) if any(emulators) else (),
@@ -135,7 +132,7 @@ def _with_errors_of_approximation(model_class: ModelClass, values: FloatArray) -
     widened = []
     for test, likelihood, own in model_class.parts(values):
         structure = likelihood.structure
-        if not isinstance(structure, ApproximateStructure):
+        if not structure.is_approximate:
             widened.append(test)
             continue
         frequency, shape, _ = structure.accuracy(

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
@@ -21,14 +20,12 @@ NEAR_THE_BAND = 1.05
 
 def with_exact_structures(model_class: ModelClass) -> ModelClass:
     """The class with the structures that its own approximate; the class itself if none does."""
-    return model_class.with_structures(
-        lambda s, _: s.exact if isinstance(s, ApproximateStructure) else s
-    )
+    return model_class.with_structures(lambda structure, _: structure.exact)
 
 
 def is_approximate(model_class: ModelClass) -> bool:
     """Whether any structure of the class approximates another."""
-    return any(isinstance(c.structure, ApproximateStructure) for c in model_class.configurations)
+    return any(c.structure.is_approximate for c in model_class.configurations)
 
 
 def evenly_spaced_draws(posterior: Posterior, n: int) -> FloatArray:
@@ -92,13 +89,7 @@ def more_accurate(
 
 def improved(model_class: ModelClass, needed: list[Requirement]) -> ModelClass:
     """The class with structures that are accurate enough, or more accurate than they were."""
-
-    def better(structure: Structure, i: int) -> Structure:
-        if not isinstance(structure, ApproximateStructure):
-            return structure
-        return structure.accurate_at(*needed[i])
-
-    return model_class.with_structures(better)
+    return model_class.with_structures(lambda structure, i: structure.accurate_at(*needed[i]))
 
 
 def with_solutions_at(model_class: ModelClass, values: FloatArray) -> ModelClass:
@@ -106,8 +97,6 @@ def with_solutions_at(model_class: ModelClass, values: FloatArray) -> ModelClass
     own = [part for _, _, part in model_class.parts(values)]
 
     def better(structure: Structure, i: int) -> Structure:
-        if not isinstance(structure, ApproximateStructure):
-            return structure
         return structure.with_solutions_at(own[i][:, : len(structure.parameters)])
 
     return model_class.with_structures(better)
@@ -121,7 +110,7 @@ def certified(
     needed = requirements(model_class, values, settings)
     remarks, failed = [], []
     for configuration, required in zip(model_class.configurations, needed, strict=True):
-        if not isinstance(configuration.structure, ApproximateStructure):
+        if not configuration.structure.is_approximate:
             continue
         where = f"configuration {configuration.name!r}: " if configuration.name else ""
         accuracy = configuration.structure.accuracy(required.values, required.n_modes)

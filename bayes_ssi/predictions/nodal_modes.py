@@ -7,9 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_ssi.arrays import FloatArray
-from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
-from bayes_ssi.finite_elements.reducible_structure import ReducibleStructure
-from bayes_ssi.modal import frequencies_hz
 from bayes_ssi.solver_files.directions import DIRECTIONS, INTERNAL
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.structure import Structure
@@ -44,7 +41,7 @@ def nodal_modes(structure: Structure, values: FloatArray) -> NodalModes:
             elements on it for instance, have no node.
         values: (n_parameters,).
     """
-    labels, frequencies, shapes = _at_all_rows(structure, values)
+    labels, frequencies, shapes = structure.labelled_modes(values)
     places = [_place(label) for label in labels]
     moving = dict.fromkeys(place[0] for place in places if place is not None)
     if not moving:
@@ -68,23 +65,6 @@ def nodal_modes(structure: Structure, values: FloatArray) -> NodalModes:
         frequencies,
         displacements / np.where(largest > 0.0, largest, 1.0)[:, None, None],
     )
-
-
-def _at_all_rows(
-    structure: Structure, values: FloatArray
-) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Labels (n), frequencies (m,) and shapes (n, m) at all that has a label."""
-    if isinstance(structure, ApproximateStructure):
-        structure = structure.exact
-    if not isinstance(structure, ReducibleStructure):
-        frequencies, shapes = (each[0] for each in structure.modes(values[None]))
-        return structure.degrees_of_freedom, frequencies, shapes
-    modes, n = structure.full_modes(values), structure.n_modes
-    labels, rows = structure.degrees_of_freedom, structure.system.sensor_rows
-    if structure.labels is not None:
-        labels = structure.labels
-        rows = structure.system.rows[: len(labels)]
-    return labels, frequencies_hz(modes.eigenvalues[:n]), modes.vectors[rows, :n]
 
 
 def _place(label: str) -> tuple[str, int] | None:

@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_limits
 
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
@@ -111,7 +110,7 @@ def thinned_draws(
     # Another machine reproduces frequencies up to rounding errors. Sampling made an approximate
     # structure accurate at its draws; the same is done here.
     tolerance = max(1e-6, EMULATED * posterior.frequency_error)
-    if isinstance(structure, ApproximateStructure):
+    if structure.is_approximate:
         structure = structure.accurate_at(values, *ACCURATE)
         tolerance = ACCURATE[0]
     modes, stored_hz = posterior.configuration(test.name)

@@ -20,13 +20,11 @@ from bayes_ssi.execution.checkpoint import Checkpoint
 from bayes_ssi.execution.local_workers import LocalWorkers
 from bayes_ssi.execution.progress_file import ProgressFile
 from bayes_ssi.execution.run import Run
-from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.model_class.model_class import ModelClass
 from bayes_ssi.posterior.posterior import Posterior
 from bayes_ssi.posterior.refinement_settings import RefinementSettings
 from bayes_ssi.posterior.sample import sample
 from bayes_ssi.sampling.settings import SamplingSettings
-from bayes_ssi.structures.lumped import LumpedStructure
 
 # The last step of a class, completed.
 END = ("evidence", 1.0)
@@ -133,5 +131,4 @@ class _Relay:
 
 def is_cheap(candidate: ModelClass) -> bool:
     """Whether all structures have small matrices or are approximate."""
-    structures = [configuration.structure for configuration in candidate.configurations]
-    return all(isinstance(each, (LumpedStructure, ApproximateStructure)) for each in structures)
+    return all(test.structure.is_cheap for test in candidate.configurations)

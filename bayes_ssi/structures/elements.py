@@ -12,7 +12,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import ClassVar, Protocol, Self, runtime_checkable
+from typing import ClassVar
 
 from bayes_ssi.parameters import Product, Value, as_product, positive_product
 from bayes_ssi.structures.motion import Motion, Place, checked_place, motion_of, place_name
@@ -79,19 +79,6 @@ class Element(ABC):
         for field in fields(self):  # type: ignore[arg-type]
             if field.type == "Value":
                 positive_product(getattr(self, field.name), f"{self.label}: {field.name}")
-
-
-@runtime_checkable
-class CarriesElements(Protocol):
-    """A structure on which elements can be put."""
-
-    def with_element(self, element: Element) -> Self:
-        """This structure with one more element on it."""
-        ...
-
-    def require_place(self, place: Place, label: str) -> None:
-        """Refuse a place that is not on the structure."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.parameters import Parameter, collect_parameters, positive_product
 from bayes_ssi.structures.affine_array import AffineArray
+from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.elements import AddedMass, Element, PointMass, Spring
 from bayes_ssi.structures.motion import Motion, Place, SinglePlace, motion_of
 from bayes_ssi.structures.sensors import Sensor
@@ -50,28 +51,45 @@ class LumpedStructure(Structure):
     def main_masses(self) -> Sequence[PointMass]:
         """Masses of the main structure."""
 
+    is_cheap = True
+
+    @property
+    def n_floors(self) -> int:
+        """Number of floors."""
+        return len(self.main_degrees_of_freedom())
+
     @checked
     def with_element(self, element: Element) -> Self:
-        """This structure with one more element on it.
-
-        Raises:
-            ValueError: the element's place is not on the structure, or its label is taken.
-        """
         return replace(self, elements=(*self.elements, element))
 
     def require_place(self, place: Place, label: str) -> None:
-        """See :class:`~bayes_ssi.structures.elements.CarriesElements`."""
         for single, _ in self._of_single(motion_of(place)):
             self._index(single, label)
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
-        """Motions of places in the modes (n_places, n_modes), at one row of ``values``.
-
-        As in :meth:`modes`, at unit modal mass.
-        """
         motions = np.array([self._vector(motion_of(place)) for place in places])
         shapes: FloatArray = motions @ self.modes(values).shapes[0]
         return shapes
+
+    def candidates(self, sensors: Sequence[str]) -> tuple[Candidate, ...]:  # noqa: ARG002
+        """Its floors, and its storeys."""
+        floors = range(1, self.n_floors + 1)
+        return (
+            *(Candidate(str(floor), floor) for floor in floors),
+            *(Candidate(f"{floor - 1}-{floor}", floor - 1, to=floor) for floor in floors),
+        )
+
+    def mean_floor_mass(self) -> float:
+        """The main structure's mass that moves with the ground, over the number of floors."""
+        moved: dict[SinglePlace, float] = {}
+        main = zip(self.main_degrees_of_freedom(), self.main_influence(), strict=True)
+        for i, (label, motion) in enumerate(main, 1):
+            moved[i] = moved[label] = motion
+        total = 0.0
+        for mass in self.main_masses():
+            moves = sum(share * moved[place] for place, share in mass.direction)
+            total += mass.mass.median * moves**2
+        return total / self.n_floors
 
     @checked
     def with_sensors(self, sensors: Iterable[Sensor]) -> Self:

@@ -10,6 +10,7 @@ from typing import Any
 
 from bayes_ssi.argument_types import checked
 from bayes_ssi.parameters import Product, Value, as_product
+from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.elements import Element, PointMass
 from bayes_ssi.structures.lumped import LumpedStructure
 from bayes_ssi.structures.motion import SinglePlace
@@ -66,6 +67,29 @@ class RigidFloors(LumpedStructure):
 
     def main_influence(self) -> Sequence[float]:
         return [float(d == self.ground_motion) for d in DIRECTIONS] * self.n_floors
+
+    def candidates(self, sensors: Sequence[str]) -> tuple[Candidate, ...]:  # noqa: ARG002
+        """Its floors, and its storeys, in x and y each."""
+        floors = range(1, self.n_floors + 1)
+        axes = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
+        on_floors = [
+            Candidate(label, label, direction=axis, height=float(floor))
+            for floor in floors
+            for direction, axis in axes.items()
+            for label in [floor_label(floor, direction)]
+        ]
+        in_storeys = [
+            Candidate(
+                f"{floor - 1}-{floor} {direction}",
+                floor_label(floor - 1, direction) if floor > 1 else 0,
+                to=floor_label(floor, direction),
+                direction=axis,
+                height=floor - 0.5,
+            )
+            for floor in floors
+            for direction, axis in axes.items()
+        ]
+        return (*on_floors, *in_storeys)
 
     def _index(self, place: SinglePlace, label: str = "element") -> int | None:
         if place != 0 and place not in self.degrees_of_freedom:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,18 +14,35 @@ from bayes_ssi.argument_types import checked
 from bayes_ssi.arrays import FloatArray
 from bayes_ssi.modal import ModalModel, Modes
 from bayes_ssi.parameters import Parameter, checked_values
+from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.geometry import Geometry, Location
-from bayes_ssi.structures.motion import Place, motion_of
+from bayes_ssi.structures.motion import Place, SinglePlace, motion_of
 from bayes_ssi.structures.sensors import Sensor, SensorMatrix
 
+if TYPE_CHECKING:
+    from bayes_ssi.structures.elements import Element
+
 T = TypeVar("T")
+
+
+class Accuracy(NamedTuple):
+    """How far the modes of an approximate structure may be from the exact ones.
+
+    Attributes:
+        shape: error of shapes at unit length.
+    """
+
+    frequency: float
+    shape: float
+    statement: str
 
 
 class Structure(ABC):
     """A structure with uncertain parameters.
 
-    Likelihood, calibration, sampling and reports use these members alone and do not know how
-    modes are computed. The first four are abstract; :meth:`modal_model` is needed for responses.
+    Likelihood, calibration, sampling, searches and reports use these members alone and do not know
+    how modes are computed. The first four are abstract; :meth:`modal_model` is needed for
+    responses, :meth:`with_element` and :meth:`require_place` for searches.
 
     The values that a subclass's own methods take are checked before they get them.
     """
@@ -121,6 +138,127 @@ class Structure(ABC):
     def _rigid_motions(self) -> dict[str, dict[str, float]]:
         """Motions of sensors on appendages that are there as masses alone."""
         return {}
+
+    # How fast and how exactly modes are computed.
+
+    # Whether a batch of rows takes microseconds a row, in one process.
+    is_cheap: ClassVar[bool] = False
+    # Whether rows are solved one after the other, so that workers can share a batch.
+    is_solved_by_rows: ClassVar[bool] = False
+    # Whether modes approximate those of another structure, :attr:`exact`.
+    is_approximate: ClassVar[bool] = False
+
+    @property
+    def performance_hint(self) -> str:
+        """Advice on sampling it much faster, as a sentence; empty where it is fast enough."""
+        return ""
+
+    @property
+    def exact(self) -> Structure:
+        """The structure whose modes this one approximates; itself where it approximates none."""
+        return self
+
+    @property
+    def emulator(self) -> Any:
+        """The fit that approximates the modes, for results to store; None where there is none."""
+        return None
+
+    def accurate_at(
+        self,
+        values: FloatArray,  # noqa: ARG002 - for approximate structures
+        frequency_error: float,  # noqa: ARG002
+        shape_error: float,  # noqa: ARG002
+        n_modes: int | None = None,  # noqa: ARG002
+    ) -> Self:
+        """This structure if it is accurate enough, otherwise a more accurate one.
+
+        Args:
+            values: (B, n_parameters), where it must be accurate.
+            frequency_error: largest relative error of frequencies.
+            shape_error: largest error of shapes at unit length.
+            n_modes: number of lowest modes that must be; all if None.
+        """
+        return self
+
+    def with_solutions_at(self, values: FloatArray) -> Self:  # noqa: ARG002 - for subclasses
+        """This structure with the exact solutions at ``values`` (B, n_parameters) made use of.
+
+        They are known already. Where the error is certified, they are not needed.
+        """
+        return self
+
+    def accuracy(
+        self,
+        values: FloatArray,  # noqa: ARG002 - for approximate structures
+        n_modes: int | None = None,  # noqa: ARG002
+    ) -> Accuracy:
+        """The largest errors of the lowest ``n_modes`` at all of ``values`` (B, n_parameters)."""
+        return Accuracy(0.0, 0.0, "its modes are exact")
+
+    def compact(self, values: FloatArray) -> Self:  # noqa: ARG002 - for reduced structures
+        """This structure in a smaller basis, if it has one, accurate at ``values`` (B, n)."""
+        return self
+
+    def projected(
+        self,
+        values: FloatArray,  # noqa: ARG002 - for reduced structures
+        places: Iterable[SinglePlace],  # noqa: ARG002
+    ) -> Structure:
+        """As :meth:`compact`, smaller still and not certified, for elements at some places."""
+        return self
+
+    # What elements are put on, and what a search needs for that.
+
+    @property
+    def carries_elements(self) -> bool:
+        """Whether elements can be put on it."""
+        return type(self).with_element is not Structure.with_element
+
+    def with_element(self, element: Element) -> Self:
+        """This structure with one more element on it.
+
+        Raises:
+            TypeError: this kind of structure carries none.
+            ValueError: the element's place is not on the structure, or its label is taken.
+        """
+        raise TypeError(
+            f"{type(self).__name__}: it carries no elements, got {element.label!r}; use a "
+            "structure that knows its matrices, such as a ShearBuilding or MatrixStructure"
+        )
+
+    def require_place(self, place: Place, label: str) -> None:
+        """Refuse a place that is not on the structure.
+
+        Raises:
+            ValueError: it is not; the message begins with ``label``.
+        """
+        raise ValueError(f"{label}: {type(self).__name__} carries no elements, got {place!r}")
+
+    def candidates(self, sensors: Sequence[str]) -> tuple[Candidate, ...]:
+        """Where a search hangs appendages unless it is given places: where the sensors are."""
+        motions = {sensor.label: dict(sensor.motion) for sensor in self.sensors}
+        places = [place for sensor in sensors for place in motions.get(sensor, (sensor,))]
+        return tuple(Candidate(place, place) for place in dict.fromkeys(places))
+
+    def mean_floor_mass(self) -> float | None:
+        """At the prior medians, in the structure's unit; None of a structure without floors."""
+        return None
+
+    def place_shapes(
+        self,
+        places: Sequence[Place],  # noqa: ARG002 - for subclasses
+        values: FloatArray,  # noqa: ARG002
+    ) -> FloatArray | None:
+        """Motions of places in the modes (n_places, n_modes), at one row of ``values``.
+
+        As in :meth:`modes`, at unit modal mass; None where they are known at the sensors alone.
+        """
+        return None
+
+    def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        """Labels (n), frequencies (m,) and shapes (n, m) at all that has a label, at one row."""
+        frequencies, shapes = (each[0] for each in self.modes(values[None]))
+        return self.degrees_of_freedom, frequencies, shapes
 
     @property
     def appendages(self) -> tuple[str, ...]:

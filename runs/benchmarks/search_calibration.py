@@ -44,7 +44,6 @@ from simulated import IdentificationErrors, print_bands, simulate
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import screened_hypotheses
 from bayes_ssi.appendages.baselines import choose_baselines
-from bayes_ssi.appendages.candidates import default_candidates
 from bayes_ssi.appendages.hypotheses import (
     frequency_name,
     hypothesis,
@@ -90,7 +89,7 @@ class Question(NamedTuple):
 
 def building() -> Question:
     (baseline,) = load_study(STUDY).model_classes
-    candidates = default_candidates(baseline.structure, baseline.data.sensors)
+    candidates = baseline.structure.candidates(baseline.data.sensors)
     return Question(baseline, baseline, candidates, bs.LogUniform(0.5, 6.0), None)
 
 

@@ -9,7 +9,6 @@ from searches import ONE, by_count
 import bayes_ssi as bs
 from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.appendages.baselines import choose_baselines, compact, prior_draws
-from bayes_ssi.appendages.candidates import default_candidates
 from bayes_ssi.appendages.hypotheses import hypothesis, scale_of
 from bayes_ssi.appendages.places import PendulumPlace, places_of
 from bayes_ssi.tables.search_tables import search_notes
@@ -45,7 +44,7 @@ def test_sensors_are_the_places_of_a_structure_without_floors():
 
 def test_floors_and_storeys_in_x_and_y_are_those_of_a_building_in_space():
     building = bs.ShearBuilding3D((1.0, 1.0), (1.0, 1.0), (9.0, 9.0), (9.0, 9.0), (9.0, 9.0))
-    places = places_of(default_candidates(building, ()))
+    places = places_of(building.candidates(()))
     assert [place.name for place in places] == [
         *(f"pendulum floor {floor} {axis}" for floor in (1, 2) for axis in "xy"),
         *(f"infill {storey} {axis}" for storey in ("0-1", "1-2") for axis in "xy"),

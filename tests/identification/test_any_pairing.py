@@ -9,7 +9,7 @@ import pytest
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.identification.inferred_pairing import LEAST_PROBABILITY, MAX_DRAWS, infer_pairing
+from bayes_ssi.identification.inferred_pairing import LEAST_PROBABILITY, MAX_DRAWS
 from bayes_ssi.identification.likelihood import ModalLikelihood
 from bayes_ssi.modal import Modes
 from bayes_ssi.model_class.class_record import class_record
@@ -163,7 +163,7 @@ def test_modes_may_change_places(crossing_data, fixed_error):
 def test_the_pairing_follows_modes_that_change_places(crossing_data, fixed_error):
     free = bs.ModelClass("any", Crossing(), crossing_data, fixed_error, pairing="any")
     for f, expected in ((1.99, {"of x": 2, "of y": 1}), (2.01, {"of x": 1, "of y": 2})):
-        assert infer_pairing(free.likelihoods[0], np.array([[f]])).best == expected
+        assert free.likelihoods[0].inferred_pairing(np.array([[f]])).best == expected
 
 
 def test_where_the_structure_has_no_modes_there_is_no_likelihood(crossing_data, fixed_error):
@@ -249,7 +249,8 @@ def near_the_fit(rigid, case_c, fixed_error):
 
 
 def test_probabilities_of_every_identified_mode_add_up_to_one(near_the_fit):
-    inferred = infer_pairing(*near_the_fit)
+    likelihood, values = near_the_fit
+    inferred = likelihood.inferred_pairing(values)
     assert tuple(inferred.of_modes) == ("1", "2a", "2b", "3")
     for probabilities in inferred.of_modes.values():
         assert sum(probabilities.values()) == pytest.approx(1.0, abs=4 * LEAST_PROBABILITY)
@@ -259,7 +260,7 @@ def test_probabilities_of_every_identified_mode_add_up_to_one(near_the_fit):
 
 def test_the_probability_of_a_pairing_is_its_share_of_the_likelihood(near_the_fit):
     likelihood, values = near_the_fit
-    inferred = infer_pairing(likelihood, values)
+    inferred = likelihood.inferred_pairing(values)
     parts = (likelihood.structure, likelihood.data, likelihood.error, likelihood.identification)
     whole = likelihood.log_density(values)
     assert len(inferred.pairings) > 1
@@ -277,14 +278,14 @@ def test_the_probability_of_a_pairing_is_its_share_of_the_likelihood(near_the_fi
 def test_more_draws_than_serve_are_thinned(near_the_fit):
     likelihood, values = near_the_fit
     many = np.tile(values, (2 * MAX_DRAWS // len(values), 1))
-    computed = infer_pairing(likelihood, many)
-    assert computed.best == infer_pairing(likelihood, values).best
+    computed = likelihood.inferred_pairing(many)
+    assert computed.best == likelihood.inferred_pairing(values).best
 
 
 def test_data_that_the_structure_cannot_explain_are_spurious(rigid, fixed_error):
     far_off = bs.ModalData((bs.IdentifiedMode("x", 30.0),), (20.0, 40.0))
     model = bs.ModelClass("any", rigid, far_off, fixed_error, pairing="any")
-    inferred = infer_pairing(model.likelihoods[0], np.ones((10, 3)))
+    inferred = model.likelihoods[0].inferred_pairing(np.ones((10, 3)))
     assert inferred.best == {}
     assert inferred.of_modes == {"x": {0: pytest.approx(1.0)}}
 

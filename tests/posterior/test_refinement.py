@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.finite_elements.approximate_structure import Accuracy, ApproximateStructure
+from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.modal import Modes
 from bayes_ssi.posterior.confirmation import _differences
 from bayes_ssi.posterior.diagnosis import diagnose
@@ -14,7 +14,7 @@ from bayes_ssi.posterior.refinement_settings import RefinementSettings
 from bayes_ssi.posterior.to_posterior import sample_as_it_is
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
-from bayes_ssi.structures.structure import Structure
+from bayes_ssi.structures.structure import Accuracy, Structure
 
 SETTINGS = bs.SamplingSettings(log_evidence_error=0.02)
 
