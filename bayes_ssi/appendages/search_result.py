@@ -23,7 +23,10 @@ class AppendageSummary:
     """One appendage of one hypothesis: 5, 50 and 95 % quantiles.
 
     Attributes:
+        place: where it hangs.
         mass: the vibrating mass, in the structure's unit.
+        mass_ratio: the vibrating mass over the mass scale.
+        frequency_hz: natural frequency on a fixed structure.
     """
 
     place: AppendagePlace
@@ -112,9 +115,16 @@ class SearchRecord:
     Attributes:
         baselines: the classes that appendages were hung on, the most probable first; and those
             compared with them without appendages.
+        left_out: class of the study on which no appendage was hung → why.
         present_in: names of the configurations that have the appendages; None if all have.
+        search_settings: what an appendage may be.
+        probability_of_any: probability that there is at least one appendage.
         most_probability_unsampled: an upper bound on the probability of all hypotheses together
             whose evidences are approximate.
+        places: all places that were considered.
+        geometry: where the structure's nodes are, as far as it is known, for drawings.
+        hypotheses: the most probable first.
+        averaged_parameters: averaged parameters of the baselines.
         n_not_tried: the number of hypotheses with several appendages that were not tried though
             others with as many were.
         expected_not_tried: the probability that these would have together, if every appendage
@@ -193,7 +203,12 @@ class SearchRecord:
 
 @dataclass(frozen=True, eq=False)
 class AppendageSearch:
-    """The result of a search."""
+    """The result of a search.
+
+    Attributes:
+        ranking: ranking of the hypotheses that were sampled; probabilities are among these.
+        record: where appendages are, and their properties.
+    """
 
     ranking: Ranking
     record: SearchRecord

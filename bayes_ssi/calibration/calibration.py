@@ -37,6 +37,9 @@ class Calibration:
     """All distinct minima of the objective.
 
     Attributes:
+        name: name of the model class.
+        parameter_names: parameters that the structure depends on.
+        before: the model at the reference values.
         minima: the best first; equally good ones by their distance from the prior median. Where
             no search ended at one, the least change alone.
         least_change: the fit of what the data determine better than the prior, the rest at the
@@ -46,6 +49,8 @@ class Calibration:
             do not determine at the best minimum. If any, the minima form a surface, and its
             point nearest to the prior median is listed. Where no search ended at a minimum, the
             number that the data determine no better than the prior.
+        n_starts: local searches made.
+        n_converged: those that ended at a minimum.
         with_prior: whether the prior was fitted, too; minima are then those of
             ``Σ r²/σ² + Σ z²`` over residuals r with standard errors σ and standard-normal
             coordinates z of the parameters, which is the posterior density's exponent.

@@ -47,6 +47,7 @@ class Determination:
     Attributes:
         standard_errors: of every parameter, in its own unit; from the data, and from the prior
             where the calibration has it. Infinite where the data alone do not determine it.
+        positive: whether each parameter is positive, and combinations hold its logarithm.
         singular_values: of the residuals over their standard errors, the largest first, in
             standard errors per prior standard deviation.
         determined: the combinations of several parameters that are determined where these are

@@ -18,7 +18,10 @@ class ModeFit:
 
     Attributes:
         configuration: the test in which it was identified; empty where there is only one.
+        label: label of the identified mode.
         model_mode: number of the model mode, from 1.
+        identified_hz: identified frequency.
+        model_hz: model frequency.
         mac: MAC between the two shapes; NaN where none was identified.
     """
 
@@ -39,6 +42,7 @@ class Fit:
         objective: f_ob, a fraction.
         distance: RMS distance d from the reference values, every parameter divided by its prior
             median.
+        modes: the paired modes.
     """
 
     values: tuple[float, ...]

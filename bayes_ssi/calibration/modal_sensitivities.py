@@ -31,6 +31,7 @@ class ModalSensitivities:
     """How much the paired modes of a class change with its parameters, at one point.
 
     Attributes:
+        name: of the model class.
         modes: (m,) labels of the paired modes, with their configurations.
         parameters: (p,) names.
         of_frequencies: (m, p) percent by which a frequency rises where a parameter does by one.

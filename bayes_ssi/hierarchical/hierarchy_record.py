@@ -20,9 +20,15 @@ class SingleTestSummary:
     """What one of the tests says by itself.
 
     Attributes:
+        name: of the test.
+        data_digest: identifies its data.
         covariate: its value; None where there is no covariate.
+        log_evidence: of the model class in this test alone.
         intervals: 5, 50 and 95 % quantiles of the population's parameters in this test alone.
+        n_draws: draws of its posterior that were used.
+        n_bumps: bumps that stand for its likelihood.
         fit_error: root mean square error of their logarithm at the draws, in nats.
+        effective_sample_size: of its draws where the most probable population has them.
     """
 
     name: str
@@ -41,10 +47,16 @@ class RankedPopulation:
     """One row of the ranking of populations.
 
     Attributes:
+        population: what it says of the parameters.
         log_evidence: in nats, of all tests together, and ``error``, its standard error.
+        error_from_draws: the part of the error that more draws of the single tests would lower.
+        probability: among the populations compared, with equal prior weights.
         log_bayes_factor: log evidence less that of the best one.
+        log_bayes_factor_error: standard error of the difference.
+        against: the evidence against it, in words.
         draws: (n_draws, n_parameters), posterior draws of the population's parameters, in
             standard-normal coordinates of the parameters of the model class.
+        failed_checks: a sentence each.
     """
 
     population: Population

@@ -41,7 +41,15 @@ class PopulationPriors:
 
 @dataclass(frozen=True)
 class Population:
-    """One hypothesis about how the parameters of the tests are related."""
+    """One hypothesis about how the parameters of the tests are related.
+
+    Attributes:
+        name: in words.
+        names: the k parameters of the model class that it describes.
+        varies: whether they vary from test to test.
+        follows: whether their mean follows the covariate.
+        priors: priors of spreads and slopes.
+    """
 
     name: str
     names: tuple[str, ...]

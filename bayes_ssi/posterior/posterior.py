@@ -24,6 +24,11 @@ class Evidence:
     """The log evidence of a model class in nats, and the estimates that check it.
 
     Attributes:
+        log_evidence: by mixture importance sampling, the quoted value.
+        error: its standard error.
+        effective_sample_size: of the importance draws.
+        pareto_k: shape of the tail of their weights; the error can be trusted below 0.7.
+        n_draws: number of importance draws.
         mean_log_likelihood: posterior mean of the log-likelihood, how well the class fits.
         checks: estimates of the log evidence by other methods.
     """
@@ -54,8 +59,12 @@ class Region:
     """A part of the posterior separated from the others by valleys.
 
     Attributes:
+        share: probability of the region, by importance sampling.
+        error: its standard error.
+        n_searches: number of independent searches for maxima that found one in it.
         shares_of_compressions: share of the particles of each compression of the prior; none where
             the maxima sufficed.
+        mean: posterior mean of every parameter within the region.
     """
 
     share: float

@@ -36,7 +36,11 @@ class Prediction:
         return np.quantile(self.draws, level, axis=0)
 
     def band(self, level: float = 0.95) -> Band:
-        """The central interval that holds ``level`` of the draws, point by point."""
+        """The central interval that holds ``level`` of the draws, point by point.
+
+        Raises:
+            ValueError: the level is not strictly between 0 and 1.
+        """
         if not 0.0 < level < 1.0:
             raise ValueError(f"band: level must lie strictly between 0 and 1, got {level!r}")
         levels = [0.5 * (1.0 - level), 0.5, 0.5 * (1.0 + level)]

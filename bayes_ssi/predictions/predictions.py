@@ -80,7 +80,12 @@ def _shares(probabilities: Sequence[float], total: int) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """Predictions of one model class, or of several in the proportions of their probabilities."""
+    """Predictions of one model class, or of several in the proportions of their probabilities.
+
+    Attributes:
+        name: name for titles.
+        classes: the draws of each class.
+    """
 
     name: str
     classes: tuple[PosteriorDraws, ...]
@@ -95,6 +100,9 @@ class Predictions:
         Args:
             mode: label of an identified mode; or, where there is one class only, number of a
                 model mode, from 1.
+
+        Raises:
+            ValueError: there is no such mode.
         """
         return self._joined(
             [each.frequencies_hz[:, number - 1] for each, number in self._classes_with(mode)]
@@ -118,7 +126,11 @@ class Predictions:
         identified shape, if ``mode`` has one.
 
         Args:
+            mode: as for :meth:`frequencies_hz`.
             places: labels of degrees of freedom or sensors.
+
+        Raises:
+            ValueError: there is no such mode, or a class has no such place.
         """
         wanted = places, self.main_places, self.classes[0].data.sensors
         labels = [label for some in wanted for label in some]

@@ -19,7 +19,14 @@ from bayes_ssi.results.load import StoredResult, load_result
 
 @dataclass(frozen=True, eq=False)
 class StoredPredictions:
-    """A stored result and its model classes."""
+    """A stored result and its model classes.
+
+    Attributes:
+        stored: the result.
+        model_classes: name → class.
+        n_draws: number of posterior draws of every prediction.
+        configuration: the state of the structure that is predicted.
+    """
 
     stored: StoredResult
     model_classes: dict[str, ModelClass]
@@ -34,6 +41,9 @@ class StoredPredictions:
     def of(self, name: str = AVERAGE) -> Predictions:
         """Predictions of the model class ``name``; for ``"average"``, averaged over all classes
         or hypotheses by their probabilities.
+
+        Raises:
+            ValueError: there is no class of that name, or it has changed since it was sampled.
         """
         if name != AVERAGE:
             posterior = self.stored.posterior(name)

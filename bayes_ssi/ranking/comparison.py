@@ -53,9 +53,13 @@ class RankedClass:
     """One row of a ranking.
 
     Attributes:
+        name: name of the model class.
         log_evidence: in nats, and ``error``, its standard error.
+        prior_probability: of the class among those compared.
+        probability: posterior probability of the class among those compared.
         log_bayes_factor: log evidence less that of the most probable class; positive only where
             prior weights outweigh it.
+        log_bayes_factor_error: standard error of the difference.
         against: the evidence against this class in the words of the named scale, or "not
             distinguishable" from the best one.
         distinguishable: whether the difference from the best class is more than a bare mention
@@ -69,6 +73,7 @@ class RankedClass:
             deviations.
         misfit: what of the data the best class does not explain, and likely causes, in words;
             empty where it explains them, and for the other classes.
+        failed_checks: failed checks of the sampling, after this misfit.
         remarks: settings that the posterior depends on, but hardly the ranking, and failed checks
             of a class too improbable to change the answer, a sentence each.
     """
@@ -113,6 +118,10 @@ class Comparison:
     """Model classes ranked by probability, the best first; on equal prior weights, by evidence.
 
     Attributes:
+        classes: the rows.
+        data_digest: identifies the data that all of them explain.
+        scale: source of the words for Bayes factors.
+        failed_data_checks: failed checks of these data, such as of how the modes were identified.
         unmodelled_appendage: why the answer may be that of an analyst who misses an appendage;
             empty where nothing says so. It is a failed check.
     """

@@ -40,10 +40,19 @@ class ModalIdentification:
     """The modes identified from a record.
 
     Attributes:
+        record: the record without its samples.
+        quoted: the modes to use.
+        bands: the parts of the spectrum that were explained, also beyond the band of the search.
+        candidates: from which the explanation began.
+        spectrum: of the band, for figures.
+        peaks: of the spectra, with the probability that each holds two modes.
         not_identified: frequency (Hz) of each mode that the record shows clearly, but that is not
             among those quoted, and why.
         too_short: places of the quoted modes that the record is too short for: nothing is claimed
             of their damping and shape.
+        remarks: what to know of the result, a sentence each.
+        doubts: why the claimed errors may be wrong, a sentence each.
+        ground: the sensor whose motion drives all, and over which the spectra are; "" if none.
     """
 
     record: MeasuredRecord
@@ -84,6 +93,9 @@ class ModalIdentification:
         """The quoted modes as data of model classes, with a record of their identification.
 
         Modes that the record is too short for have their frequency alone.
+
+        Args:
+            source: where they come from.
         """
         data = self.quoted.modal_data(source)
         if self.too_short:

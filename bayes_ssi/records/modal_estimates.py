@@ -45,11 +45,15 @@ class ModalEstimates:
     """m modes at n sensors, and the covariance of their errors.
 
     Attributes:
+        method: how they were identified.
+        band_hz: of the search.
+        sensors: their n names.
         frequencies_hz: (m,), ascending.
         dampings: (m,), fractions of critical damping.
         shapes: (n, m), real, at unit length, the largest component positive.
         covariance: of (ln f, ln ζ, shapes), (2m + mn, 2m + mn); shapes mode by mode. A shape at
             unit length has no error along itself.
+        n_segments: of the jackknife that the covariance comes from; 0 where a model gives it.
     """
 
     method: str
@@ -115,6 +119,9 @@ class ModalEstimates:
 
         Their joint covariance is among them where it is that of a model. A jackknife's has errors
         of its own, which its inverse multiplies: only the sizes of its errors are.
+
+        Args:
+            source: where they come from.
         """
         rows = zip(
             self.frequencies_hz, self.frequency_covs, self.shapes.T, self.shape_sds, self.dampings,

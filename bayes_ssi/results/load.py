@@ -53,7 +53,15 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class StoredResult:
-    """What a result directory holds."""
+    """What a result directory holds.
+
+    Attributes:
+        directory: path of the directory.
+        record: everything but the draws and the data.
+        tests: name of a configuration → the modes identified in it.
+        posteriors: the posteriors, in the study's order.
+        comparison: the ranking.
+    """
 
     directory: Path
     record: ResultRecord
@@ -68,12 +76,20 @@ class StoredResult:
 
     @cached_property
     def sensitivity(self) -> Sensitivity | None:
-        """Sensitivity of the ranking to settings; None if it was not computed."""
+        """Sensitivity of the ranking to settings; None if it was not computed.
+
+        Raises:
+            ValueError: its file is damaged.
+        """
         return self._further(Sensitivity, SENSITIVITY)
 
     @cached_property
     def search(self) -> SearchRecord | None:
-        """The search for appendages that gave the ranking; None if there was none."""
+        """The search for appendages that gave the ranking; None if there was none.
+
+        Raises:
+            ValueError: its file is damaged.
+        """
         return self._further(SearchRecord, SEARCH)
 
     def _further(self, kind: type[T], file: str) -> T | None:
@@ -90,7 +106,11 @@ class StoredResult:
         return tuple(self.posterior(row.name) for row in self.comparison.classes)
 
     def posterior(self, name: str) -> Posterior:
-        """The posterior of one class."""
+        """The posterior of one class.
+
+        Raises:
+            ValueError: no class has that name.
+        """
         for posterior in self.posteriors:
             if posterior.name == name:
                 return posterior
