@@ -20,7 +20,7 @@ from time import perf_counter
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.modal import mac
+from bayes_ssi.structures.modal import mac
 
 N_MODES = 8
 BAND_HZ = (0.0, 21.2)

@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from bayes_ssi.plots.figure_style import BLUE, GREY, style
-from bayes_ssi.response.modal_response import transfer_functions
-from bayes_ssi.response.output import Output
+from bayes_ssi.structures.response.modal_response import transfer_functions
+from bayes_ssi.structures.response.output import Output
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "model_classes" / "non_structural_elements.py"

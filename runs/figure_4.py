@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from bayes_ssi.modal import mac
 from bayes_ssi.plots.figure_style import BLUE, VERMILION, style
 from bayes_ssi.plots.matrix_plots import plot_mac
+from bayes_ssi.structures.modal import mac
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "model_classes" / "non_structural_elements.py"

@@ -25,10 +25,10 @@ from rich.table import Table
 from scipy.constants import g
 
 from bayes_ssi.plots.figure_style import BLUE, GREY, style
-from bayes_ssi.response.ground_motion import GroundMotion, along_azimuth
-from bayes_ssi.response.ground_motion_files import read_ground_motion
-from bayes_ssi.response.modal_response import time_histories
-from bayes_ssi.response.output import Output
+from bayes_ssi.structures.response.ground_motion import GroundMotion, along_azimuth
+from bayes_ssi.structures.response.ground_motion_files import read_ground_motion
+from bayes_ssi.structures.response.modal_response import time_histories
+from bayes_ssi.structures.response.output import Output
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "model_classes" / "non_structural_elements.py"

@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.sensitivity import sensitivity
-from bayes_ssi.ranking.study_file import load_study
-from bayes_ssi.ranking.variations import Variation
+from bayes_ssi.studies.ranking.sensitivity import sensitivity
+from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.variations import Variation
 
 STUDY = Path(__file__).parent.parent / "model_classes" / "liverpool_frame.py"
 COARSE = bs.SamplingSettings(log_evidence_error=0.05)

@@ -18,10 +18,10 @@ from matplotlib.figure import Figure
 
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.plots.response_plots import plot_transfer_functions
-from bayes_ssi.predictions.bands import Band
-from bayes_ssi.predictions.stored_predictions import load_predictions
-from bayes_ssi.response.modal_response import transfer_functions
-from bayes_ssi.response.output import Output
+from bayes_ssi.results.predictions.bands import Band
+from bayes_ssi.results.predictions.stored_predictions import load_predictions
+from bayes_ssi.structures.response.modal_response import transfer_functions
+from bayes_ssi.structures.response.output import Output
 
 HERE = Path(__file__).parent
 CLASSES = HERE.parent / "model_classes"

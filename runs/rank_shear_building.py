@@ -12,10 +12,10 @@ from rich.console import Console
 
 import bayes_ssi as bs
 from bayes_ssi.plots.result_figures import save_figures
-from bayes_ssi.ranking.study_file import load_study
+from bayes_ssi.report.tables import ranking_table
 from bayes_ssi.results.answer import answer
 from bayes_ssi.results.save import require_new, save_result
-from bayes_ssi.tables import ranking_table
+from bayes_ssi.studies.ranking.study_file import load_study
 
 HERE = Path(__file__).parent
 STUDY = HERE.parent / "model_classes" / "shear_building.py"

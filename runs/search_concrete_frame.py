@@ -37,11 +37,11 @@ from concrete_frame import (
 from scipy.stats import norm
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.hypotheses import frequency_name, hypothesis, mass_name, scale_of
-from bayes_ssi.appendages.places import PendulumPlace
-from bayes_ssi.modal import mac
-from bayes_ssi.posterior.class_target import class_target
-from bayes_ssi.sampling.maxima import find_maxima
+from bayes_ssi.inference.posterior_sampling.class_target import class_target
+from bayes_ssi.inference.sampling.maxima import find_maxima
+from bayes_ssi.structures.modal import mac
+from bayes_ssi.studies.appendages.hypotheses import frequency_name, hypothesis, mass_name, scale_of
+from bayes_ssi.studies.appendages.places import PendulumPlace
 
 FACTOR_COV = 0.1
 N_MODES = 6  # five in the band, and one above

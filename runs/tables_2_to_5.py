@@ -20,9 +20,9 @@ from rich.console import Console
 from rich.table import Table
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.study_file import load_study
+from bayes_ssi.report.tables import parameter_table, ranking_table
 from bayes_ssi.results.load import load_result
-from bayes_ssi.tables import parameter_table, ranking_table
+from bayes_ssi.studies.ranking.study_file import load_study
 
 HERE = Path(__file__).parent
 STUDY = HERE.parent / "model_classes" / "steel_frame.py"

@@ -19,13 +19,13 @@ from click.testing import CliRunner
 from threadpoolctl import threadpool_limits
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.cli import main
-from bayes_ssi.execution.local_workers import LocalWorkers
-from bayes_ssi.posterior.configuration_modes import ConfigurationModes, UpdatedModes
-from bayes_ssi.posterior.posterior import Evidence, Posterior, Region
-from bayes_ssi.ranking.study_file import load_study
-from bayes_ssi.sampling.estimates import EvidenceEstimate
+from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes, UpdatedModes
+from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
+from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
+from bayes_ssi.inference.workers.local_workers import LocalWorkers
+from bayes_ssi.studies.appendages.appendage_search import search
+from bayes_ssi.studies.ranking.study_file import load_study
 
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
 SECOND_FREQUENCY = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
@@ -245,8 +245,8 @@ def fake_sampling(monkeypatch, make_posterior):
             return posteriors
 
         for module in ("appendage_search", "screening_in_steps"):
-            monkeypatch.setattr(f"bayes_ssi.appendages.{module}.screen_all", screen_all)
-        monkeypatch.setattr("bayes_ssi.appendages.appendage_search.sample_all", sample_all)
+            monkeypatch.setattr(f"bayes_ssi.studies.appendages.{module}.screen_all", screen_all)
+        monkeypatch.setattr("bayes_ssi.studies.appendages.appendage_search.sample_all", sample_all)
         return levels
 
     return install
@@ -326,13 +326,15 @@ def run(tmp_path, monkeypatch):
 def coarse_command(monkeypatch):
     """Commands sample coarsely."""
     coarse = partial(bs.SamplingSettings, particles=60, searches=1, max_steps=400)
-    monkeypatch.setattr("bayes_ssi.sampling.settings.SamplingSettings", coarse)
+    monkeypatch.setattr("bayes_ssi.inference.sampling.settings.SamplingSettings", coarse)
 
 
 @pytest.fixture(autouse=True)
 def no_automatic_workers(monkeypatch):
     """Commands stay in this process, where tests replace parts of them, unless told otherwise."""
-    monkeypatch.setattr("bayes_ssi.ranking.automatic_workers.automatic_workers", lambda *_: None)
+    monkeypatch.setattr(
+        "bayes_ssi.studies.ranking.automatic_workers.automatic_workers", lambda *_: None
+    )
 
 
 @pytest.fixture

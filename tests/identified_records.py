@@ -1,6 +1,6 @@
 """Records of identifications for tests of what comes after them."""
 
-from bayes_ssi.data.identification_record import (
+from bayes_ssi.measurements.modes.identification_record import (
     EstimatedMode,
     EstimatedPeak,
     IdentificationRecord,

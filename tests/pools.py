@@ -7,8 +7,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from bayes_ssi.execution.local_workers import LocalWorkers
-from bayes_ssi.execution.workers import Workers
+from bayes_ssi.inference.workers.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.workers import Workers
 
 
 def points(n, d=2):

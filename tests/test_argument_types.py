@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.argument_types import require
+from bayes_ssi.foundations.argument_types import require
 
 FUNCTIONS = [name for name in bs.__all__ if inspect.isfunction(getattr(bs, name))]
 K = bs.Parameter("k", bs.LogNormal(1.0, 0.3))

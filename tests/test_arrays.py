@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_ssi.arrays import place_of_largest, steady_digest
+from bayes_ssi.foundations.arrays import place_of_largest, steady_digest
 
 NUMBERS = np.random.default_rng(0).standard_normal((40, 30))
 PLACES = np.indices(NUMBERS.shape).reshape(2, -1)

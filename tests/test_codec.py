@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.codec import from_record, to_record
-from bayes_ssi.priors.prior import Prior
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.codec import from_record, to_record
+from bayes_ssi.parameters.prior import Prior
 
 
 class Estimate(NamedTuple):

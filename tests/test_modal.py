@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from bayes_ssi.modal import (
+from bayes_ssi.structures.modal import (
     BATCHED_UP_TO,
     NoModesError,
     lowest_eigenpairs,

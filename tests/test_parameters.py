@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.parameters import (
+from bayes_ssi.parameters.families import HalfNormal, LogNormal, Normal, Uniform
+from bayes_ssi.parameters.parameters import (
     Parameter,
     ProductTable,
     as_product,
     collect_parameters,
     positive_product,
 )
-from bayes_ssi.priors.families import HalfNormal, LogNormal, Normal, Uniform
 
 a = Parameter("a", LogNormal(2.0, 0.3))
 b = Parameter("b", LogNormal(3.0, 0.3))

@@ -14,7 +14,7 @@ def run(code):
 @pytest.mark.parametrize(
     ("code", "optional", "package"),
     [
-        ("import bayes_ssi.sampling.moves", "scipy.stats", "emcee"),
+        ("import bayes_ssi.inference.sampling.moves", "scipy.stats", "emcee"),
         ("import bayes_ssi.plots.corner_plot as p; p.import_corner()", "arviz", "corner"),
     ],
 )
@@ -24,5 +24,6 @@ def test_what_takes_long_to_import_is_left_out_and_there_for_others(code, option
 
 
 def test_what_is_imported_already_is_used():
-    code = "import scipy.stats, emcee, bayes_ssi.sampling.moves as m; print(m.emcee is emcee)"
+    moves = "bayes_ssi.inference.sampling.moves"
+    code = f"import scipy.stats, emcee, {moves} as m; print(m.emcee is emcee)"
     assert run(code) == ["True"]

@@ -23,7 +23,7 @@ from bayes_ssi.commands.terminal import (
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bayes_ssi.calibration.calibration import Calibration
+    from bayes_ssi.inference.calibration.calibration import Calibration
 
 
 @click.command()
@@ -54,9 +54,9 @@ def calibrate(
 
     The exit code is 3 where the modes are of an identification that failed a check.
     """
-    from bayes_ssi.calibration.calibration import calibrate as calibrate_class
-    from bayes_ssi.calibration.least_squares import NothingToCalibrateError
-    from bayes_ssi.model_class.configuration import failed_data_checks
+    from bayes_ssi.inference.calibration.calibration import calibrate as calibrate_class
+    from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
+    from bayes_ssi.inference.model_class.configuration import failed_data_checks
     from bayes_ssi.results.wording import data_warnings
 
     where, calibrations = console(), []
@@ -83,8 +83,8 @@ def calibrate(
         _show(where, group)
     distances: dict[str, float] = {}
     if reference is not None:
-        from bayes_ssi.calibration.distances import distances_from
-        from bayes_ssi.tables.calibration_tables import distances_table
+        from bayes_ssi.inference.calibration.distances import distances_from
+        from bayes_ssi.report.tables.calibration_tables import distances_table
 
         of_names = {each.name: each for each in calibrations}
         parameters, distances = distances_from(reference, candidates, of_names)
@@ -110,7 +110,11 @@ def _same_to_the_reader(calibrations: list[Calibration]) -> list[list[Calibratio
 
 
 def _show(where: Console, group: list[Calibration]) -> None:
-    from bayes_ssi.tables import calibration_modes_table, calibration_table, determination_tables
+    from bayes_ssi.report.tables import (
+        calibration_modes_table,
+        calibration_table,
+        determination_tables,
+    )
 
     calibration, *others = group
     where.print(calibration_table(calibration, [each.name for each in others]))

@@ -19,8 +19,8 @@ from bayes_ssi.commands.terminal import (
 )
 
 if TYPE_CHECKING:
-    from bayes_ssi.data.modal_data import ModalData
-    from bayes_ssi.records.record import Record
+    from bayes_ssi.measurements.modes.modal_data import ModalData
+    from bayes_ssi.measurements.records.record import Record
 
 # Far more modes, sensors or warnings than a test has are a mistake, which the first ones show.
 MOST = 100
@@ -43,7 +43,7 @@ def check(
     sensors that are dead, clipped, drifting, late or alike, of gaps and of machines. The exit code
     is 3 where the modes are of an identification that failed a check.
     """
-    from bayes_ssi.records.record_files import is_record
+    from bayes_ssi.measurements.records.record_files import is_record
 
     if len(data) > 1 or is_record(data[0]):
         _check_record(record_of(data, rate, quantity, unit, sensors, keys))
@@ -87,9 +87,9 @@ def _check_record(record: Record) -> None:
 
 
 def _check_modes(path: Path) -> None:
-    from bayes_ssi.data.modal_files import read_modal_data
+    from bayes_ssi.measurements.modes.modal_files import read_modal_data
+    from bayes_ssi.report.tables import modes_table
     from bayes_ssi.results.wording import data_warnings
-    from bayes_ssi.tables import modes_table
 
     modes = read_modal_data(path)
     failed = modes.all_failed_checks

@@ -13,7 +13,7 @@ import click
 from bayes_ssi.commands.terminal import console, say
 
 if TYPE_CHECKING:
-    from bayes_ssi.posterior.posterior import Posterior
+    from bayes_ssi.inference.posterior.posterior import Posterior
 
 
 @click.command()
@@ -44,14 +44,14 @@ def export(
     """
     import numpy as np
 
-    from bayes_ssi.predictions.nodal_mode_files import (
+    from bayes_ssi.results.new_directory import new_directory, require_new
+    from bayes_ssi.results.predictions.nodal_mode_files import (
         node_numbers,
         write_modes_csv,
         write_universal_file,
     )
-    from bayes_ssi.predictions.nodal_modes import nodal_modes
-    from bayes_ssi.predictions.stored_predictions import load_predictions
-    from bayes_ssi.results.new_directory import new_directory, require_new
+    from bayes_ssi.results.predictions.nodal_modes import nodal_modes
+    from bayes_ssi.results.predictions.stored_predictions import load_predictions
 
     directory = out or result / "updated"
     require_new(directory, marker=PARAMETERS, overwrite=overwrite)

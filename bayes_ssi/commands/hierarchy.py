@@ -20,7 +20,7 @@ from bayes_ssi.commands.terminal import (
 )
 
 if TYPE_CHECKING:
-    from bayes_ssi.hierarchical.hierarchy_record import Hierarchy
+    from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
 
 
 @click.command()
@@ -59,15 +59,15 @@ def hierarchy(
     The parameters of one model class are the same in all tests, vary from test to test, follow a
     covariate, or both. Nothing is sampled again: the posteriors are those stored.
     """
-    from bayes_ssi.hierarchical.covariate_files import read_covariate
-    from bayes_ssi.hierarchical.populations import PopulationPriors
-    from bayes_ssi.hierarchical.ranked_populations import hierarchy as rank_populations
-    from bayes_ssi.hierarchical.saved_hierarchy import MARKER, save_hierarchy
+    from bayes_ssi.parameters.families import HalfNormal, Normal
     from bayes_ssi.plots.figure_style import figures_for_files, save_figure
     from bayes_ssi.plots.population_plot import plot_population
-    from bayes_ssi.priors.families import HalfNormal, Normal
+    from bayes_ssi.report.tables import hierarchy_notes, population_table, populations_table
+    from bayes_ssi.results.hierarchy.covariate_files import read_covariate
+    from bayes_ssi.results.hierarchy.populations import PopulationPriors
+    from bayes_ssi.results.hierarchy.ranked_populations import hierarchy as rank_populations
+    from bayes_ssi.results.hierarchy.saved_hierarchy import MARKER, save_hierarchy
     from bayes_ssi.results.new_directory import require_new
-    from bayes_ssi.tables import hierarchy_notes, population_table, populations_table
 
     directory = out or RESULTS / "hierarchy"
     require_new(directory, marker=MARKER, overwrite=overwrite)

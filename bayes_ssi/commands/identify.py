@@ -12,11 +12,11 @@ from bayes_ssi.commands.record_options import record_of, record_options
 from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
 
 if TYPE_CHECKING:
-    from bayes_ssi.records.identification_result import ModalIdentification
-    from bayes_ssi.records.methods import MethodModes
-    from bayes_ssi.records.modal_estimates import ModalEstimates
+    from bayes_ssi.measurements.records.identification_result import ModalIdentification
+    from bayes_ssi.measurements.records.methods import MethodModes
+    from bayes_ssi.measurements.records.modal_estimates import ModalEstimates
 
-# As in bayes_ssi.records.methods, which imports more than --help needs.
+# As in bayes_ssi.measurements.records.methods, which imports more than --help needs.
 METHODS = ("bayesian-fft", "next-era", "ssi-cov", "fdd", "tfie")
 
 
@@ -69,11 +69,15 @@ def identify(
     Writes them with their uncertainties to a CSV file, the data of model classes; --json gives
     their whole covariance.
     """
-    from bayes_ssi.data.modal_csv import modal_files, possible_modal_files, write_modal_data
-    from bayes_ssi.records import modal_identification
+    from bayes_ssi.measurements.modes.modal_csv import (
+        modal_files,
+        possible_modal_files,
+        write_modal_data,
+    )
+    from bayes_ssi.measurements.records import modal_identification
+    from bayes_ssi.report.tables.mode_tables import estimates_table
     from bayes_ssi.results.new_directory import require_new_files
     from bayes_ssi.results.wording import listed
-    from bayes_ssi.tables.mode_tables import estimates_table
 
     written = () if out is None else possible_modal_files(out)
     require_new_files(*written, *(() if figures is None else (figures,)))
@@ -83,7 +87,7 @@ def identify(
     warnings = (record.selected(found.quoted.sensors) if found.ground else record).warnings()
     by_others: dict[str, MethodModes | str] = {}
     if compare or method != METHODS[0]:
-        from bayes_ssi.records import methods
+        from bayes_ssi.measurements.records import methods
 
         if compare:
             by_others = methods.compared(record, found.quoted)
@@ -91,7 +95,7 @@ def identify(
     where = console()
     where.print(estimates_table(found.quoted))
     if compare:
-        from bayes_ssi.tables.mode_tables import methods_table
+        from bayes_ssi.report.tables.mode_tables import methods_table
 
         where.print(methods_table(by_others, methods.NAMES))
         say(where, *(f"{methods.NAMES[name]}: {why}" for name, why in by_others.items()

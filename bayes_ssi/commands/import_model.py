@@ -11,7 +11,11 @@ import click
 from bayes_ssi.commands.terminal import console, say
 
 if TYPE_CHECKING:
-    from bayes_ssi.solver_files.parameter_matrices import Export, ParameterMatrices, Powers
+    from bayes_ssi.structures.solver_files.parameter_matrices import (
+        Export,
+        ParameterMatrices,
+        Powers,
+    )
 
 
 @click.command("import")
@@ -70,9 +74,9 @@ def import_model(
     """
     from bayes_ssi.commands.imported_sensors import imported_sensors
     from bayes_ssi.commands.imported_study import study_paths, write_imported_study
-    from bayes_ssi.data.modal_files import read_modal_data
-    from bayes_ssi.solver_files.model_files import read_model
-    from bayes_ssi.solver_files.parameter_matrices import Export, parameter_matrices
+    from bayes_ssi.measurements.modes.modal_files import read_modal_data
+    from bayes_ssi.structures.solver_files.model_files import read_model
+    from bayes_ssi.structures.solver_files.parameter_matrices import Export, parameter_matrices
 
     study_paths(name)  # refused before large files are read
     data = _data(files)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bayes_ssi.data.modal_data import ModalData
-    from bayes_ssi.solver_files.exported_model import ExportedModel
-    from bayes_ssi.solver_files.sensor_points import SensorPoint
+    from bayes_ssi.measurements.modes.modal_data import ModalData
+    from bayes_ssi.structures.solver_files.exported_model import ExportedModel
+    from bayes_ssi.structures.solver_files.sensor_points import SensorPoint
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,11 @@ def imported_sensors(
         points_file: coordinates of sensors, or a table of nodes, or None.
         scale: factor of these coordinates; None for 1, or what the units of the file give.
     """
-    from bayes_ssi.data.nominal_comparison import compared_with_nominal
-    from bayes_ssi.solver_files.sensor_points import exchanged, nearest_degrees_of_freedom
+    from bayes_ssi.measurements.modes.nominal_comparison import compared_with_nominal
+    from bayes_ssi.structures.solver_files.sensor_points import (
+        exchanged,
+        nearest_degrees_of_freedom,
+    )
 
     if model.labels is None:
         raise ValueError("the nominal export has no labels, by which sensors are named")
@@ -98,13 +101,13 @@ class _Given:
 
 
 def _given(path: Path | None, measured: tuple[str, ...]) -> _Given:
-    from bayes_ssi.solver_files.sensor_points import (
+    from bayes_ssi.foundations.universal_files import is_universal_file
+    from bayes_ssi.structures.solver_files.sensor_points import (
         metres_of_universal_file,
         points_of_universal_file,
         read_node_table,
         read_sensor_points,
     )
-    from bayes_ssi.universal_files import is_universal_file
 
     if path is None:
         return _Given()
@@ -121,8 +124,8 @@ def _given(path: Path | None, measured: tuple[str, ...]) -> _Given:
 
 def _sensors_of_universal_file(path: Path) -> tuple[str, ...]:
     """Sensors "node direction" of its time responses (data sets 58), else of its modes (55)."""
-    from bayes_ssi.data.modal_uff import moving_sensors
-    from bayes_ssi.universal_files import read_data_sets, response_direction
+    from bayes_ssi.foundations.universal_files import read_data_sets, response_direction
+    from bayes_ssi.measurements.modes.modal_uff import moving_sensors
 
     measured = [(one, response_direction(one)) for one in read_data_sets(path, 58)]
     names = tuple(

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bayes_ssi.file_names import file_names
+from bayes_ssi.foundations.file_names import file_names
 
 if TYPE_CHECKING:
-    from bayes_ssi.solver_files.parameter_matrices import ParameterMatrices, Term
+    from bayes_ssi.structures.solver_files.parameter_matrices import ParameterMatrices, Term
 
 LABELS = "labels.txt"
 TEMPLATE = Path(__file__).with_name("templates") / "imported.py.txt"
@@ -103,7 +103,7 @@ def _study(
     command: str,
 ) -> str:
     """The text of the study."""
-    from bayes_ssi.modal import BATCHED_UP_TO
+    from bayes_ssi.structures.modal import BATCHED_UP_TO
 
     properties = list(
         dict.fromkeys(n for t in (*matrices.stiffness, *matrices.mass) for n, _ in t.powers)

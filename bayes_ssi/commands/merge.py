@@ -10,7 +10,7 @@ import click
 from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
 
 if TYPE_CHECKING:
-    from bayes_ssi.data.merging import MergedModes
+    from bayes_ssi.measurements.modes.merging import MergedModes
 
 
 @click.command()
@@ -25,12 +25,16 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     their errors. The scatter between files is compared with these. The exit code is 3 where it is
     larger, and where an identification failed a check.
     """
-    from bayes_ssi.data.merging import merge_modal_data
-    from bayes_ssi.data.modal_csv import modal_files, possible_modal_files, write_modal_data
-    from bayes_ssi.data.modal_files import read_modal_data
+    from bayes_ssi.measurements.modes.merging import merge_modal_data
+    from bayes_ssi.measurements.modes.modal_csv import (
+        modal_files,
+        possible_modal_files,
+        write_modal_data,
+    )
+    from bayes_ssi.measurements.modes.modal_files import read_modal_data
+    from bayes_ssi.report.tables.mode_tables import merged_table
     from bayes_ssi.results.new_directory import require_new_files
     from bayes_ssi.results.wording import listed
-    from bayes_ssi.tables.mode_tables import merged_table
 
     require_new_files(*(() if out is None else possible_modal_files(out)))
     names = _names(files)

@@ -21,10 +21,10 @@ from bayes_ssi.commands.terminal import (
 )
 
 if TYPE_CHECKING:
-    from bayes_ssi.predictions.predictions import Predictions
-    from bayes_ssi.predictions.response_bands import ResponseBands, ResponseRequest
-    from bayes_ssi.predictions.saved_predictions import PredictionsRecord
-    from bayes_ssi.predictions.stored_predictions import StoredPredictions
+    from bayes_ssi.results.predictions.predictions import Predictions
+    from bayes_ssi.results.predictions.response_bands import ResponseBands, ResponseRequest
+    from bayes_ssi.results.predictions.saved_predictions import PredictionsRecord
+    from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
 
 
 @click.command()
@@ -121,17 +121,17 @@ def predict(
     motions, all with credible bands. Nothing is sampled: draws are those stored, structures those
     of the study file. The exit code is 3 where a failed check of RESULT was not accepted.
     """
-    from bayes_ssi.codec import to_record
+    from bayes_ssi.foundations.codec import to_record
     from bayes_ssi.plots.prediction_figures import save_prediction_figures
-    from bayes_ssi.predictions.posterior_draws import ARRAY_SIZE
-    from bayes_ssi.predictions.prediction_files import save_predictions
-    from bayes_ssi.predictions.predictions import AVERAGE
-    from bayes_ssi.predictions.response_bands import predict_responses
-    from bayes_ssi.predictions.saved_predictions import MARKER
-    from bayes_ssi.predictions.stored_predictions import load_predictions
     from bayes_ssi.results.answer import answer
     from bayes_ssi.results.json_files import write_json
     from bayes_ssi.results.new_directory import new_directory, require_new
+    from bayes_ssi.results.predictions.posterior_draws import ARRAY_SIZE
+    from bayes_ssi.results.predictions.prediction_files import save_predictions
+    from bayes_ssi.results.predictions.predictions import AVERAGE
+    from bayes_ssi.results.predictions.response_bands import predict_responses
+    from bayes_ssi.results.predictions.saved_predictions import MARKER
+    from bayes_ssi.results.predictions.stored_predictions import load_predictions
 
     predicted = load_predictions(result, study, draws, configuration)
     of_one = len(predicted.model_classes) == 1
@@ -158,7 +158,7 @@ def predict(
         save_predictions(partial, predicted.data, responses)
         save_prediction_figures(partial / "figures", predicted.data, responses)
 
-    from bayes_ssi.tables import frequency_table, peak_table, shape_table
+    from bayes_ssi.report.tables import frequency_table, peak_table, shape_table
 
     where = console()
     title = predicted.stored.record.study
@@ -191,7 +191,7 @@ def predict(
 
 def _modes(predicted: StoredPredictions, responses: Sequence[ResponseBands]) -> dict[str, Any]:
     """Predicted frequencies, for a JSON record: low, median and high of each mode."""
-    from bayes_ssi.predictions.predicted_modes import predicted_modes
+    from bayes_ssi.results.predictions.predicted_modes import predicted_modes
 
     return {
         each.name: {
@@ -204,7 +204,7 @@ def _modes(predicted: StoredPredictions, responses: Sequence[ResponseBands]) -> 
 
 def _composition(predictions: Predictions) -> str:
     """Sentence on the model classes whose draws make a prediction."""
-    from bayes_ssi.predictions.predictions import AVERAGE
+    from bayes_ssi.results.predictions.predictions import AVERAGE
 
     if predictions.name != AVERAGE:
         return f"{predictions.name}: one model class."
@@ -218,8 +218,8 @@ def _composition(predictions: Predictions) -> str:
 def _record(
     predicted: StoredPredictions, names: list[str], request: ResponseRequest
 ) -> PredictionsRecord:
-    from bayes_ssi.predictions.saved_predictions import MotionRecord, PredictionsRecord
-    from bayes_ssi.versions import versions
+    from bayes_ssi.foundations.versions import versions
+    from bayes_ssi.results.predictions.saved_predictions import MotionRecord, PredictionsRecord
 
     transfer = None if request.frequencies_hz is None else request.transfer_name
     damping = request.damping

@@ -27,8 +27,8 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
     classes where there are at least as many classes as workers, or where models are small; else
     they share the evaluations of one class.
     """
-    from bayes_ssi.appendages.ranked_study import rank as rank_study
-    from bayes_ssi.ranking.averages import averaged_parameters
+    from bayes_ssi.studies.appendages.ranked_study import rank as rank_study
+    from bayes_ssi.studies.ranking.averages import averaged_parameters
 
     loaded = load(study, only)
     if any_pairing:
@@ -43,7 +43,12 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
         result = options.save(ranking, records, place, run)
 
     # Imported by now if there are workers, while they were sampling.
-    from bayes_ssi.tables import averages_table, evidence_table, parameter_table, ranking_table
+    from bayes_ssi.report.tables import (
+        averages_table,
+        evidence_table,
+        parameter_table,
+        ranking_table,
+    )
 
     where = console()
     say_misfit(where, result)

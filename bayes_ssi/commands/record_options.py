@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 if TYPE_CHECKING:
-    from bayes_ssi.records.record import Record
+    from bayes_ssi.measurements.records.record import Record
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -48,7 +48,7 @@ def record_of(
     sensors: tuple[str, ...], keys: tuple[str, ...],
 ) -> Record:  # fmt: skip
     """The record in the files."""
-    from bayes_ssi.records.record_files import read_record
+    from bayes_ssi.measurements.records.record_files import read_record
 
     return read_record(
         files, rate_hz=rate, quantity=quantity, unit=unit, sensors=sensors or None, keys=keys

@@ -46,6 +46,6 @@ def discard_standard_output() -> None:
 
 def json_text(record: Mapping[str, Any]) -> str:
     """The record as JSON; infinities and NaN are text."""
-    from bayes_ssi.codec import to_record
+    from bayes_ssi.foundations.codec import to_record
 
     return json.dumps(to_record(record), indent=2, allow_nan=False)

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bayes_ssi.predictions.predictions import Predictions
-    from bayes_ssi.predictions.response_bands import ResponseRequest
-    from bayes_ssi.predictions.stored_predictions import StoredPredictions
-    from bayes_ssi.response.output import Damping, Output, Quantity
+    from bayes_ssi.results.predictions.predictions import Predictions
+    from bayes_ssi.results.predictions.response_bands import ResponseRequest
+    from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
+    from bayes_ssi.structures.response.output import Damping, Output, Quantity
 
 NO_TRANSFER = "none"
 
@@ -31,16 +31,16 @@ def response_request(
     """The request from the options, and remarks on it."""
     import numpy as np
 
-    from bayes_ssi.predictions.default_request import (
+    from bayes_ssi.results.predictions.default_request import (
         MOST_FREQUENCIES,
         default_frequencies,
         default_output,
     )
-    from bayes_ssi.predictions.response_bands import ResponseRequest
-    from bayes_ssi.response.ground_motion import UNITS
-    from bayes_ssi.response.ground_motion_files import read_ground_motion
-    from bayes_ssi.response.modal_response import ground_influence
-    from bayes_ssi.response.output import (
+    from bayes_ssi.results.predictions.response_bands import ResponseRequest
+    from bayes_ssi.structures.response.ground_motion import UNITS
+    from bayes_ssi.structures.response.ground_motion_files import read_ground_motion
+    from bayes_ssi.structures.response.modal_response import ground_influence
+    from bayes_ssi.structures.response.output import (
         GROUND,
         HEAVY_DAMPING,
         damping_ratios,
@@ -96,7 +96,7 @@ def response_request(
 
 def _damping(predicted: StoredPredictions, text: str | None) -> tuple[Damping, str]:
     """The damping from the option or from the data, and a sentence about it."""
-    from bayes_ssi.predictions.default_request import default_damping
+    from bayes_ssi.results.predictions.default_request import default_damping
 
     if text is None:
         default, source = default_damping(predicted.data)
@@ -114,7 +114,7 @@ def _damping(predicted: StoredPredictions, text: str | None) -> tuple[Damping, s
 
 
 def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
-    from bayes_ssi.response.output import Output
+    from bayes_ssi.structures.response.output import Output
 
     if quantity != "drift":
         return Output(quantity, places)

@@ -26,15 +26,15 @@ from bayes_ssi.commands.terminal import (
 )
 
 if TYPE_CHECKING:
-    from bayes_ssi.execution.checkpoint import Checkpoint
-    from bayes_ssi.execution.run import Run
-    from bayes_ssi.execution.workers import Workers
-    from bayes_ssi.model_class.model_class import ModelClass
+    from bayes_ssi.inference.model_class.model_class import ModelClass
+    from bayes_ssi.inference.sampling.settings import SamplingSettings
+    from bayes_ssi.inference.workers.checkpoint import Checkpoint
+    from bayes_ssi.inference.workers.run import Run
+    from bayes_ssi.inference.workers.workers import Workers
     from bayes_ssi.plots.result_figures import ResultFigure
-    from bayes_ssi.ranking.sensitivity import Sensitivity
-    from bayes_ssi.ranking.study import Ranking, Study
     from bayes_ssi.results.load import StoredResult
-    from bayes_ssi.sampling.settings import SamplingSettings
+    from bayes_ssi.studies.ranking.sensitivity import Sensitivity
+    from bayes_ssi.studies.ranking.study import Ranking, Study
 
 RESULTS = Path("runs") / "results"
 
@@ -65,7 +65,7 @@ class RunOptions:
 
     @property
     def settings(self) -> SamplingSettings:
-        from bayes_ssi.sampling.settings import SamplingSettings
+        from bayes_ssi.inference.sampling.settings import SamplingSettings
 
         return SamplingSettings(
             log_evidence_error=self.log_evidence_error, economical=self.economical
@@ -73,7 +73,7 @@ class RunOptions:
 
     def place(self, study: Study, study_file: Path, name: str, *options: object) -> ResultPlace:
         """Where the result of a study goes; no other run may write there until the command ends."""
-        from bayes_ssi.execution.checkpoint import Checkpoint, name_of_run
+        from bayes_ssi.inference.workers.checkpoint import Checkpoint, name_of_run
         from bayes_ssi.results.load import MARKER
         from bayes_ssi.results.new_directory import require_new, sibling
 
@@ -97,7 +97,7 @@ class RunOptions:
 
         ``n_classes`` is the number of classes that are sampled, at least; the study's by default.
         """
-        from bayes_ssi.execution.run import Run
+        from bayes_ssi.inference.workers.run import Run
 
         workers = self._workers(study.model_classes, n_classes or len(study.model_classes))
         if not self.economical and not is_quiet():
@@ -111,9 +111,9 @@ class RunOptions:
             sys.exit(INTERRUPTED)
 
     def _workers(self, candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
-        from bayes_ssi.execution.dask_workers import DaskWorkers
-        from bayes_ssi.execution.local_workers import usable_cores
-        from bayes_ssi.ranking.automatic_workers import automatic_workers, chosen_workers
+        from bayes_ssi.inference.workers.dask_workers import DaskWorkers
+        from bayes_ssi.inference.workers.local_workers import usable_cores
+        from bayes_ssi.studies.ranking.automatic_workers import automatic_workers, chosen_workers
 
         if self.workers is not None and self.dask is not None:
             raise ValueError("--workers and --dask: give one of them")
@@ -134,8 +134,8 @@ class RunOptions:
 
     def sensitivity_record(self, ranking: Ranking, run: Run) -> dict[str, Sensitivity]:
         """File name → sensitivity of the ranking to settings, if requested."""
-        from bayes_ssi.ranking.sensitivity import sensitivity
         from bayes_ssi.results.load import SENSITIVITY
+        from bayes_ssi.studies.ranking.sensitivity import sensitivity
 
         return {SENSITIVITY: sensitivity(ranking, run=run)} if self.sensitivity else {}
 
@@ -171,9 +171,9 @@ class RunOptions:
 
         The exit code says whether a check failed that was not accepted.
         """
+        from bayes_ssi.report.tables import sensitivity_notes, sensitivity_table
         from bayes_ssi.results.answer import answer
         from bayes_ssi.results.load import FIGURES
-        from bayes_ssi.tables import sensitivity_notes, sensitivity_table
 
         if result.sensitivity is not None:
             console().print(sensitivity_table(result.sensitivity))
@@ -223,8 +223,6 @@ def _recorded(place: ResultPlace) -> Path:
 
 def _prepare_the_end() -> None:
     """Import what the end of a run needs, while workers are still sampling."""
-    import bayes_ssi.results.save
-    import bayes_ssi.tables  # noqa: F401
     from bayes_ssi.plots.result_figures import prepare
 
     prepare()

@@ -81,12 +81,12 @@ def search(
     get approximate evidences; those on which the answer rests are sampled. Workers take whole
     hypotheses.
     """
-    from bayes_ssi.appendages.appendage_search import search as search_appendages
-    from bayes_ssi.appendages.baselines import choose_baselines
-    from bayes_ssi.appendages.candidate_files import read_candidates
-    from bayes_ssi.appendages.hypotheses import SearchSettings
-    from bayes_ssi.priors.families import LogNormal, LogUniform
+    from bayes_ssi.parameters.families import LogNormal, LogUniform
     from bayes_ssi.results.load import SEARCH
+    from bayes_ssi.studies.appendages.appendage_search import search as search_appendages
+    from bayes_ssi.studies.appendages.baselines import choose_baselines
+    from bayes_ssi.studies.appendages.candidate_files import read_candidates
+    from bayes_ssi.studies.appendages.hypotheses import SearchSettings
 
     loaded = load(study)
     search_settings = SearchSettings(
@@ -123,7 +123,7 @@ def search(
     place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
 
     # Imported by now if there are workers, while they were sampling.
-    from bayes_ssi.tables import (
+    from bayes_ssi.report.tables import (
         appendage_table,
         averaged_table,
         baseline_notes,

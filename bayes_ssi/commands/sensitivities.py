@@ -23,12 +23,12 @@ def sensitivities(study: Path, only: str | None, figures: Path | None) -> None:
     At the prior medians. A set of parameters to update is proposed: those of which the data say
     more than the prior does, beside one another.
     """
-    from bayes_ssi.calibration.least_squares import NothingToCalibrateError
-    from bayes_ssi.calibration.modal_sensitivities import modal_sensitivities
-    from bayes_ssi.file_names import file_names
+    from bayes_ssi.foundations.file_names import file_names
+    from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
+    from bayes_ssi.inference.calibration.modal_sensitivities import modal_sensitivities
+    from bayes_ssi.report.tables.calibration_tables import sensitivities_table
     from bayes_ssi.results.new_directory import require_new_files
     from bayes_ssi.results.wording import listed
-    from bayes_ssi.tables.calibration_tables import sensitivities_table
 
     if figures is not None:
         require_new_files(figures)

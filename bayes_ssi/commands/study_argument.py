@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from bayes_ssi.ranking.study import Study
+    from bayes_ssi.studies.ranking.study import Study
 
 study_argument = click.argument("study", type=click.Path(path_type=Path))
 
 
 def load(path: Path, only: str | None = None) -> Study:
     """The study from a file, with all its model classes or only the listed ones."""
-    from bayes_ssi.ranking.study_file import load_study
+    from bayes_ssi.studies.ranking.study_file import load_study
 
     study = load_study(path)
     if only is None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayes_ssi.appendages.search_result import SearchRecord
 from bayes_ssi.plots.place_bars import plot_place_bars
 from bayes_ssi.plots.place_map import plot_place_map
 from bayes_ssi.plots.places_on_building import MOST_FLOORS, plot_places_on_building
+from bayes_ssi.studies.appendages.search_result import SearchRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.posterior.configuration_modes import LEVEL, UpdatedMode
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
     BLUE,
     GREY,
@@ -18,9 +20,7 @@ from bayes_ssi.plots.figure_style import (
     name_rows,
     rows_of,
 )
-from bayes_ssi.posterior.configuration_modes import LEVEL, UpdatedMode
-from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.predictions.predicted_modes import PredictedMode
+from bayes_ssi.results.predictions.predicted_modes import PredictedMode
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

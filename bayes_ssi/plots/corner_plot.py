@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_ssi.partial_imports import importing_without
+from bayes_ssi.foundations.partial_imports import importing_without
+from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.plots.figure_style import BLUE, SMALL, figure_of, wrapped
-from bayes_ssi.posterior.posterior import Posterior
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

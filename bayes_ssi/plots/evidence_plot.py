@@ -15,7 +15,7 @@ from bayes_ssi.plots.figure_style import (
     rows_of,
     title_of,
 )
-from bayes_ssi.ranking.comparison import Comparison
+from bayes_ssi.studies.ranking.comparison import Comparison
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

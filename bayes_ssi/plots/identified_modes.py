@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
     BLUE,
     GREY,

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.posterior.configuration_modes import moves_sideways
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
     BLUE,
     GREEN,
@@ -27,8 +28,7 @@ from bayes_ssi.plots.figure_style import (
 from bayes_ssi.plots.modes_in_space import panels_in_space
 from bayes_ssi.plots.shape_plots import MODEL, DrawnShape, by_direction, plot_shapes
 from bayes_ssi.plots.space_axes import draw_structure
-from bayes_ssi.posterior.configuration_modes import moves_sideways
-from bayes_ssi.predictions.bands import Band
+from bayes_ssi.results.predictions.bands import Band
 from bayes_ssi.structures.geometry import Geometry, Location
 from bayes_ssi.structures.structure import Structure
 

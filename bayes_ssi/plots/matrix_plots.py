@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.calibration.modal_sensitivities import ModalSensitivities
-from bayes_ssi.identification.inferred_pairing import InferredPairing
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.calibration.modal_sensitivities import ModalSensitivities
+from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
 from bayes_ssi.plots.figure_style import SMALL, axes_of, without_math
 
 if TYPE_CHECKING:
@@ -28,7 +28,8 @@ def plot_mac(
     """A matrix of modal assurance criteria, with the values written in its cells.
 
     Args:
-        matrix: (n_rows, n_columns), as of :func:`~bayes_ssi.modal.mac`; NaN is left blank.
+        matrix: (n_rows, n_columns), as of :func:`~bayes_ssi.structures.modal.mac`; NaN is left
+            blank.
         ax: axes; new ones if None.
     """
     ax = axes_of(ax, (2.0 + 0.55 * len(columns), 1.1 + 0.45 * len(rows)))

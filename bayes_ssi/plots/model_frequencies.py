@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
     COLOURS,
     GREY,
@@ -20,7 +21,6 @@ from bayes_ssi.plots.figure_style import (
     width_of_modes,
     without_math,
 )
-from bayes_ssi.posterior.posterior import Posterior
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.plots.figure_style import (
     GREY,
     SMALL,
@@ -17,7 +17,7 @@ from bayes_ssi.plots.figure_style import (
     width_of_panels,
 )
 from bayes_ssi.plots.surfaces import Corners, draw_faces, outline
-from bayes_ssi.predictions.nodal_modes import NodalModes
+from bayes_ssi.results.predictions.nodal_modes import NodalModes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

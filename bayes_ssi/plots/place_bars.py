@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from bayes_ssi.appendages.search_result import PlaceRecord
 from bayes_ssi.plots.figure_style import BLUE, GREY, SMALL, hover, name_rows, rows_of
-from bayes_ssi.ranking.comparison import probability_text
+from bayes_ssi.studies.appendages.search_result import PlaceRecord
+from bayes_ssi.studies.ranking.comparison import probability_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

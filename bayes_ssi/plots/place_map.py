@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from bayes_ssi.appendages.search_result import PlaceRecord
 from bayes_ssi.plots.figure_style import GREY, hover, legend_of_figure
 from bayes_ssi.plots.probability_colours import colour_bar, colour_scale
 from bayes_ssi.plots.space_axes import (
@@ -16,8 +15,9 @@ from bayes_ssi.plots.space_axes import (
     draw_structure,
     space_axes,
 )
-from bayes_ssi.ranking.comparison import probability_text
 from bayes_ssi.structures.geometry import Geometry, Point
+from bayes_ssi.studies.appendages.search_result import PlaceRecord
+from bayes_ssi.studies.ranking.comparison import probability_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from bayes_ssi.appendages.places import AppendagePlace
-from bayes_ssi.appendages.search_result import PlaceRecord
 from bayes_ssi.plots.figure_style import GREY, SMALL, WIDTH, axes_of, hover, legend_below
 from bayes_ssi.plots.probability_colours import colour_bar, colour_scale
-from bayes_ssi.ranking.comparison import probability_text
 from bayes_ssi.structures.geometry import Point, direction_name
+from bayes_ssi.studies.appendages.places import AppendagePlace
+from bayes_ssi.studies.appendages.search_result import PlaceRecord
+from bayes_ssi.studies.ranking.comparison import probability_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

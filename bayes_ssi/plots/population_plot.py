@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.hierarchical.hierarchy_record import Hierarchy
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.plots.figure_style import (
     BLUE,
     VERMILION,
@@ -18,6 +17,7 @@ from bayes_ssi.plots.figure_style import (
     legend_of_figure,
     without_math,
 )
+from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

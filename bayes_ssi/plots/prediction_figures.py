@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.modal import SHAPE_SCALE, mac
+from bayes_ssi.inference.posterior.configuration_modes import moves_sideways
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.before_and_after import plot_frequency_change
 from bayes_ssi.plots.figure_style import (
     LINES,
@@ -26,11 +26,11 @@ from bayes_ssi.plots.figure_style import (
 from bayes_ssi.plots.matrix_plots import plot_mac
 from bayes_ssi.plots.response_plots import plot_time_history, plot_transfer_functions
 from bayes_ssi.plots.shape_plots import DrawnShape, plot_shapes
-from bayes_ssi.posterior.configuration_modes import moves_sideways
-from bayes_ssi.predictions.bands import Band
-from bayes_ssi.predictions.predicted_modes import predicted_modes, shown_places
-from bayes_ssi.predictions.predictions import Predictions
-from bayes_ssi.predictions.response_bands import ResponseBands
+from bayes_ssi.results.predictions.bands import Band
+from bayes_ssi.results.predictions.predicted_modes import predicted_modes, shown_places
+from bayes_ssi.results.predictions.predictions import Predictions
+from bayes_ssi.results.predictions.response_bands import ResponseBands
+from bayes_ssi.structures.modal import SHAPE_SCALE, mac
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

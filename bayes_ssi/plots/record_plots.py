@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_ssi.measurements.records.identification_result import ModalIdentification
 from bayes_ssi.plots.figure_style import (
     BLUE,
     GREY,
@@ -24,7 +25,6 @@ from bayes_ssi.plots.figure_style import (
     width_of_panels,
 )
 from bayes_ssi.plots.identified_shapes import WITHIN_90, plot_identified_shapes
-from bayes_ssi.records.identification_result import ModalIdentification
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

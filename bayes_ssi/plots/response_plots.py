@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.plots.figure_style import COLOURS, GREY, LINES, WIDTH, axes_of, legend_below
-from bayes_ssi.predictions.bands import Band
+from bayes_ssi.results.predictions.bands import Band
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.appendages.search_result import SearchRecord
-from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.model_class.model_class import ModelClass
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.corner_plot import import_corner, plot_corner
 from bayes_ssi.plots.evidence_plot import plot_evidence
@@ -20,9 +20,9 @@ from bayes_ssi.plots.figure_style import figures_for_files, save_figure
 from bayes_ssi.plots.identified_shapes import has_errors_on, plot_identified_shapes
 from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.plots.modes_in_space import DrawnMode, can_be_drawn, plot_modes_in_space
-from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.predictions.nodal_modes import nodal_modes
-from bayes_ssi.ranking.comparison import Comparison
+from bayes_ssi.results.predictions.nodal_modes import nodal_modes
+from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.ranking.comparison import Comparison
 
 # Classes that one figure can show legibly.
 MOST_CLASSES = 12

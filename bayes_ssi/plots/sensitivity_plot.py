@@ -15,8 +15,8 @@ from bayes_ssi.plots.figure_style import (
     name_rows,
     rows_of,
 )
-from bayes_ssi.ranking.comparison import probability_text
-from bayes_ssi.ranking.sensitivity import Sensitivity
+from bayes_ssi.studies.ranking.comparison import probability_text
+from bayes_ssi.studies.ranking.sensitivity import Sensitivity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.posterior.configuration_modes import UpdatedModes
 from bayes_ssi.plots.figure_style import (
     BLUE,
     GREEN,
@@ -27,8 +28,7 @@ from bayes_ssi.plots.figure_style import (
     without_math,
     wrapped,
 )
-from bayes_ssi.posterior.configuration_modes import UpdatedModes
-from bayes_ssi.predictions.bands import Band
+from bayes_ssi.results.predictions.bands import Band
 from bayes_ssi.structures.structure import Structure
 
 if TYPE_CHECKING:

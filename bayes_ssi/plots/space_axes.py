@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.plots.figure_style import GREY, SMALL, TEXT, WIDTH, figure_of, title_of, wrapped
 from bayes_ssi.plots.surfaces import draw_faces, outline
 from bayes_ssi.structures.geometry import Geometry

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray
 
 # Faces that meet at a larger angle have a line between them: those of a mesh on one wall do not,
 # nor do those around a column of twelve sides.

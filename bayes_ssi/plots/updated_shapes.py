@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.inference.posterior.configuration_modes import UpdatedMode, UpdatedModes
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.shape_plots import DrawnShape, Reference, plot_shapes
-from bayes_ssi.posterior.configuration_modes import UpdatedMode, UpdatedModes
-from bayes_ssi.predictions.bands import Band
+from bayes_ssi.results.predictions.bands import Band
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,7 +20,7 @@ def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None
 
     A structure of floors that move sideways is drawn deformed, with the shape before updating
     dashed; of any other, components are bars. Shapes are scaled by
-    :func:`~bayes_ssi.modal.scaled_shapes`, identified ones to the model's median.
+    :func:`~bayes_ssi.structures.modal.scaled_shapes`, identified ones to the model's median.
     """
     if not modes.modes:
         raise ValueError("plot_mode_shapes: no mode is paired")

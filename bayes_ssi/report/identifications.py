@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.data.identification_record import EstimatedPeak, IdentificationRecord
-from bayes_ssi.data.modal_data import ModalData
+from bayes_ssi.measurements.modes.identification_record import EstimatedPeak, IdentificationRecord
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.record_plots import CAPTIONS
 from bayes_ssi.report.embedded_figure import EmbeddedFigure, embedded_file
 from bayes_ssi.report.limits import LIMITS

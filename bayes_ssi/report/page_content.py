@@ -10,23 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.model_class.class_record import ClassRecord, ConfigurationRecord
-from bayes_ssi.model_class.configuration import label_in
-from bayes_ssi.posterior.adequacy import LIMIT_SDS
-from bayes_ssi.posterior.configuration_modes import ConfigurationModes
-from bayes_ssi.posterior.posterior import Posterior, check_names
-from bayes_ssi.predictions.saved_predictions import SavedPredictions
-from bayes_ssi.ranking.averages import averaged_parameters
-from bayes_ssi.ranking.comparison import RankedClass
-from bayes_ssi.records.modal_identification import SHORTEST
+from bayes_ssi.inference.criticism.adequacy import LIMIT_SDS
+from bayes_ssi.inference.model_class.class_record import ClassRecord, ConfigurationRecord
+from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
+from bayes_ssi.inference.posterior.posterior import Posterior, check_names
+from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.measurements.records.modal_identification import SHORTEST
 from bayes_ssi.report.identifications import identifications
 from bayes_ssi.report.limits import LIMITS
 from bayes_ssi.report.report_figures import ReportFigures
-from bayes_ssi.results.answer import answer
-from bayes_ssi.results.load import StoredResult
-from bayes_ssi.results.result_record import ResultRecord
-from bayes_ssi.tables import (
+from bayes_ssi.report.tables import (
     baseline_notes,
     mass_scales,
     pairing_notes,
@@ -34,6 +28,12 @@ from bayes_ssi.tables import (
     unsampled_notes,
     unseen_note,
 )
+from bayes_ssi.results.answer import answer
+from bayes_ssi.results.load import StoredResult
+from bayes_ssi.results.predictions.saved_predictions import SavedPredictions
+from bayes_ssi.results.result_record import ResultRecord
+from bayes_ssi.studies.ranking.averages import averaged_parameters
+from bayes_ssi.studies.ranking.comparison import RankedClass
 
 
 def page_content(

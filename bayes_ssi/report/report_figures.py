@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
-from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.modal import SHAPE_SCALE
-from bayes_ssi.model_class.configuration import label_in
+from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.before_and_after import (
     plot_frequency_change,
@@ -28,12 +29,11 @@ from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.plots.result_figures import IDENTIFIED_SHAPES, MODES, MOST_CLASSES
 from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
 from bayes_ssi.plots.updated_shapes import plot_mode_shapes
-from bayes_ssi.posterior.configuration_modes import ConfigurationModes
-from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.predictions.saved_predictions import SavedPredictions
 from bayes_ssi.report.embedded_figure import EmbeddedFigure, embedded_drawing, embedded_file
 from bayes_ssi.report.limits import LIMITS
 from bayes_ssi.results.load import FIGURES, StoredResult
+from bayes_ssi.results.predictions.saved_predictions import SavedPredictions
+from bayes_ssi.structures.modal import SHAPE_SCALE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

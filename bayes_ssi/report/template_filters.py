@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
-from bayes_ssi.priors.prior import Prior
-from bayes_ssi.ranking.comparison import probability_text
+from bayes_ssi.inference.sampling.settings import SamplingSettings
+from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.results.wording import listed
-from bayes_ssi.sampling.settings import SamplingSettings
+from bayes_ssi.studies.ranking.comparison import probability_text
 
 MISSING = "-"
 # Endings of a column's name in a CSV file, and other columns that hold numbers.

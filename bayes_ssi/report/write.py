@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from bayes_ssi.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.versions import versions
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.new_directory import new_directory, require_new
-from bayes_ssi.versions import versions
 
 PAGE = "report.html"
 
@@ -40,11 +40,12 @@ def write_report(
     """
     import jinja2
 
-    # Imported here, not at start-up: figures, tables and filters are needed for reports alone.
-    from bayes_ssi.predictions.saved_predictions import load_saved_predictions
     from bayes_ssi.report.page_content import page_content
     from bayes_ssi.report.report_figures import draw_figures
     from bayes_ssi.report.template_filters import FILTERS, TESTS
+
+    # Imported here, not at start-up: figures, tables and filters are needed for reports alone.
+    from bayes_ssi.results.predictions.saved_predictions import load_saved_predictions
 
     def report(step: str, done: float) -> None:
         if progress is not None:

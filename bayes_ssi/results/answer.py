@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.ranking.averages import averaged_parameters
-from bayes_ssi.ranking.comparison import RankedClass
+from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.results.claims import (
     MOST_LISTED,
     best_determined,
@@ -31,6 +29,8 @@ from bayes_ssi.results.wording import (
     probability_in_words,
     with_error,
 )
+from bayes_ssi.studies.ranking.averages import averaged_parameters
+from bayes_ssi.studies.ranking.comparison import RankedClass
 
 
 @dataclass(frozen=True)

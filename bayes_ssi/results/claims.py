@@ -9,12 +9,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.model_class.class_record import ClassRecord
-from bayes_ssi.model_class.configuration import label_in
-from bayes_ssi.posterior.posterior import ParameterSummary, Posterior
-from bayes_ssi.ranking.comparison import SCALE, RankedClass
+from bayes_ssi.inference.model_class.class_record import ClassRecord
+from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.inference.posterior.posterior import ParameterSummary, Posterior
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.wording import listed, quantity
+from bayes_ssi.studies.ranking.comparison import SCALE, RankedClass
 
 # Parameters, or classes, listed in a sentence, about as many as one reads; tables hold all.
 MOST_LISTED = 8

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.model_class.configuration import label_in
-from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.posterior.datum_terms import DatumTerms
-from bayes_ssi.posterior.known_modes import draws_with_shapes
-from bayes_ssi.posterior.posterior import Posterior
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.datum_terms import DatumTerms
+from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
+from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.results.netcdf import Group, write_netcdf
 
 FREQUENCY, MODE = "frequency_hz", "model_mode"

@@ -6,13 +6,13 @@ import json
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bayes_ssi.codec import from_record, to_record
+from bayes_ssi.foundations.codec import from_record, to_record
 
 T = TypeVar("T")
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write the record of an object, from :func:`~bayes_ssi.codec.to_record`."""
+    """Write the record of an object, from :func:`~bayes_ssi.foundations.codec.to_record`."""
     text = json.dumps(to_record(value), indent=2, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 

@@ -17,23 +17,23 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from bayes_ssi.appendages.search_result import SearchRecord
-from bayes_ssi.argument_types import checked
-from bayes_ssi.codec import from_record
-from bayes_ssi.data.modal_csv import read_modal_csv
-from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.model_class.configuration import (
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.codec import from_record
+from bayes_ssi.inference.model_class.configuration import (
     choose_configuration,
     failed_data_checks,
     joint_digest,
 )
-from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.ranking.comparison import Comparison
-from bayes_ssi.ranking.sensitivity import Sensitivity
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.measurements.modes.modal_csv import read_modal_csv
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.digests import check_digest
 from bayes_ssi.results.draws import load_draws
 from bayes_ssi.results.json_files import read_json, read_record
 from bayes_ssi.results.result_record import FORMAT, ResultRecord
+from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.ranking.comparison import Comparison
+from bayes_ssi.studies.ranking.sensitivity import Sensitivity
 
 # The file that every result directory holds.
 MARKER = "result.json"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from bayes_ssi.identification.error_model import IdentificationModel
-from bayes_ssi.model_class.configuration import Configuration
-from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.parameters import Parameter
-from bayes_ssi.posterior.known_modes import KnownTest, known_structure
+from bayes_ssi.inference.likelihood.error_model import IdentificationModel
+from bayes_ssi.inference.model_class.configuration import Configuration
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.known_modes import KnownTest, known_structure
+from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.results.load import StoredResult
 
 

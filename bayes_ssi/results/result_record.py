@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bayes_ssi.model_class.class_record import ClassRecord
-from bayes_ssi.sampling.settings import SamplingSettings
+from bayes_ssi.inference.model_class.class_record import ClassRecord
+from bayes_ssi.inference.sampling.settings import SamplingSettings
 
 # Increased whenever the format of a result's files changes.
 FORMAT = 17

@@ -10,17 +10,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bayes_ssi.argument_types import checked
-from bayes_ssi.codec import to_record
-from bayes_ssi.data.modal_csv import write_modal_data
-from bayes_ssi.data.modal_data import ModalData
-from bayes_ssi.execution.run import Run
-from bayes_ssi.file_names import file_names
-from bayes_ssi.model_class.class_record import class_record
-from bayes_ssi.model_class.model_class import ModelClass
-from bayes_ssi.posterior.posterior import Posterior
-from bayes_ssi.ranking.comparison import Comparison, RankedClass
-from bayes_ssi.ranking.study import Ranking, Study
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.codec import to_record
+from bayes_ssi.foundations.file_names import file_names
+from bayes_ssi.foundations.versions import versions
+from bayes_ssi.inference.model_class.class_record import class_record
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.measurements.modes.modal_csv import write_modal_data
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.digests import write_digests
 from bayes_ssi.results.draws import save_draws
 from bayes_ssi.results.json_files import write_json
@@ -34,7 +33,8 @@ from bayes_ssi.results.load import (
 )
 from bayes_ssi.results.new_directory import new_directory
 from bayes_ssi.results.result_record import ResultRecord
-from bayes_ssi.versions import versions
+from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
+from bayes_ssi.studies.ranking.study import Ranking, Study
 
 
 @checked

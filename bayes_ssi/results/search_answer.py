@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bayes_ssi.appendages.search_result import CREDIBLE, HypothesisRecord, SearchRecord
-from bayes_ssi.ranking.comparison import PROBABLE, Comparison
 from bayes_ssi.results.claims import MOST_LISTED
 from bayes_ssi.results.wording import likelihood_in_words, listed, probability_in_words, quantity
+from bayes_ssi.studies.appendages.search_result import CREDIBLE, HypothesisRecord, SearchRecord
+from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison
 
 # An answer rests on sampled evidences where all others together may have no more than this.
 LITTLE = 0.01

@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from bayes_ssi.argument_types import checked
-from bayes_ssi.posterior.known_modes import known_at_draws
-from bayes_ssi.ranking.changed_settings import ChangedSettings, WhatIf, with_changed_settings
-from bayes_ssi.ranking.study import Ranking
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.inference.posterior.known_modes import known_at_draws
 from bayes_ssi.results.load import StoredResult, load_result
 from bayes_ssi.results.recorded_classes import recorded_class
+from bayes_ssi.studies.ranking.changed_settings import (
+    ChangedSettings,
+    WhatIf,
+    with_changed_settings,
+)
+from bayes_ssi.studies.ranking.study import Ranking
 
 
 @checked

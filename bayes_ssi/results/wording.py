@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from bayes_ssi.ranking.comparison import probability_text
+from bayes_ssi.studies.ranking.comparison import probability_text
 
 # The calibrated language of the IPCC (Mastrandrea et al. 2010), by the least probability.
 LIKELIHOOD = (

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.parameters import Parameter, Product, ProductTable
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable
 
 
 @dataclass(frozen=True)

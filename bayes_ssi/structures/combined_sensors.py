@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from copy import copy
 from typing import Self
 
-from bayes_ssi.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 

@@ -15,13 +15,13 @@ from typing import Self
 
 import numpy as np
 
-from bayes_ssi.argument_types import checked, require
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.modal import ModalModel, Modes, modal_model, solve_modes
-from bayes_ssi.parameters import Parameter, collect_parameters, positive_product
+from bayes_ssi.foundations.argument_types import checked, require
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.parameters.parameters import Parameter, collect_parameters, positive_product
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.elements import AddedMass, Element, PointMass, Spring
+from bayes_ssi.structures.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.structures.motion import Motion, Place, SinglePlace, motion_of
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure

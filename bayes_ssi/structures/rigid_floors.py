@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from bayes_ssi.argument_types import checked
-from bayes_ssi.parameters import Product, Value, as_product
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.parameters.parameters import Product, Value, as_product
 from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.elements import Element, PointMass
 from bayes_ssi.structures.lumped import LumpedStructure

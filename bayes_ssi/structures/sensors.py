@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.arrays import FloatArray, Places, as_slice
+from bayes_ssi.foundations.arrays import FloatArray, Places, as_slice
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bayes_ssi.parameters import Value, as_product
+from bayes_ssi.parameters.parameters import Value, as_product
 from bayes_ssi.structures.elements import PointMass, Spring
 from bayes_ssi.structures.lumped import LumpedStructure
 

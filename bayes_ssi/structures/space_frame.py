@@ -14,8 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.parameters import (
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.parameters.parameters import (
     Parameter,
     Product,
     Value,

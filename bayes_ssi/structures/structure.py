@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayes_ssi.argument_types import checked
-from bayes_ssi.arrays import FloatArray
-from bayes_ssi.modal import ModalModel, Modes
-from bayes_ssi.parameters import Parameter, checked_values
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.parameters.parameters import Parameter, checked_values
 from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.geometry import Geometry, Location
+from bayes_ssi.structures.modal import ModalModel, Modes
 from bayes_ssi.structures.motion import Place, SinglePlace, motion_of
 from bayes_ssi.structures.sensors import Sensor, SensorMatrix
 
@@ -87,8 +87,8 @@ class Structure(ABC):
     def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - raises
         """The modes at unit modal mass, and how the ground's motion drives them.
 
-        :func:`~bayes_ssi.modal.modal_model` computes it from modes in any scale and the product
-        of the mass matrix with them. Rows are as in :meth:`modes`.
+        :func:`~bayes_ssi.structures.modal.modal_model` computes it from modes in any scale and the
+        product of the mass matrix with them. Rows are as in :meth:`modes`.
 
         Args:
             values: (B, n_parameters), columns as in :attr:`parameters`.
@@ -204,7 +204,10 @@ class Structure(ABC):
         values: FloatArray,  # noqa: ARG002 - for reduced structures
         places: Iterable[SinglePlace],  # noqa: ARG002
     ) -> Structure:
-        """As :meth:`compact`, smaller still and not certified, for elements at some places."""
+        """As :meth:`compact` at ``values``, smaller still and not certified, for many hypotheses.
+
+        Elements can be put on ``places``, single degrees of freedom and sensors, alone.
+        """
         return self
 
     # What elements are put on, and what a search needs for that.

@@ -23,7 +23,7 @@ import numpy as np
 from simulated import simulate_tests
 
 import bayes_ssi as bs
-from bayes_ssi.posterior.adequacy import LIMIT, Adequacy
+from bayes_ssi.inference.criticism.adequacy import LIMIT, Adequacy
 
 STUDIES = Path(__file__).parents[2] / "model_classes"
 SETTINGS = bs.SamplingSettings(log_evidence_error=0.1, economical=True)

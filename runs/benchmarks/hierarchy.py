@@ -27,16 +27,16 @@ from scipy.stats import chisquare, kstest
 from simulated import print_bands
 
 import bayes_ssi as bs
-from bayes_ssi.hierarchical.population_sampling import (
+from bayes_ssi.inference.model_class.class_record import ParameterRecord
+from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.results.hierarchy.population_sampling import (
     PopulationSampler,
     SampledPopulation,
     failed_fits,
     fit_tests,
 )
-from bayes_ssi.hierarchical.populations import Population
-from bayes_ssi.hierarchical.single_tests import MOST_DRAWS, SingleTest
-from bayes_ssi.model_class.class_record import ParameterRecord
-from bayes_ssi.sampling.estimates import Estimate
+from bayes_ssi.results.hierarchy.populations import Population
+from bayes_ssi.results.hierarchy.single_tests import MOST_DRAWS, SingleTest
 
 PRIORS = bs.PopulationPriors(spread=bs.HalfNormal(0.5), slope=bs.Normal(0.0, 0.5))
 KINDS = tuple(product((False, True), repeat=2))

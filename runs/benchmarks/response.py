@@ -20,9 +20,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 import bayes_ssi as bs
-from bayes_ssi.response.ground_motion import GroundMotion
-from bayes_ssi.response.modal_response import time_histories, transfer_functions
-from bayes_ssi.response.output import Output
+from bayes_ssi.structures.response.ground_motion import GroundMotion
+from bayes_ssi.structures.response.modal_response import time_histories, transfer_functions
+from bayes_ssi.structures.response.output import Output
 
 DRAWS, SAMPLES, REPEATS = 500, 18_000, 7
 STIFFNESS = (math.pi / math.sin(math.pi / 14)) ** 2

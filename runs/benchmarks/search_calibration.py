@@ -42,17 +42,17 @@ from search_scaling import tower
 from simulated import IdentificationErrors, print_bands, simulate
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.appendage_search import screened_hypotheses
-from bayes_ssi.appendages.baselines import choose_baselines
-from bayes_ssi.appendages.hypotheses import (
+from bayes_ssi.inference.posterior_sampling.required_accuracy import with_exact_structures
+from bayes_ssi.studies.appendages.appendage_search import screened_hypotheses
+from bayes_ssi.studies.appendages.baselines import choose_baselines
+from bayes_ssi.studies.appendages.hypotheses import (
     frequency_name,
     hypothesis,
     mass_name,
     scale_of,
 )
-from bayes_ssi.appendages.places import AppendagePlace, places_of
-from bayes_ssi.posterior.required_accuracy import with_exact_structures
-from bayes_ssi.ranking.study_file import load_study
+from bayes_ssi.studies.appendages.places import AppendagePlace, places_of
+from bayes_ssi.studies.ranking.study_file import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "bare_building.py"
 MASS_RATIO, MASS_COV = 0.05, 1.0

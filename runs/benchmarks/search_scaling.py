@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.parameters import Value
+from bayes_ssi.parameters.parameters import Value
 from bayes_ssi.plots.figure_style import BLUE, VERMILION, style
 
 WIDTH, DEPTH, HEIGHT, WALL = 6.0, 4.5, 60.0, 0.3

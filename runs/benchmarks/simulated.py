@@ -10,8 +10,8 @@ import numpy as np
 from scipy.stats import vonmises_fisher
 
 import bayes_ssi as bs
-from bayes_ssi.modal import Modes
-from bayes_ssi.parameters import Value, as_product
+from bayes_ssi.parameters.parameters import Value, as_product
+from bayes_ssi.structures.modal import Modes
 
 
 class IdentificationErrors(NamedTuple):

@@ -14,9 +14,9 @@ from time import perf_counter
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.appendage_search import search
-from bayes_ssi.appendages.hypotheses import SearchSettings
-from bayes_ssi.ranking.automatic_workers import chosen_workers
+from bayes_ssi.studies.appendages.appendage_search import search
+from bayes_ssi.studies.appendages.hypotheses import SearchSettings
+from bayes_ssi.studies.ranking.automatic_workers import chosen_workers
 
 N_STOREYS, N_MODES = 20, 8
 FLOORS = (1, 4, 8, 12, 16, 20)

@@ -20,10 +20,10 @@ import numpy as np
 from distributed import LocalCluster
 
 import bayes_ssi as bs
-from bayes_ssi.execution.batch import evaluate
-from bayes_ssi.execution.dask_workers import DaskWorkers
-from bayes_ssi.execution.local_workers import LocalWorkers
-from bayes_ssi.execution.workers import Workers
+from bayes_ssi.inference.workers.batch import evaluate
+from bayes_ssi.inference.workers.dask_workers import DaskWorkers
+from bayes_ssi.inference.workers.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.workers import Workers
 
 BATCHES, BATCH = 6, 64
 SECONDS_A_POINT = 0.05

@@ -17,9 +17,9 @@ from problems import (
 )
 from scipy.special import ndtr
 
-from bayes_ssi.sampling.checks import failed_checks
-from bayes_ssi.sampling.engine import sample_target
-from bayes_ssi.sampling.target import Target
+from bayes_ssi.inference.sampling.checks import failed_checks
+from bayes_ssi.inference.sampling.engine import sample_target
+from bayes_ssi.inference.sampling.target import Target
 
 SEEDS = range(3)
 SMALL = {

@@ -7,12 +7,12 @@ import pytest
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.appendages import screening_in_steps
-from bayes_ssi.appendages.appendage_search import screened_hypotheses
-from bayes_ssi.appendages.baselines import Baselines, choose_baselines, compact
-from bayes_ssi.appendages.first_look import first_looks
-from bayes_ssi.appendages.screening import Screened, ToScreen
-from bayes_ssi.appendages.screening_in_steps import LEFT_OUT, screen_best
+from bayes_ssi.studies.appendages import screening_in_steps
+from bayes_ssi.studies.appendages.appendage_search import screened_hypotheses
+from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines, compact
+from bayes_ssi.studies.appendages.first_look import first_looks
+from bayes_ssi.studies.appendages.screening import Screened, ToScreen
+from bayes_ssi.studies.appendages.screening_in_steps import LEFT_OUT, screen_best
 
 N, PLACES = 40, range(6, 40, 6)
 

@@ -9,12 +9,12 @@ import pytest
 from searches import INFILL_12, ONE, PENDULUM_1, screened
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.appendage_search import search
-from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis, scale_of
-from bayes_ssi.appendages.sampling_choice import most_probability_unsampled, to_sample
-from bayes_ssi.appendages.screening import FULL, QUICK, SCAN, ToScreen, screen, screen_all
-from bayes_ssi.appendages.screening_in_steps import screen_best
-from bayes_ssi.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.studies.appendages.appendage_search import search
+from bayes_ssi.studies.appendages.hypotheses import SearchSettings, hypothesis, scale_of
+from bayes_ssi.studies.appendages.sampling_choice import most_probability_unsampled, to_sample
+from bayes_ssi.studies.appendages.screening import FULL, QUICK, SCAN, ToScreen, screen, screen_all
+from bayes_ssi.studies.appendages.screening_in_steps import screen_best
 
 
 def estimates(*log_masses, error=0.0):
@@ -175,7 +175,7 @@ def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(monkeypatc
         calls.append((effort, len(hypotheses)))
         return [screened(each, each.parameter_names[0]) for each in hypotheses]
 
-    steps = "bayes_ssi.appendages.screening_in_steps"
+    steps = "bayes_ssi.studies.appendages.screening_in_steps"
     monkeypatch.setattr(f"{steps}.screen_all", screen_all)
     monkeypatch.setattr(f"{steps}.first_looks", lambda *_: {})
     heights = [0.0, math.log(0.05), *[math.log(1e-6)] * 38]

@@ -19,14 +19,14 @@ from searches import (
 )
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.appendage_search import search
-from bayes_ssi.appendages.hypotheses import SearchSettings, hypothesis
-from bayes_ssi.appendages.places import KINDS, AppendagePlace
-from bayes_ssi.appendages.search_result import SearchRecord
-from bayes_ssi.codec import from_record, to_record
-from bayes_ssi.modal import Modes
+from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.plots.appendage_places import plot_places
+from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
+from bayes_ssi.studies.appendages.appendage_search import search
+from bayes_ssi.studies.appendages.hypotheses import SearchSettings, hypothesis
+from bayes_ssi.studies.appendages.places import KINDS, AppendagePlace
+from bayes_ssi.studies.appendages.search_result import SearchRecord
 
 
 def test_places_are_floors_and_storeys(augmented):
@@ -206,7 +206,7 @@ class RoofPlace(AppendagePlace):
 
 
 def test_another_kind_of_appendage_is_one_class(bare, fake_sampling, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.appendages.places.KINDS", (*KINDS, RoofPlace))
+    monkeypatch.setattr("bayes_ssi.studies.appendages.places.KINDS", (*KINDS, RoofPlace))
     levels = fake_sampling(by_count(0.0, 1.0, 2.0))
     result = search(bare, ONE)
     assert "mast 3" in levels[1]
@@ -362,7 +362,7 @@ def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior)
         run.report(candidates[0].name, "evidence", 1.0)
         return [make_posterior(c.name, names=c.parameter_names) for c in candidates]
 
-    monkeypatch.setattr("bayes_ssi.appendages.appendage_search.sample_all", sample_all)
+    monkeypatch.setattr("bayes_ssi.studies.appendages.appendage_search.sample_all", sample_all)
     said = []
     run = bs.Run(checkpoint="there", progress=lambda *what: said.append(what))
     result = search(bare, ONE, 5, COARSE, run)

@@ -8,10 +8,10 @@ from conftest import assert_one_line_error
 from searches import INFILL_01, INFILL_12, PENDULUM_1, by_count
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.next_level import NextLevel
-from bayes_ssi.appendages.screened_hypothesis import Key
-from bayes_ssi.codec import to_record
+from bayes_ssi.foundations.codec import to_record
 from bayes_ssi.results.load import load_result
+from bayes_ssi.studies.appendages.next_level import NextLevel
+from bayes_ssi.studies.appendages.screened_hypothesis import Key
 
 ONE_K = ("--baseline", "one k")
 pytestmark = pytest.mark.usefixtures("coarse_command")
@@ -26,12 +26,12 @@ def no_figures(no_figures, monkeypatch):
 @pytest.fixture
 def one_place(monkeypatch):
     """Few hypotheses are soon saved."""
-    monkeypatch.setattr("bayes_ssi.appendages.baselines.places_of", lambda _: (PENDULUM_1,))
+    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (PENDULUM_1,))
 
 
 def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, monkeypatch):
     monkeypatch.setattr(
-        "bayes_ssi.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01)
+        "bayes_ssi.studies.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01)
     )
     levels = fake_sampling(by_count(0.0, 1.0, 2.0))
     out = tmp_path / "r"
@@ -125,7 +125,7 @@ def test_the_largest_number_of_appendages(
     run, tiny_study_file, tmp_path, fake_sampling, most, n_levels, monkeypatch
 ):
     places = (PENDULUM_1, INFILL_01, INFILL_12)
-    monkeypatch.setattr("bayes_ssi.appendages.baselines.places_of", lambda _: places)
+    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: places)
     levels = fake_sampling(by_count(0.0, 1.0, 2.0, 3.0, 4.0))
     assert run("search", tiny_study_file, "--most", most, "--out", tmp_path / "r").exit_code == 0
     assert len(levels) == n_levels
@@ -177,7 +177,7 @@ def test_a_test_that_the_study_lacks_is_refused(run, tiny_study_file):
 def all_sampled(monkeypatch):
     """The search samples every hypothesis."""
     monkeypatch.setattr(
-        "bayes_ssi.appendages.appendage_search.to_sample",
+        "bayes_ssi.studies.appendages.appendage_search.to_sample",
         lambda approximate, sampled, *_: [each for each in approximate if each not in sampled],
     )
 
@@ -190,7 +190,7 @@ def stop(*_):
 def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     run, tiny_study_file, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("bayes_ssi.appendages.baselines.places_of", lambda _: (INFILL_01,))
+    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_01,))
     out = tmp_path / "r"
     arguments = (
         "search",
@@ -204,7 +204,7 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     )
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayes_ssi.appendages.appendage_search.compare_and_diagnose", stop)
+        patch.setattr("bayes_ssi.studies.appendages.appendage_search.compare_and_diagnose", stop)
         stopped = run(*arguments)
     assert stopped.exit_code == 130
     assert "Interrupted; resume with: bayes-ssi search " in stopped.stderr
@@ -226,9 +226,9 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
         )
 
     out, checkpoint = tmp_path / "r", tmp_path / ".r.checkpoint"
-    monkeypatch.setattr("bayes_ssi.posterior.sample.sample_as_it_is", sample)
+    monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.sample.sample_as_it_is", sample)
     monkeypatch.setattr(
-        "bayes_ssi.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01)
+        "bayes_ssi.studies.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01)
     )
     arguments = ("search", tiny_study_file, *ONE_K, "--out", out)
 
@@ -237,8 +237,8 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
         return NextLevel([Key("one k", places) for places in levels.get(len(hypotheses), [])])
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayes_ssi.appendages.appendage_search.next_level", one_with_both)
-        patch.setattr("bayes_ssi.appendages.appendage_search.compare_and_diagnose", stop)
+        patch.setattr("bayes_ssi.studies.appendages.appendage_search.next_level", one_with_both)
+        patch.setattr("bayes_ssi.studies.appendages.appendage_search.compare_and_diagnose", stop)
         assert run(*arguments).exit_code == 130
     names = {"no appendage", "pendulum 1", "infill 0-1"}
     assert len(list(checkpoint.glob("*.journal"))) == 4
@@ -250,9 +250,11 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_of_a_search_has_exit_code_3(run, tiny_study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.appendages.baselines.places_of", lambda _: (INFILL_01,))
+    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_01,))
     differ = ["the ensembles differ"]
-    monkeypatch.setattr("bayes_ssi.posterior.to_posterior.failed_checks", lambda _: differ)
+    monkeypatch.setattr(
+        "bayes_ssi.inference.posterior_sampling.to_posterior.failed_checks", lambda _: differ
+    )
     result = run("search", tiny_study_file, "--error", 0.5, "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "Do not trust the ranking until" in result.stdout

@@ -7,8 +7,8 @@ import pytest
 from searches import COARSE, INFILL_01, INFILL_12, ONE
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.appendage_search import search
-from bayes_ssi.appendages.hypotheses import SearchSettings
+from bayes_ssi.studies.appendages.appendage_search import search
+from bayes_ssi.studies.appendages.hypotheses import SearchSettings
 
 
 def test_the_hidden_infill_is_found_where_it_is(found_in_case_c):
@@ -48,7 +48,7 @@ def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error, two_worker
 
 def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, two_workers):
     monkeypatch.setattr(
-        "bayes_ssi.appendages.baselines.places_of", lambda _: (INFILL_01, INFILL_12)
+        "bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_01, INFILL_12)
     )
     here, there = (
         search(tiny_study.model_classes[0], ONE, 3, COARSE, bs.Run(workers))

@@ -11,18 +11,18 @@ mpl.use("Agg")
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.appendage_search import search
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.result_figures import save_figures
-from bayes_ssi.ranking.comparison import probability_text
-from bayes_ssi.results.wording import quantity
-from bayes_ssi.tables import (
+from bayes_ssi.report.tables import (
     appendage_table,
     averaged_table,
     place_table,
     search_notes,
     search_table,
 )
+from bayes_ssi.results.wording import quantity
+from bayes_ssi.studies.appendages.appendage_search import search
+from bayes_ssi.studies.ranking.comparison import probability_text
 
 
 def lines(table, width=80):

@@ -7,12 +7,12 @@ import pytest
 from click.testing import CliRunner
 
 import bayes_ssi as bs
-from bayes_ssi.appendages import unmodelled_appendage as module
-from bayes_ssi.appendages.baselines import choose_baselines
-from bayes_ssi.appendages.unmodelled_appendage import unmodelled_appendage
 from bayes_ssi.cli import main
-from bayes_ssi.execution.run import Run
-from bayes_ssi.ranking.study_file import load_study
+from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.studies.appendages import unmodelled_appendage as module
+from bayes_ssi.studies.appendages.baselines import choose_baselines
+from bayes_ssi.studies.appendages.unmodelled_appendage import unmodelled_appendage
+from bayes_ssi.studies.ranking.study_file import load_study
 
 MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"
 QUICK = bs.SamplingSettings(log_evidence_error=0.1)

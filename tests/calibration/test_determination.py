@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 import bayes_ssi as bs
-from bayes_ssi.calibration.determination import determination
-from bayes_ssi.calibration.least_squares import CalibrationProblem
+from bayes_ssi.inference.calibration.determination import determination
+from bayes_ssi.inference.calibration.least_squares import CalibrationProblem
 
 SIGMA_F = 0.01
 COV_A, COV_B = 0.2, 0.4

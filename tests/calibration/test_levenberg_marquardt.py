@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_ssi.calibration.levenberg_marquardt import FARTHEST, descend
+from bayes_ssi.inference.calibration.levenberg_marquardt import FARTHEST, descend
 
 
 def test_linear_residuals_are_solved_exactly():

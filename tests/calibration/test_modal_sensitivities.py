@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 import bayes_ssi as bs
-from bayes_ssi.calibration.least_squares import NothingToCalibrateError
 from bayes_ssi.cli import main
+from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
 from bayes_ssi.plots import plot_modal_sensitivities
 
 N = 3

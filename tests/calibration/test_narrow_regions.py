@@ -7,9 +7,9 @@ import pytest
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.calibration.narrow_regions import NarrowRegions
-from bayes_ssi.sampling.multistart import search_maxima
-from bayes_ssi.sampling.target import Target, log_standard_normal
+from bayes_ssi.inference.calibration.narrow_regions import NarrowRegions
+from bayes_ssi.inference.sampling.multistart import search_maxima
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 # The four-storey benchmark building of 12 degrees of freedom (Johnson, Lam, Katafygiotis and Beck
 # 2004): masses in kg, moments of inertia in kg m², stiffnesses of every storey in N/m and N m.

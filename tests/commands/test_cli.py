@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from conftest import assert_one_line_error
 
-from bayes_ssi.execution.checkpoint import Checkpoint
+from bayes_ssi.inference.workers.checkpoint import Checkpoint
 from bayes_ssi.results.load import load_result
 
 CSV = """\
@@ -84,7 +84,7 @@ def test_existing_results_are_kept_unless_overwriting_is_asked_for(run, tiny_stu
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_is_reported_with_exit_code_3(run, tiny_study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.sampling.checks.REACHED", 0.0)
+    monkeypatch.setattr("bayes_ssi.inference.sampling.checks.REACHED", 0.0)
     result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "one k (!)" in result.stdout
@@ -154,7 +154,7 @@ def test_no_more_workers_than_cores(run, tiny_study_file, tmp_path, monkeypatch)
         chosen.append(n)
         raise ValueError("not sampled here")
 
-    monkeypatch.setattr("bayes_ssi.ranking.automatic_workers.LocalWorkers", refuse)
+    monkeypatch.setattr("bayes_ssi.studies.ranking.automatic_workers.LocalWorkers", refuse)
     arguments = ("rank", tiny_study_file, "--out", tmp_path / "r", "--workers")
     assert "reduced" not in run(*arguments, 2).stderr
     assert run(*arguments, 1000).stderr.startswith("--workers 1000: reduced to 3, the number of")
@@ -413,7 +413,7 @@ def test_slow_structures_are_named_before_they_are_sampled(run, tmp_path, monkey
     def refuse(*_, **__):
         raise ValueError("not sampled here")
 
-    monkeypatch.setattr("bayes_ssi.appendages.ranked_study.sample_all", refuse)
+    monkeypatch.setattr("bayes_ssi.studies.appendages.ranked_study.sample_all", refuse)
     study = tmp_path / "large.py"
     study.write_text(LARGE_STUDY, encoding="utf-8")
     lines = run("rank", study, "--out", "r").stderr.splitlines()

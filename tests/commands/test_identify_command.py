@@ -10,7 +10,7 @@ from simulated_records import simulated_record, with_infill
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.commands.identify import METHODS
-from bayes_ssi.records.methods import NAMES
+from bayes_ssi.measurements.records.methods import NAMES
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = ["--band", "0.6", "4.6"]
@@ -107,7 +107,7 @@ def test_a_place_for_the_modes_is_made_or_refused_before_they_are_identified(
     def identify(*_, **__):
         raise RuntimeError
 
-    monkeypatch.setattr("bayes_ssi.records.modal_identification.identify", identify)
+    monkeypatch.setattr("bayes_ssi.measurements.records.modal_identification.identify", identify)
     stated = [path, *BAND, "--quantity", "acceleration"]
     new = tmp_path / "new" / "folder"
     assert isinstance(run(*stated, "--out", new / "modes.csv").exception, RuntimeError)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from conftest import TINY_STUDY, assert_one_line_error
 
-from bayes_ssi.predictions.stored_predictions import load_predictions
-from bayes_ssi.response.ground_motion_files import read_ground_motion
-from bayes_ssi.response.output import Output
 from bayes_ssi.results.load import load_result
+from bayes_ssi.results.predictions.stored_predictions import load_predictions
 from bayes_ssi.results.save import save_result
+from bayes_ssi.structures.response.ground_motion_files import read_ground_motion
+from bayes_ssi.structures.response.output import Output
 
 mpl.use("Agg")
 
@@ -91,7 +91,7 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
     def refuse(*_):
         raise AssertionError("sampled")
 
-    monkeypatch.setattr("bayes_ssi.posterior.to_posterior.sample_target", refuse)
+    monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.to_posterior.sample_target", refuse)
     (tmp_path / "tiny.py").write_text(TINY_STUDY, "utf-8")
     out = tmp_path / "result"
     save_result(tiny_ranking, out, study_file=str(tmp_path / "tiny.py"))
@@ -183,7 +183,7 @@ def test_a_warning_about_narrow_peaks(predict):
 @pytest.mark.usefixtures("no_figures")
 def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
     (tmp_path / "quake.AT2").write_text(AT2)
-    monkeypatch.setattr("bayes_ssi.predictions.posterior_draws.ARRAY_SIZE", 40 * 4 - 1)
+    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.ARRAY_SIZE", 40 * 4 - 1)
     done = predict("--record", tmp_path / "quake.AT2")
     assert "40 time histories of 4 samples take a while; fewer --draws" in done.stderr
 

@@ -26,7 +26,9 @@ def test_quiet_prints_nothing(run, tiny_study_file, tmp_path):
 def test_quiet_still_prints_errors_and_failed_checks(run, tiny_study_file, tmp_path, monkeypatch):
     assert "no such file" in run("rank", tmp_path / "none.py", "--quiet").stderr
     differ = ["the ensembles differ"]
-    monkeypatch.setattr("bayes_ssi.posterior.to_posterior.failed_checks", lambda _: differ)
+    monkeypatch.setattr(
+        "bayes_ssi.inference.posterior_sampling.to_posterior.failed_checks", lambda _: differ
+    )
     result = run("rank", tiny_study_file, "--only", "one k", "--quiet", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert result.stdout == ""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.data.nominal_comparison import compared_with_nominal
-from bayes_ssi.solver_files.exported_model import Matrices, exported_model
-from bayes_ssi.solver_files.sensor_points import (
+from bayes_ssi.measurements.modes.nominal_comparison import compared_with_nominal
+from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
+from bayes_ssi.structures.solver_files.sensor_points import (
     SensorPoint,
     exchanged,
     nearest_degrees_of_freedom,

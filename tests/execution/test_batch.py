@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_ssi.execution.batch import evaluate
+from bayes_ssi.inference.workers.batch import evaluate
 
 
 class Fragile:

@@ -9,10 +9,10 @@ from delegating import DelegatingStructure
 from pools import spawning
 
 import bayes_ssi as bs
-from bayes_ssi.execution.checkpoint import Checkpoint
-from bayes_ssi.execution.progress_file import ProgressFile
-from bayes_ssi.execution.workers import Workers
-from bayes_ssi.ranking.class_sampling import _Relay, sample_all
+from bayes_ssi.inference.workers.checkpoint import Checkpoint
+from bayes_ssi.inference.workers.progress_file import ProgressFile
+from bayes_ssi.inference.workers.workers import Workers
+from bayes_ssi.studies.ranking.class_sampling import _Relay, sample_all
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
@@ -173,7 +173,9 @@ def test_failures_in_workers_are_reported(two_workers, tiny_study):
 @pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
 @pytest.mark.usefixtures("no_figures")
 def test_the_command_gives_the_same_with_workers(run, tiny_study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.sampling.settings.SamplingSettings", lambda **_: COARSE)
+    monkeypatch.setattr(
+        "bayes_ssi.inference.sampling.settings.SamplingSettings", lambda **_: COARSE
+    )
     arguments = ("rank", tiny_study_file, "--only", "one k", "--accept-failed-checks", "--out")
     assert run(*arguments, tmp_path / "here").exit_code == 0
     assert run(*arguments, tmp_path / "there", "--workers", 2).exit_code == 0

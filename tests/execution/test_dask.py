@@ -17,9 +17,9 @@ from conftest import COARSE, assert_one_line_error
 from pools import points, sums
 
 import bayes_ssi as bs
-from bayes_ssi.execution import dask_workers, workers
-from bayes_ssi.execution.batch import evaluate
-from bayes_ssi.execution.dask_workers import DaskWorkers
+from bayes_ssi.inference.workers import dask_workers, workers
+from bayes_ssi.inference.workers.batch import evaluate
+from bayes_ssi.inference.workers.dask_workers import DaskWorkers
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -186,7 +186,9 @@ def test_a_malformed_address_is_refused(address):
 def test_the_command_gives_the_same_with_dask(
     run, address, tmp_path, tiny_study_file, tiny_study, monkeypatch
 ):
-    monkeypatch.setattr("bayes_ssi.sampling.settings.SamplingSettings", lambda **_: COARSE)
+    monkeypatch.setattr(
+        "bayes_ssi.inference.sampling.settings.SamplingSettings", lambda **_: COARSE
+    )
     # A batch in fewer parts is there sooner: these take Dask longer than the model.
     monkeypatch.setattr(workers, "PARTS_PER_WORKER", 1)
     result = run(

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from bayes_ssi.execution.batch import Evaluated
-from bayes_ssi.execution.journal import DamagedJournalError, Journal
+from bayes_ssi.inference.workers.batch import Evaluated
+from bayes_ssi.inference.workers.journal import DamagedJournalError, Journal
 
 RUN = {"model class": "each k", "seed": 7}
 
@@ -182,7 +182,7 @@ def process_with_a_journal(path, *lines):
     """Another process that opens the journal and then runs some lines, until it is ended."""
     code = (
         "import os, time",
-        "from bayes_ssi.execution.journal import Journal",
+        "from bayes_ssi.inference.workers.journal import Journal",
         f"journal = Journal({str(path)!r}, {RUN!r})",
         *lines,
         "time.sleep(60)",

@@ -13,7 +13,7 @@ import pytest
 from conftest import TINY_STUDY
 
 from bayes_ssi.cli import main
-from bayes_ssi.execution.journal import Journal
+from bayes_ssi.inference.workers.journal import Journal
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
 
@@ -93,12 +93,12 @@ def when_the_old_result_is_half_removed(patch):
 
 
 WRITING_A_JOURNAL = {
-    "it is made": instead_of("bayes_ssi.execution.journal.to_record"),
+    "it is made": instead_of("bayes_ssi.inference.workers.journal.to_record"),
     "half of the first batch": in_batch(0),
     "half of the 60th batch": in_batch(60),
 }
 ALL_IS_SAMPLED = {
-    "all is sampled": instead_of("bayes_ssi.execution.checkpoint.Checkpoint.begin_saving")
+    "all is sampled": instead_of("bayes_ssi.inference.workers.checkpoint.Checkpoint.begin_saving")
 }
 SAVING = {
     "some files are written": instead_of("bayes_ssi.results.save.save_draws"),
@@ -106,7 +106,7 @@ SAVING = {
     "a figure is drawn": instead_of("matplotlib.figure.Figure.savefig"),
     "all files are written": instead_of("pathlib.Path.rename"),
     "the result is in its place": instead_of("bayes_ssi.results.save.load_result"),
-    "everything is done": instead_of("bayes_ssi.execution.checkpoint.Checkpoint.remove"),
+    "everything is done": instead_of("bayes_ssi.inference.workers.checkpoint.Checkpoint.remove"),
     "the journal is removed": after_the_first_unlink,
 }
 REPLACING = {
@@ -128,8 +128,8 @@ forks = multiprocessing.get_context("forkserver")
 forks.set_forkserver_preload(
     ["pytest", "arviz", "dask.array", "distributed", "emcee", "h5netcdf.legacyapi",
      "matplotlib.backends.backend_agg", "matplotlib.pyplot", "rich.progress",
-     "bayes_ssi.sampling.moves", "bayes_ssi.plots.result_figures",
-     "bayes_ssi.results.load", "bayes_ssi.tables"]
+     "bayes_ssi.inference.sampling.moves", "bayes_ssi.plots.result_figures",
+     "bayes_ssi.results.load", "bayes_ssi.report.tables"]
 )  # fmt: skip
 
 

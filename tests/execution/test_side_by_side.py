@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.execution.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.local_workers import LocalWorkers
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from pools import Crew, Death, numbered, points, spawning, sums, workers_of
 
-from bayes_ssi.execution import workers
-from bayes_ssi.execution.local_workers import LocalWorkers
+from bayes_ssi.inference.workers import workers
+from bayes_ssi.inference.workers.local_workers import LocalWorkers
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 

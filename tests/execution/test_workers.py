@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from pools import Minimal, points, spawning, sums, workers_of
 
-from bayes_ssi.execution.batch import evaluate
-from bayes_ssi.execution.local_workers import LocalWorkers, as_workers
-from bayes_ssi.ranking.study_file import load_study
+from bayes_ssi.inference.workers.batch import evaluate
+from bayes_ssi.inference.workers.local_workers import LocalWorkers, as_workers
+from bayes_ssi.studies.ranking.study_file import load_study
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
@@ -236,7 +236,7 @@ def test_an_interrupted_run_does_not_wait_for_what_is_under_way():
 ENDS_AT_ONCE = """
 import os
 import numpy as np
-from bayes_ssi.execution.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.local_workers import LocalWorkers
 
 workers = LocalWorkers(1)
 process = workers.evaluate(lambda z: np.full(len(z), float(os.getpid())), np.zeros((1, 1)))
@@ -271,7 +271,7 @@ import os
 
 import numpy as np
 
-from bayes_ssi.execution.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.local_workers import LocalWorkers
 
 
 def main():
@@ -318,7 +318,7 @@ COPIES = """
 import os
 import sys
 import numpy as np
-from bayes_ssi.execution.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.local_workers import LocalWorkers
 
 def function(z):
     if (z == 3.0).all():

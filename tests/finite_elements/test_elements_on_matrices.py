@@ -9,8 +9,8 @@ import pytest
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
-from bayes_ssi.modal import mac
-from bayes_ssi.model_class.description import described
+from bayes_ssi.inference.model_class.description import described
+from bayes_ssi.structures.modal import mac
 
 MASSES, STIFFNESSES = (3.0, 2.0, 1.5), (900.0, 700.0, 400.0)
 FLOORS = [f"floor {i}" for i in (1, 2, 3)]

@@ -143,8 +143,8 @@ def test_each_set_of_values_is_computed_once():
      ([1.0, 4.0], "at k1 = 1, k2 = 4: modes returned numbers that are not finite")],
 )  # fmt: skip
 def test_errors_and_nan_of_a_function_are_reported_from_workers(workers, values, message):
-    from bayes_ssi.execution.run import Run
-    from bayes_ssi.sampling.target import Target
+    from bayes_ssi.inference.sampling.target import Target
+    from bayes_ssi.inference.workers.run import Run
 
     data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, 1.0))
     candidate = bs.ModelClass(

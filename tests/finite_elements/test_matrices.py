@@ -12,13 +12,13 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 import bayes_ssi as bs
-from bayes_ssi.finite_elements.sparse_factors import (
+from bayes_ssi.structures.finite_elements.sparse_factors import (
     count_below,
     fill_reducing_order,
     is_semidefinite,
 )
-from bayes_ssi.finite_elements.sparse_modes import lowest_modes
-from bayes_ssi.modal import Eigenpairs, NoModesError, mac
+from bayes_ssi.structures.finite_elements.sparse_modes import lowest_modes
+from bayes_ssi.structures.modal import Eigenpairs, NoModesError, mac
 
 K3 = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
 
@@ -176,7 +176,7 @@ class TestCounting:
             assert count_below(ordered, mass, shift) == (eigenvalues < shift).sum()
 
     def test_a_mode_that_lanczos_overlooks_is_noticed(self, monkeypatch):
-        from bayes_ssi.finite_elements import sparse_modes
+        from bayes_ssi.structures.finite_elements import sparse_modes
 
         stiffness, mass = membrane(20), sp.csc_array(sp.eye_array(400))
         order = fill_reducing_order(stiffness)

@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse as sp
 
 import bayes_ssi as bs
-from bayes_ssi.modal import BATCHED_UP_TO, mac
+from bayes_ssi.structures.modal import BATCHED_UP_TO, mac
 
 N, PARTS = 240, 3
 
@@ -97,7 +97,7 @@ def test_rows_and_copies_agree(reduced, small, monkeypatch):
     values = draws(130)
     if not small:  # one by one, as in a larger basis
         expected = reduced.modes(values).frequencies_hz
-        monkeypatch.setattr("bayes_ssi.modal.BATCHED_UP_TO", 0)
+        monkeypatch.setattr("bayes_ssi.structures.modal.BATCHED_UP_TO", 0)
         np.testing.assert_allclose(reduced.modes(values).frequencies_hz, expected, rtol=1e-10)
     together = reduced.modes(values)
     copied = pickle.loads(pickle.dumps(reduced))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from bayes_ssi.hierarchical.likelihood_fit import Bumps, fit_likelihood
-from bayes_ssi.sampling.target import log_standard_normal
+from bayes_ssi.inference.sampling.target import log_standard_normal
+from bayes_ssi.results.hierarchy.likelihood_fit import Bumps, fit_likelihood
 
 RNG = np.random.default_rng(5)
 BUMPS = Bumps(

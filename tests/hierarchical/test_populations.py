@@ -5,10 +5,18 @@ import pytest
 from linear_tests import exact_log_evidence, linear_tests, log_normal
 
 import bayes_ssi as bs
-from bayes_ssi.hierarchical.coverage import coverage
-from bayes_ssi.hierarchical.population_sampling import PopulationSampler, failed_fits, fit_tests
-from bayes_ssi.hierarchical.populations import Population, PopulationLikelihood, PopulationPriors
-from bayes_ssi.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.results.hierarchy.coverage import coverage
+from bayes_ssi.results.hierarchy.population_sampling import (
+    PopulationSampler,
+    failed_fits,
+    fit_tests,
+)
+from bayes_ssi.results.hierarchy.populations import (
+    Population,
+    PopulationLikelihood,
+    PopulationPriors,
+)
 
 X = np.array([-1.2, -0.7, 0.1, 0.4, 1.4])
 X = (X - X.mean()) / X.std()

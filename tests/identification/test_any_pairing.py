@@ -9,14 +9,14 @@ import pytest
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.identification.inferred_pairing import LEAST_PROBABILITY, MAX_DRAWS
-from bayes_ssi.identification.likelihood import ModalLikelihood
-from bayes_ssi.modal import Modes
-from bayes_ssi.model_class.class_record import class_record
+from bayes_ssi.inference.likelihood.inferred_pairing import LEAST_PROBABILITY, MAX_DRAWS
+from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
+from bayes_ssi.inference.model_class.class_record import class_record
+from bayes_ssi.report.tables import pairing_notes
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
+from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
-from bayes_ssi.tables import pairing_notes
 
 NAN = math.nan
 

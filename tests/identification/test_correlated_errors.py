@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 import bayes_ssi as bs
-from bayes_ssi.identification.shape_errors import ShapeErrors
-from bayes_ssi.posterior.datum_terms import at_draws, datum_terms
+from bayes_ssi.inference.likelihood.shape_errors import ShapeErrors
+from bayes_ssi.inference.posterior.datum_terms import at_draws, datum_terms
 
 SD, SHAPE_SD = 0.02, 0.05
 RHO = bs.Parameter("rho", bs.Uniform(0.0, 1.0))

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from bayes_ssi.identification.error_model import ErrorModel, IdentificationModel
-from bayes_ssi.parameters import Parameter
-from bayes_ssi.priors.families import LogNormal, Normal, Uniform
+from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
+from bayes_ssi.parameters.families import LogNormal, Normal, Uniform
+from bayes_ssi.parameters.parameters import Parameter
 
 
 def test_defaults():

@@ -10,10 +10,10 @@ from scipy.special import logsumexp
 from scipy.stats import chi2, multivariate_normal
 
 import bayes_ssi as bs
-from bayes_ssi.identification.joint_errors import JointErrors
-from bayes_ssi.identification.likelihood import ModalLikelihood
-from bayes_ssi.posterior.datum_terms import at_draws, compared_modes, datum_terms
-from bayes_ssi.posterior.misfit import misfit
+from bayes_ssi.inference.criticism.misfit import misfit
+from bayes_ssi.inference.likelihood.joint_errors import JointErrors
+from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
+from bayes_ssi.inference.posterior.datum_terms import at_draws, compared_modes, datum_terms
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 FIXED = bs.ErrorModel(0.004, 0.006)

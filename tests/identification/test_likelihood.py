@@ -11,8 +11,8 @@ from scipy.integrate import quad
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
-from bayes_ssi.identification.likelihood import ModalLikelihood
-from bayes_ssi.modal import Modes
+from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
+from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
 SENSORS = ("floor 3", "floor 1", "infill 1-2")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from bayes_ssi.identification import pairings
-from bayes_ssi.identification.pairings import (
+from bayes_ssi.inference.likelihood import pairings
+from bayes_ssi.inference.likelihood.pairings import (
     PairingWeights,
     left_out,
     log_sum,

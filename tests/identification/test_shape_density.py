@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import quad, simpson
 from scipy.special import ive, modstruve
 
-from bayes_ssi.identification import shape_density
-from bayes_ssi.identification.shape_density import (
+from bayes_ssi.inference.likelihood import shape_density
+from bayes_ssi.inference.likelihood.shape_density import (
     DEGREE,
     _by_quadrature,
     _polynomials,

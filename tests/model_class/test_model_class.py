@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.codec import from_record, to_record
-from bayes_ssi.model_class.class_record import ClassRecord, class_record
+from bayes_ssi.foundations.codec import from_record, to_record
+from bayes_ssi.inference.model_class.class_record import ClassRecord, class_record
 from bayes_ssi.structures.structure import Structure
 
 # Log evidence, posterior means and standard deviations of the numerical study, computed

@@ -9,7 +9,8 @@ import pytest
 from searches import INFILL_01, PENDULUM_3, place_record, places_in_space, places_of_building
 
 import bayes_ssi as bs
-from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.inference.posterior.configuration_modes import configuration_modes
 from bayes_ssi.plots import figure_style
 from bayes_ssi.plots.before_and_after import (
     plot_frequency_change,
@@ -27,10 +28,9 @@ from bayes_ssi.plots.places_on_building import plot_places_on_building
 from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
 from bayes_ssi.plots.shape_plots import BEYOND, DrawnShape, plot_shape_components, plot_shapes
 from bayes_ssi.plots.updated_shapes import plot_mode_shapes
-from bayes_ssi.posterior.configuration_modes import configuration_modes
-from bayes_ssi.predictions.bands import Band
-from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow
 from bayes_ssi.report.embedded_figure import embedded_drawing
+from bayes_ssi.results.predictions.bands import Band
+from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow
 
 LONG = "each storey, free errors, infill of mass 0.15"
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.inference.posterior.configuration_modes import configuration_modes
 from bayes_ssi.plots.before_and_after import (
     plot_frequency_change,
     plot_mac_change,
@@ -16,8 +17,7 @@ from bayes_ssi.plots.identified_modes import plot_identified_modes
 from bayes_ssi.plots.matrix_plots import plot_pairing
 from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
 from bayes_ssi.plots.updated_shapes import plot_mode_shapes
-from bayes_ssi.posterior.configuration_modes import configuration_modes
-from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow
+from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 

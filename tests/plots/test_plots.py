@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.identification.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.inference.posterior.configuration_modes import (
+    ConfigurationModes,
+    UpdatedMode,
+    UpdatedModes,
+)
 from bayes_ssi.plots.corner_plot import plot_corner
 from bayes_ssi.plots.evidence_plot import plot_evidence
 from bayes_ssi.plots.figure_style import figures_for_files, style
 from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.plots.result_figures import save_figures
-from bayes_ssi.posterior.configuration_modes import (
-    ConfigurationModes,
-    UpdatedMode,
-    UpdatedModes,
-)
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 

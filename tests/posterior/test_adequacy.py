@@ -10,8 +10,8 @@ from conftest import STOREY_STIFFNESS, multiplier
 from scipy.stats import binom, norm, vonmises_fisher
 
 import bayes_ssi as bs
-from bayes_ssi.posterior.adequacy import LIMIT, adequacy
-from bayes_ssi.posterior.repairs import repair_of_pairing
+from bayes_ssi.inference.criticism.adequacy import LIMIT, adequacy
+from bayes_ssi.studies.diagnosis.repairs import repair_of_pairing
 
 LABORATORY_FRAME = Path(__file__).parents[2] / "model_classes" / "four_storey_frame.py"
 COARSE = bs.SamplingSettings(log_evidence_error=0.1, economical=True)

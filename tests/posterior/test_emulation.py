@@ -11,12 +11,12 @@ from delegating import DelegatingStructure
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.execution.checkpoint import Checkpoint
-from bayes_ssi.modal import Modes
-from bayes_ssi.posterior.diagnosis import diagnose
-from bayes_ssi.posterior.refinement_settings import RefinementSettings
-from bayes_ssi.predictions.posterior_draws import thinned_draws
+from bayes_ssi.inference.posterior_sampling.refinement_settings import RefinementSettings
+from bayes_ssi.inference.workers.checkpoint import Checkpoint
 from bayes_ssi.results.load import load_result
+from bayes_ssi.results.predictions.posterior_draws import thinned_draws
+from bayes_ssi.structures.modal import Modes
+from bayes_ssi.studies.diagnosis.diagnosis import diagnose
 
 ECONOMICAL = bs.SamplingSettings(log_evidence_error=0.05, economical=True)
 ONE_ROUND = RefinementSettings(most_rounds=1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.modal import Modes
+from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
 STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz

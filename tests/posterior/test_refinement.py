@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.finite_elements.approximate_structure import ApproximateStructure
-from bayes_ssi.modal import Modes
-from bayes_ssi.posterior.confirmation import _differences
-from bayes_ssi.posterior.diagnosis import diagnose
-from bayes_ssi.posterior.refinement_settings import RefinementSettings
-from bayes_ssi.posterior.to_posterior import sample_as_it_is
+from bayes_ssi.inference.posterior_sampling.confirmation import _differences
+from bayes_ssi.inference.posterior_sampling.refinement_settings import RefinementSettings
+from bayes_ssi.inference.posterior_sampling.to_posterior import sample_as_it_is
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
+from bayes_ssi.structures.finite_elements.approximate_structure import ApproximateStructure
+from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Accuracy, Structure
+from bayes_ssi.studies.diagnosis.diagnosis import diagnose
 
 SETTINGS = bs.SamplingSettings(log_evidence_error=0.02)
 

@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.codec import from_record, to_record
-from bayes_ssi.modal import mac
-from bayes_ssi.model_class.description import described
-from bayes_ssi.posterior.configuration_modes import MOST_PLACES, UpdatedModes, configuration_modes
-from bayes_ssi.posterior.datum_terms import at_draws, datum_terms
+from bayes_ssi.foundations.codec import from_record, to_record
+from bayes_ssi.inference.model_class.description import described
+from bayes_ssi.inference.posterior.configuration_modes import (
+    MOST_PLACES,
+    UpdatedModes,
+    configuration_modes,
+)
+from bayes_ssi.inference.posterior.datum_terms import at_draws, datum_terms
+from bayes_ssi.structures.modal import mac
 
 
 @pytest.fixture

@@ -8,13 +8,17 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayes_ssi as bs
-from bayes_ssi.posterior.configuration_modes import configuration_modes
-from bayes_ssi.predictions.bands import Prediction
-from bayes_ssi.predictions.posterior_draws import PosteriorDraws, thinned_draws
-from bayes_ssi.predictions.predictions import Predictions, predict_average, predict_class
-from bayes_ssi.response.ground_motion import GroundMotion
-from bayes_ssi.response.modal_response import peak_responses, time_histories, transfer_functions
-from bayes_ssi.response.output import Output
+from bayes_ssi.inference.posterior.configuration_modes import configuration_modes
+from bayes_ssi.results.predictions.bands import Prediction
+from bayes_ssi.results.predictions.posterior_draws import PosteriorDraws, thinned_draws
+from bayes_ssi.results.predictions.predictions import Predictions, predict_average, predict_class
+from bayes_ssi.structures.response.ground_motion import GroundMotion
+from bayes_ssi.structures.response.modal_response import (
+    peak_responses,
+    time_histories,
+    transfer_functions,
+)
+from bayes_ssi.structures.response.output import Output
 
 PHI = (1.0 + math.sqrt(5.0)) / 2.0
 FLOORS = ("floor 1", "floor 2")
@@ -196,7 +200,7 @@ def test_draws_of_a_large_structure_are_computed_in_batches(predicted, monkeypat
         return modal_model(self, values)
 
     monkeypatch.setattr(type(each.structure), "modal_model", counted)
-    monkeypatch.setattr("bayes_ssi.predictions.posterior_draws.ARRAY_SIZE", 30 * 4 * 2 * 7)
+    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.ARRAY_SIZE", 30 * 4 * 2 * 7)
     again = predicted.transfer_functions(FREQUENCIES, ACCELERATION, 0.02).draws
     assert sizes == [7] * 28 + [4]
     np.testing.assert_allclose(again, whole, rtol=1e-12)

@@ -10,18 +10,18 @@ from rich.console import Console
 from whole_tables import assert_every_cell_is_whole
 
 from bayes_ssi.plots.prediction_figures import save_prediction_figures
-from bayes_ssi.predictions.default_request import (
+from bayes_ssi.report.tables import frequency_table, peak_table, shape_table
+from bayes_ssi.results.predictions.default_request import (
     default_damping,
     default_frequencies,
     default_output,
 )
-from bayes_ssi.predictions.prediction_files import save_predictions
-from bayes_ssi.predictions.response_bands import ResponseRequest, predict_responses
-from bayes_ssi.predictions.stored_predictions import load_predictions
-from bayes_ssi.response.ground_motion import GroundMotion
-from bayes_ssi.response.output import Output
+from bayes_ssi.results.predictions.prediction_files import save_predictions
+from bayes_ssi.results.predictions.response_bands import ResponseRequest, predict_responses
+from bayes_ssi.results.predictions.stored_predictions import load_predictions
 from bayes_ssi.results.save import save_result
-from bayes_ssi.tables import frequency_table, peak_table, shape_table
+from bayes_ssi.structures.response.ground_motion import GroundMotion
+from bayes_ssi.structures.response.output import Output
 
 mpl.use("Agg")
 

@@ -10,15 +10,15 @@ from conftest import TINY_STUDY
 from searches import INFILL_01, PENDULUM_1
 
 import bayes_ssi as bs
-from bayes_ssi.appendages.appendage_search import search
-from bayes_ssi.appendages.hypotheses import SearchSettings
-from bayes_ssi.model_class.class_record import class_record
-from bayes_ssi.predictions.posterior_draws import thinned_draws
-from bayes_ssi.predictions.stored_predictions import load_predictions
-from bayes_ssi.ranking.study_file import load_study
-from bayes_ssi.response.output import Output
+from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.results.digests import write_digests
+from bayes_ssi.results.predictions.posterior_draws import thinned_draws
+from bayes_ssi.results.predictions.stored_predictions import load_predictions
 from bayes_ssi.results.save import save_result
+from bayes_ssi.structures.response.output import Output
+from bayes_ssi.studies.appendages.appendage_search import search
+from bayes_ssi.studies.appendages.hypotheses import SearchSettings
+from bayes_ssi.studies.ranking.study_file import load_study
 
 ROOF = Output("acceleration", ("floor 2",))
 FREQUENCIES = np.linspace(0.2, 2.0, 20)
@@ -33,7 +33,7 @@ def test_a_stored_result_predicts_without_sampling(saved, tiny_study_file, monke
     def refuse(*_):
         raise AssertionError("sampled")
 
-    monkeypatch.setattr("bayes_ssi.posterior.to_posterior.sample_target", refuse)
+    monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.to_posterior.sample_target", refuse)
     by_record = load_predictions(saved, n_draws=50)
     named = load_predictions(saved, tiny_study_file, n_draws=50)
     for name in ("one k", "each k"):
@@ -101,7 +101,9 @@ def searched(tmp_path_factory):
         mass_ratio=bs.LogNormal(0.04, 0.5), number_weights=(1.0, 0.5), most_unsampled=0.0
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bayes_ssi.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01))
+        patch.setattr(
+            "bayes_ssi.studies.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01)
+        )
         actual = search(baseline, settings, settings=searches.COARSE)
     save_search(actual, directory / "result", directory / "tiny.py")
     return actual, directory / "result"

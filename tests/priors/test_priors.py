@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_ssi.codec import from_record, to_record
-from bayes_ssi.priors.families import (
+from bayes_ssi.foundations.codec import from_record, to_record
+from bayes_ssi.parameters.families import (
     HalfNormal,
     LogNormal,
     LogUniform,
@@ -15,8 +15,8 @@ from bayes_ssi.priors.families import (
     TruncatedNormal,
     Uniform,
 )
-from bayes_ssi.priors.prior import Prior, Widened
-from bayes_ssi.priors.prior_text import prior_from_text
+from bayes_ssi.parameters.prior import Prior, Widened
+from bayes_ssi.parameters.prior_text import prior_from_text
 
 LOG_SD_03 = math.sqrt(math.log(1.09))
 

@@ -9,8 +9,8 @@ import pytest
 from rich.console import Console
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.averages import averaged_parameters
-from bayes_ssi.tables import averages_table
+from bayes_ssi.report.tables import averages_table
+from bayes_ssi.studies.ranking.averages import averaged_parameters
 
 
 def draws(seed, centre, n):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.posterior.misfit_in_words import inadequacy_in_words
+from bayes_ssi.inference.criticism.misfit_in_words import inadequacy_in_words
 from bayes_ssi.results.save import save_result
 
 K = bs.LogNormal(1.0, 0.3)
@@ -32,7 +32,7 @@ def test_nothing_is_sampled_and_a_ranking_says_the_same_as_its_directory(
     def refuse(*_):
         raise AssertionError
 
-    monkeypatch.setattr("bayes_ssi.posterior.to_posterior.sample_target", refuse)
+    monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.to_posterior.sample_target", refuse)
     monkeypatch.setattr("bayes_ssi.structures.shear_building.ShearBuilding.modes", refuse)
     settings = bs.ChangedSettings(priors={"k": bs.Normal(1.0, 0.2)}, frequency_cov=0.03)
     answer = bs.what_if(stored.directory, settings)

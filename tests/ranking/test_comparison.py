@@ -5,8 +5,8 @@ import math
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.posterior.edges import AtEdge
-from bayes_ssi.ranking.comparison import bayes_factor_scale
+from bayes_ssi.inference.criticism.edges import AtEdge
+from bayes_ssi.studies.ranking.comparison import bayes_factor_scale
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.posterior.known_modes import known_at_draws
-from bayes_ssi.ranking.reweighting import reweighted
+from bayes_ssi.inference.posterior.known_modes import known_at_draws
+from bayes_ssi.studies.ranking.reweighting import reweighted
 
 
 @pytest.fixture(scope="module")

@@ -10,21 +10,21 @@ from click.testing import CliRunner
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.codec import from_record, to_record
-from bayes_ssi.ranking.sensitivity import (
+from bayes_ssi.foundations.codec import from_record, to_record
+from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.report.tables import sensitivity_notes, sensitivity_table
+from bayes_ssi.results.load import load_result
+from bayes_ssi.studies.ranking.sensitivity import (
     Sensitivity,
     SensitivityRow,
     sensitivity,
 )
-from bayes_ssi.ranking.variations import (
+from bayes_ssi.studies.ranking.variations import (
     Variation,
     default_variations,
     with_errors,
     with_missed,
 )
-from bayes_ssi.results.load import load_result
-from bayes_ssi.sampling.estimates import Estimate
-from bayes_ssi.tables import sensitivity_notes, sensitivity_table
 
 
 @pytest.fixture(scope="module")

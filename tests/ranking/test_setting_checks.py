@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.setting_checks import BAND_MOVED
+from bayes_ssi.studies.ranking.setting_checks import BAND_MOVED
 
 COARSE = bs.SamplingSettings(log_evidence_error=0.03)
 ERROR = bs.ErrorModel(frequency_cov=0.02, shape_sd=0.05)
@@ -110,11 +110,11 @@ def test_the_edge_of_a_prior_by_what_a_wider_one_does(cov, prior, fails, words):
 
 def test_the_size_of_an_error_is_no_answer(monkeypatch):
     """Frequencies off by 2.25 times the error that is expected: a wider prior moves its size."""
-    monkeypatch.setattr("bayes_ssi.posterior.edges.EDGE", 1.0)
+    monkeypatch.setattr("bayes_ssi.inference.criticism.edges.EDGE", 1.0)
     # Weights for a prior wider by a factor of f have a tail of Pareto k near 1 - 1/f²: 0.75 for two
     # (0.755 by rejection), more than reweighting trusts; so a smaller change, judged as strictly.
-    monkeypatch.setattr("bayes_ssi.ranking.setting_checks.FACTOR", 1.3)
-    monkeypatch.setattr("bayes_ssi.ranking.setting_checks.PARAMETER_MOVED", 0.5)
+    monkeypatch.setattr("bayes_ssi.studies.ranking.setting_checks.FACTOR", 1.3)
+    monkeypatch.setattr("bayes_ssi.studies.ranking.setting_checks.PARAMETER_MOVED", 0.5)
     size = bs.Parameter("size", bs.LogNormal(0.004, 0.2))
     modes = tuple(
         bs.IdentifiedMode(str(i), off * f)

@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from bayes_ssi.execution.batch import evaluate
-from bayes_ssi.ranking.study_file import load_study
+from bayes_ssi.inference.workers.batch import evaluate
+from bayes_ssi.studies.ranking.study_file import load_study
 
 
 def test_loading_a_file(tiny_study_file):

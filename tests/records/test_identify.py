@@ -11,12 +11,12 @@ from scipy.stats import chi2
 from simulated_records import FRAME, simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
-from bayes_ssi.records.fdd import fdd
-from bayes_ssi.records.methods import NAMES, compared, modes_by
-from bayes_ssi.records.modal_estimates import Poles
-from bayes_ssi.records.modal_identification import _not_identified
-from bayes_ssi.records.ssi_cov import ssi_cov
-from bayes_ssi.records.tfie import tfie
+from bayes_ssi.measurements.records.fdd import fdd
+from bayes_ssi.measurements.records.methods import NAMES, compared, modes_by
+from bayes_ssi.measurements.records.modal_estimates import Poles
+from bayes_ssi.measurements.records.modal_identification import _not_identified
+from bayes_ssi.measurements.records.ssi_cov import ssi_cov
+from bayes_ssi.measurements.records.tfie import tfie
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)
@@ -257,7 +257,7 @@ def test_integrated_records_have_the_same_modes():
 
 
 def test_a_climb_that_does_not_end_fails_a_check(monkeypatch):
-    monkeypatch.setattr("bayes_ssi.records.local_fit.MOST_STEPS", 1)
+    monkeypatch.setattr("bayes_ssi.measurements.records.local_fit.MOST_STEPS", 1)
     result = bs.identify(simulated(2, duration_s=300.0), BAND, at=TRUTH.frequencies_hz)
     assert "the most probable modes were not reached" in result.failed_checks[0]
     assert result.peaks[0].probability_of_two is None

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from bayes_ssi.records.local_fit import Fitter, _Steps, gain_of
-from bayes_ssi.records.local_model import (
+from bayes_ssi.measurements.records.local_fit import Fitter, _Steps, gain_of
+from bayes_ssi.measurements.records.local_model import (
     IndependentLoads,
     Model,
     OneSource,
@@ -14,8 +14,8 @@ from bayes_ssi.records.local_model import (
     coordinates,
     responses,
 )
-from bayes_ssi.records.local_spectra import LocalSpectra, local_spectra, noise_scales
-from bayes_ssi.records.spectra import Spectra
+from bayes_ssi.measurements.records.local_spectra import LocalSpectra, local_spectra, noise_scales
+from bayes_ssi.measurements.records.spectra import Spectra
 
 R, K = 3, 60
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.records.next_era import correlations
-from bayes_ssi.records.spectra import transforms_of
+from bayes_ssi.measurements.records.next_era import correlations
+from bayes_ssi.measurements.records.spectra import transforms_of
 
 RATE = 50.0
 TIMES = np.arange(400) / RATE

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.records.local_fit import allowed_whiteness
-from bayes_ssi.records.spectra import transforms_of
+from bayes_ssi.measurements.records.local_fit import allowed_whiteness
+from bayes_ssi.measurements.records.spectra import transforms_of
 
 
 def white_record(rng, n_samples=600, rate=10.0):

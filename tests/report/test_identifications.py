@@ -9,12 +9,12 @@ from identified_records import identified
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
-from bayes_ssi.data.identification_record import EstimatedMode, EstimatedPeak
-from bayes_ssi.ranking.study import Ranking
+from bayes_ssi.measurements.modes.identification_record import EstimatedMode, EstimatedPeak
 from bayes_ssi.report import write_report
 from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result
+from bayes_ssi.studies.ranking.study import Ranking
 
 RECORD = identified(
     "<tower>.csv",

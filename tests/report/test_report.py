@@ -13,8 +13,6 @@ from matplotlib.figure import Figure
 
 import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import style
-from bayes_ssi.predictions.saved_predictions import PredictionsRecord
-from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow
 from bayes_ssi.report import write_report
 from bayes_ssi.report.embedded_figure import embedded_file
 from bayes_ssi.report.page_content import _structure
@@ -31,7 +29,9 @@ from bayes_ssi.report.template_filters import (
     settings,
 )
 from bayes_ssi.results.json_files import write_json
+from bayes_ssi.results.predictions.saved_predictions import PredictionsRecord
 from bayes_ssi.results.save import save_result
+from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +182,7 @@ def two_classes(make_posterior, **changes):
         for i, each in enumerate(classes)
     ]  # fmt: skip
     study = bs.Study("A & B", classes, description="<i>which</i>?")
-    from bayes_ssi.ranking.study import Ranking
+    from bayes_ssi.studies.ranking.study import Ranking
 
     comparison = bs.compare(posteriors)
     return Ranking(study, tuple(posteriors), comparison, 0, bs.SamplingSettings())

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.response.ground_motion import GroundMotion, along_azimuth, checked_unit
+from bayes_ssi.structures.response.ground_motion import GroundMotion, along_azimuth, checked_unit
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,13 @@ import pytest
 from scipy.special import ndtri
 
 import bayes_ssi as bs
-from bayes_ssi.model_class.class_record import class_record
-from bayes_ssi.ranking.study import Ranking
+from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.results.answer import answer
 from bayes_ssi.results.claims import parameters_in_words, why_it_loses
 from bayes_ssi.results.save import save_result
 from bayes_ssi.results.search_answer import search_sentences
 from bayes_ssi.results.wording import likelihood_in_words, quantity, with_error
+from bayes_ssi.studies.ranking.study import Ranking
 
 DATA = bs.ModalData((bs.IdentifiedMode("1", 1.0), bs.IdentifiedMode("2", 2.0)), (0.0, 3.0))
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.file_names import file_names
-from bayes_ssi.posterior.known_modes import draws_with_shapes
+from bayes_ssi.foundations.file_names import file_names
+from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.recorded_classes import recorded_class
 from bayes_ssi.results.result_record import FORMAT

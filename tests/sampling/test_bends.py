@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from bayes_ssi.sampling.bends import Bend, fit_bend, n_monomials
-from bayes_ssi.sampling.mixture import StudentMixture
-from bayes_ssi.sampling.mixture_fitting import choose_mixture, fit_mixture
+from bayes_ssi.inference.sampling.bends import Bend, fit_bend, n_monomials
+from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.mixture_fitting import choose_mixture, fit_mixture
 
 
 @pytest.fixture

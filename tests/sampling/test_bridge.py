@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.sampling.bridge import bridge_sampling
-from bayes_ssi.sampling.ensembles import Ensemble
-from bayes_ssi.sampling.importance import ImportanceSampler
-from bayes_ssi.sampling.mixture import StudentMixture
-from bayes_ssi.sampling.target import Target, log_standard_normal
+from bayes_ssi.inference.sampling.bridge import bridge_sampling
+from bayes_ssi.inference.sampling.ensembles import Ensemble
+from bayes_ssi.inference.sampling.importance import ImportanceSampler
+from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 LOG_EVIDENCE = -3.25
 MEAN, SD = np.array([0.4, -0.2]), np.array([0.3, 0.5])

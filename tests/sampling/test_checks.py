@@ -9,12 +9,12 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 import bayes_ssi as bs
-from bayes_ssi.posterior.edges import edges
-from bayes_ssi.sampling import chains
-from bayes_ssi.sampling.checks import failed_checks
-from bayes_ssi.sampling.engine import sample_target
-from bayes_ssi.sampling.regions import Regions
-from bayes_ssi.sampling.target import Target, log_standard_normal
+from bayes_ssi.inference.criticism.edges import edges
+from bayes_ssi.inference.sampling import chains
+from bayes_ssi.inference.sampling.checks import failed_checks
+from bayes_ssi.inference.sampling.engine import sample_target
+from bayes_ssi.inference.sampling.regions import Regions
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz
 PHI = (1.0 + math.sqrt(5.0)) / 2.0

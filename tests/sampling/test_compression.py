@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from bayes_ssi.sampling.compression import Compression, compress_prior, compression_estimate
-from bayes_ssi.sampling.maxima import find_maxima
-from bayes_ssi.sampling.target import Target
+from bayes_ssi.inference.sampling.compression import (
+    Compression,
+    compress_prior,
+    compression_estimate,
+)
+from bayes_ssi.inference.sampling.maxima import find_maxima
+from bayes_ssi.inference.sampling.target import Target
 
 OBSERVED, SD = np.array([1.0, -0.5, 2.0]), np.array([0.1, 0.3, 1.0])
 # Prior N(0, I), one observation of each coordinate.

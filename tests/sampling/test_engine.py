@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_ssi.sampling import chains, engine
-from bayes_ssi.sampling.checks import failed_checks
-from bayes_ssi.sampling.engine import sample_target
-from bayes_ssi.sampling.ensembles import Ensemble, run_ensemble
-from bayes_ssi.sampling.importance import ImportanceSampler
-from bayes_ssi.sampling.maxima import find_maxima
-from bayes_ssi.sampling.mixture import StudentMixture
-from bayes_ssi.sampling.multistart import MultistartSearch
-from bayes_ssi.sampling.proposals import ProposalFitting
-from bayes_ssi.sampling.settings import SamplingSettings
-from bayes_ssi.sampling.target import SuggestedStarts, Target
+from bayes_ssi.inference.sampling import chains, engine
+from bayes_ssi.inference.sampling.checks import failed_checks
+from bayes_ssi.inference.sampling.engine import sample_target
+from bayes_ssi.inference.sampling.ensembles import Ensemble, run_ensemble
+from bayes_ssi.inference.sampling.importance import ImportanceSampler
+from bayes_ssi.inference.sampling.maxima import find_maxima
+from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.multistart import MultistartSearch
+from bayes_ssi.inference.sampling.proposals import ProposalFitting
+from bayes_ssi.inference.sampling.settings import SamplingSettings
+from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
 
 
 def one_observation(z):

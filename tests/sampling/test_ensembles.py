@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.sampling.ensembles import Ensemble, Walkers, run_ensemble
-from bayes_ssi.sampling.mixture import Proposal, StudentMixture
-from bayes_ssi.sampling.target import Target
+from bayes_ssi.inference.sampling.ensembles import Ensemble, Walkers, run_ensemble
+from bayes_ssi.inference.sampling.mixture import Proposal, StudentMixture
+from bayes_ssi.inference.sampling.target import Target
 
 
 def ensemble(positions, times=None):

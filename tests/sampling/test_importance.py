@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_ssi.sampling.diagnostics import PARETO_K_LIMIT
-from bayes_ssi.sampling.ensembles import Ensemble
-from bayes_ssi.sampling.importance import ImportanceSample, ImportanceSampler
-from bayes_ssi.sampling.mixture import StudentMixture
-from bayes_ssi.sampling.target import Target, log_standard_normal
+from bayes_ssi.inference.sampling.diagnostics import PARETO_K_LIMIT
+from bayes_ssi.inference.sampling.ensembles import Ensemble
+from bayes_ssi.inference.sampling.importance import ImportanceSample, ImportanceSampler
+from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 BATCH, PRIOR_SHARE = ImportanceSampler.batch, ImportanceSampler.prior_share
 LOG_EVIDENCE = -3.25

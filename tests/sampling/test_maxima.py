@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.sampling.maxima import Maxima, find_maxima
-from bayes_ssi.sampling.target import Target, log_standard_normal
+from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 PEAKS = np.array([[2.0, 0.0], [-2.0, 0.5], [0.0, 2.5], [0.5, -2.5]])
 SHARES = np.array([0.4, 0.3, 0.2, 0.1])

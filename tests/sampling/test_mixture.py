@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_ssi.sampling.mixture import DEFENSIVE_SHARE, StudentMixture
-from bayes_ssi.sampling.mixture_fitting import choose_mixture, fit_mixture
+from bayes_ssi.inference.sampling.mixture import DEFENSIVE_SHARE, StudentMixture
+from bayes_ssi.inference.sampling.mixture_fitting import choose_mixture, fit_mixture
 
 MEANS = np.array([[0.5, -1.0], [3.0, 2.0]])
 SCALES = np.array([[[0.5, 0.2], [0.2, 0.4]], [[1.0, -0.3], [-0.3, 0.3]]])

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import ndtr, ndtri
 
-from bayes_ssi.sampling import multistart
-from bayes_ssi.sampling.maxima import Maxima, find_maxima
-from bayes_ssi.sampling.multistart import PATIENCE, MultistartSearch, search_maxima
-from bayes_ssi.sampling.regions import NEIGHBOURS, nearest_neighbours
-from bayes_ssi.sampling.target import SuggestedStarts, Target, log_standard_normal
+from bayes_ssi.inference.sampling import multistart
+from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
+from bayes_ssi.inference.sampling.multistart import PATIENCE, MultistartSearch, search_maxima
+from bayes_ssi.inference.sampling.regions import NEIGHBOURS, nearest_neighbours
+from bayes_ssi.inference.sampling.target import SuggestedStarts, Target, log_standard_normal
 
 DRAWS = 4000
 # One search of a well-behaved posterior climbs from at most 40 draws, in some 10 gradients each:

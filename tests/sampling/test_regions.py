@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.sampling.regions import MAX_DRAWS, Regions, find_regions
-from bayes_ssi.sampling.target import Target, log_standard_normal
+from bayes_ssi.inference.sampling.regions import MAX_DRAWS, Regions, find_regions
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 
 def regions_of(log_density, draws):

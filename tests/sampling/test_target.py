@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_ssi.execution.journal import Journal
-from bayes_ssi.priors.families import LogNormal
-from bayes_ssi.sampling.target import (
+from bayes_ssi.inference.sampling.target import (
     FARTHEST,
     POINTS_TO_CHECK,
     SuggestedStarts,
     Target,
     log_standard_normal,
 )
+from bayes_ssi.inference.workers.journal import Journal
+from bayes_ssi.parameters.families import LogNormal
 
 
 class Fragile:

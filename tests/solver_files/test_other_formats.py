@@ -74,7 +74,7 @@ class TestOpenSees:
     def test_wrong_files(self, tmp_path, spoil, message, monkeypatch):
         # A long file is recognised by its beginning, which is as it should be.
         monkeypatch.setattr(
-            "bayes_ssi.solver_files.model_files.first_bytes", lambda _: b"1 2\n3 4\n"
+            "bayes_ssi.structures.solver_files.model_files.first_bytes", lambda _: b"1 2\n3 4\n"
         )
         with pytest.raises(ValueError, match=message):
             self.read(tmp_path, spoil(OPENSEES_K))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from bayes_ssi.solver_files.exported_model import Matrices, exported_model
-from bayes_ssi.solver_files.parameter_matrices import Export, parameter_matrices
+from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
+from bayes_ssi.structures.solver_files.parameter_matrices import Export, parameter_matrices
 
 LABELS = [f"{node} x" for node in range(1, 9)]
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.constants import g
 
-from bayes_ssi.modal import mac
-from bayes_ssi.response.modal_response import transfer_functions
-from bayes_ssi.response.output import Output
+from bayes_ssi.structures.modal import mac
+from bayes_ssi.structures.response.modal_response import transfer_functions
+from bayes_ssi.structures.response.output import Output
 
 ROOT = Path(__file__).parents[2]
 NO_VALUES = np.empty((1, 0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.response.modal_response import transfer_functions
+from bayes_ssi.structures.response.modal_response import transfer_functions
 from bayes_ssi.structures.sensors import Sensor, SensorMatrix
 from bayes_ssi.structures.structure import Structure
 

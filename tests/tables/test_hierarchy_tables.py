@@ -5,15 +5,15 @@ import pytest
 from whole_tables import assert_every_cell_is_whole
 
 import bayes_ssi as bs
-from bayes_ssi.hierarchical.hierarchy_record import (
+from bayes_ssi.inference.model_class.class_record import ParameterRecord
+from bayes_ssi.plots import plot_population
+from bayes_ssi.report.tables import hierarchy_notes, population_table, populations_table
+from bayes_ssi.results.hierarchy.hierarchy_record import (
     CovariateScale,
     RankedPopulation,
     SingleTestSummary,
 )
-from bayes_ssi.hierarchical.populations import Population
-from bayes_ssi.model_class.class_record import ParameterRecord
-from bayes_ssi.plots import plot_population
-from bayes_ssi.tables import hierarchy_notes, population_table, populations_table
+from bayes_ssi.results.hierarchy.populations import Population
 
 
 @pytest.fixture

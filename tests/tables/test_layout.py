@@ -4,9 +4,7 @@ import pytest
 from whole_tables import assert_every_cell_is_whole, printed
 
 import bayes_ssi as bs
-from bayes_ssi.ranking.averages import averaged_parameters
-from bayes_ssi.ranking.sensitivity import Sensitivity, SensitivityRow
-from bayes_ssi.tables import (
+from bayes_ssi.report.tables import (
     averaged_table,
     averages_table,
     calibration_modes_table,
@@ -20,7 +18,9 @@ from bayes_ssi.tables import (
     search_table,
     sensitivity_table,
 )
-from bayes_ssi.tables.layout import add_row, new_table
+from bayes_ssi.report.tables.layout import add_row, new_table
+from bayes_ssi.studies.ranking.averages import averaged_parameters
+from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow
 
 NAMES = ("each storey, free errors", "one factor", "Geschossdeckenverbundtragwerk 3", "壁のモデル")
 

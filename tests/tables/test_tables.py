@@ -10,9 +10,9 @@ from rich.console import Console
 from scipy.stats import norm
 
 import bayes_ssi as bs
-from bayes_ssi.posterior.adequacy import Adequacy, PValue
-from bayes_ssi.posterior.posterior import Region
-from bayes_ssi.tables import (
+from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue
+from bayes_ssi.inference.posterior.posterior import Region
+from bayes_ssi.report.tables import (
     calibration_modes_table,
     calibration_table,
     comparison_notes,

@@ -1,0 +1,1 @@
+"""What everything else is built on: arrays, checked arguments, names, records."""

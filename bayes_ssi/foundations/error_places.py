@@ -1,0 +1,36 @@
+"""Where in a user's own files an error was raised, for messages without a traceback."""
+
+from __future__ import annotations
+
+import sysconfig
+import traceback
+from functools import cache
+from pathlib import Path
+
+
+def own_lines(error: BaseException) -> list[tuple[str, int]]:
+    """(file, line) of the calls that led to the error, outermost first, in the user's own files.
+
+    Those are the files outside this package, Python's library and installed packages.
+    """
+    return [
+        (frame.filename, frame.lineno)
+        for frame in traceback.extract_tb(error.__traceback__)
+        if frame.lineno is not None and _is_own(frame.filename)
+    ]
+
+
+def with_place(error: BaseException) -> str:
+    """An error in one line: its type and message, and the user's own line where it was raised."""
+    lines = own_lines(error)
+    place = f" ({Path(lines[-1][0]).name}, line {lines[-1][1]})" if lines else ""
+    return " ".join(f"{type(error).__name__}: {error}{place}".split())
+
+
+@cache
+def _is_own(filename: str) -> bool:
+    installed = (sysconfig.get_path(key) for key in ("stdlib", "purelib", "platlib"))
+    roots = (Path(__file__).parents[1], *map(Path, installed))
+    path = Path(filename)
+    # Code without a file has a name in angle brackets.
+    return path.is_absolute() and not any(path.is_relative_to(root) for root in roots)

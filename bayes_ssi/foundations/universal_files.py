@@ -1,0 +1,51 @@
+"""Universal files, in which programs for vibration tests exchange data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.foundations.text_files import require_regular_file
+
+
+def is_universal_file(path: Path) -> bool:
+    """Whether the file begins as universal files do, with the delimiter -1 of a data set."""
+    require_regular_file(path)
+    with path.open("rb") as file:
+        return file.read(80).split()[:1] == [b"-1"]
+
+
+# Codes of directions, of which negative ones mean that a sensor points the other way.
+AXES = {1: "x", 2: "y", 3: "z"}
+
+
+def response_direction(one: Mapping[str, Any]) -> tuple[str, float] | None:
+    """The axis along which the response of a data set 58 was measured, and its sign, 1 or -1.
+
+    None where it was measured about an axis, or the direction is not stated.
+    """
+    code = int(one["rsp_dir"])
+    return (AXES[abs(code)], math.copysign(1.0, code)) if abs(code) in AXES else None
+
+
+def read_data_sets(path: Path, *numbers: int) -> list[dict[str, Any]]:
+    """The data sets of these numbers, such as 55, as pyuff gives them, in the file's order."""
+    try:
+        import pyuff
+    except ImportError:
+        raise ValueError(
+            'pyuff is not installed; install it with pip install "bayes_ssi[uff]"'
+        ) from None
+    try:
+        file = pyuff.UFF(str(path))
+        kinds = np.atleast_1d(file.get_set_types()).astype(int)
+        return [file.read_sets(i) for i, kind in enumerate(kinds) if kind in numbers]
+    except Exception as error:  # a damaged file may raise anything there
+        reason = " ".join(str(error).split())
+        raise ValueError(
+            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
+        ) from error

@@ -1,0 +1,1 @@
+"""From modes and a structure to the posterior of a model class."""

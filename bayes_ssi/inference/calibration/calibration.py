@@ -1,0 +1,170 @@
+"""Deterministic calibration: every distinct minimum of the paper's objective.
+
+With r_f = f/f_e - 1 and r_φ = ‖φ - φ_e‖ = √(2(1 - √MAC)) for unit shapes of matching sign,
+
+    f_ob = √[(Σ r_f² + λ² Σ r_φ²) / (Σ 1 + λ² Σ 1)]        (paper, Eq. 1)
+
+Updating problems often have several minima, even with the same f_ob, so one optimum is not a
+sufficient answer: all minima reached from many starts are listed.
+
+Where the parameters are more than the data determine, the errors of the data drive the others as
+far as a search lets them go. The fit is then that of the determined directions alone, the others
+at the prior median; or, with the prior's pull, the maximum of the posterior density.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.calibration.determination import Determination, determination
+from bayes_ssi.inference.calibration.fit import Fit
+from bayes_ssi.inference.calibration.least_squares import CalibrationProblem
+from bayes_ssi.inference.calibration.minima import SAME, distinct_minima, nearest_fit
+from bayes_ssi.inference.model_class.model_class import ModelClass
+
+# So many starts miss a minimum to which a thousandth of them lead with probability e^-10.
+MOST_STARTS = 10_000
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """All distinct minima of the objective.
+
+    Attributes:
+        name: name of the model class.
+        parameter_names: parameters that the structure depends on.
+        before: the model at the reference values.
+        minima: the best first; equally good ones by their distance from the prior median. Where
+            no search ended at one, the least change alone.
+        least_change: the fit of what the data determine better than the prior, the rest at the
+            prior median; None where there is no rest, or the best minimum is this fit.
+        shape_weight: λ.
+        undetermined_directions: the number of directions in parameter space that the residuals
+            do not determine at the best minimum. If any, the minima form a surface, and its
+            point nearest to the prior median is listed. Where no search ended at a minimum, the
+            number that the data determine no better than the prior.
+        n_starts: local searches made.
+        n_converged: those that ended at a minimum.
+        with_prior: whether the prior was fitted, too; minima are then those of
+            ``Σ r²/σ² + Σ z²`` over residuals r with standard errors σ and standard-normal
+            coordinates z of the parameters, which is the posterior density's exponent.
+        determination: what the data determine of the parameters, at the least change where there
+            is one, and otherwise at the best minimum.
+        errors_are_correlated: whether the class's error model has correlations. These are not
+            considered here: the determination, and a fit with the prior, take all residuals for
+            independent.
+    """
+
+    name: str
+    parameter_names: tuple[str, ...]
+    before: Fit
+    minima: tuple[Fit, ...]
+    least_change: Fit | None
+    shape_weight: float
+    undetermined_directions: int
+    n_starts: int
+    n_converged: int
+    with_prior: bool
+    determination: Determination
+    errors_are_correlated: bool
+
+    @property
+    def best(self) -> Fit:
+        return self.minima[0]
+
+
+@checked
+def calibrate(
+    model_class: ModelClass,
+    shape_weight: float | None = None,
+    reference: Mapping[str, float] | None = None,
+    n_starts: int = 64,
+    seed: int = 0,
+    progress: Callable[[str, float], None] | None = None,
+    with_prior: bool = False,
+) -> Calibration:
+    """Minimise the paper's objective from many starts and list every distinct minimum.
+
+    Args:
+        model_class: its pairing gives the fitted modes, of all its configurations together; its
+            priors give the region to search.
+        shape_weight: λ, the weight of shapes relative to frequencies; 0 leaves shapes out. By
+            default that of the likelihood: λ = σ_f/σ_φ of the class's error model, at the prior
+            medians where these are inferred.
+        reference: parameter name → value from which the distance d is measured, also the
+            model before calibration; prior medians where not given.
+        n_starts: local searches, spread over the prior and beyond, at most :data:`MOST_STARTS`.
+        seed: seed of the starts.
+        progress: called with the name of the step and the fraction of it completed.
+        with_prior: fit the prior, too, which determines what the data do not: regularised least
+            squares, whose minima are the maxima of the posterior density at fixed error sizes.
+
+    Raises:
+        NothingToCalibrateError: no mode is paired, a pairing is inferred, or the structures have
+            no parameter.
+        ValueError: a reference is given for an unknown parameter, the weight is negative, there
+            is no start or there are too many, or no search converged.
+    """
+    if shape_weight is None:
+        shape_weight = model_class.error.shape_weight
+    if not (math.isfinite(shape_weight) and shape_weight >= 0):
+        raise ValueError(f"calibrate: shape_weight must be zero or positive, got {shape_weight!r}")
+    if not 1 <= n_starts <= MOST_STARTS:
+        raise ValueError(f"calibrate: n_starts must be from 1 to {MOST_STARTS:,}, got {n_starts!r}")
+    if seed < 0:
+        raise ValueError(f"calibrate: seed must be zero or positive, got {seed!r}")
+    model_class.check_structure()
+    problem = CalibrationProblem(model_class, shape_weight, with_prior)
+    reference_values = problem.reference_values(reference)
+    ends = []
+    if progress is not None:
+        progress("local searches", 0.0)
+    for done, start in enumerate(problem.starts(n_starts, seed), 1):
+        end = problem.descend(start)
+        ends += [end] if end is not None else []
+        if progress is not None:
+            progress("local searches", done / n_starts)
+    minima, undetermined = distinct_minima(problem, ends) if ends else ([], 0)
+    least_change = None if with_prior else _least_change(model_class, shape_weight)
+    if not minima and least_change is None:
+        raise ValueError(
+            f"model class {model_class.name!r}: no local search for a minimum converged"
+        )
+    found = determination(problem, minima[0] if least_change is None else least_change)
+    if least_change is not None and not minima:
+        minima, undetermined = [least_change], sum(s <= 1.0 for s in found.singular_values)
+    if least_change is not None and np.abs(least_change - minima[0]).max() < SAME:
+        least_change = None
+
+    def fit(z: FloatArray) -> Fit:
+        return problem.fit(problem.values(z[None]), reference_values)
+
+    return Calibration(
+        name=model_class.name,
+        parameter_names=problem.names,
+        before=problem.fit(reference_values[None], reference_values),
+        minima=tuple(map(fit, minima)),
+        least_change=None if least_change is None else fit(least_change),
+        shape_weight=shape_weight,
+        undetermined_directions=undetermined,
+        n_starts=n_starts,
+        n_converged=len(ends),
+        with_prior=with_prior,
+        determination=found,
+        errors_are_correlated=model_class.error.is_correlated,
+    )
+
+
+def _least_change(model_class: ModelClass, shape_weight: float) -> FloatArray | None:
+    """The fit of the directions that the data determine; None where that is all of them."""
+    with_prior = CalibrationProblem(model_class, shape_weight, with_prior=True)
+    near = with_prior.descend(np.zeros(len(with_prior.names)))
+    if near is None:
+        return None
+    return nearest_fit(CalibrationProblem(model_class, shape_weight), near, exactly=False)

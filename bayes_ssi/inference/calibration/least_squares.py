@@ -1,0 +1,209 @@
+"""The least-squares problem of a calibration: residuals, local searches, distinct minima."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.calibration.fit import Fit, mode_fits, rms_distance
+from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
+from bayes_ssi.inference.model_class.configuration import Configuration
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.parameters.parameters import as_product, values_at
+from bayes_ssi.structures.modal import Modes
+
+# The search stays within this many prior standard deviations in standard-normal coordinates.
+FARTHEST = 8.0
+# At the cube root of the rounding error, central differences are the most accurate.
+DIFFERENCE_STEP = float(np.cbrt(np.finfo(float).eps))
+# A millionth of the largest sensitivity is far below any real one and far above rounding.
+EXACTLY_ZERO = 1e-6
+
+
+class NothingToCalibrateError(ValueError):
+    """A model class without structural parameters, or without paired modes."""
+
+
+class CalibrationProblem:
+    """Residuals of a model class as a function of its structures' standard-normal coordinates.
+
+    With the prior's pull, residuals over their standard errors are joined by the coordinates
+    themselves: the sum of squares is then -2 log of the posterior density, but for a constant.
+    """
+
+    def __init__(
+        self, model_class: ModelClass, shape_weight: float, with_prior: bool = False
+    ) -> None:
+        self.model_class = model_class
+        self.with_prior = with_prior
+        if not all(each.pairing_is_given for each in model_class.likelihoods):
+            raise NothingToCalibrateError(
+                f"model class {model_class.name!r}: its pairing is 'any', but a fit needs "
+                "an explicit pairing"
+            )
+        self.parameters = model_class.structural_parameters
+        self.names = tuple(parameter.name for parameter in self.parameters)
+        self.shape_weight = shape_weight
+        if not self.parameters:
+            raise NothingToCalibrateError(
+                f"model class {model_class.name!r}: its structure has no parameter to calibrate"
+            )
+        pairs = [likelihood.pairs for likelihood in model_class.likelihoods]
+        n_pairs = sum(len(each.modes) for each in pairs)
+        if not n_pairs:
+            raise NothingToCalibrateError(
+                f"model class {model_class.name!r}: no mode is paired, nothing to fit"
+            )
+        n_shapes = sum(len(each.with_shape) for each in pairs) if shape_weight > 0 else 0
+        self.count = n_pairs + shape_weight**2 * n_shapes
+
+    def reference_values(self, reference: Mapping[str, float] | None) -> FloatArray:
+        """Reference values (n,): those given, and prior medians for the others."""
+        given = dict(reference or {})
+        unknown = [name for name in given if name not in self.names]
+        if unknown:
+            raise ValueError(
+                f"model class {self.model_class.name!r}: reference for unknown parameter "
+                f"{unknown[0]!r}; choose from {', '.join(map(repr, self.names))}"
+            )
+        return np.array([given.get(p.name, p.prior.quantile(0.5)) for p in self.parameters])
+
+    def normalised(self, values: Sequence[float]) -> dict[str, float]:
+        """Parameter name → value over prior median (over 1 where the median is zero)."""
+        medians = [p.prior.quantile(0.5) or 1.0 for p in self.parameters]
+        each = zip(self.names, values, medians, strict=True)
+        return {name: value / median for name, value, median in each}
+
+    def starts(self, n: int, seed: int) -> FloatArray:
+        """Starts (n, d): the prior median, and Sobol points of twice the prior's spread."""
+        from scipy.special import ndtri
+        from scipy.stats import qmc
+
+        d = len(self.parameters)
+        if n == 1:
+            return np.zeros((1, d))
+        points = qmc.Sobol(d, seed=seed).random_base2(max(1, math.ceil(math.log2(n))))[: n - 1]
+        spread = 2.0 * ndtri(np.clip(points, 1e-6, 1 - 1e-6))
+        return np.vstack([np.zeros(d), np.clip(spread, -0.9 * FARTHEST, 0.9 * FARTHEST)])
+
+    def values(self, z: FloatArray) -> FloatArray:
+        """Parameter values (B, d) at standard-normal coordinates (B, d)."""
+        return values_at(self.parameters, z)
+
+    def residuals(self, z: FloatArray) -> FloatArray:
+        """Residuals (B, m): r_f, and λ(φ - φ_e) whose squared components add up to λ² r_φ²."""
+        residuals = []
+        for _, likelihood, modes in self.modes(self.values(z)):
+            pairs = likelihood.pairs
+            residuals.append(pairs.frequency_residuals(modes.frequencies_hz))
+            if self.shape_weight > 0 and len(pairs.with_shape):
+                differences = pairs.shape_differences(likelihood.shapes_at_sensors(modes))
+                residuals.append(self.shape_weight * differences.reshape(len(z), -1))
+        return np.concatenate(residuals, axis=1)
+
+    def modes(self, values: FloatArray) -> Iterator[tuple[Configuration, ModalLikelihood, Modes]]:
+        """Every configuration, its likelihood and its model modes at ``values`` (B, d)."""
+        column = {name: i for i, name in enumerate(self.names)}
+        for configuration, likelihood in zip(
+            self.model_class.configurations, self.model_class.likelihoods, strict=True
+        ):
+            structure = configuration.structure
+            own = values[:, [column[p.name] for p in structure.parameters]]
+            yield configuration, likelihood, Modes(*structure.modes(own))
+
+    @cached_property
+    def standard_errors(self) -> FloatArray:
+        """Standard error (m,) of each residual.
+
+        Identification errors count, and prediction errors σ_f of frequencies and σ_f/λ of shapes,
+        which is σ_φ where λ is the error model's.
+        """
+        prediction_var = as_product(self.model_class.error.frequency_cov).median ** 2
+        variances = []
+        for likelihood in self.model_class.likelihoods:
+            pairs = likelihood.pairs
+            variances.append(prediction_var + pairs.frequency_var)
+            if self.shape_weight > 0 and len(pairs.with_shape):
+                of_shapes = prediction_var + self.shape_weight**2 * pairs.shape_var
+                variances.append(np.tile(of_shapes, len(pairs.unit_shapes)))
+        return np.sqrt(np.concatenate(variances))
+
+    def minimised(self, z: FloatArray) -> FloatArray:
+        """The numbers (B, ...) whose sum of squares is minimised."""
+        if not self.with_prior:
+            return self.residuals(z)
+        return np.concatenate([self.residuals(z) / self.standard_errors, z], axis=1)
+
+    def sensitivities(self, z: FloatArray) -> FloatArray:
+        """Jacobian (m, d) of the residuals over their standard errors, at one point."""
+        return central_differences(self.residuals, z) / self.standard_errors[:, None]
+
+    def descend(self, start: FloatArray, basis: FloatArray | None = None) -> FloatArray | None:
+        """The minimum reached from ``start``; None where the search leaves the model's domain.
+
+        With a ``basis`` (d, r) of orthonormal columns, the search keeps to their combinations.
+        """
+        from scipy.optimize import least_squares
+
+        basis = np.eye(len(start)) if basis is None else basis
+
+        def minimised(y: FloatArray) -> FloatArray:
+            return self.minimised((basis @ y)[None])[0]
+
+        def jacobian(y: FloatArray) -> FloatArray:
+            return central_differences(self.minimised, basis @ y) @ basis
+
+        if not np.isfinite(minimised(start @ basis)).all():
+            return None
+        try:
+            result = least_squares(
+                minimised,
+                start @ basis,
+                jac=jacobian,
+                bounds=(-FARTHEST, FARTHEST),
+                xtol=1e-12,
+                ftol=1e-14,
+                gtol=1e-12,
+                max_nfev=200,
+            )
+        except ValueError:  # residuals that are not finite: the structure broke down on the way
+            return None
+        at_bound = np.any(np.abs(result.x) > 0.999 * FARTHEST)
+        slope = np.abs(result.grad).max() / max(1e-8, np.linalg.norm(np.asarray(result.jac)))
+        # A search that ran out of evaluations ends on a slope.
+        return None if at_bound or slope > 1e-4 else basis @ result.x
+
+    def misfit(self, z: FloatArray) -> FloatArray:
+        """Root of what is minimised, (B,): f_ob, or that of the sum of squares with the prior."""
+        if not self.with_prior:
+            return self.objective(z)
+        return np.sqrt((self.minimised(z) ** 2).sum(1))
+
+    def objective(self, z: FloatArray) -> FloatArray:
+        """f_ob, (B,)."""
+        return np.sqrt((self.residuals(z) ** 2).sum(1) / self.count)
+
+    def fit(self, values: FloatArray, reference: FloatArray) -> Fit:
+        """The model at ``values`` (1, d), compared with the identified modes."""
+        fits = []
+        for configuration, likelihood, modes in self.modes(values):
+            fits += mode_fits(configuration, likelihood, modes)
+        z = np.array([p.prior.to_normal(values.ravel()[i]) for i, p in enumerate(self.parameters)])
+        numbers = [float(value) for value in values.ravel()]
+        return Fit(
+            values=tuple(numbers),
+            objective=float(self.objective(z[None])[0]),
+            distance=rms_distance(self.normalised(numbers), self.normalised(reference.tolist())),
+            modes=tuple(fits),
+        )
+
+
+def central_differences(function: Callable[[FloatArray], FloatArray], z: FloatArray) -> FloatArray:
+    """Jacobian (m, d) at one point, by central differences in one batch."""
+    steps = DIFFERENCE_STEP * np.eye(len(z))
+    both = function(np.concatenate([z + steps, z - steps]))
+    return (both[: len(z)] - both[len(z) :]).T / (2.0 * DIFFERENCE_STEP)

@@ -1,0 +1,133 @@
+"""Sensitivities of modes to parameters, and which parameters the data can tell apart.
+
+The paper's section 4.5 chooses updating parameters by sensitivities (its Figure 7). A proposal here
+follows from the residuals' Jacobian J over their standard errors, in prior standard deviations: one
+by one the parameter is taken whose column is the longest once those already taken are projected out
+(QR with pivoting; Golub, Klema and Stewart 1976). Its length is the signal over the noise that is
+left of it; below 1 the prior knows more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.calibration.least_squares import (
+    CalibrationProblem,
+    central_differences,
+)
+from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.inference.model_class.model_class import ModelClass
+
+
+@dataclass(frozen=True, eq=False)
+class ModalSensitivities:
+    """How much the paired modes of a class change with its parameters, at one point.
+
+    Attributes:
+        name: of the model class.
+        modes: (m,) labels of the paired modes, with their configurations.
+        parameters: (p,) names.
+        of_frequencies: (m, p) percent by which a frequency rises where a parameter does by one.
+        of_shapes: (m, p) length in percent of the change of a unit shape at the sensors, likewise.
+        signals: (p,) over the noise, each beside those taken before it, the largest first.
+        order: (p,) the parameters in that order.
+    """
+
+    name: str
+    modes: tuple[str, ...]
+    parameters: tuple[str, ...]
+    of_frequencies: FloatArray
+    of_shapes: FloatArray
+    signals: tuple[float, ...]
+    order: tuple[str, ...]
+
+    @property
+    def proposed(self) -> tuple[str, ...]:
+        """The parameters that the data know better than the prior, beside one another."""
+        return tuple(
+            name for name, signal in zip(self.order, self.signals, strict=True) if signal > 1.0
+        )
+
+
+@checked
+def modal_sensitivities(
+    model_class: ModelClass,
+    at: Mapping[str, float] | None = None,
+    shape_weight: float | None = None,
+) -> ModalSensitivities:
+    """Sensitivities of the paired modes of all configurations to the structures' parameters.
+
+    Args:
+        model_class: its pairing must be given.
+        at: parameter name → value; prior medians where not given.
+        shape_weight: λ, as in a calibration, of the shapes in the proposal.
+
+    Raises:
+        NothingToCalibrateError: no mode is paired, a pairing is inferred, or the structures have no
+            parameter.
+        ValueError: a parameter is unknown, is zero there, or the weight is negative.
+    """
+    if shape_weight is None:
+        shape_weight = model_class.error.shape_weight
+    if not (math.isfinite(shape_weight) and shape_weight >= 0):
+        raise ValueError(
+            f"modal_sensitivities: shape_weight must be zero or positive, got {shape_weight!r}"
+        )
+    problem = CalibrationProblem(model_class, shape_weight)
+    values = problem.reference_values(at)
+    if not values.all():
+        raise ValueError(
+            f"modal_sensitivities: {problem.names[int(np.argmin(np.abs(values)))]!r} is zero, and "
+            "relative changes of it are not defined; give another value as at"
+        )
+
+    def frequencies_and_shapes(by: FloatArray) -> FloatArray:
+        """ln f, then unit shapes, of every paired mode (B, ...), where ln θ changes by (B, p)."""
+        parts = []
+        for _, likelihood, modes in problem.modes(values * np.exp(by)):
+            pairs = likelihood.pairs
+            shapes = likelihood.shapes_at_sensors(modes)[:, :, pairs.model_modes]
+            lengths = np.linalg.norm(shapes, axis=1, keepdims=True)
+            # A shape's sign is nobody's; that of the first row goes for all.
+            signs = np.where((shapes * shapes[:1]).sum(1, keepdims=True) < 0.0, -1.0, 1.0)
+            shapes = shapes * signs / np.maximum(lengths, np.finfo(float).tiny)
+            parts.append(np.log(modes.frequencies_hz[:, pairs.model_modes]))
+            parts.append(shapes.reshape(len(by), -1))
+        return np.concatenate(parts, axis=1)
+
+    slopes = central_differences(frequencies_and_shapes, np.zeros(len(values)))
+    labels: list[str] = []
+    frequencies, changes, first = [], [], 0
+    for configuration, likelihood in zip(
+        model_class.configurations, model_class.likelihoods, strict=True
+    ):
+        paired = likelihood.pairs.modes
+        m, n = len(paired), len(configuration.data.sensors)
+        own = slopes[first : first + m * (1 + n)]
+        first += m * (1 + n)
+        labels += [label_in(configuration.name, mode.label) for mode in paired]
+        frequencies.append(own[:m])
+        changes.append(np.linalg.norm(own[m:].reshape(n, m, -1), axis=0))
+    # In prior standard deviations, at the same point.
+    known = zip(problem.parameters, values, strict=True)
+    z = np.array([float(parameter.prior.to_normal(value)) for parameter, value in known])
+    jacobian = problem.sensitivities(z)
+    triangle, order = scipy.linalg.qr(jacobian, mode="r", pivoting=True)
+    signals = np.zeros(len(values))
+    signals[: min(triangle.shape)] = np.abs(triangle.diagonal())
+    return ModalSensitivities(
+        model_class.name,
+        tuple(labels),
+        problem.names,
+        np.concatenate(frequencies),
+        np.concatenate(changes),
+        tuple(signals.tolist()),
+        tuple(problem.names[i] for i in order),
+    )

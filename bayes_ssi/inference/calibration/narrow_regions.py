@@ -1,0 +1,252 @@
+"""Starts of searches in narrow regions of a posterior, by least squares in the residuals.
+
+Precise data make a posterior narrow: with identification errors of 0.01 % a region may hold less
+than a millionth of the prior, and all of the evidence. With any pairing it has no slope that leads
+there, either, for away from it all modes count as spurious. The residuals between model modes and
+identified modes have a slope everywhere. From draws of the prior, each with a pairing that is
+plausible where errors are wide, a descent follows them while the errors are narrowed:
+
+1. Of the identified modes, in random order, some are paired, in proportion to the weights of the
+   pairings if all errors were :data:`WIDEST`. Where the pairing is given, it is that.
+2. The sum of squares of the residuals over their errors, and of the coordinates, which is the
+   prior's pull, is reduced. Then the errors are narrowed and pairs drawn again, so that those drop
+   out that do not fit. Each descent begins at a width of its own: from narrow errors it leads to
+   the nearest fit, from wide ones to that which is nearest to the prior's median.
+3. The other identified modes are paired one by one, where the region then has more mass: of modes
+   that a wrong model does not fit together, those that come first stay.
+4. Where sizes of errors are inferred, the most probable ones with these residuals are taken, pairs
+   drawn and the descent continued with them, in turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.calibration.levenberg_marquardt import descend
+from bayes_ssi.inference.calibration.paired_residuals import NARROWING, WIDEST, PairedResiduals
+from bayes_ssi.inference.calibration.solved_modes import SolvedModes
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.sampling.maxima import Maxima
+from bayes_ssi.inference.sampling.target import SuggestedStarts, log_standard_normal
+from bayes_ssi.inference.workers.workers import Workers
+from bayes_ssi.structures.modal import Modes
+
+# Descents of one search: where a wrong model fits some of the modes only, in one of many ways, each
+# of its regions is reached by two in three searches of 16 descents, and by nearly all of 32.
+N_DESCENTS = 24
+# Widths end at the smallest error that is plausible: of inferred ones, that far below the median,
+# in prior standard deviations.
+FAR_BELOW = 3.0
+# Steps that are tried at each width, which the next one continues; with the errors' own size, where
+# a fit is reached in half as many; and to its end.
+FEW_STEPS, SOME_STEPS, MOST_STEPS = 2, 8, 20
+TOLERANCE = 1e-3  # nats
+# Where inferred sizes of errors are tried: an exact fit of n residuals draws them down by about n
+# prior standard deviations of their logarithm, which ascents complete.
+SIZES = np.linspace(-6.0, 3.0, 13)
+ROUNDS_OF_SIZES = 3
+# Draws that are tried for each descent, where the model fails at most of them.
+MOST_TRIES = 30
+
+
+@dataclass(frozen=True, eq=False)
+class NarrowRegions:
+    """Starts in the narrow regions of a model class's posterior.
+
+    Attributes:
+        workers: where structures that are solved one by one are solved; in this process if None.
+    """
+
+    model_class: ModelClass
+    workers: Workers | None = None
+
+    def __call__(self, rng: np.random.Generator) -> SuggestedStarts:
+        """Starts of one search, in standard-normal coordinates."""
+        solved = SolvedModes(self.model_class, self.workers)
+        ends = _Descents(solved, rng).ends()
+        return SuggestedStarts(ends, solved.n_evaluations)
+
+
+class _Descents:
+    """The descents of one search, each a row of ``z`` (n, d)."""
+
+    def __init__(self, solved: SolvedModes, rng: np.random.Generator) -> None:
+        self.solved = solved
+        self.model_class = solved.model_class
+        self.rng = rng
+        self.tests = [PairedResiduals(likelihood) for likelihood in self.model_class.likelihoods]
+        self.n_structural = len(self.model_class.structural_parameters)
+        # The coordinates that are not of the structures.
+        self.sizes = range(self.n_structural, len(self.model_class.parameters))
+
+    def ends(self) -> FloatArray:
+        """Where the descents ended, (m, d), each place once."""
+        z = self._draws()
+        if not (len(z) and self.n_structural and any(test.n_identified for test in self.tests)):
+            return z[:0]
+        # From small errors every other descent leads to what is fitted exactly.
+        z[::2, self.sizes] = -FAR_BELOW
+        n = len(z)
+        orders = [self.rng.random((n, t.n_identified)).argsort(axis=1) for t in self.tests]
+        z = self._extended(*self._narrowed(z, orders), orders)
+        everything = [np.ones(order.shape, dtype=bool) for order in orders]
+        for _ in range(ROUNDS_OF_SIZES if self.sizes else 1):
+            z = self._with_probable_sizes(z)
+            chosen = self._pairings(z, 0.0, everything)
+            z, curvatures = self._descended(z, chosen, 0.0, MOST_STEPS)
+        return self._distinct(z, curvatures)
+
+    def _draws(self) -> FloatArray:
+        """Prior draws (n, d) at which the structures have modes."""
+        drawn: list[FloatArray] = []
+        missing = N_DESCENTS
+        for _ in range(MOST_TRIES):
+            z = self.rng.standard_normal((missing, len(self.model_class.parameters)))
+            solved = [np.isfinite(of_test.frequencies_hz) for of_test in self.solved.at(z)]
+            drawn.append(z[np.concatenate(solved, axis=1).all(axis=1)])
+            missing -= len(drawn[-1])
+            if not missing:
+                break
+        return np.concatenate(drawn)
+
+    def _narrowed(
+        self, z: FloatArray, orders: Sequence[NDArray[np.intp]]
+    ) -> tuple[FloatArray, list[NDArray[np.intp]]]:
+        """Ends with errors narrowed step by step, and the pairings there.
+
+        Of the identified modes, in ``orders``, a random number of the first ones is paired.
+        """
+        widths = self._widths(z.shape[1])
+        n = len(z)
+        first = self.rng.integers(len(widths), size=n)
+        considered = [
+            order.argsort(axis=1) < self.rng.integers(1, order.shape[1] + 1, size=(n, 1))
+            for order in orders
+        ]
+        chosen = self._pairings(z, WIDEST, considered)
+        for k, width in enumerate(widths):
+            again = np.flatnonzero(first < k)
+            if len(again):
+                new = self._pairings(z[again], width, [some[again] for some in considered])
+                for of_test, drawn in zip(chosen, new, strict=True):
+                    of_test[again] = drawn
+            now = np.flatnonzero(first <= k)
+            if len(now):
+                of_now = [of_test[now] for of_test in chosen]
+                z[now], _ = self._descended(z[now], of_now, width, FEW_STEPS)
+        return z, chosen
+
+    def _widths(self, n_parameters: int) -> FloatArray:
+        """Widths of errors, from the widest to the smallest plausible error."""
+        low = np.zeros((1, n_parameters))
+        low[:, self.sizes] = -FAR_BELOW
+        sizes = np.concatenate([each.ravel() for pair in self._errors(low, 0.0) for each in pair])
+        n = math.ceil(math.log(WIDEST / sizes.min(initial=WIDEST)) / math.log(NARROWING))
+        widths: FloatArray = WIDEST / NARROWING ** np.arange(n + 1.0)
+        return widths
+
+    def _extended(
+        self,
+        z: FloatArray,
+        chosen: Sequence[NDArray[np.intp]],
+        orders: Sequence[NDArray[np.intp]],
+    ) -> FloatArray:
+        """Ends with further modes paired, one by one in their order, where that has more mass."""
+        if not any(test.inferred for test in self.tests):
+            return z
+        z, curvatures = self._descended(z, chosen, 0.0, MOST_STEPS)
+        masses = self._log_masses(z, curvatures)
+        for t, test in enumerate(self.tests):
+            for mode in orders[t].T if test.inferred else ():
+                rows = np.flatnonzero(chosen[t][np.arange(len(z)), mode] < 0)
+                if not len(rows):
+                    continue
+                tried = [of_test[rows] for of_test in chosen]
+                own, modes = self._own(z[rows])[t], self.solved.at(z[rows])[t]
+                tried[t] = test.with_pair(own, modes, tried[t], mode[rows], self.rng)
+                ends, curvatures = self._descended(z[rows], tried, 0.0, SOME_STEPS)
+                new = self._log_masses(ends, curvatures)
+                better = new > masses[rows]
+                z[rows[better]], masses[rows[better]] = ends[better], new[better]
+                chosen[t][rows[better]] = tried[t][better]
+        return z
+
+    def _own(self, z: FloatArray) -> list[FloatArray]:
+        """The values of each configuration's parameters."""
+        return [own for _, _, own in self.model_class.parts(self.model_class.values(z))]
+
+    def _errors(self, z: FloatArray, width: float) -> list[tuple[FloatArray, FloatArray]]:
+        return [t.errors(own, width) for t, own in zip(self.tests, self._own(z), strict=True)]
+
+    def _pairings(
+        self, z: FloatArray, width: float, considered: Sequence[NDArray[np.bool_]]
+    ) -> list[NDArray[np.intp]]:
+        if not any(test.inferred for test in self.tests):
+            return [test.given_pairings(len(z)) for test in self.tests]
+        each = zip(self.tests, self._own(z), self.solved.at(z), considered, strict=True)
+        return [test.pairings(own, modes, width, some, self.rng) for test, own, modes, some in each]
+
+    def _descended(
+        self, z: FloatArray, chosen: Sequence[NDArray[np.intp]], width: float, most_steps: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Ends (n, d) of descents in the structures' coordinates, and JᵀJ there."""
+        errors = self._errors(z, width)
+
+        def residuals(structural: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
+            whole = np.concatenate([structural, z[rows, self.n_structural :]], axis=1)
+            of_tests = zip(self.tests, self.solved.at(whole), chosen, errors, strict=True)
+            parts = [
+                test.residuals(modes, own[rows], (frequency[rows], shape[rows]))
+                for test, modes, own, (frequency, shape) in of_tests
+            ]
+            return np.concatenate([*parts, structural], axis=1)
+
+        found = descend(residuals, z[:, : self.n_structural], most_steps, TOLERANCE)
+        ends = np.concatenate([found.z, z[:, self.n_structural :]], axis=1)
+        return ends, found.curvatures
+
+    def _with_probable_sizes(self, z: FloatArray) -> FloatArray:
+        """The same with the most probable of the tried sizes of errors, one after the other."""
+        if not self.sizes:
+            return z
+        z = z.copy()
+        n = len(SIZES)
+        repeated = [
+            Modes(*(np.repeat(array, n, axis=0) for array in modes)) for modes in self.solved.at(z)
+        ]
+        for column in self.sizes:
+            tried = np.repeat(z, n, axis=0)
+            tried[:, column] = np.tile(SIZES, len(z))
+            heights = self._log_posteriors(tried, repeated).reshape(len(z), n)
+            z[:, column] = SIZES[heights.argmax(axis=1)]
+        return z
+
+    def _log_posteriors(self, z: FloatArray, modes: Sequence[Modes]) -> FloatArray:
+        values = self.model_class.values(z)
+        log_likelihoods = self.model_class.log_density_of_modes(values, modes)
+        return np.where(np.isnan(log_likelihoods), -np.inf, log_likelihoods) + log_standard_normal(
+            z
+        )
+
+    def _log_masses(self, z: FloatArray, curvatures: FloatArray) -> FloatArray:
+        """Laplace's approximation of the evidence (n,) around ends of descents."""
+        heights = self._log_posteriors(z, self.solved.at(z))
+        return Maxima(z[:, : self.n_structural], heights, curvatures).log_masses
+
+    def _distinct(self, z: FloatArray, curvatures: FloatArray) -> FloatArray:
+        """The highest of those within a standard deviation of one another."""
+        heights = self._log_posteriors(z, self.solved.at(z))
+        left = np.argsort(-heights, kind="stable")[: int(np.isfinite(heights).sum())]
+        structural = z[:, : self.n_structural]
+        kept: list[int] = []
+        while len(left):
+            kept.append(left[0])
+            top = Maxima(structural[left[:1]], heights[left[:1]], curvatures[left[:1]])
+            left = left[1:][~top.are_at(structural[left[1:]])[0]]
+        return z[kept]

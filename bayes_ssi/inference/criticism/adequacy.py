@@ -1,0 +1,301 @@
+"""Whether a model class explains the data at all, from draws of its posterior.
+
+A ranking says which class is best, not whether it is any good. If a class is right, one draw from
+its posterior, together with the data, is distributed as a draw from its prior together with data
+simulated from it. Quantities whose distribution does not depend on the parameters then have
+exactly that distribution at a posterior draw, whatever the prior and however few the data (Johnson
+2004, A Bayesian χ² test for goodness-of-fit, Annals of Statistics 32; Johnson 2007, Bayesian model
+assessment using pivotal quantities, Bayesian Analysis 2). At every draw these are
+
+- the frequency errors over their standard deviations: normal;
+- the distances of shapes: their probability under the density on the sphere is uniform;
+- where errors are joint, the squares of all of them without their correlation: chi-square;
+- the numbers of spurious modes and of identified model modes: Poisson, and a sum of yes or no;
+- the parameters in standard-normal coordinates: normal. An inferred error size absorbs any misfit,
+  which shows by its going where its prior did not expect it.
+
+Each gives p-values. Those of one draw are independent and are combined: those of the modes with
+those of the error sizes, those of the structures' parameters with those of the numbers of modes,
+and these two. Where errors are correlated, each frequency error is taken given those before it, and
+the p-values of shapes are combined by their harmonic mean alone, as are those of the draws, which
+depend on one another.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.criticism.misfit import Misfit, misfit
+from bayes_ssi.inference.criticism.p_values import (
+    log_combined,
+    log_harmonic_mean,
+    log_joint,
+    log_two_sided,
+    standard_deviations,
+)
+from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
+from bayes_ssi.inference.likelihood.likelihood_terms import ComparedModes
+from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.parameters.parameters import as_product
+
+# A right class is called inadequate one time in a hundred.
+LIMIT = 0.01
+LIMIT_SDS = standard_deviations(math.log(LIMIT))
+# A quantile of one in a hundred needs no more draws; the cost of each is the shapes' quadrature.
+N_DRAWS = 400
+
+
+@dataclass(frozen=True)
+class PValue:
+    """The probability of a larger misfit if the class is right."""
+
+    p_value: float
+    sds: float
+
+    @classmethod
+    def of(cls, log_p: float) -> PValue:
+        return cls(float(np.exp(log_p)), standard_deviations(log_p))
+
+    @property
+    def is_small(self) -> bool:
+        """Whether a right class would be this far from the data one time in a hundred."""
+        return not self.p_value >= LIMIT
+
+
+@dataclass(frozen=True)
+class ModeMisfit:
+    """One identified mode and what the class says of it; numbers are medians over the draws.
+
+    Attributes:
+        frequency_error: model frequency over identified frequency, less one; None where it is
+            spurious at every draw.
+        frequency_sd: standard deviation that the error should have, of identification and
+            prediction errors in quadrature; None as well.
+        mac: MAC of model and identified shape; None where no shape is scored.
+        expected_mac: exceeded by 95 % of the shapes of a right model.
+    """
+
+    label: str
+    paired: float
+    frequency_error: float | None
+    frequency_sd: float | None
+    mac: float | None
+    expected_mac: float | None
+    misfit: PValue
+
+
+@dataclass(frozen=True)
+class ParameterMisfit:
+    """A parameter that is not where its prior expects it.
+
+    Attributes:
+        prior_sds: distance between them in standard deviations of the prior, in standard-normal
+            coordinates.
+    """
+
+    name: str
+    value: float
+    prior_median: float
+    prior_sds: float
+    is_error_size: bool
+    misfit: PValue
+
+
+@dataclass(frozen=True)
+class CountMisfit:
+    """Spurious modes and unidentified model modes of one configuration.
+
+    Attributes:
+        configuration: its name; empty where there is only one.
+    """
+
+    configuration: str
+    spurious: float
+    expected_spurious: float
+    unidentified: float
+    misfit: PValue
+
+
+@dataclass(frozen=True)
+class Hint:
+    """A mistake without which the class would explain the data.
+
+    Attributes:
+        gain: rise of the maximum of likelihood times prior without it, in nats.
+    """
+
+    mistake: str
+    gain: float
+    misfit: PValue
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """How well a class explains the data, part by part.
+
+    Attributes:
+        hints: mistakes without which the class would explain the data, or explain them far
+            better, where they were sought.
+    """
+
+    overall: PValue
+    modes: tuple[ModeMisfit, ...]
+    parameters: tuple[ParameterMisfit, ...]
+    counts: tuple[CountMisfit, ...]
+    hints: tuple[Hint, ...] = ()
+
+    @property
+    def is_adequate(self) -> bool:
+        """Whether the data are as the class says, and not much more so without a mistake."""
+        return not (self.overall.is_small or self.hints)
+
+
+def adequacy(
+    model_class: ModelClass,
+    values: FloatArray,
+    modes: Sequence[ComparedModes],
+    rng: np.random.Generator,
+) -> Adequacy:
+    """The adequacy of a class.
+
+    Args:
+        values: draws from its posterior, (B, n_parameters).
+        rng: draws pairings where they are inferred.
+    """
+    parts = [
+        misfit(likelihood, own, seen, rng)
+        for (_, likelihood, own), seen in zip(model_class.parts(values), modes, strict=True)
+    ]
+    of_frequencies = np.concatenate([part.frequency_log_p for part in parts], axis=1)
+    of_shapes = np.concatenate([part.shape_log_p for part in parts], axis=1)
+    of_modes = _of_each_mode(of_frequencies, of_shapes)
+    of_counts = np.stack([[part.spurious_log_p, part.detected_log_p] for part in parts])
+    z = np.column_stack(
+        [p.prior.to_normal(values[:, i]) for i, p in enumerate(model_class.parameters)]
+    )
+    sizes = _error_sizes(model_class)
+    is_size = np.array([name in sizes for name in model_class.parameter_names])
+    # An error size that is smaller than expected is no misfit.
+    of_parameters = np.where(is_size, log_ndtr(-z), log_two_sided(z))
+    if model_class.error.is_correlated:
+        errors = list(_of_correlated_errors(model_class, values, modes, of_shapes))
+    else:
+        errors = [_of_paired_modes(parts, of_modes)]
+    model = [log_combined(of_counts.reshape(-1, len(values)).T, axis=1)]
+    for part, which in ((errors, is_size), (model, ~is_size)):
+        if which.any():
+            part.append(log_combined(of_parameters[:, which], axis=1))
+    of_parts = [log_combined(np.stack(part, axis=1), axis=1) for part in (errors, model)]
+    at_draws = log_combined(np.stack(of_parts, axis=1), axis=1)
+    return Adequacy(
+        overall=PValue.of(float(log_harmonic_mean(at_draws, axis=0))),
+        modes=tuple(_mode_rows(model_class, parts, of_modes)),
+        parameters=tuple(_parameter_rows(model_class, values, z, of_parameters, is_size)),
+        counts=tuple(
+            _count_row(configuration.name, likelihood, part, log_p)
+            for (configuration, likelihood, _), part, log_p in zip(
+                model_class.parts(values), parts, of_counts, strict=True
+            )
+        ),
+    )
+
+
+def _of_correlated_errors(
+    model_class: ModelClass,
+    values: FloatArray,
+    modes: Sequence[ComparedModes],
+    shapes: FloatArray,
+) -> Iterator[FloatArray]:
+    """Log p-values (B,) of all frequencies and of all shapes, whose errors repeat."""
+    frequencies_hz = [of_test.frequencies_hz for of_test in modes]
+    residuals = model_class.correlated_errors.independent_residuals(values, frequencies_hz)
+    if residuals.shape[1]:
+        yield log_combined(log_two_sided(residuals), axis=1)
+    scored = shapes[:, ~np.isnan(shapes).any(axis=0)]
+    if scored.shape[1]:
+        yield log_harmonic_mean(scored, axis=1)
+
+
+def _of_paired_modes(parts: Sequence[Misfit], of_modes: FloatArray) -> FloatArray:
+    """Log p-values (B,) of all errors: mode by mode, or together in tests with joint errors."""
+    log_p, first = [], 0
+    for part in parts:
+        end = first + part.frequency_errors.shape[1]
+        of_test = of_modes[:, first:end] if part.joint_log_p is None else part.joint_log_p[:, None]
+        log_p.append(of_test)
+        first = end
+    return log_combined(np.concatenate(log_p, axis=1), axis=1)
+
+
+def _of_each_mode(frequency: FloatArray, shape: FloatArray) -> FloatArray:
+    """Log p-values (B, J) of each mode's frequency and shape together; zero where spurious."""
+    both = np.stack([frequency, shape], axis=2)
+    rows = both.reshape(-1, 2)
+    return log_joint(rows, ~np.isnan(rows)).reshape(frequency.shape)
+
+
+def _mode_rows(
+    model_class: ModelClass, parts: Sequence[Misfit], log_p: FloatArray
+) -> Iterator[ModeMisfit]:
+    columns = iter(log_p.T)
+    for configuration, part in zip(model_class.configurations, parts, strict=True):
+        for j, label in enumerate(configuration.data.labels):
+            yield ModeMisfit(
+                label=label_in(configuration.name, label),
+                paired=float(np.isfinite(part.frequency_errors[:, j]).mean()),
+                frequency_error=_median(part.frequency_errors[:, j]),
+                frequency_sd=_median(part.frequency_sds[:, j]),
+                mac=_median(part.macs[:, j]),
+                expected_mac=_median(part.expected_macs[:, j]),
+                misfit=PValue.of(float(log_harmonic_mean(next(columns), axis=0))),
+            )
+
+
+def _median(numbers: FloatArray) -> float | None:
+    known = numbers[~np.isnan(numbers)]
+    return float(np.median(known)) if len(known) else None
+
+
+def _error_sizes(model_class: ModelClass) -> set[str]:
+    """Names of the parameters that are sizes of errors, rather than their correlations."""
+    sizes = (as_product(model_class.error.frequency_cov), as_product(model_class.error.shape_sd))
+    structural = {parameter.name for parameter in model_class.structural_parameters}
+    return {p.name for size in sizes for p in size.parameters} - structural
+
+
+def _parameter_rows(
+    model_class: ModelClass,
+    values: FloatArray,
+    z: FloatArray,
+    log_p: FloatArray,
+    is_size: NDArray[np.bool_],
+) -> Iterator[ParameterMisfit]:
+    for i, parameter in enumerate(model_class.parameters):
+        yield ParameterMisfit(
+            name=parameter.name,
+            value=float(np.median(values[:, i])),
+            prior_median=parameter.prior.quantile(0.5),
+            prior_sds=float(np.median(z[:, i])),
+            is_error_size=bool(is_size[i]),
+            misfit=PValue.of(float(log_harmonic_mean(log_p[:, i], axis=0))),
+        )
+
+
+def _count_row(
+    configuration: str, likelihood: ModalLikelihood, part: Misfit, log_p: FloatArray
+) -> CountMisfit:
+    return CountMisfit(
+        configuration=configuration,
+        spurious=float(np.isnan(part.frequency_errors).sum(axis=1).mean()),
+        expected_spurious=likelihood.identification.expected_spurious_modes,
+        unidentified=float(part.unidentified.mean()),
+        misfit=PValue.of(float(log_harmonic_mean(log_p.ravel(), axis=0))),
+    )

@@ -1,0 +1,129 @@
+"""The likelihood summed over all pairings of identified modes with model modes.
+
+The pairing is inferred along with the parameters, and the order of model modes may change with
+them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.likelihood.inferred_pairing import (
+    InferredPairing,
+    inferred_pairing,
+    thinned,
+)
+from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
+from bayes_ssi.inference.likelihood.likelihood_terms import ComparedModes, row_sums
+from bayes_ssi.inference.likelihood.paired_modes import PairedModes
+from bayes_ssi.inference.likelihood.pairings import (
+    PairingWeights,
+    log_sum,
+    pair_probabilities,
+    sample_pairings,
+)
+
+# The one datum of a test whose pairing is inferred.
+ALL_MODES = "all modes"
+
+
+@dataclass(frozen=True, eq=False)
+class AnyPairing(ModalLikelihood):
+    """The log-likelihood of identified modes, summed over all pairings with model modes.
+
+    Its ``pairing`` is empty: the weights of all pairings are relative to the one in which every
+    identified mode is spurious and every model mode missed. Of a joint covariance of the data it
+    takes each mode's own part, of its frequency and its shape: errors of different modes count as
+    independent, because the sum over pairings is one over products.
+    """
+
+    pairing_is_given = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.error.is_correlated:
+            raise ValueError(
+                "pairing 'any' needs independent prediction errors, because the sum over pairings "
+                "is one over products; give the pairing, or leave between_tests and "
+                "between_modes at 0"
+            )
+
+    @cached_property
+    def pairs(self) -> PairedModes:
+        """Every pair of an identified mode and a model mode, grouped by identified mode."""
+        numbers = range(1, self.structure.n_modes + 1)
+        return PairedModes.of(
+            self.data, [(label, i) for label in self.data.labels for i in numbers]
+        )
+
+    def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
+        paired = pair_probabilities(self.pairing_weights(values)).sum(axis=1)
+        prediction_var = self.errors.prediction_var(values)[:, :1]
+        every = range(self.structure.n_modes)
+        return self.unpaired.near_a_limit(frequencies, prediction_var, every) & (paired < 0.5)
+
+    @property
+    def datum_names(self) -> tuple[str, ...]:
+        return (ALL_MODES,)
+
+    def log_likelihoods(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
+        """One column: a sum over pairings has no terms of single modes."""
+        return self.log_density(values, modes)[:, None]
+
+    def log_density(self, values: FloatArray, modes: ComparedModes | None = None) -> FloatArray:
+        nothing_paired = -self.identification.expected_spurious_modes + self._spurious.sum()
+        weights, missed = self._weights(values, modes)
+        return nothing_paired + row_sums(missed) + log_sum(weights)
+
+    def inferred_pairing(self, values: FloatArray) -> InferredPairing:
+        values = thinned(values)
+        return inferred_pairing(self.data.labels, self.pairing_weights(values))
+
+    def sampled_pairings(
+        self, values: FloatArray, modes: ComparedModes, rng: np.random.Generator
+    ) -> NDArray[np.intp]:
+        return sample_pairings(self.pairing_weights(values, modes), rng)
+
+    def pairs_of(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+        first = self.structure.n_modes * np.arange(len(self.data.labels))
+        return np.where(chosen < 0, -1, first + chosen)
+
+    def pairing_weights(
+        self, values: FloatArray, modes: ComparedModes | None = None
+    ) -> PairingWeights:
+        """The weights of all pairs at ``values`` (B, n_parameters).
+
+        ``modes`` are the modes at ``values``, where already known.
+        """
+        return self._weights(values, modes)[0]
+
+    def _weights(
+        self, values: FloatArray, modes: ComparedModes | None = None
+    ) -> tuple[PairingWeights, FloatArray]:
+        """Weights of pairs, and log probabilities (B, I) that a model mode is missed."""
+        modes = self.compared_modes(values) if modes is None else modes
+        error_var = self.errors.prediction_var(values)
+        n_data, n_model = len(self.data.modes), self.structure.n_modes
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            missed = self.unpaired.log_missed(
+                modes.frequencies_hz, error_var[:, :1], range(n_model)
+            )
+            paired = self._frequency_terms(modes, error_var[:, :1])
+            paired[:, self.pairs.with_shape] += self._shape_terms(
+                modes.shape_distances, error_var[:, 1:]
+            )
+            if self.joint_pairs is not None:
+                paired += self.joint_pairs.log_ratios_of_pairs(self.residuals(values, modes))
+        paired = paired.reshape(len(values), n_data, n_model)
+        log_ratios = paired - self._spurious[:, None] - missed[:, None, :]
+        frequencies_hz = np.array([mode.frequency_hz for mode in self.data.modes])
+        return PairingWeights(log_ratios, frequencies_hz, modes.frequencies_hz), missed
+
+    @cached_property
+    def _spurious(self) -> FloatArray:
+        return np.array([self.unpaired.log_spurious(mode) for mode in self.data.modes])

@@ -1,0 +1,330 @@
+"""The likelihood: a proper density of the identified modes in the band, given a structure.
+
+Every identified mode in the band has a density, even one that the model does not explain: only so
+are the evidences of different model classes comparable. For one pairing of identified with model
+modes,
+
+    p(D | θ) = e^(-ν) · Π over unpaired data of ν / ((f_hi - f_lo) |S^(d-1)|)
+                      · Π over pairs of p_D N(f_e; f, (σ_f f_e)²) p(φ_e | φ)
+                      · Π over unpaired model modes of (1 - p_D P_in)
+
+with p_D the probability that a model mode in the band is identified, ν the expected number of
+spurious modes, uniform over the band and over the sphere of shapes, and P_in the probability
+that a model mode would have been identified inside the band. Where the data have a joint
+covariance, the joint density of all pairs takes the place of their product
+(:mod:`~bayes_ssi.inference.likelihood.joint_errors`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
+from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
+from bayes_ssi.inference.likelihood.joint_pairs import JointPairs, Residuals
+from bayes_ssi.inference.likelihood.likelihood_terms import ComparedModes, ModalTerms, row_sums
+from bayes_ssi.inference.likelihood.pair_errors import PairErrors, prediction_sizes
+from bayes_ssi.inference.likelihood.paired_modes import PairedModes, check_pairing
+from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser
+from bayes_ssi.inference.likelihood.unpaired_modes import UnpairedModes
+from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.parameters.parameters import Parameter, as_product, collect_parameters
+from bayes_ssi.structures.modal import Modes, seen_shapes
+from bayes_ssi.structures.sensors import SensorMatrix
+from bayes_ssi.structures.structure import Structure
+
+# The datum that no other modes were identified.
+MISSED = "no other mode"
+
+
+@dataclass(frozen=True, eq=False)
+class ModalLikelihood:
+    """The log-likelihood of identified modes for one explicit pairing with model modes.
+
+    Attributes:
+        pairing: label of an identified mode → number of the model mode, from 1.
+    """
+
+    structure: Structure
+    data: ModalData
+    error: ErrorModel
+    identification: IdentificationModel
+    pairing: Mapping[str, int]
+
+    # Whether ``pairing`` says which mode is which, or that is inferred.
+    pairing_is_given: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        self.structure.sensor_matrix(self.data.sensors)
+        check_pairing(self.pairing, self.data, self.structure.n_modes)
+        if self.error.is_correlated and self.data.covariance is not None:
+            raise ValueError(
+                "between_tests and between_modes need independent identification errors, but the "
+                "data have a joint covariance; use data.without_covariance()"
+            )
+
+    @cached_property
+    def pairs(self) -> PairedModes:
+        return PairedModes.of(self.data, self.pairing.items())
+
+    def inferred_pairing(self, values: FloatArray) -> InferredPairing | None:  # noqa: ARG002
+        """Pairings by their probability over draws (n, n_parameters); None where one is given."""
+        return None
+
+    def sampled_pairings(
+        self,
+        values: FloatArray,
+        modes: ComparedModes,  # noqa: ARG002 - for inferred pairings
+        rng: np.random.Generator,  # noqa: ARG002
+    ) -> NDArray[np.intp]:
+        """The model mode (B, J), from 0, that each identified mode is; -1 for spurious ones.
+
+        Where the pairing is inferred, that of each row is drawn by its probability.
+        """
+        given = [self.pairing.get(label, 0) - 1 for label in self.data.labels]
+        return np.tile(np.array(given, dtype=np.intp), (len(values), 1))
+
+    def pairs_of(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The index (B, J) among :attr:`pairs` of the pairs that are ``chosen``, or -1."""
+        numbers = {mode.label: i for i, mode in enumerate(self.pairs.modes)}
+        which = [numbers.get(label, -1) for label in self.data.labels]
+        return np.tile(np.array(which, dtype=np.intp), (len(chosen), 1))
+
+    @cached_property
+    def unpaired(self) -> UnpairedModes:
+        """The terms of modes without a counterpart."""
+        return UnpairedModes(self.data, self.identification)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The structure's parameters, then those of the errors that the paired data need."""
+        sizes = prediction_sizes(self.error, self.pairs)
+        products = (*sizes, *self.error.correlations)
+        of_errors = (p for product in products for p in product.parameters)
+        return collect_parameters((*self.structure.parameters, *of_errors))
+
+    def log_density(self, values: FloatArray, modes: ComparedModes | None = None) -> FloatArray:
+        """The log-likelihood (B,) at ``values`` (B, n_parameters); NaN where there are no modes.
+
+        Columns are as in :attr:`parameters`. Errors count as independent; where they are not,
+        :class:`~bayes_ssi.inference.likelihood.correlated_errors.CorrelatedErrors` adds the rest.
+        ``modes`` are the modes at ``values``, where already known.
+        """
+        return self.terms(values, modes).total()
+
+    def terms(self, values: FloatArray, modes: ComparedModes | None = None) -> ModalTerms:
+        """The log-likelihood in parts; NaN where the structure has no modes.
+
+        ``modes`` are the modes at ``values``, where already known.
+        """
+        modes = self.compared_modes(values) if modes is None else modes
+        error_var = self.errors.prediction_var(values)
+        # Far out in the tail of its prior an error size can be so small that its square is zero.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            missed = self.unpaired.log_missed(
+                modes.frequencies_hz, error_var[:, :1], self._unpaired_model_modes
+            )
+            return ModalTerms(
+                frequency=self._frequency_terms(modes, error_var[:, :1]),
+                shape=self._shape_terms(modes.shape_distances, error_var[:, 1:]),
+                undetected=row_sums(missed),
+                spurious=self._unpaired_data,
+                joint=self._joint_terms(values, modes),
+            )
+
+    @property
+    def datum_names(self) -> tuple[str, ...]:
+        """The columns of :meth:`log_likelihoods`."""
+        return (*self.data.labels, MISSED)
+
+    def log_likelihoods(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
+        """The log-likelihood of each datum, (B, n_data); the sum of a row is the whole.
+
+        One column for each identified mode, paired or spurious; the last one for what was not
+        identified: unpaired model modes, and no further spurious modes. What the paired modes of
+        data with a joint covariance have in common is in the column of the first of them.
+
+        Args:
+            values: (B, n_parameters).
+        """
+        terms = self.terms(values, modes)
+        spurious = [self.unpaired.log_spurious(mode) for mode in self.data.modes]
+        undetected = terms.undetected - self.identification.expected_spurious_modes
+        log_likelihoods = np.column_stack([np.tile(spurious, (len(values), 1)), undetected])
+        column = np.array(
+            [self.data.labels.index(m.label) for m in self.pairs.modes], dtype=np.intp
+        )
+        log_likelihoods[:, column] = terms.frequency
+        log_likelihoods[:, column[self.pairs.with_shape]] += terms.shape
+        if len(column):
+            log_likelihoods[:, column[0]] += terms.joint
+        return log_likelihoods
+
+    def frequency_sds_hz(self, values: FloatArray) -> FloatArray:
+        """Standard deviation of each identified frequency about the model's, (B, n_modes) in Hz."""
+        own = np.array([mode.frequency_cov or 0.0 for mode in self.data.modes])
+        variance = self.errors.prediction_var(values)[:, :1] + own**2
+        return np.sqrt(variance) * self.data.frequencies_hz
+
+    def modes(self, values: FloatArray) -> Modes:
+        """The structure's modes at ``values``, columns as in :attr:`parameters`."""
+        return Modes(*self.structure.modes(values[:, : len(self.structure.parameters)]))
+
+    def compared_modes(self, values: FloatArray, modes: Modes | None = None) -> ComparedModes:
+        """The structure's modes at ``values``, or the given ones, compared with the data's."""
+        modes = self.modes(values) if modes is None else modes
+        distances, errors = np.zeros((2, len(values), 0))
+        if len(self.pairs.with_shape):
+            shapes = self.shapes_at_sensors(modes)
+            distances = self.pairs.shape_distances(shapes)
+            if self.data.covariance is not None:
+                errors = self.pairs.errors_at_identified(shapes)
+        # In memory the rows of the batch next to each other: columns are longer than rows.
+        return ComparedModes(np.asfortranarray(modes.frequencies_hz), distances, errors)
+
+    def shapes_at_sensors(self, modes: Modes) -> FloatArray:
+        """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised.
+
+        Zero where a sensor does not see a mode, which then resembles no shape identified there.
+        """
+        return seen_shapes(self._sensor_matrix.apply(modes.shapes))
+
+    @cached_property
+    def errors(self) -> PairErrors:
+        """Sizes of the errors of the pairs."""
+        return PairErrors(self.error, self.pairs, self.parameters)
+
+    def least_errors(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Smallest standard errors (B,) of a paired frequency and of a paired shape.
+
+        They combine identification and prediction errors, and are infinite where no mode is
+        paired or no shape is scored.
+        """
+        own = self.pairs.frequency_var, self.pairs.shape_var
+        if self.joint_pairs is not None:
+            own = self.joint_pairs.least_variances
+        return self.errors.least(values, own)
+
+    def log_missed(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
+        """Log probability (B, n_modes) that a model mode is not identified in the band."""
+        prediction_var = self.errors.prediction_var(values)[:, :1]
+        every = range(self.structure.n_modes)
+        return self.unpaired.log_missed(modes.frequencies_hz, prediction_var, every)
+
+    def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
+        """Whether each model mode is unpaired and at the edge of the band, (B, n_modes).
+
+        A mode is at the edge within two standard errors of a limit other than zero.
+        ``frequencies`` (B, n_modes), in Hz, are the model frequencies at ``values``.
+        """
+        prediction_var = self.errors.prediction_var(values)[:, :1]
+        return self.unpaired.near_a_limit(frequencies, prediction_var, self._unpaired_model_modes)
+
+    @cached_property
+    def joint_pairs(self) -> JointPairs | None:
+        """The joint errors of the pairs; None where the data give independent ones."""
+        if self.data.covariance is None or not self.pairs.modes:
+            return None
+        return JointPairs(self.data, self.pairs)
+
+    def residuals(self, values: FloatArray, modes: ComparedModes) -> Residuals:
+        """Residuals of all pairs, and squared prediction errors; one row where they are fixed."""
+        variances = self.errors.prediction_var_once(values)
+        frequencies = self.pairs.frequency_residuals(modes.frequencies_hz)
+        return Residuals(frequencies, modes.shape_errors, variances[:, 0], variances[:, -1])
+
+    def correlated_normals(self, normals: FloatArray, values: FloatArray) -> FloatArray:
+        """Standard-normal numbers (B, P) with the correlation of the pairs' frequencies.
+
+        ``normals`` (B, P) are independent ones, and remain so where the data's errors are.
+        """
+        if self.joint_pairs is None:
+            return normals
+        prediction_var = self.errors.prediction_var(values)[:, 0]
+        covariance = self.joint_pairs.together.of_frequencies_with(prediction_var)
+        factors = np.linalg.cholesky(covariance)
+        joint: FloatArray = (factors * normals[:, None, :]).sum(axis=2)
+        return joint / np.sqrt(np.einsum("bii->bi", covariance))
+
+    def _joint_terms(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
+        if self.joint_pairs is None:
+            return np.zeros(len(values))
+        return self.joint_pairs.log_ratio(self.residuals(values, modes))
+
+    def _frequency_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
+        variance = (prediction_var.T + self._own_var[0]).T
+        residuals = self.pairs.frequency_residuals(modes.frequencies_hz)
+        terms = residuals * residuals / variance + np.log(variance)
+        return self._frequency_constants - 0.5 * terms
+
+    @cached_property
+    def _frequency_constants(self) -> FloatArray:
+        detected = math.log(self.identification.detection_probability)
+        return detected - 0.5 * math.log(2.0 * math.pi) - np.log(self.pairs.frequencies_hz)
+
+    def _shape_terms(self, distances: FloatArray, prediction_var: FloatArray) -> FloatArray:
+        if not len(self.pairs.with_shape):
+            return distances
+        variance = (prediction_var.T + self._own_var[1]).T
+        normalisers = self._fixed_normalisers
+        if normalisers is None:
+            normalisers = _log_normalisers(variance, self.pairs)
+        return -distances / variance - normalisers
+
+    @cached_property
+    def _fixed_normalisers(self) -> FloatArray | None:
+        """log Z_d(σ) where no parameter enters the shape error; None where one does."""
+        shape_sd = as_product(self.error.shape_sd)
+        if shape_sd.parameters:
+            return None
+        variance = (np.array([[shape_sd.scale**2]]) + self._own_var[1]).T
+        return _log_normalisers(variance, self.pairs)
+
+    @cached_property
+    def _unpaired_data(self) -> float:
+        """The term of all identified modes that belong to no model mode, and of e^(-ν)."""
+        unpaired = [mode for mode in self.data.modes if mode.label not in self.pairing]
+        spurious = sum(map(self.unpaired.log_spurious, unpaired))
+        return spurious - self.identification.expected_spurious_modes
+
+    @cached_property
+    def _own_var(self) -> tuple[FloatArray, FloatArray]:
+        """Squared identification errors of the pairs' frequencies and shapes, as columns.
+
+        With those of prediction (1, B) they make (P, B), which lets operations run along the batch.
+        """
+        return _column(self.pairs.frequency_var), _column(self.pairs.shape_var)
+
+    @cached_property
+    def _sensor_matrix(self) -> SensorMatrix:
+        return self.structure.sensor_matrix(self.data.sensors)
+
+    @cached_property
+    def _unpaired_model_modes(self) -> list[int]:
+        return sorted(set(range(self.structure.n_modes)) - set(self.pairs.model_modes.tolist()))
+
+
+def _column(variances: FloatArray) -> FloatArray:
+    """Variances (P, 1), or (1, 1) where all are the same."""
+    differ = not len(variances) or bool((variances != variances[0]).any())
+    return variances[:, None] if differ else variances[:1, None]
+
+
+def _log_normalisers(variance: FloatArray, pairs: PairedModes) -> FloatArray:
+    """log Z_d(σ) for shape variances (B, S) or (B, 1), as many columns as differ."""
+    kinds = list(zip(pairs.shape_var.tolist(), pairs.n_measured, strict=True))
+    known: dict[tuple[float, int], FloatArray] = {}
+    for column, (own, d) in enumerate(kinds):
+        if (own, d) not in known:
+            shared = variance[:, min(column, variance.shape[1] - 1)]
+            known[own, d] = log_shape_normaliser(np.sqrt(shared), d)
+    columns = kinds if len(known) > 1 else kinds[:1]
+    return np.array([known[kind] for kind in columns]).T

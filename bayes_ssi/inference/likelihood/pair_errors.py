@@ -1,0 +1,78 @@
+"""Sizes of the errors of pairs of identified and model modes, identification and prediction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.likelihood.error_model import ErrorModel
+from bayes_ssi.inference.likelihood.paired_modes import PairedModes
+from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, as_product
+
+
+def prediction_sizes(error: ErrorModel, pairs: PairedModes) -> list[Product]:
+    """Prediction errors of frequencies and, where a shape is scored, of shapes."""
+    shape = [as_product(error.shape_sd)] if len(pairs.with_shape) else []
+    return [as_product(error.frequency_cov), *shape]
+
+
+@dataclass(frozen=True, eq=False)
+class PairErrors:
+    """The errors of pairs for a batch of B parameter values."""
+
+    error: ErrorModel
+    pairs: PairedModes
+    parameters: tuple[Parameter, ...]
+
+    @cached_property
+    def _sizes(self) -> ProductTable:
+        return ProductTable(tuple(prediction_sizes(self.error, self.pairs)), self.parameters)
+
+    def prediction_var(self, values: FloatArray) -> FloatArray:
+        """Squared prediction errors (B, 1 or 2) of frequencies and, where scored, shapes."""
+        return self._sizes.evaluate(values) ** 2
+
+    def prediction_var_once(self, values: FloatArray) -> FloatArray:
+        """The same, (1, 1 or 2) where no parameter enters them."""
+        fixed = not any(each.parameters for each in prediction_sizes(self.error, self.pairs))
+        return self.prediction_var(values[:1] if fixed else values)
+
+    def of_pairs(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Standard errors of the paired frequencies (B, P), as fractions, and shapes (B, S)."""
+        prediction_var = self.prediction_var(values)
+        frequency_sds = np.sqrt(prediction_var[:, :1] + self.pairs.frequency_var)
+        if not len(self.pairs.with_shape):
+            return frequency_sds, np.zeros((len(values), 0))
+        return frequency_sds, np.sqrt(prediction_var[:, 1:] + self.pairs.shape_var)
+
+    def least(
+        self, values: FloatArray, own: tuple[FloatArray, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Smallest standard errors (B,) of a frequency and of a shape; infinite where none is.
+
+        Where errors are correlated, this is the error of the difference between modes or tests that
+        the data determine best.
+
+        Args:
+            values: (B, n_parameters).
+        """
+        prediction_var = self.prediction_var(values) * self._least_independent_share(values)
+        frequency, shape = (
+            np.sqrt(prediction_var[:, column] + variances.min())
+            if len(variances)
+            else np.full(len(values), np.inf)
+            for column, variances in zip((0, -1), own, strict=True)
+        )
+        return frequency, shape
+
+    def _least_independent_share(self, values: FloatArray) -> FloatArray | float:
+        """A bound (B, 1) on the smallest eigenvalue of the correlation matrix of errors."""
+        if not self.error.is_correlated:
+            return 1.0
+        table = ProductTable(self.error.correlations, self.parameters)
+        tests, modes = table.evaluate(values).T
+        # 1 - ρ for one correlation for all, (1 - ρ)/(1 + ρ) for ρ^|i - j|.
+        return ((1.0 - tests) * (1.0 - modes) / (1.0 + modes))[:, None]

@@ -1,0 +1,148 @@
+"""Identified modes, the model modes paired with them, and the residuals between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray, Places, as_slice
+from bayes_ssi.inference.likelihood.likelihood_terms import row_sums
+from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
+from bayes_ssi.measurements.modes.modal_data import ModalData
+
+
+@dataclass(frozen=True, eq=False)
+class PairedModes:
+    """Identified modes with the model mode that each is paired with, as arrays.
+
+    P pairs, of which S have a shape that is scored; s sensors.
+    """
+
+    modes: tuple[IdentifiedMode, ...]
+    model_modes: NDArray[np.intp]  # (P,), counted from 0
+    frequencies_hz: FloatArray  # (P,)
+    frequency_var: FloatArray  # (P,), identification error squared, as a fraction; 0 if not given
+    with_shape: NDArray[np.intp]  # (S,), which pairs
+    unit_shapes: FloatArray  # (s, S), 0 where not measured
+    measured: FloatArray  # (s, S), 1 where measured and 0 elsewhere
+    n_measured: tuple[int, ...]  # (S,)
+    shape_var: FloatArray  # (S,), identification error squared; 0 if not given
+
+    @classmethod
+    def of(cls, data: ModalData, pairs: Iterable[tuple[str, int]]) -> PairedModes:
+        """Pairs of a label of an identified mode and a number of a model mode, from 1."""
+        pairs = tuple(pairs)
+        modes = tuple(data.mode(label) for label, _ in pairs)
+        with_shape = [i for i, mode in enumerate(modes) if mode.scored_shape is not None]
+        shapes = data.unit_shapes[:, [data.labels.index(modes[i].label) for i in with_shape]]
+        return cls(
+            modes=modes,
+            model_modes=np.array([number - 1 for _, number in pairs], dtype=np.intp),
+            frequencies_hz=np.array([mode.frequency_hz for mode in modes]),
+            frequency_var=np.array([mode.frequency_cov or 0.0 for mode in modes]) ** 2,
+            with_shape=np.array(with_shape, dtype=np.intp),
+            unit_shapes=np.nan_to_num(shapes),
+            measured=np.isfinite(shapes).astype(float),
+            n_measured=tuple(modes[i].n_measured for i in with_shape),
+            shape_var=np.array([modes[i].shape_sd or 0.0 for i in with_shape]) ** 2,
+        )
+
+    def frequency_residuals(self, frequencies_hz: FloatArray) -> FloatArray:
+        """r_f = f/f_e - 1, (B, P), for model frequencies (B, n_modes)."""
+        return of_modes(frequencies_hz, self._modes) / self.frequencies_hz - 1.0
+
+    def shape_distances(self, shapes_at_sensors: FloatArray) -> FloatArray:
+        """1 - |φ_e·φ| = ½ r_φ², (B, S), for model shapes (B, s, n_modes)."""
+        shapes = of_modes(shapes_at_sensors, self._modes_with_shape)
+        if shapes.strides[0] > shapes.itemsize:  # rows of the batch are not next to each other
+            shapes = np.asfortranarray(shapes)
+        cosine, length_sq = np.zeros((2, shapes.shape[2], len(shapes))).transpose(0, 2, 1)
+        # Sensor by sensor, for arrays that stay in the processor's cache.
+        for i, (unit, measured) in enumerate(self._sensors):
+            component = shapes[:, i]
+            cosine += component * unit
+            square = component * component
+            length_sq += square if measured is None else square * measured
+        # A model shape that vanishes at every sensor has no direction.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            aligned = np.where(length_sq == 0.0, 0.0, np.abs(cosine) / np.sqrt(length_sq))
+        return 1.0 - aligned
+
+    def shape_differences(self, shapes_at_sensors: FloatArray) -> FloatArray:
+        """φ - φ_e of unit shapes of matching sign, (B, s, S), whose norm over s is r_φ."""
+        shapes = self._of_pairs(shapes_at_sensors)
+        length = np.sqrt(row_sums(shapes * shapes))[:, None]
+        sign = np.where(row_sums(shapes * self.unit_shapes) < 0, -1.0, 1.0)[:, None]
+        return shapes * (sign / np.where(length == 0.0, 1.0, length)) - self.unit_shapes
+
+    def shape_errors(self, shapes_at_sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Unit model shapes φ, and errors of the identified shapes, (B, s, S) each.
+
+        An error is at right angles to φ, towards φ_e, and r_φ long; φ has the sign of φ_e.
+        """
+        shapes = self.shape_differences(shapes_at_sensors) + self.unit_shapes
+        cosine = row_sums(shapes * self.unit_shapes)[:, None]
+        # φ_e - φ cos t is sin t long, and r_φ is 2 sin(t/2).
+        return shapes, (self.unit_shapes - cosine * shapes) / np.sqrt(0.5 * (1.0 + cosine))
+
+    def errors_at_identified(self, shapes_at_sensors: FloatArray) -> FloatArray:
+        """Errors of the shapes, (B, S s): r_φ long, at right angles to φ_e and towards φ."""
+        shapes = self.shape_differences(shapes_at_sensors) + self.unit_shapes
+        cosine = row_sums(shapes * self.unit_shapes)[:, None]
+        errors = (shapes - cosine * self.unit_shapes) / np.sqrt(0.5 * (1.0 + cosine))
+        return errors.transpose(0, 2, 1).reshape(len(errors), -1)
+
+    def _of_pairs(self, shapes_at_sensors: FloatArray) -> FloatArray:
+        """Model shapes of the pairs, (B, s, S), 0 where not measured."""
+        return of_modes(shapes_at_sensors, self._modes_with_shape) * self.measured
+
+    @cached_property
+    def _sensors(self) -> list[tuple[FloatArray, FloatArray | None]]:
+        """Each sensor's part of the unit shapes, and which of them it measured; None for all."""
+        each = zip(self.unit_shapes, self.measured, strict=True)
+        return [(unit, None if measured.all() else measured) for unit, measured in each]
+
+    @cached_property
+    def _modes(self) -> Places:
+        return as_slice(self.model_modes)
+
+    @cached_property
+    def _modes_with_shape(self) -> Places:
+        return as_slice(self.model_modes[self.with_shape])
+
+
+def of_modes(quantity: FloatArray, modes: Places) -> FloatArray:
+    """Some modes' quantity (B, …, m), from that of all."""
+    taken: FloatArray = quantity.T[modes].T  # rows of the batch remain next to each other
+    return taken
+
+
+def check_pairing(pairing: Mapping[str, int], data: ModalData, n_modes: int) -> None:
+    """Refuse a pairing that is not one to one between modes that exist."""
+    if not isinstance(pairing, Mapping):
+        raise TypeError(
+            "pairing must map labels of identified modes to numbers of model modes, or be "
+            f"'any', got {pairing!r}"
+        )
+    first: dict[int, str] = {}
+    for label, number in pairing.items():
+        if label not in data.labels:
+            raise ValueError(
+                f"pairing: no identified mode {label!r}; choose from "
+                f"{', '.join(map(repr, data.labels))}"
+            )
+        whole = isinstance(number, (int, np.integer)) and not isinstance(number, bool)
+        if not whole or not 1 <= number <= n_modes:
+            raise ValueError(
+                f"pairing: identified mode {label!r} is paired with model mode {number!r}; "
+                f"the structure has modes 1 to {n_modes}"
+            )
+        if first.setdefault(number, label) != label:
+            raise ValueError(
+                f"pairing: model mode {number} is paired with two identified modes, "
+                f"{first[number]!r} and {label!r}"
+            )

@@ -1,0 +1,228 @@
+"""All pairings of identified modes with model modes: their sum and their probabilities.
+
+An identified mode is one model mode or spurious; a model mode is one identified mode or missed.
+There are 13 327 such pairings of 6 by 6 modes, 2·10⁸ of 10 by 10. Their weights are products, so
+they are summed by dynamic programming: model mode after model mode, keeping track only of which
+identified modes are taken, which is exact.
+
+The states to keep double with every identified mode, or with every model mode where these are
+fewer and the other way round. Where there are more than ``WINDOW`` of both, a model mode may only
+be one of the ``WINDOW`` nearest in frequency; :func:`left_out` bounds what that neglects.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.likelihood.likelihood_terms import row_sums
+
+WINDOW = 10
+_FLOAT = np.finfo(float)
+# Pairs of less weight relative to leaving both unpaired change the sum by less than rounding.
+NEGLIGIBLE_LOG_WEIGHT = math.log(_FLOAT.eps)
+# Below this the terms of a sum lose digits, as numbers near the smallest that a float holds.
+SMALLEST_LOG = math.log(_FLOAT.tiny / _FLOAT.eps)
+# Rows are summed so many at a time that their states, as many numbers, stay in the second-level
+# cache of a core, of half a megabyte or more.
+CACHED = 2**16
+
+
+@dataclass(frozen=True, eq=False)
+class PairingWeights:
+    """Weights of pairs for a batch of B models, relative to pairing nothing.
+
+    Attributes:
+        log_ratios: (B, J, I), log of the density of identified mode j as model mode i over that
+            of j being spurious and i missed.
+        frequencies_hz: (J,), of the identified modes.
+        model_hz: (B, I), ascending; only for the nearest ones where there are more than
+            ``WINDOW`` of both.
+    """
+
+    log_ratios: FloatArray
+    frequencies_hz: FloatArray
+    model_hz: FloatArray
+
+    def without(self, j: int, i: int | None = None) -> PairingWeights:
+        """These weights without identified mode ``j`` and model mode ``i``."""
+        log_ratios = np.delete(self.log_ratios, j, axis=1)
+        if i is not None:
+            log_ratios[:, :, i] = -np.inf
+        return PairingWeights(log_ratios, np.delete(self.frequencies_hz, j), self.model_hz)
+
+
+def log_sum(weights: PairingWeights) -> FloatArray:
+    """Log of the sum (B,) over all pairings of the product of their pairs' ratios.
+
+    The pairing of nothing counts one, so it is never below zero. NaN where a ratio is NaN.
+    """
+    if not weights.log_ratios.size:
+        return np.zeros(len(weights.log_ratios))
+    order = np.argsort(weights.frequencies_hz, kind="stable")
+    # (I, J, B): whole rows of the batch are next to each other.
+    log_ratios = np.ascontiguousarray(weights.log_ratios[:, order].transpose(2, 1, 0))
+    log_ratios[log_ratios < NEGLIGIBLE_LOG_WEIGHT] = -np.inf
+    starts = _window_starts(weights)
+    if starts is not None:
+        log_ratios[_outside(starts, len(order)).transpose(2, 1, 0)] = -np.inf
+    elif len(log_ratios) < len(order):
+        log_ratios = np.ascontiguousarray(log_ratios.transpose(1, 0, 2))
+    # Every mode kept track of is scaled by its best pair, so that nothing overflows.
+    scales = np.maximum(log_ratios.max(axis=0), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        total = np.log(_sum(np.exp(log_ratios - scales), np.exp(-scales), starts, _LINEAR))
+    # Several identified modes near one model mode: too unlikely for plain numbers.
+    lost = total < SMALLEST_LOG
+    total = total + row_sums(scales.T)
+    if lost.any():
+        kept = None if starts is None else starts[lost]
+        total[lost] = _sum(log_ratios[:, :, lost], np.zeros((len(scales), lost.sum())), kept, _LOG)
+    return total
+
+
+def left_out(weights: PairingWeights) -> FloatArray:
+    """Bound (B,) on the share of the sum that the window leaves out; zero where it is exact.
+
+    A pair that is left out would have added at most its ratio times the whole sum.
+    """
+    starts = _window_starts(weights)
+    if starts is None:
+        return np.zeros(len(weights.log_ratios))
+    order = np.argsort(weights.frequencies_hz, kind="stable")
+    outside = _outside(starts, len(order))
+    ratios = np.exp(np.minimum(weights.log_ratios[:, order], 700.0))
+    bound: FloatArray = np.where(outside, ratios, 0.0).sum(axis=(1, 2))
+    return bound
+
+
+def pair_probabilities(weights: PairingWeights) -> FloatArray:
+    """Probability (B, J, I) that identified mode j is model mode i; or else spurious."""
+    total = log_sum(weights)
+    probabilities = np.zeros(weights.log_ratios.shape)
+    for j, i in np.argwhere((weights.log_ratios > NEGLIGIBLE_LOG_WEIGHT).any(axis=0)):
+        rest = log_sum(weights.without(j, i))
+        probabilities[:, j, i] = np.exp(weights.log_ratios[:, j, i] + rest - total)
+    return probabilities
+
+
+def sample_pairings(weights: PairingWeights, rng: np.random.Generator) -> NDArray[np.intp]:
+    """A random pairing for each row: the model mode (B, J) of each mode, -1 if spurious."""
+    n_rows, n_data, n_model = weights.log_ratios.shape
+    chosen = np.full((n_rows, n_data), -1, dtype=np.intp)
+    left = weights
+    for j in range(n_data):  # those before j are paired already
+        log_shares = np.full((n_rows, n_model + 1), -np.inf)
+        log_shares[:, n_model] = log_sum(left.without(0))
+        for i in np.flatnonzero((left.log_ratios[:, 0] > NEGLIGIBLE_LOG_WEIGHT).any(axis=0)):
+            log_shares[:, i] = left.log_ratios[:, 0, i] + log_sum(left.without(0, int(i)))
+        # The greatest of Gumbel-shifted logarithms is a draw in proportion to their exponentials.
+        picked = (log_shares + rng.gumbel(size=log_shares.shape)).argmax(axis=1)
+        paired = np.flatnonzero(picked < n_model)
+        chosen[paired, j] = picked[paired]
+        left = left.without(0)
+        left.log_ratios[paired, :, picked[paired]] = -np.inf
+    return chosen
+
+
+@dataclass(frozen=True)
+class _Arithmetic:
+    """Sums and products of numbers, or of numbers given by their logarithms."""
+
+    add: np.ufunc
+    multiply: np.ufunc
+    zero: float
+    one: float
+
+
+_LINEAR = _Arithmetic(np.add, np.multiply, 0.0, 1.0)
+_LOG = _Arithmetic(np.logaddexp, np.add, -np.inf, 0.0)
+
+
+def _window_starts(weights: PairingWeights) -> NDArray[np.intp] | None:
+    """The first identified mode (B, I) that each model mode may be; None without a window.
+
+    Identified modes are counted in the order of their frequencies.
+    """
+    _, n, n_model = weights.log_ratios.shape
+    if min(n, n_model) <= WINDOW:
+        return None
+    frequencies_hz = np.sort(weights.frequencies_hz)
+    middle = np.searchsorted(frequencies_hz, np.nan_to_num(weights.model_hz)) - WINDOW // 2
+    # Model modes ascend, so windows only move up.
+    return np.maximum.accumulate(np.clip(middle, 0, n - WINDOW), axis=1)
+
+
+def _outside(starts: NDArray[np.intp], n_data: int) -> NDArray[np.bool_]:
+    """The pairs (B, J, I) of sorted identified modes and model modes outside the windows."""
+    j = np.arange(n_data)[None, :, None]
+    return (j < starts[:, None, :]) | (j >= starts[:, None, :] + WINDOW)
+
+
+def _sum(
+    pairs: FloatArray, alone: FloatArray, starts: NDArray[np.intp] | None, by: _Arithmetic
+) -> FloatArray:
+    """Sum (B,) over pairings, for weights of pairs (I, J, B) and of unpaired modes (J, B)."""
+    n_rows, width = pairs.shape[2], len(alone) if starts is None else WINDOW
+    if starts is None:  # model modes that can be no identified mode change nothing
+        pairs = pairs[(pairs != by.zero).any(axis=(1, 2))]
+    step = max(CACHED >> width, 1)
+    total = np.empty(n_rows)
+    for first in range(0, n_rows, step):
+        rows = slice(first, first + step)
+        own = None if starts is None else starts[rows]
+        total[rows] = _sum_of_rows(pairs[:, :, rows], alone[:, rows], own, width, by)
+    return total
+
+
+def _sum_of_rows(
+    pairs: FloatArray,
+    alone: FloatArray,
+    starts: NDArray[np.intp] | None,
+    width: int,
+    by: _Arithmetic,
+) -> FloatArray:
+    """The sum (B,) of a few rows.
+
+    ``state[S, b]`` is the sum over pairings of the modes i so far that take exactly the modes j
+    of the window in S, a set given by bits. States that no pairing reaches yet are left out.
+    """
+    n_rows = pairs.shape[2]
+    state = np.full((2**width, n_rows), by.zero)
+    state[0] = by.one
+    rows = np.arange(n_rows)
+    start = np.zeros(n_rows, dtype=np.intp)
+    n_taken = 0  # only the first of the window are part of a pair so far
+    for i, of_mode in enumerate(pairs):
+        if starts is not None:
+            while (behind := np.flatnonzero(start < starts[:, i])).size:
+                state[:, behind] = _moved_on(state[:, behind], alone[start[behind], behind], by)
+                start[behind] += 1
+            of_mode = of_mode[start + np.arange(width)[:, None], rows]
+        possible = np.flatnonzero((of_mode != by.zero).any(axis=1))  # also where it is NaN
+        if not len(possible):
+            continue
+        n_taken = max(n_taken, int(possible[-1]) + 1)
+        reached = state[: 2**n_taken]
+        before = reached.copy()
+        for k in possible.tolist():
+            with_k = reached.reshape(-1, 2, 2**k, n_rows)[:, 1]
+            without_k = before.reshape(-1, 2, 2**k, n_rows)[:, 0]
+            by.add(with_k, by.multiply(without_k, of_mode[k]), out=with_k)
+    state = state[: 2**n_taken]
+    for k in range(width):
+        unpaired = by.multiply(state[::2], alone[start + k, rows])
+        state = by.add(unpaired, state[1::2]) if len(state) > 1 else unpaired
+    total: FloatArray = state[0]
+    return total
+
+
+def _moved_on(state: FloatArray, alone: FloatArray, by: _Arithmetic) -> FloatArray:
+    """The state once the window leaves its lowest identified mode and takes in the next one."""
+    moved = np.full(state.shape, by.zero)
+    moved[: len(state) // 2] = by.add(by.multiply(state[::2], alone), state[1::2])
+    return moved

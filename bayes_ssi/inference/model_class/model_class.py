@@ -1,0 +1,307 @@
+"""A model class: a structure, priors and a likelihood of the identified modes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.file_names import require_printable
+from bayes_ssi.inference.likelihood.correlated_errors import CorrelatedErrors
+from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
+from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
+from bayes_ssi.inference.likelihood.likelihood_terms import row_sums
+from bayes_ssi.inference.model_class.configuration import (
+    Configuration,
+    choose_configuration,
+    configurations_of,
+    joint_digest,
+)
+from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.parameters.parameters import Parameter, checked_values, collect_parameters, values_at
+from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.structures.modal import Modes
+from bayes_ssi.structures.structure import Structure
+
+Pairing = Mapping[str, int] | Literal["any"]
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class ModelClass:
+    """One hypothesis about a structure: its model, its unknowns, and which mode is which.
+
+    The structure was tested once, or in several configurations: then parameters with the same name
+    are the same, and the likelihood is the product of the tests' likelihoods, unless errors are
+    correlated between tests.
+
+    Attributes:
+        name: unique in a study.
+        configurations: the tests; a single unnamed one where ``structure`` and ``data`` were given.
+        error: prediction errors, inferred by default, the same in all configurations.
+        identification: detection and spurious modes, the same in all configurations.
+        description: a sentence for reports.
+        priors: name of a parameter → prior in place of its own.
+    """
+
+    name: str
+    configurations: tuple[Configuration, ...]
+    error: ErrorModel
+    identification: IdentificationModel
+    description: str
+    priors: Mapping[str, Prior]
+
+    def __init__(
+        self,
+        name: str,
+        structure: Structure | None = None,
+        data: ModalData | None = None,
+        error: ErrorModel | None = None,
+        *,
+        pairing: Pairing | None = None,
+        configurations: Sequence[Configuration] | None = None,
+        identification: IdentificationModel | None = None,
+        description: str = "",
+        priors: Mapping[str, Prior] | None = None,
+    ) -> None:
+        """Define a class by a structure, its data and pairing, or by several configurations.
+
+        Args:
+            name: unique in a study.
+            structure: the structural model; its parameters carry their priors.
+            data: the identified modes.
+            error: prediction errors, inferred by default.
+            pairing: which identified mode is which model mode, as in
+                :class:`~bayes_ssi.inference.model_class.configuration.Configuration`.
+            configurations: the tests, where there are several. A structure, data or pairing that
+                is also given replaces theirs.
+            identification: probabilities of detection and of spurious modes.
+            description: a sentence for reports.
+            priors: name of a parameter → prior in place of its own.
+
+        Raises:
+            ValueError: the name cannot be printed, two parameters or configurations share a name,
+                nothing is inferred, a prior belongs to no parameter, a sensor is not on the
+                structure, a pairing is not valid, or it does not suit correlated errors. The
+                message begins with the class's name.
+            TypeError: an argument is missing or has the wrong type.
+        """
+        if not isinstance(name, str) or not name.strip():
+            raise TypeError(f"ModelClass: name must be text and not empty, got {name!r}")
+        require_printable(name, "ModelClass")
+        own = {"structure": structure, "data": data, "pairing": pairing}
+        try:
+            made = configurations_of(
+                configurations, {k: v for k, v in own.items() if v is not None}
+            )
+            for field, value in (
+                ("name", name),
+                ("configurations", made),
+                ("error", _of_kind(ErrorModel, "error", error)),
+                ("identification", _of_kind(IdentificationModel, "identification", identification)),
+                ("description", description),
+                ("priors", dict(priors or {})),
+            ):
+                object.__setattr__(self, field, value)
+            if not self.parameters:
+                raise ValueError("nothing is inferred; put a Parameter in the structure's fields")
+            self._check_priors()
+            _ = self.correlated_errors  # refuses labels that it cannot use
+        except (TypeError, ValueError) as wrong:
+            raise type(wrong)(f"model class {name!r}: {wrong}") from None
+
+    @checked
+    def configuration(self, name: str | None = None) -> Configuration:
+        """The configuration of that name, or the only one if None.
+
+        Raises:
+            ValueError: there is no such configuration, or there are several and none is named.
+        """
+        by_name = {each.name: each for each in self.configurations}
+        return choose_configuration(by_name, name, f"model class {self.name!r}")
+
+    @property
+    def structure(self) -> Structure:
+        """The structure of a class with one configuration; ValueError where there are several."""
+        return self.configuration().structure
+
+    @property
+    def data(self) -> ModalData:
+        """The identified modes of a class with one configuration; ValueError otherwise."""
+        return self.configuration().data
+
+    @property
+    def pairing(self) -> Pairing:
+        """The pairing of a class with one configuration; ValueError otherwise."""
+        return self.configuration().pairing
+
+    @property
+    def configuration_names(self) -> tuple[str, ...]:
+        """Names of the tests; one empty name where there is one test."""
+        return tuple(configuration.name for configuration in self.configurations)
+
+    @cached_property
+    def likelihoods(self) -> tuple[ModalLikelihood, ...]:
+        """The likelihoods of the configurations' modes."""
+        return tuple(c.likelihood(self.error, self.identification) for c in self.configurations)
+
+    @cached_property
+    def correlated_errors(self) -> CorrelatedErrors:
+        """Prediction errors of the paired modes of all configurations together."""
+        return CorrelatedErrors(self.error, self.likelihoods, self.parameters)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The inferred parameters, the columns of ``values`` and of ``z``.
+
+        Parameters of the structures come first, then those of the errors.
+        """
+        of_all = (p for likelihood in self.likelihoods for p in likelihood.parameters)
+        own = collect_parameters((*self._of_structures, *of_all))
+        return tuple(replace(p, prior=self.priors.get(p.name, p.prior)) for p in own)
+
+    @property
+    def structural_parameters(self) -> tuple[Parameter, ...]:
+        """The structures' parameters, the first of :attr:`parameters`; the others are errors."""
+        return self.parameters[: len(collect_parameters(self._of_structures))]
+
+    @property
+    def _of_structures(self) -> tuple[Parameter, ...]:
+        return tuple(p for c in self.configurations for p in c.structure.parameters)
+
+    def _check_priors(self) -> None:
+        for name, prior in self.priors.items():
+            if name not in self.parameter_names:
+                raise ValueError(
+                    f"priors: no parameter {name!r}; choose from "
+                    f"{', '.join(map(repr, self.parameter_names))}"
+                )
+            if not isinstance(prior, Prior):
+                raise TypeError(f"priors: that of {name!r} must be a prior, got {prior!r}")
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of :attr:`parameters`, in their order."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def data_digest(self) -> str:
+        """Digest of the data, of all configurations, whose density the evidence is."""
+        return joint_digest({c.name: c.data for c in self.configurations})
+
+    def values(self, z: FloatArray) -> FloatArray:
+        """Parameter values (B, n_parameters) at standard-normal coordinates ``z``."""
+        return values_at(self.parameters, z)
+
+    def parts(
+        self, values: FloatArray
+    ) -> Iterator[tuple[Configuration, ModalLikelihood, FloatArray]]:
+        """Every configuration, its likelihood, and its columns of ``values`` (B, n_parameters)."""
+        for configuration, likelihood, columns in zip(
+            self.configurations, self.likelihoods, self._columns, strict=True
+        ):
+            own = values if len(self.configurations) == 1 else values[:, columns]
+            yield configuration, likelihood, own
+
+    @cached_property
+    def _columns(self) -> list[NDArray[np.intp]]:
+        """The columns of each configuration's parameters among those of all."""
+        column = {parameter.name: i for i, parameter in enumerate(self.parameters)}
+        return [
+            np.array([column[p.name] for p in likelihood.parameters], dtype=np.intp)
+            for likelihood in self.likelihoods
+        ]
+
+    def log_likelihood(self, values: FloatArray) -> FloatArray:
+        """log p(data | values), (B,), for ``values`` (B, n_parameters); -inf without modes."""
+        where = f"model class {self.name!r}: values"
+        total = self._log_density(checked_values(values, self.parameters, where))
+        return np.where(np.isnan(total), -np.inf, total)
+
+    def log_likelihood_at(self, z: FloatArray) -> FloatArray:
+        """The log-likelihood (B,) at standard-normal coordinates ``z`` (B, n_parameters).
+
+        NaN where a structure has no modes, so that samplers can count such points.
+        """
+        return self._log_density(self.values(z))
+
+    def _log_density(self, values: FloatArray) -> FloatArray:
+        return self.log_density_of_modes(values, self.modes(values))
+
+    def modes(self, values: FloatArray) -> list[Modes]:
+        """The modes of each configuration at ``values`` (B, n_parameters)."""
+        return [likelihood.modes(own) for _, likelihood, own in self.parts(values)]
+
+    def log_density_of_modes(self, values: FloatArray, modes: Sequence[Modes]) -> FloatArray:
+        """The log-likelihood (B,) at ``values``, where the modes of each configuration are known.
+
+        NaN where a structure has no modes.
+        """
+        total = np.zeros(len(values))
+        for (_, likelihood, own), of_test in zip(self.parts(values), modes, strict=True):
+            total += likelihood.log_density(own, likelihood.compared_modes(own, of_test))
+        if self.error.is_correlated:
+            total += row_sums(self.correlated_errors.log_ratios(values, modes))
+        return total
+
+    def frequencies_hz(self, values: FloatArray) -> FloatArray:
+        """Model frequencies (B, n_modes) at ``values``, of all configurations in turn."""
+        values = checked_values(values, self.parameters, f"model class {self.name!r}: values")
+        return np.concatenate(
+            [likelihood.modes(own).frequencies_hz for _, likelihood, own in self.parts(values)],
+            axis=1,
+        )
+
+    def with_any_pairing(self, name: str) -> ModelClass:
+        """The class, under another name, with the pairing of every configuration inferred."""
+        tests = tuple(replace(test, pairing="any") for test in self.configurations)
+        return replace(self, name=name, configurations=tests)
+
+    def with_independent_errors(self) -> ModelClass:
+        """The class with the identification errors of different data independent, and their sizes
+        as they are; the class itself where no data have a joint covariance.
+        """
+        if all(test.data.covariance is None for test in self.configurations):
+            return self
+        tests = tuple(
+            replace(test, data=test.data.without_covariance()) for test in self.configurations
+        )
+        return replace(self, configurations=tests)
+
+    def with_structures(self, change: Callable[[Structure, int], Structure]) -> ModelClass:
+        """The class with other structures; the class itself if none changes.
+
+        Args:
+            change: called with the structure of each configuration and the configuration's index.
+        """
+        structures = [change(test.structure, i) for i, test in enumerate(self.configurations)]
+        pairs = list(zip(self.configurations, structures, strict=True))
+        if all(structure is test.structure for test, structure in pairs):
+            return self
+        tests = tuple(replace(test, structure=structure) for test, structure in pairs)
+        return replace(self, configurations=tests)
+
+    def check_structure(self) -> None:
+        """Compute every structure's modes at the prior medians as a check.
+
+        Raises:
+            ValueError: it raises an error, or returns arrays of the wrong shapes.
+        """
+        for configuration in self.configurations:
+            try:
+                configuration.check_structure()
+            except ValueError as error:
+                raise ValueError(f"model class {self.name!r}: {error}") from error
+
+
+def _of_kind(kind: type, name: str, value: Any) -> Any:
+    """The value, or a default object of this kind where there is none."""
+    value = kind() if value is None else value
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} must be a {kind.__name__}, got {value!r}")
+    return value

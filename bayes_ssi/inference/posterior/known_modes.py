@@ -1,0 +1,118 @@
+"""Model classes whose modes are known at posterior draws: what a stored posterior can answer.
+
+With them, a likelihood under other settings is computed without solving for any mode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.model_class.configuration import modes_with_shape
+from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
+from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.parameters.parameters import Parameter
+from bayes_ssi.structures.modal import Modes
+from bayes_ssi.structures.structure import Structure
+
+# Shapes are kept at this many draws, evenly spaced: enough for means and evidences under changed
+# settings to a few hundredths of a standard deviation and of a nat.
+MOST_DRAWS_WITH_SHAPES = 4000
+
+
+def draws_with_shapes(n_draws: int) -> NDArray[np.intp]:
+    """The draws, of all chains in turn, at which a posterior keeps shapes at the sensors."""
+    return evenly_spaced_indices(n_draws, MOST_DRAWS_WITH_SHAPES)
+
+
+@dataclass(frozen=True, eq=False)
+class KnownModes(Structure):
+    """A structure of which only the modes at some parameter values are known.
+
+    Its degrees of freedom are the sensors.
+
+    Attributes:
+        inferred: the parameters, columns of ``values``.
+        sensor_names: labels of the degrees of freedom.
+        values: (B, n_parameters).
+        known: the modes at these values, shapes (B, n_sensors, n_modes) at the sensors.
+    """
+
+    inferred: tuple[Parameter, ...]
+    sensor_names: tuple[str, ...]
+    values: FloatArray
+    known: Modes
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.inferred
+
+    @property
+    def degrees_of_freedom(self) -> tuple[str, ...]:
+        return self.sensor_names
+
+    @property
+    def n_modes(self) -> int:
+        return self.known.frequencies_hz.shape[1]
+
+    def modes(self, values: FloatArray) -> Modes:
+        """The modes at some of the known values; ValueError at any others."""
+        try:
+            rows = [self._row[own.tobytes()] for own in np.ascontiguousarray(values)]
+        except KeyError:
+            raise ValueError("modes are known at the stored draws only") from None
+        return Modes(*(each[rows] for each in self.known))
+
+    @cached_property
+    def _row(self) -> dict[bytes, int]:
+        return {own.tobytes(): i for i, own in enumerate(np.ascontiguousarray(self.values))}
+
+
+class KnownTest(NamedTuple):
+    """A configuration of a class: its name, data and pairing, and its structure's parameters."""
+
+    name: str
+    data: ModalData
+    pairing: Pairing
+    parameters: tuple[Parameter, ...]
+
+
+def known_structure(posterior: Posterior, tests: Sequence[KnownTest], name: str) -> KnownModes:
+    """The structure in one configuration, known at draws whose shapes the posterior keeps."""
+    if posterior.sensor_shapes is None:
+        raise ValueError(f"posterior of {posterior.name!r}: keeps no mode shapes at its draws")
+    draws, begin = draws_with_shapes(len(posterior.values)), 0
+    for test in tests:
+        modes, frequencies = posterior.configuration(test.name)
+        kept = modes_with_shape(test.data, test.pairing, modes.n_modes)
+        n_sensors = len(test.data.sensors)
+        end = begin + n_sensors * len(kept)
+        if test.name == name:
+            break
+        begin = end
+    shapes = np.full((len(draws), n_sensors, modes.n_modes), np.nan)
+    own = posterior.sensor_shapes[:, begin:end]
+    shapes[:, :, kept] = own.reshape(len(draws), n_sensors, len(kept))
+    frequencies = frequencies.reshape(-1, modes.n_modes)[draws]
+    columns = [posterior.parameter_names.index(p.name) for p in test.parameters]
+    values = posterior.values[draws][:, columns]
+    return KnownModes(test.parameters, test.data.sensors, values, Modes(frequencies, shapes))
+
+
+def known_at_draws(model_class: ModelClass, posterior: Posterior) -> ModelClass:
+    """The class with structures that know their modes at the draws at which shapes are kept."""
+    tests = [
+        KnownTest(each.name, each.data, each.pairing, each.structure.parameters)
+        for each in model_class.configurations
+    ]
+    return model_class.with_structures(
+        lambda _, i: known_structure(posterior, tests, tests[i].name)
+    )

@@ -1,0 +1,242 @@
+"""The posterior of one model class: draws, summaries, evidence, and what was checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.criticism.adequacy import Adequacy
+from bayes_ssi.inference.criticism.edges import AtEdge
+from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
+from bayes_ssi.inference.model_class.configuration import choose_configuration
+from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
+from bayes_ssi.inference.posterior.datum_terms import DatumTerms
+from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The log evidence of a model class in nats, and the estimates that check it.
+
+    Attributes:
+        log_evidence: by mixture importance sampling, the quoted value.
+        error: its standard error.
+        effective_sample_size: of the importance draws.
+        pareto_k: shape of the tail of their weights; the error can be trusted below 0.7.
+        n_draws: number of importance draws.
+        mean_log_likelihood: posterior mean of the log-likelihood, how well the class fits.
+        checks: estimates of the log evidence by other methods.
+    """
+
+    log_evidence: float
+    error: float
+    effective_sample_size: float
+    pareto_k: float
+    n_draws: int
+    mean_log_likelihood: float
+    checks: tuple[EvidenceEstimate, ...]
+
+    def check(self, name: str) -> EvidenceEstimate | None:
+        """The estimate by the named method; None if there is none."""
+        return next((check for check in self.checks if check.name == name), None)
+
+    @property
+    def information_gained(self) -> float:
+        """Information that the data give about the parameters, in nats; the penalty on the fit.
+
+        The relative entropy of posterior to prior; log evidence = mean log-likelihood - this.
+        """
+        return self.mean_log_likelihood - self.log_evidence
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of the posterior separated from the others by valleys.
+
+    Attributes:
+        share: probability of the region, by importance sampling.
+        error: its standard error.
+        n_searches: number of independent searches for maxima that found one in it.
+        shares_of_compressions: share of the particles of each compression of the prior; none where
+            the maxima sufficed.
+        mean: posterior mean of every parameter within the region.
+    """
+
+    share: float
+    error: float
+    n_searches: int
+    shares_of_compressions: tuple[float, ...]
+    mean: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ParameterSummary:
+    """Posterior of one parameter.
+
+    ``mean_error`` and ``sd_error`` are Monte Carlo errors; ``relative_spread`` is as in
+    :class:`Posterior`.
+    """
+
+    name: str
+    mean: float
+    sd: float
+    mean_error: float
+    sd_error: float
+    quantile_05: float
+    median: float
+    quantile_95: float
+    relative_spread: float
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The posterior of one model class.
+
+    Attributes:
+        name: of the model class.
+        parameter_names: columns of ``draws``.
+        draws: (n_chains, n_steps, n_parameters), equally weighted parameter values; a chain is a
+            walker of one of the ensembles.
+        log_likelihoods: (n_chains, n_steps).
+        frequencies_hz: (n_chains, n_steps, n_modes), model frequencies at the draws; with several
+            configurations, the modes of all of them in turn.
+        effective_sample_sizes: (n_parameters,), of the draws.
+        evidence: log evidence and its checks.
+        regions: separate regions, the most probable first.
+        maxima: (m, n_parameters), parameter values at the maxima of likelihood times prior
+            density in standard-normal coordinates, the highest first.
+        r_hat: the largest rank-normalised split R-hat of any parameter, between all chains of
+            ``draws``.
+        autocorrelation_time: the longest, in steps.
+        acceptance: share of proposals accepted.
+        n_evaluations: of the log-likelihood, all steps together.
+        n_searches: independent searches for maxima.
+        largest_unseen_mass: prior mass of a region that no prior draw of the searches hit with a
+            probability of 5 %, as in
+            :attr:`~bayes_ssi.inference.sampling.multistart.MultistartSearch.largest_unseen_mass`.
+        seconds: wall-clock time.
+        failed_checks: what should have agreed and did not, a sentence each.
+        edges: settings at whose edge most of it lies, so that it depends on them.
+        data_digest: identifies the data whose density the evidence is.
+        configurations: the model's modes and their pairing, configuration by configuration.
+        relative_spreads: (n_parameters,), posterior over prior standard deviation, both in
+            standard-normal coordinates: 1 where the data say nothing.
+        sensor_shapes: (m, n_components), shapes at the sensors at
+            :func:`~bayes_ssi.inference.posterior.known_modes.draws_with_shapes`, as in
+            :class:`~bayes_ssi.inference.posterior.datum_terms.AtDraws`; None where they are not
+            known.
+        datum_terms: log-likelihoods and predictions datum by datum, for other packages; not read
+            back from a stored result, whose files of draws hold them.
+        adequacy: how far the data are from what the class says they should be.
+        remarks: further remarks on how it was computed, a sentence each.
+        frequency_error: largest error of ``frequencies_hz``, as a fraction, at the draws at which
+            approximate structures were solved exactly; zero where no structure is approximate.
+        emulators: what was emulated, configuration by configuration, None for other structures;
+            not stored.
+    """
+
+    name: str
+    parameter_names: tuple[str, ...]
+    draws: FloatArray
+    log_likelihoods: FloatArray
+    frequencies_hz: FloatArray
+    effective_sample_sizes: FloatArray
+    evidence: Evidence
+    regions: tuple[Region, ...]
+    maxima: FloatArray
+    r_hat: float
+    autocorrelation_time: float
+    acceptance: float
+    n_evaluations: int
+    n_searches: int
+    largest_unseen_mass: float
+    seconds: float
+    failed_checks: tuple[str, ...]
+    edges: tuple[AtEdge, ...]
+    data_digest: str
+    configurations: tuple[ConfigurationModes, ...]
+    relative_spreads: FloatArray
+    sensor_shapes: FloatArray | None = None
+    datum_terms: DatumTerms | None = None
+    adequacy: Adequacy | None = None
+    remarks: tuple[str, ...] = ()
+    frequency_error: float = 0.0
+    emulators: tuple[Any, ...] = ()
+
+    @property
+    def configuration_names(self) -> tuple[str, ...]:
+        """Names of the tests; one empty name where there was one test."""
+        return tuple(configuration.name for configuration in self.configurations)
+
+    @property
+    def pairing(self) -> Mapping[str, int]:
+        """The pairing of the only configuration; ValueError where there are several."""
+        return self._only.pairing
+
+    @property
+    def inferred_pairing(self) -> InferredPairing | None:
+        """Inferred pairing of the only configuration; ValueError where there are several."""
+        return self._only.inferred_pairing
+
+    @property
+    def _only(self) -> ConfigurationModes:
+        by_name = {modes.name: modes for modes in self.configurations}
+        return choose_configuration(by_name, None, f"posterior of {self.name!r}")
+
+    def configuration(self, name: str) -> tuple[ConfigurationModes, FloatArray]:
+        """The modes of one configuration, and its part of ``frequencies_hz``.
+
+        Raises:
+            ValueError: no configuration has that name.
+        """
+        begin = 0
+        for modes in self.configurations:
+            if modes.name == name:
+                return modes, self.frequencies_hz[..., begin : begin + modes.n_modes]
+            begin += modes.n_modes
+        raise ValueError(
+            f"posterior of {self.name!r}: no configuration {name!r}; "
+            f"choose from {', '.join(map(repr, self.configuration_names))}"
+        )
+
+    @property
+    def values(self) -> FloatArray:
+        """All draws, (n_draws, n_parameters)."""
+        return self.draws.reshape(-1, len(self.parameter_names))
+
+    @cached_property
+    def summary(self) -> tuple[ParameterSummary, ...]:
+        """Mean, standard deviation and quantiles of every parameter."""
+        means, sds = self.values.mean(0), self.values.std(0)
+        # Effect of the errors of the regions' shares on the mean. Shares add up to one, so their
+        # errors go together: exact for two regions, a bound for more.
+        between = sum(region.error * np.abs(region.mean - means) for region in self.regions)
+        mean_errors = np.sqrt(sds**2 / self.effective_sample_sizes + between**2)
+        fourth = ((self.values - means) ** 4).mean(0)
+        sd_errors = np.sqrt(np.maximum(fourth - sds**4, 0.0) / self.effective_sample_sizes)
+        quantiles = np.quantile(self.values, [0.05, 0.5, 0.95], axis=0)
+        return tuple(
+            ParameterSummary(
+                name=name,
+                mean=float(means[i]),
+                sd=float(sds[i]),
+                mean_error=float(mean_errors[i]),
+                sd_error=float(sd_errors[i] / (2.0 * sds[i])) if sds[i] > 0 else 0.0,
+                quantile_05=float(quantiles[0, i]),
+                median=float(quantiles[1, i]),
+                quantile_95=float(quantiles[2, i]),
+                relative_spread=float(self.relative_spreads[i]),
+            )
+            for i, name in enumerate(self.parameter_names)
+        )
+
+
+def check_names(posteriors: Iterable[Posterior]) -> list[str]:
+    """Methods that check the log evidence of any of the posteriors, each once."""
+    names = (check.name for posterior in posteriors for check in posterior.evidence.checks)
+    return list(dict.fromkeys(names))

@@ -1,0 +1,116 @@
+"""Independent emcee ensembles that sample a posterior until they are long enough."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.sampling.diagnostics import (
+    LENGTH_IN_AUTOCORRELATION_TIMES,
+    autocorrelation_times,
+)
+from bayes_ssi.inference.sampling.mixture import Proposal
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
+
+
+class Walkers(NamedTuple):
+    """Where the walkers of an ensemble are.
+
+    Attributes:
+        positions: (n_walkers, d), an even number of at least 2 d walkers.
+        log_posteriors: (n_walkers,), likelihood times prior density.
+    """
+
+    positions: FloatArray
+    log_posteriors: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """Draws of one emcee ensemble, in standard-normal coordinates.
+
+    Attributes:
+        positions: (n_steps, n_walkers, d).
+        log_posteriors: (n_steps, n_walkers), likelihood times prior density.
+        autocorrelation_times: (d,), in steps.
+    """
+
+    positions: FloatArray
+    log_posteriors: FloatArray
+    autocorrelation_times: FloatArray
+    acceptance: float
+
+    @property
+    def n_steps(self) -> int:
+        return len(self.positions)
+
+    @property
+    def draws(self) -> FloatArray:
+        """All draws, (n_steps · n_walkers, d)."""
+        return self.positions.reshape(-1, self.positions.shape[-1])
+
+    @property
+    def walkers(self) -> Walkers:
+        """Where the ensemble ended."""
+        return Walkers(self.positions[-1], self.log_posteriors[-1])
+
+    @property
+    def effective_sample_sizes(self) -> FloatArray:
+        """Effective sample size for the mean of each coordinate, (d,)."""
+        return self.log_posteriors.size / self.autocorrelation_times
+
+    @property
+    def needed_steps(self) -> int:
+        """The smallest sufficient number of steps."""
+        return math.ceil(LENGTH_IN_AUTOCORRELATION_TIMES * self.autocorrelation_times.max())
+
+    @property
+    def is_long_enough(self) -> bool:
+        return self.n_steps >= self.needed_steps
+
+
+def run_ensemble(
+    target: Target,
+    walkers: Walkers,
+    proposal: Proposal,
+    max_steps: int,
+    seed: np.random.SeedSequence,
+    progress: Callable[[float], None] = lambda _: None,
+    slowest: float = math.inf,
+) -> Ensemble:
+    """Sample the posterior with emcee until the chain is long enough.
+
+    Most moves propose from a mixture, independently of a walker's position, so that walkers
+    change between separate regions.
+    """
+    from bayes_ssi.inference.sampling.moves import ensemble_sampler, initial_state
+
+    def log_density(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        values = target.log_likelihood(z)
+        return values + log_standard_normal(z), values
+
+    positions, log_posteriors = walkers
+    log_likelihoods = log_posteriors - log_standard_normal(positions)
+    n_walkers, d = positions.shape
+    sampler = ensemble_sampler(log_density, n_walkers, d, proposal)
+    state = initial_state(positions, log_posteriors, log_likelihoods, np.random.default_rng(seed))
+    wanted = min(2 * LENGTH_IN_AUTOCORRELATION_TIMES, max_steps)
+    while True:
+        state = sampler.run_mcmc(state, wanted - sampler.iteration, skip_initial_state_check=True)
+        chain = sampler.get_chain()
+        ensemble = Ensemble(
+            positions=chain,
+            log_posteriors=sampler.get_log_prob(),
+            autocorrelation_times=autocorrelation_times(chain),
+            acceptance=float(np.mean(sampler.acceptance_fraction)),
+        )
+        enough = min(ensemble.needed_steps, max_steps)
+        progress(min(wanted / enough, 1.0))
+        if wanted >= enough or ensemble.autocorrelation_times.max() > slowest:
+            return ensemble
+        wanted = min(max_steps, int(1.1 * ensemble.needed_steps))

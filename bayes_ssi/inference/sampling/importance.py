@@ -1,0 +1,349 @@
+"""Mixture importance sampling: weighted posterior draws, whose mean weight is the evidence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.sampling.diagnostics import LARGEST_WEIGHT, PARETO_K_LIMIT, pareto_shape
+from bayes_ssi.inference.sampling.ensembles import Ensemble
+from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
+from bayes_ssi.inference.sampling.resampling import systematic_indices
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
+
+# Most posterior draws resampled from one importance sample: enough for quantiles, few to store.
+MAX_RESAMPLED = 5000
+# Components are added where others show that a share of the posterior is missing which is this
+# multiple of the wanted error: what chains and particles show of a ridge's end is less than it has.
+SEEN = 0.1
+# Log densities of one draw, computed among different others, are the same within so many nats.
+ROUNDING = 1e-6
+# Each adds a sixth to the draws, all of them together a factor of six. One that shows what lies
+# beyond the end of a ridge, mostly nothing, adds a thirtieth.
+MAX_ADDED_COMPONENTS, ADDED, ADDED_AT_AN_END = 12, 1 / 6, 1 / 30
+
+
+class ScoredDraws(Protocol):
+    """Draws of an ensemble, or particles of a compression."""
+
+    @property
+    def draws(self) -> FloatArray:
+        """(n, d), in standard-normal coordinates."""
+        ...
+
+    @property
+    def log_posteriors(self) -> FloatArray:
+        """Likelihood times prior density, n values."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class ImportanceSample:
+    """Draws from a mixture, weighted to the posterior.
+
+    Attributes:
+        z: (n, d), standard-normal coordinates.
+        log_likelihoods: (n,).
+        log_proposals: (n,), log density of the mixture.
+        strata: (n,), the component that each draw came from; the prior's is the last.
+    """
+
+    mixture: StudentMixture
+    z: FloatArray
+    log_likelihoods: FloatArray
+    log_proposals: FloatArray
+    strata: NDArray[np.intp]
+
+    @property
+    def log_posteriors(self) -> FloatArray:
+        """Likelihood times prior density, (n,)."""
+        return self.log_likelihoods + log_standard_normal(self.z)
+
+    @cached_property
+    def log_weights(self) -> FloatArray:
+        """log(likelihood · prior / proposal), (n,)."""
+        return self.log_posteriors - self.log_proposals
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """Normalised weights, (n,)."""
+        log_weights = self.log_weights
+        return np.exp(log_weights - logsumexp(log_weights))
+
+    @property
+    def typical_draws(self) -> tuple[FloatArray, FloatArray]:
+        """Draws with at least a tenth of the mean weight, (m, d), and their log posteriors (m,)."""
+        typical = self.weights > 0.1 / len(self.z)
+        return self.z[typical], self.log_posteriors[typical]
+
+    @property
+    def effective_sample_size(self) -> float:
+        """1 / Σ w² of the normalised weights (Kish)."""
+        return float(1.0 / np.sum(self.weights**2))
+
+    @property
+    def efficiency(self) -> float:
+        """The effective sample size as a share of the draws."""
+        return self.effective_sample_size / len(self.z)
+
+    @property
+    def pareto_k(self) -> float:
+        """Shape of the generalised Pareto distribution of the largest weights.
+
+        Below one half, the mean of the weights has a finite variance.
+        """
+        return pareto_shape(self.weights)
+
+    @property
+    def estimate(self) -> Estimate:
+        """The log of the mean weight, its error by strata.
+
+        Every component gives draws in proportion to its weight, so only the mean of each stratum
+        varies: Var = Σ n_k var_k / n².
+        """
+        log_mean = float(logsumexp(self.log_weights)) - math.log(len(self.weights))
+        return Estimate(log_mean, self._error_of_sum(self.weights))
+
+    def _error_of_sum(self, terms: FloatArray) -> float:
+        """Standard error of a sum with one term (n,) per draw, by strata."""
+        counts = np.bincount(self.strata)
+        # Strata of fewer than 20 draws, too few to know their variance, count as one.
+        strata = np.where(counts[self.strata] < 20, -1, self.strata)
+        parts = [terms[strata == k] for k in np.unique(strata)]
+        return math.sqrt(sum(len(part) * part.var(ddof=1) for part in parts if len(part) > 1))
+
+    @property
+    def log_likelihood_mean(self) -> float:
+        """Posterior mean of the log-likelihood."""
+        weights = self.weights
+        return float(weights @ np.where(weights > 0, self.log_likelihoods, 0.0))
+
+    def share_errors(self, groups: NDArray[np.intp], n_groups: int) -> FloatArray:
+        """Standard errors (n_groups,) of the posterior's shares in ``groups`` (n,)."""
+        weights = self.weights
+        shares = np.bincount(groups, weights, minlength=n_groups)
+        member = groups == np.arange(n_groups)[:, None]
+        terms = weights * (member - shares[:, None])
+        return np.array([self._error_of_sum(of_group) for of_group in terms])
+
+    def share_beyond(self, others: Sequence[ScoredDraws]) -> float:
+        """The largest share of other posterior draws that weigh more than any of these draws.
+
+        What such draws stand for, as the end of a ridge or a far tail, is missing in the evidence.
+        Of importance draws whose weights have a finite variance, hardly any share is.
+        """
+        # Chains begin at importance draws: one of both weighs the same but for rounding.
+        heaviest = self.log_weights.max() + ROUNDING
+        return max(float(np.mean(self._log_weights_of(each) > heaviest)) for each in others)
+
+    def heaviest_of(self, others: Sequence[ScoredDraws]) -> FloatArray:
+        """The posterior draw (d,) that as an importance draw would weigh most."""
+        log_weights = np.concatenate([self._log_weights_of(each) for each in others])
+        heaviest: FloatArray = np.concatenate([each.draws for each in others])[log_weights.argmax()]
+        return heaviest
+
+    def _log_weights_of(self, other: ScoredDraws) -> FloatArray:
+        """Log weights (n,) of posterior draws, as importance draws."""
+        log_weights: FloatArray = other.log_posteriors.ravel() - self.mixture.log_pdf(other.draws)
+        return log_weights
+
+    def split_in_two(self, rng: np.random.Generator) -> list[ImportanceSample]:
+        """The draws in two equal parts, at random."""
+        return [
+            ImportanceSample(
+                self.mixture,
+                self.z[part],
+                self.log_likelihoods[part],
+                self.log_proposals[part],
+                self.strata[part],
+            )
+            for part in np.array_split(rng.permutation(len(self.z)), 2)
+        ]
+
+    def resampled(self, rng: np.random.Generator) -> Ensemble:
+        """As many equally weighted posterior draws as there are importance draws, shuffled.
+
+        At most ``MAX_RESAMPLED``. Instead of an autocorrelation time the ensemble has the number
+        of its draws over the effective sample size.
+        """
+        n = min(len(self.z), MAX_RESAMPLED)
+        chosen = rng.permutation(systematic_indices(self.weights, n, rng))
+        positions = self.z[chosen][:, None]
+        time = max(1.0, n / self.effective_sample_size)
+        return Ensemble(
+            positions=positions,
+            log_posteriors=self.log_posteriors[chosen][:, None],
+            autocorrelation_times=np.full(positions.shape[-1], time),
+            acceptance=len(np.unique(chosen)) / n,
+        )
+
+
+@dataclass(frozen=True)
+class ImportanceSampler:
+    """Draws importance samples of one target.
+
+    Attributes:
+        prior_share: weight of the prior N(0, I) in every mixture. It bounds the importance
+            weights and shows what the other components miss, but wastes nearly all of its draws.
+        least_efficiency: components are added until the effective sample size is this share of
+            the draws.
+    """
+
+    target: Target
+    rng: np.random.Generator
+    batch: int = 3000
+    prior_share: float = 0.02
+    least_efficiency: float = 0.0
+    max_draws: int = 200_000
+
+    def sample(self, mixture: StudentMixture) -> ImportanceSample:
+        """A batch of draws from ``mixture``, to which the prior component is added."""
+        return self._draw(mixture.with_prior_component(self.prior_share), self.batch)
+
+    def refined(
+        self,
+        sample: ImportanceSample,
+        wanted_error: float,
+        others: Sequence[ScoredDraws] = (),
+    ) -> ImportanceSample:
+        """``sample`` and more draws, until the log evidence's error is ``wanted_error``.
+
+        The number of draws follows from the present error. Where the weights have a heavy tail,
+        a single one is heavy, or the efficiency is too low, components are first
+        added at the heaviest draws (incremental mixture importance sampling, Raftery and Bao
+        2010). So they are at the heaviest of ``others`` where these weigh more: a walker or
+        particle that stays where no importance draw goes may be stuck, or stand for a part of the
+        posterior, which the draws from such a component decide. Then all draws are new.
+        """
+        left_to_add = MAX_ADDED_COMPONENTS
+        while True:
+            n_before, left_before = len(sample.z), left_to_add
+            while left_to_add:
+                if self._is_poor(sample):
+                    centre = sample.z[sample.weights.argmax()]
+                elif others and sample.share_beyond(others) > SEEN * wanted_error:
+                    centre = sample.heaviest_of(others)
+                else:
+                    break
+                sample = self._with_component(sample, centre)
+                left_to_add -= 1
+            if left_to_add < left_before:
+                sample = self.renewed(sample, n_before)
+            elif sample.estimate.error > wanted_error and len(sample.z) < self.max_draws:
+                sample = self.extended(sample, (sample.estimate.error / wanted_error) ** 2)
+            else:
+                return sample
+
+    def beyond_ends(self, sample: ImportanceSample, wanted_error: float) -> ImportanceSample:
+        """``sample`` with components at both ends of the posterior's longest axis.
+
+        What a mixture does not propose, as the end of a thin curved ridge beyond the draws that it
+        was fitted to, its own draws cannot show. Components are added at the outermost draws, and
+        at those from them, until what lies beyond is negligible.
+        """
+        for sign in (1.0, -1.0):
+            for _ in range(MAX_ADDED_COMPONENTS // 2):
+                mean = sample.weights @ sample.z
+                away = (sample.z - mean) * np.sqrt(sample.weights)[:, None]
+                axis = np.linalg.eigh(away.T @ away)[1][:, -1]
+                axis = sign * axis * np.sign(axis[np.abs(axis).argmax()])
+                typical, _ = sample.typical_draws
+                end = typical[(typical @ axis).argmax()]
+                sample = self._with_component(sample, end, ADDED_AT_AN_END)
+                if sample.weights @ (sample.z @ axis > end @ axis) < SEEN * wanted_error:
+                    break
+        return sample
+
+    def renewed(self, sample: ImportanceSample, n: int) -> ImportanceSample:
+        """``n`` new draws from the mixture of ``sample``, half of it by posterior shares.
+
+        A component that is added at a draw, with the spread of those near it, is denser at them
+        than at others, and takes most of their weight: the draws to which a mixture owes components
+        make the evidence too low, the more so the more dimensions there are.
+        """
+        mixture = sample.mixture
+        by_share = mixture.reweighted(sample.z, sample.weights)
+        by_share = by_share.with_prior_component(mixture.prior_share)
+        weights = 0.5 * (mixture.weights + by_share.weights)
+        return self._draw(replace(mixture, weights=weights), n)
+
+    def extended(self, sample: ImportanceSample, factor: float) -> ImportanceSample:
+        """``sample`` with about ``factor`` times as many draws, at most four times."""
+        n = len(sample.z)
+        wanted = int(min(1.1 * factor * n, 4.0 * n, self.max_draws))
+        more = self._draw(sample.mixture, max(wanted - n, self.batch))
+        return ImportanceSample(
+            sample.mixture,
+            np.concatenate([sample.z, more.z]),
+            np.concatenate([sample.log_likelihoods, more.log_likelihoods]),
+            np.concatenate([sample.log_proposals, more.log_proposals]),
+            np.concatenate([sample.strata, more.strata]),
+        )
+
+    def _is_poor(self, sample: ImportanceSample) -> bool:
+        return (
+            sample.pareto_k > PARETO_K_LIMIT
+            or sample.weights.max() > LARGEST_WEIGHT
+            or sample.efficiency < self.least_efficiency
+        )
+
+    def _draw(self, mixture: StudentMixture, n: int) -> ImportanceSample:
+        """``n`` draws, of every component in proportion to its weight."""
+        expected = n * mixture.all_weights
+        counts = np.floor(expected).astype(np.intp)
+        left_over = systematic_indices(expected - counts, n - int(counts.sum()), self.rng)
+        counts += np.bincount(left_over, minlength=len(counts))
+        z = mixture.draw(counts, self.rng)
+        strata = np.repeat(np.arange(len(counts)), counts)
+        return ImportanceSample(
+            mixture, z, self.target.log_likelihood(z), mixture.log_pdf(z), strata
+        )
+
+    def _with_component(
+        self, sample: ImportanceSample, centre: FloatArray, added: float = ADDED
+    ) -> ImportanceSample:
+        """The sample with one more component, and draws from it, at ``centre`` (d,).
+
+        All draws are reweighted by the larger mixture, in which every component has the share of
+        the draws that it gave.
+        """
+        n = len(sample.z)
+        more = round(added * max(self.batch, n))
+        component = _around(centre, sample)
+        mixture = sample.mixture.mixed_with(component, more / (n + more))
+        mixture = replace(mixture, prior_share=sample.mixture.prior_share * n / (n + more))
+        drawn = component.draw(np.array([more, 0]), self.rng)
+        z = np.concatenate([sample.z, drawn])
+        last = sample.mixture.n_components
+        # Strata are numbered as the components are, the prior last.
+        strata = np.where(sample.strata == last, last + 1, sample.strata)
+        return ImportanceSample(
+            mixture,
+            z,
+            np.concatenate([sample.log_likelihoods, self.target.log_likelihood(drawn)]),
+            mixture.log_pdf(z),
+            np.concatenate([strata, np.full(more, last)]),
+        )
+
+
+def _around(centre: FloatArray, sample: ImportanceSample) -> StudentMixture:
+    """One component at ``centre`` (d,) with the spread of the draws near it."""
+    n, d = sample.z.shape
+    weights = 0.5 * (sample.weights + 1.0 / n)
+    spread = np.sqrt(np.maximum(sample.weights @ (sample.z - centre) ** 2, 1e-300))
+    distances = (((sample.z - centre) / spread) ** 2).sum(1)
+    near = np.argsort(distances)[: max(int(0.05 * n), 2 * d + 1)]
+    away = sample.z[near] - centre
+    covariance = (away * weights[near, None]).T @ away / weights[near].sum()
+    floor = 1e-6 * max(float(np.trace(covariance)) / d, 1e-300)
+    cholesky = np.linalg.cholesky(covariance + floor * np.eye(d))
+    return StudentMixture(np.ones(1), centre[None], cholesky[None], np.full(1, HEAVY_TAILS))

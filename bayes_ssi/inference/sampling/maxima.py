@@ -1,0 +1,312 @@
+"""Maxima of a posterior by many local ascents at once, and Laplace's approximation at each.
+
+Particles reach a region in proportion to its mass on the way from the prior; an ascent reaches it
+from anywhere in its basin. Components at the maxima are added to the proposals of the sampling, so
+regions that the particles lost are still visited.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
+from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
+
+# Steps of forward first and central second differences: truncation and rounding errors balance
+# for log-likelihoods of some thousand nats.
+GRADIENT_STEP, HESSIAN_STEP = 1e-6, 1e-3
+# Steps over which the log posterior falls by more than this, in nats, are shortened: further away a
+# narrow maximum may have given way to what surrounds it.
+MOST_FALL = 0.1
+# An ascent along a curved ridge may need more steps: it is continued once.
+MAX_ASCENT_STEPS = 60
+LONGEST_STEP = 2.0  # prior standard deviations
+# Step lengths tried together, as shares of the BFGS step.
+STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])
+RISE_TO_GO_ON = 1e-3  # nats
+# Two ends of ascents are different maxima where the straight path between them falls this many nats
+# below the lower one at one of so many points: at an edge of where the likelihood is positive there
+# is no curvature to tell how far a maximum reaches.
+VALLEY_DEPTH, POINTS_BETWEEN = 2.0, 3
+# Ascents end within so many standard deviations per coordinate of a maximum: see RISE_TO_GO_ON.
+NEAR = 0.1
+# A maximum no more than this many nats above a level is at it, but for rounding.
+AT_LEVEL = 1e-6
+# A maximum with less than e^-12, 6 in a million, of the mass is left out.
+NEGLIGIBLE_LOG_MASS = -12.0
+
+
+@dataclass(frozen=True, eq=False)
+class Maxima:
+    """Distinct maxima of likelihood times prior density in standard-normal coordinates.
+
+    Attributes:
+        z: (m, d), the highest first.
+        log_posteriors: (m,), likelihood times prior density.
+        precisions: (m, d, d), the negative Hessian.
+    """
+
+    z: FloatArray
+    log_posteriors: FloatArray
+    precisions: FloatArray
+
+    @property
+    def covariances(self) -> FloatArray:
+        """Inverses of the precisions, (m, d, d)."""
+        return _inverse(self.precisions)
+
+    def are_at(self, z: FloatArray, within: float = 1.0) -> NDArray[np.bool_]:
+        """Whether ``z`` (n, d) lie within so many standard deviations per coordinate, (m, n)."""
+        away = z[None] - self.z[:, None]
+        squared_distances = np.einsum("mni,mij,mnj->mn", away, self.precisions, away)
+        return squared_distances < within**2 * z.shape[1]
+
+    @property
+    def log_masses(self) -> FloatArray:
+        """Laplace's approximation of the log evidence of each maximum, (m,)."""
+        d = self.z.shape[1]
+        _, log_determinants = np.linalg.slogdet(self.precisions)
+        return self.log_posteriors + 0.5 * d * math.log(2.0 * math.pi) - 0.5 * log_determinants
+
+    @property
+    def laplace_estimate(self) -> EvidenceEstimate:
+        """Laplace's approximation of the log evidence, summed over the maxima."""
+        return EvidenceEstimate("Laplace", float(logsumexp(self.log_masses)))
+
+    def as_mixture(self) -> StudentMixture:
+        """One component per maximum, weighted by its mass."""
+        factors = np.linalg.cholesky(self.covariances).astype(float, copy=False)
+        return _mixture(self.z, factors, self.log_masses)
+
+    def above(self, log_likelihood: float) -> StudentMixture | None:
+        """Components like the prior above a level of the likelihood; None if no maximum is.
+
+        A quadratic log-likelihood is above the level within an ellipsoid of squared radius
+        r² = 2 (highest - level), times whose uniform distribution has the covariance
+        r²/(d + 2) · (precision of the likelihood)⁻¹: that of likelihood^((d + 2)/r²), for which
+        the prior is accounted for as for the posterior.
+        """
+        heights = self.log_posteriors - log_standard_normal(self.z) - log_likelihood
+        above = heights > AT_LEVEL
+        if not above.any():
+            return None
+        z = self.z[above]
+        powers = 0.5 * (z.shape[1] + 2) / heights[above, None]
+        # No precision is below the prior's, 1, but for rounding, which large powers would enlarge.
+        precisions, axes = np.linalg.eigh(self.precisions[above])
+        variances = 1.0 / (powers * np.maximum(precisions - 1.0, 0.0) + 1.0)
+        # The likelihood alone, as a quadratic, has slope z at the posterior's maximum z.
+        along = powers * variances * precisions * np.einsum("mij,mi->mj", axes, z)
+        means = np.einsum("mij,mj->mi", axes, along)
+        log_masses = 0.5 * np.log(variances).sum(1) - 0.5 * (means**2).sum(1)
+        return _mixture(means, axes * np.sqrt(variances)[:, None], log_masses)
+
+
+def reached(
+    target: Target, maxima: Maxima, z: FloatArray, log_posteriors: FloatArray
+) -> NDArray[np.bool_]:
+    """Whether ``z`` (n, d), of these log posteriors (n,), are at maxima, with no valley between.
+
+    Returns:
+        (m, n).
+    """
+    same = maxima.are_at(z)
+    m, n = np.nonzero(same & ~maxima.are_at(z, NEAR))
+    fractions = np.arange(1, POINTS_BETWEEN + 1)[:, None, None] / (POINTS_BETWEEN + 1)
+    between = maxima.z[m] + fractions * (z[n] - maxima.z[m])
+    values = target.log_posterior(between.reshape(-1, z.shape[1])).reshape(POINTS_BETWEEN, -1)
+    lower_end = np.minimum(maxima.log_posteriors[m], log_posteriors[n])
+    same[m, n] = (values >= lower_end - VALLEY_DEPTH).all(axis=0)
+    return same
+
+
+def _mixture(means: FloatArray, factors: FloatArray, log_masses: FloatArray) -> StudentMixture:
+    """A component for each mean (m, d) and factor (m, d, d), but those of negligible mass."""
+    log_weights = log_masses - logsumexp(log_masses)
+    kept = log_weights > NEGLIGIBLE_LOG_MASS
+    weights = np.asarray(np.exp(log_weights[kept]), dtype=float)
+    dof = np.full(len(weights), HEAVY_TAILS)
+    return StudentMixture(weights / weights.sum(), means[kept], factors[kept], dof)
+
+
+def no_maxima(n_dimensions: int) -> Maxima:
+    d = n_dimensions
+    return Maxima(np.empty((0, d)), np.empty(0), np.empty((0, d, d)))
+
+
+def find_maxima(target: Target, starts: FloatArray, known: Maxima | None = None) -> Maxima:
+    """Climb from every row of ``starts`` (S, d) and collect the distinct maxima reached.
+
+    Args:
+        target: whose log-likelihood times prior density is climbed.
+    """
+    d = target.n_dimensions
+    known = known or no_maxima(d)
+    unit = np.tile(np.eye(d), (len(starts), 1, 1))
+    rough = _distinct(target, *ascend(target, starts, unit), known)
+    # Ascents along a curved ridge can stop short of its top: continue with the curvature known.
+    new = _distinct(target, *ascend(target, rough.z, rough.covariances), known)
+    log_posteriors = np.concatenate([known.log_posteriors, new.log_posteriors])
+    if not len(log_posteriors):
+        raise ValueError("find_maxima: the likelihood is zero at every start")
+    order = np.argsort(-log_posteriors, kind="stable")
+    maxima = Maxima(
+        np.concatenate([known.z, new.z])[order],
+        log_posteriors[order],
+        np.concatenate([known.precisions, new.precisions])[order],
+    )
+    log_masses = maxima.log_masses
+    kept = np.flatnonzero(log_masses > log_masses.max() + NEGLIGIBLE_LOG_MASS)
+    return Maxima(maxima.z[kept], maxima.log_posteriors[kept], maxima.precisions[kept])
+
+
+def _distinct(
+    target: Target, ends: FloatArray, log_posteriors: FloatArray, known: Maxima
+) -> Maxima:
+    """The highest of every group of ascents that ended at the same maximum, but at none known."""
+    d = target.n_dimensions
+    possible = np.flatnonzero(np.isfinite(log_posteriors))
+    is_known = reached(target, known, ends[possible], log_posteriors[possible]).any(axis=0)
+    new = possible[~is_known]
+    left = new[np.argsort(-log_posteriors[new], kind="stable")]
+    # A narrow maximum may be high and have little mass: what a low one could have, were it as wide
+    # as the prior, decides.
+    widest = 0.5 * d * math.log(2.0 * math.pi)
+    largest = float(known.log_masses.max(initial=-math.inf))
+    highest: list[np.intp] = []
+    precisions: list[FloatArray] = []
+    while len(left):
+        top, left = left[0], left[1:]
+        if log_posteriors[top] + widest < largest + NEGLIGIBLE_LOG_MASS:
+            break
+        precision = _precision(target, ends[top], float(log_posteriors[top]))
+        maximum = Maxima(ends[[top]], log_posteriors[[top]], precision[None])
+        largest = max(largest, float(maximum.log_masses[0]))
+        highest.append(top)
+        precisions.append(precision)
+        left = left[~reached(target, maximum, ends[left], log_posteriors[left])[0]]
+    chosen = np.array(highest, dtype=np.intp)
+    return Maxima(ends[chosen], log_posteriors[chosen], np.reshape(precisions, (-1, d, d)))
+
+
+def ascend(
+    target: Target, starts: FloatArray, inverse: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """All ascents at once, by BFGS with finite differences: end points and their log posteriors.
+
+    ``inverse`` (S, d, d) are the first inverse Hessians.
+    """
+    inverse = inverse.copy()
+    z = np.array(starts, dtype=float)
+    n, d = z.shape
+    value = target.log_posterior(z)
+    gradient = np.zeros((n, d))
+    active = np.flatnonzero(np.isfinite(value))
+    gradient[active] = _gradient(target, z[active], value[active])
+    reach = np.full(n, 1.0)
+    for _ in range(MAX_ASCENT_STEPS):
+        if not len(active):
+            break
+        slope = gradient[active]
+        direction = np.einsum("nij,nj->ni", inverse[active], slope)
+        expected = np.einsum("nd,nd->n", direction, slope)
+        lengths = np.linalg.norm(direction, axis=1)
+        direction *= np.minimum(1.0, LONGEST_STEP / np.maximum(lengths, 1e-300))[:, None]
+        tried = z[active][None] + (STEP_LENGTHS[:, None] * reach[active])[..., None] * direction
+        values = target.log_posterior(tried.reshape(-1, d)).reshape(len(STEP_LENGTHS), -1)
+        best = values.argmax(0)
+        rows = np.arange(len(active))
+        rise = values[best, rows] - value[active]
+        better = rise > 0
+        # An ascent without a rise tries shorter steps; after a rise it returns to full steps.
+        reach[active] = np.where(better, 1.0, reach[active] * STEP_LENGTHS[-1])
+        moved = active[better]
+        step = tried[best, rows][better] - z[moved]
+        z[moved] += step
+        value[moved] = values[best, rows][better]
+        new_gradient = _gradient(target, z[moved], value[moved])
+        _update_inverse(inverse, moved, step, gradient[moved] - new_gradient)
+        gradient[moved] = new_gradient
+        finished = (better & (rise < RISE_TO_GO_ON) & (expected < 10 * RISE_TO_GO_ON)) | (
+            reach[active] < 1e-5
+        )
+        active = active[~finished]
+    return z, value
+
+
+def _gradient(target: Target, z: FloatArray, value: FloatArray) -> FloatArray:
+    """Forward differences, (n, d), all in one batch."""
+    n, d = z.shape
+    ahead = z[:, None, :] + GRADIENT_STEP * np.eye(d)
+    rise = target.log_posterior(ahead.reshape(-1, d)).reshape(n, d) - value[:, None]
+    return np.nan_to_num(rise / GRADIENT_STEP, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def _update_inverse(
+    inverse: FloatArray, rows: np.ndarray, step: FloatArray, fall: FloatArray
+) -> None:
+    """The BFGS update of inverse Hessians in place, where the curvature allows it."""
+    curvature = np.einsum("nd,nd->n", step, fall)
+    curved = curvature > 1e-12
+    rows, step, fall, curvature = rows[curved], step[curved], fall[curved], curvature[curved]
+    d = step.shape[1]
+    left = np.eye(d) - step[:, :, None] * fall[:, None, :] / curvature[:, None, None]
+    inverse[rows] = (
+        left @ inverse[rows] @ left.transpose(0, 2, 1)
+        + step[:, :, None] * step[:, None, :] / curvature[:, None, None]
+    )
+
+
+def _precision(target: Target, z: FloatArray, value: float) -> FloatArray:
+    """Negative Hessian (d, d) at a maximum, by central differences, made positive definite.
+
+    Where the posterior is flat or rises, the curvature of the prior, 1, is used instead.
+    """
+    d = len(z)
+    lengths, beside = _step_lengths(target, z, value)
+    steps = np.diag(lengths)
+    pairs = [(i, j) for i in range(d) for j in range(i)]
+    signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+    points = [z + a * steps[i] + b * steps[j] for i, j in pairs for a, b in signs]
+    values = target.log_posterior(np.reshape(points, (-1, d)))
+    if not (np.isfinite(values).all() and np.isfinite(beside).all()):
+        return np.eye(d)  # at the edge of where the likelihood is positive
+    hessian = np.empty((d, d))
+    hessian[range(d), range(d)] = beside.sum(0) - 2.0 * value
+    for (i, j), corners in zip(pairs, values.reshape(-1, 4), strict=True):
+        hessian[i, j] = hessian[j, i] = (corners[0] - corners[1] - corners[2] + corners[3]) / 4.0
+    eigenvalues, vectors = np.linalg.eigh(-hessian / np.outer(lengths, lengths))
+    # Beyond this ratio to the prior's precision, 1, rounding would lose the prior's.
+    return (vectors * np.clip(eigenvalues, 1.0, 1e12)) @ vectors.T
+
+
+def _step_lengths(target: Target, z: FloatArray, value: float) -> tuple[FloatArray, FloatArray]:
+    """Step lengths (d,) for second differences, and the log posteriors (2, d) one step away."""
+    d = len(z)
+    lengths = np.full(d, HESSIAN_STEP)
+    beside = np.empty((2, d))
+    steep = np.arange(d)
+    while len(steep):
+        steps = lengths[steep, None] * np.eye(d)[steep]
+        points = np.concatenate([z + steps, z - steps])
+        beside[:, steep] = target.log_posterior(points).reshape(2, -1)
+        fall = value - beside[:, steep].min(axis=0)
+        with np.errstate(invalid="ignore"):
+            too_far = np.isfinite(fall) & (fall > MOST_FALL)
+        too_far &= lengths[steep] > GRADIENT_STEP
+        lengths[steep[too_far]] *= np.sqrt(0.5 * MOST_FALL / fall[too_far])
+        steep = steep[too_far]
+    return lengths, beside
+
+
+def _inverse(precisions: FloatArray) -> FloatArray:
+    """Inverses (m, d, d) of positive definite matrices, symmetric to the last digit."""
+    inverses = np.linalg.inv(precisions)
+    return np.asarray(0.5 * (inverses + inverses.transpose(0, 2, 1)), dtype=float)

@@ -1,0 +1,205 @@
+"""Mixtures of Student-t distributions, straight or bent along curved ridges."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.sampling.bends import Bend
+
+# Degrees of freedom: the variance of importance weights stays finite where a posterior has tails
+# as heavy as those of five; thirty are nearly normal; two serve tails like those of Cauchy's.
+LIGHT_TAILS, HEAVY_TAILS, HEAVIEST_TAILS = 30.0, 5.0, 2.0
+# Weight of components added in case a mixture misses a part of the posterior: the importance
+# weights of the other draws rise by a ninth at most.
+DEFENSIVE_SHARE = 0.1
+# Densities of more points than this are computed in parts, which stay in the processor's cache.
+PART = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class StudentMixture:
+    """K Student-t components in d dimensions, and a share of the standard normal prior.
+
+    Attributes:
+        weights: (K,), adding up to ``1 - prior_share``.
+        means: (K, d).
+        factors: (K, d, d), F with scale matrices F Fᵀ: z = mean + F w.
+        dof: (K,), degrees of freedom.
+        prior_share: weight of N(0, I), the defensive component: it bounds every importance
+            weight by the greatest likelihood over ``prior_share``.
+        bends: of the components that follow a curved ridge, None for straight ones; empty where
+            all are straight.
+    """
+
+    weights: FloatArray
+    means: FloatArray
+    factors: FloatArray
+    dof: FloatArray
+    prior_share: float = 0.0
+    bends: tuple[Bend | None, ...] = ()
+
+    @property
+    def n_components(self) -> int:
+        """Student-t components; the defensive one does not count."""
+        return len(self.weights)
+
+    @cached_property
+    def _whitening(self) -> tuple[FloatArray, FloatArray]:
+        """All inverse factors as one (K·d, d), and the whitened means (K·d, 1)."""
+        inverses = np.linalg.inv(self.factors)
+        factors: FloatArray = np.concatenate(inverses).astype(float, copy=False)
+        return factors, np.einsum("kij,kj->ki", inverses, self.means).reshape(-1, 1)
+
+    @cached_property
+    def _log_constants(self) -> FloatArray:
+        d, dof = self.means.shape[1], self.dof
+        of_tails = gammaln((dof + d) / 2) - gammaln(dof / 2) - 0.5 * d * np.log(dof * math.pi)
+        log_determinants: FloatArray = np.linalg.slogdet(self.factors)[1]
+        return of_tails - log_determinants
+
+    def squared_distances(self, z: FloatArray) -> FloatArray:
+        """Mahalanobis distances squared of ``z`` (n, d) from every component, (K, n).
+
+        Those of bent components are along their bends.
+        """
+        factors, means = self._whitening
+        whitened = factors @ z.T
+        whitened -= means
+        whitened = whitened.reshape(*self.means.shape, len(z))
+        for components, bends in self._bends_by_degree:
+            whitened[components] = bends.straightened(whitened[components])
+        whitened *= whitened
+        squares: FloatArray = whitened.sum(axis=1)
+        return squares
+
+    def log_components(self, squared_distances: FloatArray) -> FloatArray:
+        """log(weight · density) of every Student-t component at these distances, (K, n)."""
+        dof = self.dof[:, None]
+        tails = np.log1p(squared_distances / dof)
+        tails *= 0.5 * (dof + self.means.shape[1])
+        return np.subtract((np.log(self.weights) + self._log_constants)[:, None], tails, out=tails)
+
+    def log_pdf(self, z: FloatArray) -> FloatArray:
+        """The log density (n,) at ``z`` (n, d), the defensive component included."""
+        if len(z) > PART:
+            return np.concatenate([self.log_pdf(z[i : i + PART]) for i in range(0, len(z), PART)])
+        total = log_sum(self.log_components(self.squared_distances(z)))
+        if self.prior_share == 0.0:
+            return total
+        d = z.shape[1]
+        prior = -0.5 * (np.einsum("nd,nd->n", z, z) + d * math.log(2.0 * math.pi))
+        return np.logaddexp(total, prior + math.log(self.prior_share))
+
+    def with_prior_component(self, prior_share: float = DEFENSIVE_SHARE) -> StudentMixture:
+        """This mixture with ``prior_share`` of its weight given to the prior N(0, I)."""
+        weights = self.weights * ((1.0 - prior_share) / self.weights.sum())
+        return replace(self, weights=weights, prior_share=prior_share)
+
+    def widened(self) -> StudentMixture:
+        """This mixture and, with a defensive share, its components at twice their width.
+
+        They cover what lies just beyond a mixture that was fitted to draws, as the ends of a
+        ridge: weights of draws from it then have no heavy tail. Their own tails are the heaviest.
+        """
+        bends = tuple(bend and bend.widened(2.0) for bend in self.bends)
+        return self.mixed_with(
+            replace(
+                self,
+                factors=2.0 * self.factors,
+                bends=bends,
+                dof=np.minimum(self.dof, HEAVIEST_TAILS),
+            )
+        )
+
+    def mixed_with(self, other: StudentMixture, share: float = DEFENSIVE_SHARE) -> StudentMixture:
+        """This mixture with ``share`` of its weight given to the components of another."""
+        return StudentMixture(
+            np.concatenate([self.weights * (1.0 - share), other.weights * share]),
+            np.concatenate([self.means, other.means]),
+            np.concatenate([self.factors, other.factors]),
+            np.concatenate([self.dof, other.dof]),
+            bends=self._all_bends + other._all_bends,
+        )
+
+    def reweighted(self, z: FloatArray, weights: FloatArray) -> StudentMixture:
+        """The same components with the shares that weighted draws ``z`` (n, d) give them.
+
+        All components share the defensive share equally: a walker could hardly leave a region
+        again if its component were hardly ever proposed.
+        """
+        log_parts = self.log_components(self.squared_distances(z))
+        shares = np.exp(log_parts - log_sum(log_parts)) @ weights
+        shares = (1.0 - DEFENSIVE_SHARE) * shares / shares.sum() + DEFENSIVE_SHARE / len(shares)
+        return replace(self, weights=shares)
+
+    def draw(self, counts: NDArray[np.intp], rng: np.random.Generator) -> FloatArray:
+        """``counts[k]`` draws from component k, in order; the last count is for the prior N(0, I).
+
+        Args:
+            counts: (K + 1,).
+
+        Returns:
+            (counts.sum(), d).
+        """
+        d = self.means.shape[1]
+        component = np.repeat(np.arange(self.n_components), counts[:-1])
+        normal = rng.standard_normal((len(component), d))
+        dof = self.dof[component]
+        scale = np.sqrt(dof / rng.chisquare(dof))
+        whitened = normal * scale[:, None]
+        ends = np.cumsum(counts)
+        for k, bend in enumerate(self.bends):
+            if bend is not None:
+                drawn = slice(ends[k] - counts[k], ends[k])
+                whitened[drawn] = bend.bent(whitened[drawn].T).T
+        steps = np.einsum("nij,nj->ni", self.factors[component], whitened)
+        return np.concatenate([self.means[component] + steps, rng.standard_normal((counts[-1], d))])
+
+    @property
+    def _all_bends(self) -> tuple[Bend | None, ...]:
+        return self.bends or (None,) * self.n_components
+
+    @cached_property
+    def _bends_by_degree(self) -> list[tuple[list[int], Bend]]:
+        """Components with bends of each degree, and those bends."""
+        degrees = {bend.degree for bend in self.bends if bend is not None}
+        groups = [
+            [k for k, bend in enumerate(self.bends) if bend is not None and bend.degree == degree]
+            for degree in sorted(degrees)
+        ]
+        return [
+            (group, Bend.stacked([bend for k in group if (bend := self.bends[k]) is not None]))
+            for group in groups
+        ]
+
+    @property
+    def all_weights(self) -> FloatArray:
+        """(K + 1,): the components' weights and the defensive one's."""
+        return np.append(self.weights, self.prior_share)
+
+
+class Proposal(NamedTuple):
+    """Independence proposal of walkers' moves.
+
+    Attributes:
+        share: share of the steps that it proposes; differential evolution and the stretch move
+            propose the others.
+    """
+
+    mixture: StudentMixture
+    share: float = 0.7
+
+
+def log_sum(log_parts: FloatArray) -> FloatArray:
+    """log Σ exp of finite numbers over the first axis, faster than the general functions."""
+    highest = log_parts.max(axis=0)
+    total: FloatArray = np.log(np.exp(log_parts - highest).sum(axis=0)) + highest
+    return total

@@ -1,0 +1,207 @@
+"""Mixtures of Student-t distributions fitted to draws: proposals shaped like the posterior."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.sampling.bends import Bend, fit_bend, n_monomials
+from bayes_ssi.inference.sampling.mixture import (
+    HEAVIEST_TAILS,
+    HEAVY_TAILS,
+    LIGHT_TAILS,
+    StudentMixture,
+    log_sum,
+)
+
+# More components or bends must raise the mean log density of held-out draws by this
+# much, in nats.
+LEAST_GAIN = 0.01
+# A component needs this many draws for each dimension, or each monomial of a bend.
+DRAWS_PER_DIMENSION = 10
+COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
+# Numbers of straight components, without those that only a curved ridge needs.
+STRAIGHT_COUNTS = COUNTS[:8]
+# A thin ridge of constant curvature needs half as many components for each degree more.
+HIGHEST_DEGREE = 4
+
+
+def fit_mixture(
+    draws: FloatArray, n_components: int, dof: float, rng: np.random.Generator, degree: int = 1
+) -> StudentMixture:
+    """Fit a Student-t mixture to ``draws`` (n, d) by expectation-maximisation.
+
+    Components that lose their draws are dropped, so fewer than ``n_components`` may come back.
+    Above a ``degree`` of 1 they are bent.
+    """
+    n, d = draws.shape
+    labels = _initial_labels(draws, n_components, rng)
+    responsibilities = (labels == np.arange(labels.max() + 1)[:, None]).astype(float)
+    scale_weights = np.ones_like(responsibilities)
+    # Far below the draws' variance, far above the rounding of their means.
+    rounding = 1e3 * np.finfo(float).eps * float(np.abs(draws).max())
+    floor = max(1e-10 * float(draws.var(axis=0).max()), rounding**2, np.finfo(float).tiny)
+    least = min(n, _n_regressors(d, degree) + 1.0)
+    last = -math.inf
+    bends: tuple[Bend, ...] = ()
+    for _ in range(50):  # or until a step gains less than a tenth of LEAST_GAIN
+        totals = responsibilities.sum(1)
+        kept = totals >= least
+        if not kept.all() and kept.any():
+            responsibilities, scale_weights = responsibilities[kept], scale_weights[kept]
+            totals = totals[kept]
+        combined = responsibilities * scale_weights
+        means = combined @ draws / combined.sum(1, keepdims=True)
+        centred = draws.T - means[:, :, None]
+        scatter = np.matmul(centred * combined[:, None], centred.transpose(0, 2, 1))
+        covariances = scatter / totals[:, None, None] + floor * np.eye(d)
+        if degree == 1:
+            factors = np.linalg.cholesky(covariances)
+        else:
+            factors, bends = _bent(centred, combined, totals, covariances, degree, floor)
+        mixture = StudentMixture(
+            totals / totals.sum(), means, factors, np.full(len(means), dof), bends=bends
+        )
+
+        squared_distances = mixture.squared_distances(draws)
+        log_parts = mixture.log_components(squared_distances)
+        log_total = log_sum(log_parts)
+        responsibilities = np.exp(log_parts - log_total)
+        scale_weights = (dof + d) / (dof + squared_distances)
+        mean_log_density = float(log_total.mean())
+        if mean_log_density - last < 0.1 * LEAST_GAIN:
+            break
+        last = mean_log_density
+    return mixture
+
+
+def _bent(
+    centred: FloatArray,
+    weights: FloatArray,
+    totals: FloatArray,
+    covariances: FloatArray,
+    degree: int,
+    floor: float,
+) -> tuple[FloatArray, tuple[Bend, ...]]:
+    """Factors (K, d, d) and bends of components along their principal axes."""
+    values, vectors = np.linalg.eigh(covariances)
+    values, vectors = values[:, ::-1], vectors[:, :, ::-1]  # the widest first
+    factors = vectors * np.sqrt(values)[:, None]
+    bends = []
+    for k, factor in enumerate(factors):
+        u = (vectors[k].T @ centred[k]) / np.sqrt(values[k])[:, None]
+        bend, widths = fit_bend(u, weights[k], float(totals[k]), degree, floor / values[k])
+        factor *= widths
+        bends.append(bend)
+    return factors, tuple(bends)
+
+
+def choose_mixture(
+    draws: FloatArray, held_out: FloatArray, rng: np.random.Generator
+) -> StudentMixture:
+    """The mixture, fitted to ``draws``, under which ``held_out`` is most probable.
+
+    It is the nearest to the posterior in the Kullback-Leibler sense. The number of straight
+    components grows until two larger numbers in turn no longer help. Where as many bent ones do
+    better, their number and degree change as long as that helps. The weight of the tails comes
+    last.
+    """
+    fitting = _Fitting(draws, held_out, rng)
+    best = fitting.of(1)
+    in_vain = 0
+    for count in STRAIGHT_COUNTS[1:]:
+        if in_vain == 2 or not fitting.affords(count):
+            break
+        candidate = fitting.of(count)
+        in_vain += 1
+        if candidate.improves_on(best):
+            best, in_vain = candidate, 0
+    best = _with_bends(fitting, best)
+    for dof in (HEAVY_TAILS, HEAVIEST_TAILS):
+        candidate = fitting.of(best.n_components, best.degree, dof)
+        if candidate.log_densities.mean() <= best.log_densities.mean():
+            break
+        best = candidate
+    return best.mixture
+
+
+class _Fitted(NamedTuple):
+    """A mixture, what it was fitted with, and the log densities (n,) of the held-out draws."""
+
+    mixture: StudentMixture
+    n_components: int
+    degree: int
+    log_densities: FloatArray
+
+    def improves_on(self, other: _Fitted) -> bool:
+        """Whether held-out draws are more probable by enough, and not by chance."""
+        gains = self.log_densities - other.log_densities
+        by_chance = 3.0 * float(gains.std()) / math.sqrt(len(gains))
+        return bool(gains.mean() > max(LEAST_GAIN, by_chance))
+
+
+class _Fitting(NamedTuple):
+    draws: FloatArray
+    held_out: FloatArray
+    rng: np.random.Generator
+
+    def affords(self, count: int, degree: int = 1) -> bool:
+        """Whether there are enough draws for so many components."""
+        n, d = self.draws.shape
+        return count * _n_regressors(d, degree) * DRAWS_PER_DIMENSION <= n
+
+    def of(self, count: int, degree: int = 1, dof: float = LIGHT_TAILS) -> _Fitted:
+        mixture = fit_mixture(self.draws, count, dof, self.rng, degree)
+        return _Fitted(mixture, count, degree, mixture.log_pdf(self.held_out))
+
+
+def _with_bends(fitting: _Fitting, straight: _Fitted) -> _Fitted:
+    """Bent components in place of straight ones, if they do better."""
+    if fitting.draws.shape[1] == 1:
+        return straight
+    best, tried = straight, {(straight.n_components, 1)}
+    while True:
+        place = COUNTS.index(best.n_components)
+        twice, half = COUNTS[place + 2 : place + 3], COUNTS[max(place - 2, 0) : place][:1]
+        neighbours = [(best.n_components, min(best.degree + 1, HIGHEST_DEGREE))]
+        if best.degree > 1:
+            neighbours += [(count, best.degree) for count in (*twice, *half)]
+        for count, degree in neighbours:
+            if (count, degree) in tried or not fitting.affords(count, degree):
+                continue
+            tried.add((count, degree))
+            candidate = fitting.of(count, degree)
+            if candidate.improves_on(best):
+                best = candidate
+                break
+        else:
+            return best
+
+
+def _n_regressors(n_dimensions: int, degree: int) -> int:
+    """What one coordinate of a component depends on at most."""
+    return n_dimensions if degree == 1 else n_monomials(n_dimensions - 1, degree)
+
+
+def _initial_labels(draws: FloatArray, k: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """A first partition of the draws into k groups, by k-means on standardised coordinates."""
+    if k == 1:
+        return np.zeros(len(draws), dtype=np.intp)
+    spread = draws.std(axis=0)
+    scaled = (draws - draws.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    centres = scaled[rng.integers(len(scaled))][None]
+    nearest = ((scaled - centres[0]) ** 2).sum(1)
+    while len(centres) < k and nearest.max() > 0:  # far points first: k-means++
+        chosen = rng.choice(len(scaled), p=nearest / nearest.sum())
+        centres = np.vstack([centres, scaled[chosen]])
+        nearest = np.minimum(nearest, ((scaled - scaled[chosen]) ** 2).sum(1))
+    for _ in range(5):
+        distances = ((scaled[:, None] - centres[None]) ** 2).sum(-1)
+        labels = distances.argmin(1)
+        occupied = np.unique(labels)
+        centres = np.array([scaled[labels == group].mean(0) for group in occupied])
+    return np.searchsorted(occupied, labels)

@@ -1,0 +1,247 @@
+"""Separate regions of a posterior: which parts of it are joined by a path without a valley.
+
+Every draw leads to the highest of its neighbours, and so, step by step, to a local maximum; draws
+that lead to the same one form a group (quick shift, Vedaldi and Soatto 2008). Groups are joined
+where a path between the two does not lead through a valley. Distances are scaled by the differences
+between neighbours, not by the spread of all draws, in which separate regions would seem near.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
+from bayes_ssi.inference.sampling.target import Target
+
+# Neighbours per draw: enough to connect the draws of one region, in a few dimensions.
+NEIGHBOURS = 8
+# Two groups of draws are separate when every path between them leads this many nats below the
+# typical draw of the lower one.
+VALLEY_DEPTH = 2.0
+MAX_DRAWS = 1500
+# Points between two draws at which the posterior is evaluated.
+POINTS_BETWEEN = 3
+# Pairs of draws between which two groups are tested; a group of no more draws than that has most
+# of its neighbours outside, and is no region of its own.
+PAIRS = NEIGHBOURS // 2
+# Points are assigned to regions so many at a time: their distances to all draws stay in a cache.
+ROWS = 32
+
+
+def nearest_neighbours(points: FloatArray) -> NDArray[np.intp]:
+    """The nearest of ``points`` (n, d) to each, (n, k), beginning with itself."""
+    from scipy.spatial import cKDTree
+
+    k = min(NEIGHBOURS + 1, len(points))
+    _, nearest = cKDTree(points).query(points, k=k)
+    return np.reshape(nearest, (len(points), -1)).astype(np.intp)
+
+
+def local_maxima(draws: FloatArray, heights: FloatArray) -> FloatArray:
+    """The draws (k, d) higher than all their neighbours, the highest first."""
+    chosen = np.flatnonzero(heights >= heights[nearest_neighbours(draws)].max(axis=1))
+    return draws[chosen[np.argsort(-heights[chosen], kind="stable")]]
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Draws that represent the regions of a posterior.
+
+    Attributes:
+        draws: (n, d).
+        labels: (n,), the region of each draw, numbered from 0.
+    """
+
+    draws: FloatArray
+    labels: NDArray[np.intp]
+
+    @property
+    def n_regions(self) -> int:
+        return int(self.labels.max()) + 1
+
+    def assign(self, z: FloatArray) -> NDArray[np.intp]:
+        """The region (n,) of each of ``z`` (n, d): that of the nearest draw."""
+        if self.n_regions == 1:
+            return np.zeros(len(z), dtype=np.intp)
+        # The squared distance is |z|² - 2 (z·x - |x|²/2). All distances in one product are faster
+        # than a tree, which in ten dimensions looks into nearly all its branches.
+        points = np.column_stack([z @ self._whitening, np.ones(len(z))])
+        nearest = np.empty(len(z), dtype=np.intp)
+        for start in range(0, len(z), ROWS):
+            rows = slice(start, start + ROWS)
+            nearest[rows] = (points[rows] @ self._whitened).argmax(axis=1)
+        return self.labels[nearest]
+
+    def shares(self, z: FloatArray, weights: FloatArray | None = None) -> FloatArray:
+        """The share (n_regions,) of draws, or of their weights, in each region."""
+        shares = np.bincount(self.assign(z), weights, minlength=self.n_regions)
+        return shares / shares.sum()
+
+    @cached_property
+    def _whitening(self) -> FloatArray:
+        return _local_whitening(self.draws)
+
+    @cached_property
+    def _whitened(self) -> FloatArray:
+        """The draws x, scaled, and -|x|²/2, as columns (d + 1, n)."""
+        whitened = self.draws @ self._whitening
+        return np.vstack([whitened.T, -0.5 * (whitened**2).sum(axis=1)])
+
+
+def find_regions(
+    target: Target, draws: FloatArray, log_posteriors: FloatArray, max_draws: int = MAX_DRAWS
+) -> Regions:
+    """Group draws into regions.
+
+    Args:
+        draws: (n, d), posterior draws.
+        log_posteriors: (n,), up to a constant.
+    """
+    if len(draws) > max_draws:
+        chosen = evenly_spaced_indices(len(draws), max_draws)
+        draws, log_posteriors = draws[chosen], log_posteriors[chosen]
+    paths = _Paths(target, draws, log_posteriors)
+    whitened = draws @ _local_whitening(draws)
+    nearest = nearest_neighbours(whitened)
+    groups = _groups(nearest, paths)
+    groups = _joined(groups, _neighbouring_pairs(groups, nearest, paths), paths)
+    # Groups whose draws are no other draw's neighbours.
+    groups = _joined(groups, _between_groups(groups, whitened, paths), paths)
+    return Regions(draws, _without_the_smallest(groups, whitened))
+
+
+@dataclass(frozen=True, eq=False)
+class _Paths:
+    """Draws (n, d) with their log posteriors (n,), and what lies between two of them."""
+
+    target: Target
+    draws: FloatArray
+    log_posteriors: FloatArray
+
+    def lowest(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> FloatArray:
+        """The lowest log posterior (m,) on the straight path between two draws, ends included."""
+        a, b = self.draws[first], self.draws[second]
+        fractions = np.arange(1, POINTS_BETWEEN + 1)[:, None, None] / (POINTS_BETWEEN + 1)
+        between = a + fractions * (b - a)
+        inside = self.target.log_posterior(between.reshape(-1, a.shape[1]))
+        lower_end = np.minimum(self.log_posteriors[first], self.log_posteriors[second])
+        return np.minimum(inside.reshape(POINTS_BETWEEN, -1).min(axis=0), lower_end)
+
+    def highest_draws(self, groups: NDArray[np.intp]) -> dict[int, int]:
+        """Group → its highest draw, given the group (n,) of each draw."""
+        order = np.argsort(self.log_posteriors, kind="stable")
+        return {int(groups[i]): int(i) for i in order}
+
+
+def _local_whitening(draws: FloatArray) -> FloatArray:
+    """(d, d): differences between neighbouring draws, times it, have a unit covariance."""
+    whitening = _whitening(draws - draws.mean(axis=0))
+    if len(draws) > NEIGHBOURS:
+        for _ in range(3):
+            nearest = nearest_neighbours(draws @ whitening)
+            differences = draws[nearest[:, 1:]] - draws[:, None]
+            whitening = _whitening(differences.reshape(-1, draws.shape[1]))
+    return whitening
+
+
+def _whitening(differences: FloatArray) -> FloatArray:
+    """(d, d): differences (m, d) of mean zero, times it, have a unit covariance."""
+    values, vectors = np.linalg.eigh(differences.T @ differences / len(differences))
+    floor = max(1e-12 * float(values.max()), 1e-300)
+    return vectors / np.sqrt(np.maximum(values, floor))
+
+
+def _groups(nearest: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
+    """The group (n,) of each draw, by the local maximum that higher neighbours lead to."""
+    n = len(nearest)
+    # The first of equally high neighbours counts, so that no two lead to one another.
+    order = np.lexsort((-np.arange(n), paths.log_posteriors))
+    rank = np.empty(n, dtype=np.intp)
+    rank[order] = np.arange(n)
+    leads_to = nearest[np.arange(n), rank[nearest].argmax(axis=1)]
+    higher = np.flatnonzero(rank[leads_to] > rank)
+    lowest = paths.lowest(higher, leads_to[higher])
+    led = higher[lowest > paths.log_posteriors[higher] - VALLEY_DEPTH]
+    leads_to = np.arange(n)
+    leads_to[led] = nearest[led, rank[nearest[led]].argmax(axis=1)]
+    while True:
+        further = leads_to[leads_to]
+        if np.array_equal(further, leads_to):
+            break
+        leads_to = further
+    return np.unique(leads_to, return_inverse=True)[1].astype(np.intp)
+
+
+def _joined(groups: NDArray[np.intp], pairs: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
+    """Groups (n,) after joining those that a high path connects.
+
+    ``pairs`` (m, 2) are draws of different groups between which there may be one. The highest
+    paths come first; one joins two groups unless it leads far below the typical draw of the lower
+    one, as in watersheds by prominence.
+    """
+    groups = groups.copy()
+    levels = paths.lowest(*pairs.T)
+    for pair in np.argsort(-levels, kind="stable"):
+        a, b = groups[pairs[pair]]
+        typical = min(np.median(paths.log_posteriors[groups == group]) for group in (a, b))
+        if levels[pair] > typical - VALLEY_DEPTH:
+            groups[groups == b] = a
+    return groups
+
+
+def _neighbouring_pairs(
+    groups: NDArray[np.intp], nearest: NDArray[np.intp], paths: _Paths
+) -> NDArray[np.intp]:
+    """Pairs of draws (m, 2) at which groups meet, the highest few of every two groups.
+
+    With the two groups' highest draws, between which a straight line may be the best path.
+    """
+    first = np.repeat(np.arange(len(nearest)), nearest.shape[1])
+    pairs = np.sort(np.column_stack([first, nearest.ravel()]), axis=1)
+    pairs = np.unique(pairs[groups[pairs[:, 0]] != groups[pairs[:, 1]]], axis=0)
+    order = np.argsort(-paths.log_posteriors[pairs].min(axis=1), kind="stable")
+    highest = paths.highest_draws(groups)
+    kept: dict[tuple[int, int], list[list[int]]] = {}
+    for i, j in pairs[order].tolist():
+        a, b = sorted((int(groups[i]), int(groups[j])))
+        of_groups = kept.setdefault((a, b), [[highest[a], highest[b]]])
+        if len(of_groups) <= PAIRS:
+            of_groups.append([i, j])
+    return np.array(
+        [pair for of_groups in kept.values() for pair in of_groups], dtype=np.intp
+    ).reshape(-1, 2)
+
+
+def _without_the_smallest(groups: NDArray[np.intp], whitened: FloatArray) -> NDArray[np.intp]:
+    """Groups (n,) after merging those with too few draws into the nearest other group."""
+    from scipy.spatial import cKDTree
+
+    large = np.bincount(groups)[groups] >= min(PAIRS + 1, np.bincount(groups).max())
+    _, nearest = cKDTree(whitened[large]).query(whitened[~large])
+    kept = groups.copy()
+    kept[~large] = groups[large][np.asarray(nearest, dtype=np.intp)]
+    return np.unique(kept, return_inverse=True)[1].astype(np.intp)
+
+
+def _between_groups(
+    groups: NDArray[np.intp], whitened: FloatArray, paths: _Paths
+) -> NDArray[np.intp]:
+    """The nearest pairs of draws (m, 2) of every two groups, and their highest draws."""
+    from scipy.spatial import cKDTree
+
+    members = [np.flatnonzero(groups == group) for group in np.unique(groups)]
+    highest = paths.highest_draws(groups)
+    pairs: list[list[int]] = []
+    for j, of_j in enumerate(members[1:], start=1):
+        tree = cKDTree(whitened[of_j])
+        for of_i in members[:j]:
+            distances, nearest = (np.asarray(part) for part in tree.query(whitened[of_i]))
+            closest = np.argsort(distances, kind="stable")[:PAIRS]
+            pairs.extend([int(of_i[c]), int(of_j[nearest[c]])] for c in closest)
+            pairs.append([highest[int(groups[of_i[0]])], highest[int(groups[of_j[0]])]])
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)

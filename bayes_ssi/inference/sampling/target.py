@@ -1,0 +1,135 @@
+"""What is sampled: a log-likelihood over standard-normal coordinates, evaluated in batches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.workers.batch import Evaluated, Function, evaluate
+from bayes_ssi.inference.workers.journal import Journal
+from bayes_ssi.inference.workers.workers import Workers
+
+# Points of a journal that are evaluated again, to see that the model is still the same: a change
+# of the model would hardly spare all of them.
+POINTS_TO_CHECK = 3
+# Coordinates end here: farther out the prior's density, and the probability that the mapping to
+# parameters begins with, vanish in double precision. Proposals with heavy tails go there.
+FARTHEST = 38.0
+
+
+def log_standard_normal(z: FloatArray) -> FloatArray:
+    """log N(z; 0, I), (B,), for ``z`` (B, d)."""
+    return -0.5 * np.einsum("bd,bd->b", z, z) - 0.5 * z.shape[1] * np.log(2.0 * np.pi)
+
+
+class SuggestedStarts(NamedTuple):
+    """Where a target that knows its problem expects maxima.
+
+    Attributes:
+        z: (m, d), coordinates near them with a positive likelihood; m may be zero.
+    """
+
+    z: FloatArray
+    n_evaluations: int
+
+
+@dataclass
+class Target:
+    """A log-likelihood over coordinates whose prior is N(0, I); counts its evaluations.
+
+    Attributes:
+        function: (B, d) coordinates → (B,) log-likelihoods; row i depends on row i alone.
+        workers: where it is evaluated; in this process if None.
+        suggest_starts: where a search should climb from besides its own draws, which each search
+            calls with its own generator; None where all that is known is the log-likelihood.
+        known_starts: (m, d), near maxima that an earlier search found, which counts as one of the
+            independent searches; None if there was none.
+        n_failed: points at which the function raised, returned NaN or lost its worker; they
+            count as likelihood zero.
+        first_failure: the point (d,) at which it failed first, and why.
+    """
+
+    function: Function
+    n_dimensions: int
+    workers: Workers | None = None
+    journal: Journal | None = None
+    suggest_starts: Callable[[np.random.Generator], SuggestedStarts] | None = None
+    known_starts: FloatArray | None = None
+    n_evaluations: int = field(default=0, init=False)
+    n_failed: int = field(default=0, init=False)
+    first_failure: tuple[FloatArray, str] | None = field(default=None, init=False)
+
+    def log_likelihood(self, z: FloatArray) -> FloatArray:
+        """The log-likelihood (B,) at ``z`` (B, d); -inf where the function failed.
+
+        It counts as -inf, and is not evaluated, where a coordinate is beyond ``±FARTHEST``.
+        """
+        beyond = (np.abs(z) > FARTHEST).any(axis=1)
+        if beyond.any():
+            values = np.full(len(z), -np.inf)
+            values[~beyond] = self.log_likelihood(z[~beyond])
+            return values
+        if not len(z):
+            return np.empty(0)
+        values, reasons = self._evaluate(z) if self.journal is None else self._recall(z)
+        self.n_evaluations += len(z)
+        failed = np.isnan(values)
+        if failed.any():
+            self.n_failed += int(failed.sum())
+            if self.first_failure is None:
+                row = int(np.argmax(failed))
+                # NaN in a batch: evaluated alone, the point may give a reason.
+                alone = {} if row in reasons else self._evaluate(z[[row]]).failures
+                reason = reasons.get(row) or alone.get(0, "the answer is NaN")
+                self.first_failure = (z[row].copy(), reason)
+            values = np.where(failed, -np.inf, values)
+        if np.isposinf(values).any():
+            where = np.array2string(z[np.isposinf(values)][0], precision=3)
+            raise ValueError(
+                f"the log-likelihood is +inf at coordinates {where}: did an error size go to zero "
+                "where the data are fitted exactly? Give it a prior that keeps away from zero, "
+                "such as LogNormal"
+            )
+        return values
+
+    def log_posterior(self, z: FloatArray) -> FloatArray:
+        """log-likelihood + log prior density, (B,): the posterior up to the evidence."""
+        return self.log_likelihood(z) + log_standard_normal(z)
+
+    def suggested(self, rng: np.random.Generator) -> FloatArray:
+        """Suggested starts (m, d) of one search; none where nothing suggests any."""
+        if self.suggest_starts is None:
+            return np.empty((0, self.n_dimensions))
+        recalled = self.journal and self.journal.recalled_suggestion(self.n_dimensions)
+        # A child: what follows is the same whether they are recalled or not.
+        own_rng = rng.spawn(1)[0]
+        z, n_evaluations = recalled or self.suggest_starts(own_rng)
+        if self.journal and not recalled:
+            self.journal.add_suggestion(z, n_evaluations)
+        self.n_evaluations += n_evaluations
+        return z
+
+    def _recall(self, z: FloatArray) -> Evaluated:
+        """Values from the journal, or else new ones, which are added to it."""
+        assert self.journal is not None
+        recalled = self.journal.recalled(z)
+        if recalled is None:
+            recalled = self._evaluate(z)
+            self.journal.add(z, recalled)
+        elif self.n_evaluations == 0:
+            again = self._evaluate(z[:POINTS_TO_CHECK]).values
+            if not np.allclose(again, recalled.values[:POINTS_TO_CHECK], 1e-6, equal_nan=True):
+                raise ValueError(
+                    f"{self.journal.path}: the model gives other values than when this checkpoint "
+                    "was made; remove it to begin again"
+                )
+        return recalled
+
+    def _evaluate(self, z: FloatArray) -> Evaluated:
+        if self.workers is None:
+            return evaluate(self.function, z)
+        return self.workers.evaluate(self.function, z)

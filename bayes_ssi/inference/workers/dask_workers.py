@@ -1,0 +1,84 @@
+"""The workers of a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from time import monotonic
+from typing import Any
+
+from bayes_ssi.inference.workers.workers import Workers
+
+# Time allowed for a cluster to answer, to have its first worker, and to replace its last one.
+CLUSTER_SECONDS = 10.0
+
+
+class DaskWorkers(Workers):
+    """The workers of a Dask cluster, whose number may change.
+
+    Entering connects to the scheduler, and waits for a cluster that is still starting.
+    """
+
+    def __init__(self, address: str) -> None:
+        """Use the cluster whose scheduler is at ``address``, as in tcp://host:8786."""
+        super().__init__(None)
+        self.address = address
+        self._client: Any = None
+
+    @property
+    def n_workers(self) -> int:
+        """Number of threads of all workers; 0 without a scheduler."""
+        try:
+            return sum(self._client.nthreads().values())
+        except (OSError, RuntimeError):
+            return 0
+
+    def _start(self) -> None:
+        """Connect."""
+        try:
+            from dask.distributed import Client
+            from distributed.comm import get_address_host_port
+        except ImportError:
+            raise ValueError(
+                'Dask is not installed; install it with pip install "bayes_ssi[dask]"'
+            ) from None
+        try:
+            # Closing a client of a malformed address hangs.
+            get_address_host_port(self.address)
+            self._client = Client(self.address, timeout=CLUSTER_SECONDS, set_as_default=False)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise ValueError(f"no Dask scheduler answers at {self.address!r}: {error}") from error
+        # Dask would take equal calls for one call.
+        self._executor = self._client.get_executor(pure=False)
+        try:
+            self._client.wait_for_workers(1, timeout=CLUSTER_SECONDS)
+        except TimeoutError:
+            self._stop()
+            raise ValueError(
+                f"the Dask cluster at {self.address!r} has no workers, not even after "
+                f"{CLUSTER_SECONDS:g} s"
+            ) from None
+        except BaseException:
+            self._stop()
+            raise
+
+    def _stop(self) -> None:
+        self._client.close()
+        self._client = self._executor = None
+
+    def _ready(self, waiting: Collection[Future[Any]]) -> Collection[Future[Any]]:
+        """Futures that are ready; raises instead of waiting for workers that are gone."""
+        give_up = monotonic() + CLUSTER_SECONDS
+        while True:
+            ready = wait(waiting, timeout=CLUSTER_SECONDS / 10, return_when=FIRST_COMPLETED).done
+            if any(future.cancelled() for future in ready):  # by Dask, without its scheduler
+                raise ValueError("workers: an evaluation was cancelled; is the scheduler gone?")
+            if ready:
+                return ready
+            if self.n_workers:
+                give_up = monotonic() + CLUSTER_SECONDS
+            elif monotonic() > give_up:
+                raise ValueError("workers: none is left")
+
+    def _is_death(self, error: BaseException) -> bool:
+        return super()._is_death(error) or type(error).__name__ == "KilledWorker"

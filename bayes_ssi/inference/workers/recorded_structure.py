@@ -1,0 +1,118 @@
+"""A slow structure whose solutions are counted, kept, and computed by workers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.workers.batch import evaluate
+from bayes_ssi.inference.workers.journal import Journal
+from bayes_ssi.inference.workers.workers import Workers
+from bayes_ssi.parameters.parameters import Parameter
+from bayes_ssi.structures.modal import ModalModel, Modes
+from bayes_ssi.structures.sensors import Sensor
+from bayes_ssi.structures.structure import Structure
+
+# Values at the end of a prior count as this far out, in standard deviations.
+FARTHEST = 38.0
+
+
+class RecordedStructure(Structure):
+    """Another structure, solved once at each set of values."""
+
+    def __init__(
+        self, structure: Structure, workers: Workers | None = None, journal: Journal | None = None
+    ) -> None:
+        """Record the solutions of a structure.
+
+        Args:
+            workers: share the solutions of a batch; in this process if None.
+        """
+        self.structure = structure
+        self.n_solved = 0
+        self.failures: dict[bytes, str] = {}
+        self._known: dict[bytes, FloatArray] = {}
+        self._workers, self._journal = workers, journal
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.structure.parameters
+
+    @property
+    def degrees_of_freedom(self) -> tuple[str, ...]:
+        return self.structure.degrees_of_freedom
+
+    @property
+    def n_modes(self) -> int:
+        return self.structure.n_modes
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        return tuple(self.structure.sensors)
+
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        return self.structure.appendages
+
+    def heights(self) -> dict[str, float]:
+        return self.structure.heights()
+
+    def description(self) -> Mapping[str, Any]:
+        return self.structure.description()
+
+    def modal_model(self, values: FloatArray) -> ModalModel:
+        """The structure's own; not recorded."""
+        return self.structure.modal_model(values)
+
+    def modes(self, values: FloatArray) -> Modes:
+        """The structure's modes; NaN in rows at which it fails."""
+        keys = [row.tobytes() for row in np.ascontiguousarray(values)]
+        # A row that is there twice is solved once.
+        new = {key: row for key, row in zip(keys, values, strict=True) if key not in self._known}
+        if new:
+            self._solve(np.array(list(new.values())))
+        if len(keys) == 1 and keys[0] in self.failures:
+            raise ValueError(self.failures[keys[0]])
+        n_dof, n_modes = len(self.degrees_of_freedom), self.n_modes
+        rows = np.array([self._known[key] for key in keys]).reshape(-1, (1 + n_dof) * n_modes)
+        return Modes(rows[:, :n_modes], rows[:, n_modes:].reshape(-1, n_dof, n_modes))
+
+    def _solve(self, values: FloatArray) -> None:
+        z = self._coordinates(values)
+        evaluated = self._journal.recalled(z) if self._journal else None
+        if evaluated is None:
+            function = partial(_solutions, self.structure)
+            n_columns = (1 + len(self.degrees_of_freedom)) * self.n_modes
+            if self._workers is None:
+                evaluated = evaluate(function, values, n_columns)
+            else:
+                evaluated = self._workers.evaluate(function, values, n_columns)
+            if self._journal:
+                self._journal.add(z, evaluated)
+        self.n_solved += len(values)
+        solutions = evaluated.values.reshape(len(values), -1)
+        for i, (row, solution) in enumerate(zip(values, solutions, strict=True)):
+            self._known[row.tobytes()] = solution
+            if i in evaluated.failures:
+                self.failures[row.tobytes()] = evaluated.failures[i]
+
+    def _coordinates(self, values: FloatArray) -> FloatArray:
+        """Standard-normal coordinates (B, d), which a journal compares; finite ones."""
+        each = zip(self.parameters, values.T, strict=True)
+        z = np.reshape([p.prior.to_normal(column) for p, column in each], values.T.shape)
+        return np.clip(np.nan_to_num(z.T), -FARTHEST, FARTHEST)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State without what belongs to this process."""
+        return {**self.__dict__, "_workers": None, "_journal": None}
+
+
+def _solutions(structure: Structure, values: FloatArray) -> FloatArray:
+    """Frequencies and shapes (B, (1 + n_dof) n_modes) at ``values`` (B, n_parameters)."""
+    frequencies_hz, shapes = structure.modes(values)
+    modes = Modes(frequencies_hz, shapes).repeated(len(values))
+    return np.hstack([modes.frequencies_hz, modes.shapes.reshape(len(values), -1)])

@@ -1,0 +1,110 @@
+"""How a calculation is carried out: its workers, checkpoint and progress reports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bayes_ssi.inference.workers.checkpoint import Checkpoint
+from bayes_ssi.inference.workers.local_workers import LocalWorkers, as_workers
+from bayes_ssi.inference.workers.workers import Workers
+
+# Called with the name of what is computed (usually a model class), the name of the step, and the
+# completed share of that step.
+Progress = Callable[[str, str, float], None]
+# Called with a function and its argument.
+Begin = Callable[[Callable[[Any], object], Any], None]
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Run:
+    """How to carry out a calculation; no result depends on it.
+
+    Attributes:
+        workers: where models are evaluated; in this process if None. Several model classes are
+            sampled side by side where there are at least as many as workers or their models are
+            fast; otherwise workers share the evaluations of one.
+        checkpoint: keeps every evaluation on disk, so that a run that was interrupted is resumed
+            to the same result; nothing is kept if None. The caller removes it.
+        progress: called with the name of a model class, the name of the step, and the completed
+            share of the step; for a class sampled in a worker of another machine, only at its
+            end.
+    """
+
+    workers: Workers | None
+    checkpoint: Checkpoint | None
+    progress: Progress | None
+
+    def __init__(
+        self,
+        workers: int | Executor | Workers | None = None,
+        checkpoint: str | Path | Checkpoint | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        """Choose workers, checkpoint and progress.
+
+        Args:
+            workers: may also be a number of processes on this machine, or any
+                ``concurrent.futures.Executor``.
+            checkpoint: may also be a directory, created if necessary inside an existing one.
+            progress: as the attribute.
+
+        Raises:
+            ValueError: the number of workers is not positive.
+            TypeError: the workers are neither a number nor an executor.
+        """
+        if isinstance(checkpoint, (str, Path)):
+            checkpoint = Checkpoint(Path(checkpoint))
+        object.__setattr__(self, "workers", as_workers(workers))
+        object.__setattr__(self, "checkpoint", checkpoint)
+        object.__setattr__(self, "progress", progress)
+
+    @contextmanager
+    def working(self) -> Iterator[None]:
+        """Keep the workers running; at the outermost exit, stop those that were started here."""
+        if self.workers is None:
+            yield
+        else:
+            with self.workers:
+                yield
+
+    def report(self, name: str, step: str, done: float) -> None:
+        """Report the completed share ``done`` of a ``step`` of the class ``name``."""
+        if self.progress is not None:
+            self.progress(name, step, done)
+
+    @contextmanager
+    def side_by_side(self) -> Iterator[Begin]:
+        """Within this block, a function begins calls, and the end of the block waits for them.
+
+        The calls are made by processes of this machine, if there are any, while this process goes
+        on; at the end of the block by this one if there are none, or if one died. After an error,
+        of a call or within the block, nothing is left under way.
+        """
+        begun: list[Callable[[], object]] = []
+        try:
+            yield lambda function, item: begun.append(self._begin(function, item))
+            for value in begun:
+                value()
+        except BaseException:
+            if isinstance(self.workers, LocalWorkers):
+                self.workers.abandon()
+            raise
+
+    def _begin(self, function: Callable[[Any], object], item: object) -> Callable[[], object]:
+        """A function that waits for ``function(item)``, which is begun if processes are there."""
+        workers = self.workers
+        begun = workers.begin(function, item) if isinstance(workers, LocalWorkers) else None
+
+        def value() -> object:
+            if begun is not None:
+                # Errors of an executor that broke or was shut down.
+                with suppress(RuntimeError, CancelledError):
+                    return begun.result()
+            return function(item)
+
+        return value

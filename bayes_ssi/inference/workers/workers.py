@@ -1,0 +1,250 @@
+"""Workers: the evaluations of a batch spread over the processes or threads of an executor.
+
+Executors come from other packages: loky's processes, Dask, or any ``concurrent.futures.Executor``,
+such as mpi4py's ``MPIPoolExecutor``. Since row i of an answer depends on row i alone, results do
+not depend on the number of workers.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.workers.batch import Evaluated, Function, SafeFunction
+from bayes_ssi.inference.workers.remote import PackedFunction, call_packed, digest_of, pickled
+
+# Parts of a batch per worker: more than one, so that none waits long for the slowest.
+PARTS_PER_WORKER = 4
+# Lost points are divided into this many groups and evaluated again, down to single points: four
+# isolate the point of a batch of 1024 at which a worker dies after six deaths at most.
+GROUPS = 4
+# Seconds between two looks at the progress of calls.
+LOOK = 0.2
+# Deaths before a run gives up: enough to find some twenty points at which workers die.
+MAX_DEATHS = 100
+
+R = TypeVar("R")
+T = TypeVar("T")
+
+
+class Workers:
+    """The workers of any executor, which its creator shuts down.
+
+    A context manager that may be entered repeatedly. Subclasses start their own workers at the
+    outermost entry, or at the first call, and stop them at the outermost exit.
+    """
+
+    def __init__(self, executor: Executor | None, n_workers: int = 8) -> None:
+        """Use an executor.
+
+        Args:
+            n_workers: number of its workers, where known; determines only the number of parts
+                into which a batch is divided.
+        """
+        self._executor = executor
+        self._n_workers = n_workers
+        self._n_entered = 0
+        self._n_deaths = 0
+        self._packed: tuple[Callable[..., Any], PackedFunction] | None = None
+
+    @property
+    def n_workers(self) -> int:
+        """Number of workers, where known."""
+        return self._n_workers
+
+    @property
+    def n_parts(self) -> int:
+        """Best number of parts to divide a batch into."""
+        return PARTS_PER_WORKER * max(self.n_workers, 1)
+
+    def __enter__(self) -> Workers:
+        if not self._n_entered:
+            self._start()
+        self._n_entered += 1
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._n_entered -= 1
+        if not self._n_entered:
+            self._stop()
+
+    def evaluate(
+        self, function: Function, z: FloatArray, n_columns: int | None = None
+    ) -> Evaluated:
+        """``function`` at every row of ``z`` (B, d), of ``n_columns`` values or, if None, one.
+
+        Points whose worker died are evaluated again in smaller groups, down to single points. A
+        single point at which a worker dies again counts as failed.
+        """
+        values = np.full((len(z),) if n_columns is None else (len(z), n_columns), np.nan)
+        failures: dict[int, str] = {}
+        suspect = np.zeros(len(z), dtype=bool)
+        groups = _divided(np.arange(len(z)), 1)
+        while groups:
+            rows = groups.pop()
+            parts = _divided(rows, self.n_parts)
+            answers = self.try_each(SafeFunction(function, n_columns), [z[part] for part in parts])
+            for i, answer in answers.items():
+                values[parts[i]] = answer.values
+                failures.update((int(parts[i][row]), why) for row, why in answer.failures.items())
+            lost = np.concatenate(
+                [p for i, p in enumerate(parts) if i not in answers] or [rows[:0]]
+            )
+            if len(lost) == len(rows) == 1 and suspect[rows[0]]:
+                failures[int(rows[0])] = "the worker that evaluated it died"
+            else:
+                suspect[lost] = True
+                groups += _divided(lost, GROUPS)
+        return Evaluated(values, failures)
+
+    def call_each(self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+        """``function`` of every item, each in one worker, in the order of the items.
+
+        Arguments and errors are as in :meth:`try_each`. An item whose worker died is tried again.
+        """
+        answers: dict[int, R] = {}
+        while len(answers) < len(items):
+            left = [i for i in range(len(items)) if i not in answers]
+            new = self.try_each(function, [items[i] for i in left])
+            answers.update((left[i], answer) for i, answer in new.items())
+        return [answers[i] for i in range(len(items))]
+
+    def try_each(
+        self,
+        function: Callable[[T], R],
+        items: Sequence[T],
+        done: Callable[[int], object] | None = None,
+        meanwhile: Callable[[], object] | None = None,
+        *,
+        are_brief: bool = False,
+    ) -> dict[int, R]:
+        """``function`` of every item, each in one worker; items whose worker died are left out.
+
+        Args:
+            are_brief: whether calls take no longer than what this process could do in the
+                meantime, so that workers would wait for it.
+        """
+        answers: dict[int, R] = {}
+        waiting: dict[Future[R], int] = {}
+        death: BaseException | None = None
+        try:
+            packed = self._pack(function)
+            executor = self._running()
+            for i, item in enumerate(items):
+                waiting[_submitted(executor, packed, pickled(item))] = i
+            if waiting and not are_brief:
+                self._while_busy()
+            while waiting:
+                if meanwhile is not None:
+                    meanwhile()
+                for future in self._ready(waiting):
+                    i = waiting.pop(future)
+                    error = future.exception()
+                    if error is None:
+                        answers[i] = future.result()
+                        if done is not None:
+                            done(i)
+                    elif self._is_death(error):
+                        death = error
+                    else:
+                        raise _as_input_error(error)
+        except BrokenExecutor as error:
+            death = error
+        finally:
+            if waiting:
+                self._abandon(waiting)
+        if death is not None:
+            self._recover(death)
+        return answers
+
+    def _pack(self, function: Callable[..., Any]) -> PackedFunction:
+        """The function in the form that is sent, pickled again only when it changes."""
+        # Every access creates a new bound method, but bound methods compare equal.
+        if self._packed is None or self._packed[0] != function:
+            data = pickled(function)
+            packed = PackedFunction(digest_of(data), os.getpid(), self._content(data))
+            self._packed = (function, packed)
+        return self._packed[1]
+
+    def _recover(self, death: BaseException) -> None:
+        """Replace workers after one died, or give up."""
+        self._n_deaths += 1
+        if self._n_deaths > MAX_DEATHS:
+            raise ValueError(
+                f"workers: died {self._n_deaths} times, the last time with "
+                f"{type(death).__name__}: {death}"
+            ) from death
+        if isinstance(death, BrokenExecutor):
+            self._replace(death)
+
+    # Methods that subclasses override:
+
+    def _start(self) -> None:
+        """Start workers that must be there before the first call."""
+
+    def _stop(self) -> None:
+        """Stop workers that were started here."""
+
+    def _running(self) -> Executor:
+        assert self._executor is not None
+        return self._executor
+
+    def _content(self, data: bytes) -> Any:
+        """What is sent for a pickled function: here the function itself, with every call."""
+        return data
+
+    def _ready(self, waiting: Collection[Future[Any]]) -> Collection[Future[Any]]:
+        """The futures that are ready, of which there may be none yet."""
+        return wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED).done
+
+    def _while_busy(self) -> None:
+        """Called in this process when its workers have something to do."""
+
+    def _is_death(self, error: BaseException) -> bool:
+        """Whether an error means that a worker died, rather than that the function failed."""
+        return isinstance(error, BrokenExecutor)
+
+    def _replace(self, death: BrokenExecutor) -> None:
+        """Replace an executor that is broken."""
+        raise ValueError(
+            "workers: one died, and the executor that was given does not replace it: "
+            f"{type(death).__name__}: {death}"
+        ) from death
+
+    def _abandon(self, waiting: Collection[Future[Any]]) -> None:
+        """Cancel calls whose results are no longer needed."""
+        for future in waiting:
+            future.cancel()
+
+
+def _divided(rows: NDArray[np.intp], n: int) -> list[NDArray[np.intp]]:
+    """At most ``n`` parts of nearly equal size, none of them empty."""
+    return [part for part in np.array_split(rows, n) if len(part)]
+
+
+def _submitted(executor: Executor, function: PackedFunction, item: bytes) -> Future[Any]:
+    try:
+        return executor.submit(call_packed, function, item)
+    except BrokenExecutor:
+        raise
+    except RuntimeError as error:  # it is shut down
+        raise ValueError(f"workers: the executor takes no work: {error}") from error
+
+
+def _as_input_error(error: BaseException) -> BaseException:
+    """A ValueError in one line for an error from a worker.
+
+    Interruptions, and errors of files, which name the file, are left unchanged.
+    """
+    is_of_file = isinstance(error, OSError) and type(error).__module__ == "builtins"
+    if isinstance(error, ValueError) or is_of_file or not isinstance(error, Exception):
+        return error
+    raised = ValueError(f"workers: one cannot work: {type(error).__name__}: {error}")
+    raised.__cause__ = error
+    return raised

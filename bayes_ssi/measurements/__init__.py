@@ -1,0 +1,1 @@
+"""What was measured: modes, and the records that they are identified from."""

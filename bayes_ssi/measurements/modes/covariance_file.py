@@ -1,0 +1,109 @@
+"""The JSON file of a joint covariance, which the CSV file of its modes names.
+
+It holds ``sensors``, and for m modes at n sensors ``frequencies_hz`` (m), ``unit_shapes`` (m lists
+of n components, null where not measured) and ``covariance_of_log_frequencies_and_unit_shapes``
+(m + m n, m + m n), shapes mode by mode. Frequencies and shapes tell which row of the CSV file is
+which mode, so that its modes may be renamed, sorted or left out.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
+from bayes_ssi.measurements.modes.joint_covariance import of_modes
+from bayes_ssi.measurements.modes.modal_data import ModalData
+
+MATRIX = "covariance_of_log_frequencies_and_unit_shapes"
+KEYS = ("sensors", "frequencies_hz", "unit_shapes", MATRIX)
+
+
+def covariance_path(path: str | Path) -> Path:
+    """Where the covariance of the modes in a CSV file is written."""
+    return Path(path).with_suffix(".covariance.json")
+
+
+def write_covariance(data: ModalData, path: Path) -> None:
+    """Write the joint covariance of these modes to a new file."""
+    assert data.covariance is not None
+    shapes = [
+        [float(component) if np.isfinite(component) else None for component in shape]
+        for shape in data.unit_shapes.T
+    ]
+    values = (data.sensors, data.frequencies_hz.tolist(), shapes, data.covariance.tolist())
+    with path.open("x", encoding="utf-8") as file:
+        json.dump(dict(zip(KEYS, values, strict=True)), file)
+
+
+def read_covariance(
+    path: Path, csv_path: Path, modes: Sequence[IdentifiedMode], sensors: Sequence[str]
+) -> FloatArray:
+    """The joint covariance of ``modes``, in their order."""
+    record = _record(path, csv_path)
+    if list(record["sensors"]) != list(sensors):
+        raise ValueError(
+            f"{path}: the sensors, {', '.join(map(repr, record['sensors']))}, are not those of "
+            f"{csv_path.name}; names and order must be the same in both files"
+        )
+    try:
+        frequencies = np.array(record["frequencies_hz"], dtype=float)
+        shapes = np.array(record["unit_shapes"], dtype=float).reshape(len(frequencies), -1)
+        matrix = np.array(record[MATRIX], dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{path}: not arrays of numbers") from None
+    m, n = len(frequencies), len(sensors)
+    if shapes.shape != (m, n) or matrix.shape != (m + m * n, m + m * n):
+        raise ValueError(
+            f"{path}: {m} modes at {n} sensors need unit_shapes {(m, n)} and a covariance "
+            f"{(m + m * n, m + m * n)}, got {shapes.shape} and {matrix.shape}"
+        )
+    sds = np.sqrt(np.maximum(matrix.diagonal(), 0.0))
+    places = []
+    for mode in modes:
+        i = int(np.abs(frequencies - mode.frequency_hz).argmin())
+        # Numbers in the CSV file may be rounded, by less than their standard deviations.
+        if i in places or not _is_same(mode, frequencies[i], shapes[i], sds[i], sds[m:][n * i :]):
+            raise ValueError(
+                f"{path}: not the covariance of {csv_path.name}: mode {mode.label!r} differs in "
+                "frequency or shape by more than its standard deviation; identify again, or remove "
+                "the line 'covariance' to use each mode's own errors"
+            )
+        places.append(i)
+    return of_modes(matrix, places, m, n)
+
+
+def _is_same(
+    mode: IdentifiedMode, frequency: float, shape: FloatArray, sd: float, shape_sds: FloatArray
+) -> bool:
+    if not abs(mode.frequency_hz / frequency - 1.0) <= sd:
+        return False
+    unit = mode.unit_shape if mode.unit_shape is not None else np.full(len(shape), np.nan)
+    if not np.array_equal(np.isfinite(unit), np.isfinite(shape)):
+        return False
+    own = np.isfinite(shape)
+    allowed = np.linalg.norm(shape_sds[: len(shape)][own])
+    return bool(np.linalg.norm(unit[own] - shape[own]) <= allowed)
+
+
+def _record(path: Path, csv_path: Path) -> dict[str, Any]:
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ValueError(
+            f"{csv_path}: no file {path.name}, which its line 'covariance' names, in its "
+            "directory; put it there, or remove the line to use each mode's own errors"
+        ) from None
+    except ValueError as error:
+        raise ValueError(f"{path}: not JSON: {error}") from None
+    if not isinstance(record, dict):
+        raise ValueError(f"{path}: not a record of {', '.join(map(repr, KEYS))}")
+    for key in KEYS:
+        if key not in record:
+            raise ValueError(f"{path}: no {key!r}")
+    return record

@@ -1,0 +1,213 @@
+"""Frequencies and shapes of several tests, merged by weighted least squares.
+
+A mode has one frequency and one shape at the sensors of all tests. A test saw a part of the shape,
+at its own sensors and at unit length. Unknown are the logarithms of frequencies, and shapes in the
+planes that touch the sphere of unit shapes at the present ones; Gauss and Newton's steps, weighted
+by the inverse covariance of each test, move them to the least sum of squares. Sensors that two
+tests share join the parts of a shape, each with the weight that its error gives it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.modes.joint_covariance import plane_bases
+from bayes_ssi.measurements.modes.modal_data import ModalData
+
+MOST_STEPS = 50
+# Steps this small, in standard deviations, change nothing that is shown.
+CONVERGED = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class PartOfTest:
+    """What one test says of some of the merged modes.
+
+    Attributes:
+        log_frequencies: (p,), of its modes.
+        frequency_places: (p,), the merged mode of each.
+        unit_shapes: for each shape, (n,), zero where not measured.
+        measured: for each shape, (n,), whether the sensor measured it.
+        bases: for each shape, (n, d - 1), directions at right angles to it.
+        columns: (n,), place of each sensor of the test among those of all.
+        whitening: (k, k), turns errors of frequencies, then of shapes in their planes, into
+            independent ones of size one.
+    """
+
+    log_frequencies: FloatArray
+    frequency_places: tuple[int, ...]
+    unit_shapes: tuple[FloatArray, ...]
+    measured: tuple[NDArray[np.bool_], ...]
+    shape_places: tuple[int, ...]
+    bases: tuple[FloatArray, ...]
+    columns: tuple[int, ...]
+    whitening: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        data: ModalData,
+        places: dict[str, int],
+        sensors: Sequence[str],
+        frequencies: bool = True,
+        shapes: bool = True,
+    ) -> PartOfTest:
+        """A part of a test's data."""
+        chosen = [mode for mode in data.modes if mode.label in places]
+        with_shape = [mode for mode in chosen if shapes and mode.scored_shape is not None]
+        m, n = len(data.modes), len(data.sensors)
+        covariance = data.covariance
+        if covariance is None:
+            sizes = [(mode.frequency_cov, mode.shape_sd) for mode in data.modes]
+            for mode in chosen:
+                needed = ["frequency_cov"] + ["shape_sd"] * (mode.scored_shape is not None)
+                if lacking := [each for each in needed if getattr(mode, each) is None]:
+                    raise ValueError(
+                        f"{name}: mode {mode.label!r} has no {lacking[0]}; modes are merged by the "
+                        "weight of their errors"
+                    )
+            variances = [f or 0.0 for f, _ in sizes], np.repeat([s or 0.0 for _, s in sizes], n)
+            covariance = np.diag(np.concatenate(variances) ** 2)
+        basis = np.zeros((len(covariance), 0))
+        if frequencies:
+            basis = np.eye(len(covariance))[:, [data.labels.index(mode.label) for mode in chosen]]
+        bases = tuple(plane_bases(with_shape, n))
+        for mode, own in zip(with_shape, bases, strict=True):
+            start = m + n * data.labels.index(mode.label)
+            embedded = np.zeros((len(covariance), own.shape[1]))
+            embedded[start : start + n] = own
+            basis = np.concatenate([basis, embedded], axis=1)
+        try:
+            root = np.linalg.cholesky(basis.T @ covariance @ basis)
+        except np.linalg.LinAlgError:
+            raise ValueError(
+                f"{name}: the covariance of its modes is singular, so that they have no weights; "
+                "use each mode's own errors"
+            ) from None
+        kept = chosen if frequencies else []
+        units = [np.array(mode.unit_shape, dtype=float) for mode in with_shape]
+        return cls(
+            log_frequencies=np.log([mode.frequency_hz for mode in kept]),
+            frequency_places=tuple(places[mode.label] for mode in kept),
+            unit_shapes=tuple(np.nan_to_num(shape) for shape in units),
+            measured=tuple(np.isfinite(shape) for shape in units),
+            shape_places=tuple(places[mode.label] for mode in with_shape),
+            bases=bases,
+            columns=tuple(sensors.index(sensor) for sensor in data.sensors),
+            whitening=np.linalg.inv(root),
+        )
+
+    def residuals(
+        self, log_frequencies: FloatArray, shapes: FloatArray, planes: Sequence[FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Whitened residuals (k,), and their derivatives (k, unknowns) with respect to the merged.
+
+        Args:
+            log_frequencies: (m,), merged.
+            shapes: (m, N), merged.
+            planes: for each merged mode, (N, K_j), directions in which its shape may move.
+        """
+        first = np.cumsum([len(log_frequencies), *(plane.shape[1] for plane in planes)])
+        places = list(self.frequency_places)
+        residuals = [self.log_frequencies - log_frequencies[places]]
+        slopes = np.zeros((len(places), first[-1]))
+        slopes[range(len(places)), places] = 1.0
+        parts = [slopes]
+        for unit, measured, j, basis in zip(
+            self.unit_shapes, self.measured, self.shape_places, self.bases, strict=True
+        ):
+            seen = np.where(measured, shapes[j, list(self.columns)], 0.0)
+            length = np.linalg.norm(seen)
+            sign = 1.0 if seen @ unit >= 0.0 else -1.0
+            direction = sign * seen / length
+            residuals.append(-basis.T @ direction)
+            moved = sign * planes[j][list(self.columns)] * measured[:, None] / length
+            moved = moved - np.outer(direction, direction @ moved)
+            slopes = np.zeros((basis.shape[1], first[-1]))
+            slopes[:, first[j] : first[j + 1]] = basis.T @ moved
+            parts.append(slopes)
+        return self.whitening @ np.concatenate(residuals), self.whitening @ np.concatenate(parts)
+
+
+class Merged(NamedTuple):
+    """m merged modes at N sensors.
+
+    Attributes:
+        log_frequencies: (m,).
+        shapes: (m, N), at unit length; zero where no test measured.
+        covariance: (m + m N, m + m N), of the logarithms of frequencies, then of shapes.
+    """
+
+    log_frequencies: FloatArray
+    shapes: FloatArray
+    covariance: FloatArray
+    squares: float
+    degrees_of_freedom: int
+
+
+def weighted_least_squares(
+    parts: Sequence[PartOfTest],
+    log_frequencies: FloatArray,
+    shapes: FloatArray,
+    measured: NDArray[np.bool_],
+) -> Merged:
+    """The merged modes, from first estimates.
+
+    Args:
+        log_frequencies: (m,); without frequencies in the parts they remain, with no variance.
+        shapes: (m, N), at unit length, zero where not measured.
+        measured: (m, N), whether any test measured that component.
+    """
+    m = len(shapes)
+    counted = m if any(part.frequency_places for part in parts) else 0
+    for _ in range(MOST_STEPS):
+        planes = [_plane(*each) for each in zip(shapes, measured, strict=True)]
+        each = [part.residuals(log_frequencies, shapes, planes) for part in parts]
+        residuals = np.concatenate([own for own, _ in each])
+        slopes = np.concatenate([own for _, own in each])[:, m - counted :]
+        if np.linalg.matrix_rank(slopes) < slopes.shape[1]:
+            raise ValueError(
+                "merging: sensors that the tests share do not move in a mode, so that the parts of "
+                "its shape cannot be joined"
+            )
+        step, *_ = np.linalg.lstsq(slopes, residuals)
+        log_frequencies = log_frequencies + np.append(step[:counted], np.zeros(m - counted))
+        first = counted
+        moved = []
+        for shape, plane in zip(shapes, planes, strict=True):
+            end = first + plane.shape[1]
+            turned = shape + plane @ step[first:end]
+            moved.append(turned / np.linalg.norm(turned) if turned.any() else turned)
+            first = end
+        shapes = np.array(moved)
+        # Relative to the standard deviations that the slopes give.
+        if np.linalg.norm(slopes @ step) < CONVERGED:
+            break
+    else:
+        raise ValueError("merging: the tests' modes are too different to be those of one structure")
+    spread = np.linalg.inv(slopes.T @ slopes)
+    embedding = block_diag(np.eye(m)[:, m - counted :], *planes)
+    return Merged(
+        log_frequencies,
+        shapes,
+        embedding @ spread @ embedding.T,
+        float(residuals @ residuals),
+        len(residuals) - slopes.shape[1],
+    )
+
+
+def _plane(shape: FloatArray, measured: NDArray[np.bool_]) -> FloatArray:
+    """Directions (N, K) at right angles to a shape, among its measured components."""
+    own = np.flatnonzero(measured)
+    plane = np.zeros((len(shape), max(len(own) - 1, 0)))
+    if len(own):
+        plane[own] = np.linalg.svd(shape[own][None])[2][1:].T
+    return plane

@@ -1,0 +1,111 @@
+"""Sensors whose clock is late: their motion has a phase that grows with frequency.
+
+At a peak of the spectra where one mode moves all sensors, they move in phase or in opposition. A
+sensor that is late by τ turns by -2π f τ there, which moves the phases of first singular vectors.
+A clock that runs at another rate is later in the second half of the record than in the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+
+# Windows of the spectra. A peak stands out by so many times and has at least that share of the
+# power of the highest; it takes part where the first singular value is most of its power. One or
+# two peaks tell nothing: their modes may have phases.
+WINDOWS, STANDS_OUT, LEAST, ONE_MODE, FEWEST = 40, 4.0, 1e-3, 0.8, 3
+# Motion besides that of the mode turns sound sensors by some degrees, by more where they hardly
+# move, and by what the scatter of phases over peaks says; lateness is so many of its errors.
+SOUND_DEG, SURE = 3.0, 3.7
+
+
+class _Lateness(NamedTuple):
+    """Of each sensor against the others: τ in s, and its standard deviation."""
+
+    seconds: FloatArray
+    deviations: FloatArray
+
+
+def late_sensors(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> list[str]:
+    """A sentence for each sensor that seems late or early, or whose clock runs at another rate.
+
+    Args:
+        samples: (n, N), of sensors that all move.
+        rate_hz: samples per second.
+    """
+    n_window = 2 * samples.shape[1] // (WINDOWS + 1)
+    if len(samples) < 2 or n_window < WINDOWS:
+        return []
+    frequencies, transforms = _peaks(samples, rate_hz, n_window)
+    half = transforms.shape[2] // 2
+    parts = [transforms, transforms[:, :, :half], transforms[:, :, half:]]
+    whole, first, second = (_lateness(frequencies, part) for part in parts)
+    if whole is None or first is None or second is None:
+        return []
+    remarks = []
+    growths = second.seconds - first.seconds
+    grow = np.abs(growths) > SURE * np.hypot(first.deviations, second.deviations)
+    for name, seconds, deviation, growth, grows in zip(sensors, *whole, growths, grow, strict=True):
+        if grows:
+            remarks.append(
+                f"sensor {name!r}: its clock runs at another rate; it is later by {growth:.2g} s "
+                "in the second half of the record than in the first"
+            )
+        elif abs(seconds) > SURE * deviation:
+            remarks.append(
+                f"sensor {name!r}: {abs(seconds):.2g} s {'late' if seconds > 0.0 else 'early'} "
+                "against the others; are the clocks synchronised?"
+            )
+    return remarks
+
+
+def _peaks(samples: FloatArray, rate_hz: float, n_window: int) -> tuple[FloatArray, ComplexArray]:
+    """Frequencies (L,) of the peaks of power, and the transforms there (n, L, windows)."""
+    from scipy.signal import find_peaks, stft
+
+    def spectra_of(row: FloatArray) -> ComplexArray:
+        scaled = (row - row.mean()) / row.std()
+        transforms: ComplexArray = stft(
+            scaled, rate_hz, nperseg=n_window, boundary=None, padded=False
+        )[2]
+        return transforms
+
+    # Sensor by sensor, and twice: the spectra of all would fill memory.
+    power = sum((np.abs(spectra_of(row)) ** 2).mean(1) for row in samples)
+    levels = np.log(np.maximum(power, LEAST * np.max(power)))
+    lines = find_peaks(levels, prominence=np.log(STANDS_OUT))[0]
+    return lines * rate_hz / n_window, np.array([spectra_of(row)[lines] for row in samples])
+
+
+def _lateness(frequencies_hz: FloatArray, transforms: ComplexArray) -> _Lateness | None:
+    """None where too few peaks show one mode alone."""
+    values, vectors = np.linalg.eigh(np.einsum("ilw,jlw->lij", transforms, transforms.conj()))
+    alone = values[:, -1] > ONE_MODE * values.sum(1)
+    if alone.sum() < FEWEST:
+        return None
+    # Twice the phase is the same for motion in phase and in opposition; (L, n), as long as power.
+    doubled, omega = vectors[alone, :, -1] ** 2, 2.0 * np.pi * frequencies_hz[alone, None]
+    n_lines, n = doubled.shape
+    weights, mean_omega = n * np.abs(doubled), np.sqrt((omega**2).mean())
+    candidates = np.linspace(-0.5, 0.5, 801) * np.pi / mean_omega
+    seconds = np.zeros(n)
+    for _ in range(10):  # least squares of the phases of peaks and of sensors, in turn
+        peaks = (doubled * np.exp(2j * omega * seconds)).sum(1, keepdims=True)
+        turned = doubled * np.conj(peaks / np.abs(peaks))
+        seconds = candidates[(turned.T @ np.exp(2j * omega * candidates)).real.argmax(1)]
+        seconds = seconds - np.median(seconds)
+    left = 0.5 * np.angle(turned * np.exp(2j * omega * seconds))
+    scatter = (weights * left**2).sum() / weights.sum() / (1.0 - 1.0 / n_lines) / (1.0 - 1.0 / n)
+    shared = weights / np.sqrt(weights.sum(1, keepdims=True))
+    information = np.diag((weights * omega**2).sum(0)) - (shared * omega).T @ (shared * omega)
+    # A sensor that hardly moves may be late by all that phases can tell apart.
+    sound = np.radians(SOUND_DEG)
+    covariance = np.linalg.inv(information / (sound**2 + scatter) + np.eye(n) / candidates[-1] ** 2)
+    against_mean = np.eye(n) - 1.0 / n
+    deviations = np.sqrt((against_mean @ covariance @ against_mean).diagonal())
+    # Overlapping modes turn each other by more at higher frequencies, as lateness does.
+    return _Lateness(seconds, np.maximum(deviations, sound / mean_omega))

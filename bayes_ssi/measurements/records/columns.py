@@ -1,0 +1,142 @@
+"""Records as columns of text: CSV, or numbers separated by spaces.
+
+::
+
+    # rate_hz, 50
+    # quantity, acceleration
+    # unit, m/s2
+    floor 1, floor 2, floor 3
+    0.012, -0.003, 0.008
+    0.010, -0.001, 0.011
+
+Lines that start with ``#`` may hold the keys ``rate_hz`` or ``dt_s``, ``quantity`` and ``unit``;
+other comments are skipped. A row of column names may follow. Columns are separated by commas,
+semicolons, tabs (with the last two a decimal comma is understood) or spaces. A first column named
+``time``, ``time_s`` or ``t``, or without a name and rising by equal steps, holds the times in s; so
+does one of ISO time stamps such as ``2024-05-12T10:00:00.010``, also with a space in place of the
+``T``, and with ``Z`` or an offset at the end.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from datetime import datetime
+from itertools import chain
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.text_files import STATED_DELIMITER, require_regular_file
+from bayes_ssi.measurements.records.channels import STATED, Channels, step_of, with_statements
+
+KEY = re.compile(rf"\s*#\s*({'|'.join(STATED)})\s*[,;:=\t]\s*(.*?)[\s,;]*$")
+# What numpy says of a cell that is no number.
+NO_NUMBER = re.compile(r"could not convert string (.*) to float64 at row (\d+), column (\d+)")
+TIME = re.compile(r"(t|time)([_ ]?s|\s*[(\[]s[)\]])?$", re.IGNORECASE)
+STAMP = re.compile(r'\s*"?(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d*)?(Z|[+-]\d\d:?\d\d)?)"?')
+
+
+def read_columns_of_record(path: Path) -> Channels:
+    """Read the channels of a text file (see the module's docstring for its form)."""
+    require_regular_file(path)
+    with path.open(encoding="utf-8-sig") as file:
+        try:
+            return _read(file)
+        except UnicodeDecodeError:
+            raise ValueError("not a text file in UTF-8; save it as CSV (UTF-8)") from None
+
+
+def _read(file: TextIO) -> Channels:
+    stated: dict[str, str] = {}
+    delimiter, first = None, ""
+    for number, line in enumerate(file, 1):
+        if number == 1 and (match := STATED_DELIMITER.match(line)):
+            delimiter = match[1]
+        elif line.lstrip().startswith("#"):
+            if (match := KEY.match(line)) is not None:
+                key, value = match.groups()
+                if stated.setdefault(key, value) != value:
+                    raise ValueError(f"line {number}: {key} is {stated[key]}, and now {value}")
+        elif line.strip():
+            first = line
+            break
+    if not first:
+        raise ValueError("the file holds no samples")
+    delimiter = delimiter or next((each for each in ";\t," if each in first.strip()), None)
+    if delimiter in (";", "\t"):
+        stated = {key: value.replace(",", ".") for key, value in stated.items()}
+    cells = [cell.strip().strip('"') for cell in first.split(delimiter)]
+    stamps: list[datetime] = []
+    lines = _in_seconds(chain([first], file), delimiter in (";", "\t"), stamps)
+    first = next(lines)
+    are_numbers = [_is_number(cell.strip().strip('"')) for cell in first.split(delimiter)]
+    # Between spaces a name may hold a number; between other separators, one may be missing.
+    is_row = all(are_numbers) if delimiter is None else any(are_numbers)
+    names = [] if is_row else cells
+    lines = lines if names else chain([first], lines)
+    try:
+        table = np.loadtxt(lines, delimiter=delimiter, ndmin=2)
+    except ValueError as error:
+        above = f"below line {number - (not names)}"
+        if match := NO_NUMBER.match(str(error)):
+            text, row, column = match.groups()
+            hint = "a record has one of every sensor in every row"
+            if column == "1" and re.search(r"\d[:/.]\d+[:/.]\d", text):
+                hint = "time stamps are read in ISO form, such as 2024-05-12T10:00:00.010"
+            raise ValueError(
+                f"{above}: row {int(row) + 1}, column {column}: {text} is not a number; {hint}"
+            ) from None
+        raise ValueError(f"{above}: {error}") from None
+    if names and delimiter is None and table.shape[1] == 1:
+        names = [first.strip()]
+    if len(table) < 2:
+        raise ValueError(f"a record needs two samples or more, got {len(table)}")
+    if names and len(names) != table.shape[1]:
+        raise ValueError(f"{len(names)} column names for {table.shape[1]} columns")
+    times = table[:, 0]
+    is_timed = bool(stamps) or (bool(TIME.match(names[0])) if names else _are_times(times))
+    columns = np.ascontiguousarray(table.T[int(is_timed) :])
+    channels = with_statements(columns, names[int(is_timed) :], stated)
+    if is_timed:
+        channels = channels._replace(rates_hz=(*channels.rates_hz, 1.0 / step_of(times)))
+    if len(columns) >= len(table):
+        raise ValueError(
+            f"{len(table)} rows of {len(columns)} samples; a record has a row for each instant and "
+            "a column for each sensor: is the table the wrong way round?"
+        )
+    return channels
+
+
+def _in_seconds(
+    lines: Iterable[str], has_decimal_commas: bool, stamps: list[datetime]
+) -> Iterator[str]:
+    """Lines with seconds from the first time stamp in place of each; ``stamps`` gets the first."""
+    for line in lines:
+        line = line.replace(",", ".") if has_decimal_commas else line
+        if (match := STAMP.match(line)) is not None:
+            try:
+                stamp = datetime.fromisoformat(match[1])
+                stamps[:] = stamps or [stamp]
+                seconds = (stamp - stamps[0]).total_seconds()
+            except (ValueError, TypeError) as error:
+                raise ValueError(f"time stamp {match[1]!r}: {error}") from None
+            line = f"{seconds:.6f}{line[match.end() :]}"
+        yield line
+
+
+def _are_times(column: FloatArray) -> bool:
+    """Whether a column without a name rises by equal steps, but for some, which are gaps."""
+    steps = np.diff(column)
+    usual = float(np.median(steps))
+    return bool(usual > 0.0 and np.median(np.abs(steps - usual)) < 0.01 * usual)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,409 @@
+"""The most probable modes of a narrow band, their errors and their evidence (Bayesian FFT).
+
+The likelihood is that of complex Wishart matrices, the means of a few transforms in every block
+(Yuen and Katafygiotis 2003; Au 2017). Its Fisher information is that of weighted least squares:
+w tr(E⁻¹ dE E⁻¹ dE) of each block, so that Fisher scoring converges in a dozen steps.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.measurements.records.local_model import (
+    ROOT_2_PI,
+    Model,
+    OneSource,
+    Resonances,
+    Scene,
+    basis,
+    coordinates,
+    information_of,
+    response_slopes,
+    scene,
+    started,
+)
+from bayes_ssi.measurements.records.local_spectra import LocalSpectra
+
+# Priors: logarithm of the damping; of the rest of a shape beside its largest part; of what is out
+# of phase in it; of the background, its change and its bend over the band, over what is quiet.
+DAMPING, LOG_DAMPING_SD = 0.015, 1.0
+SHAPE_SD, PHASE_SD = 1.0, 0.1
+BACKGROUND_SDS = np.array([10.0, 0.3, 0.1])
+# Forces of a mode, over the quiet background, below which priors that go with them do not shrink.
+LEAST_SIZE = 1e-4
+# Added to scaled curvatures, which rounding may otherwise make singular.
+ROUNDING = 1e-11
+# Structures are damped less than this.
+HEAVIEST = 0.15
+# A climb ends when a step gains less, or after so many; it has arrived where Newton's own step
+# would gain less than this.
+SETTLED, MOST_STEPS, ARRIVED = 0.01, 40, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class LocalFit:
+    """The most probable modes of a band.
+
+    Attributes:
+        covariance: of (ln f, ln ζ, shapes' real parts, shapes' imaginary parts), mode by mode
+            within each; (2m + 2mr)².
+        whiteness: chi-square of the whitened spectra over degrees of freedom.
+        covariances: (K, r, r), E of each block.
+    """
+
+    data: LocalSpectra
+    modes: Resonances
+    has_phases: bool
+    covariance: FloatArray
+    log_likelihood: float
+    log_evidence: float
+    whiteness: float
+    allowed_whiteness: float
+    converged: bool
+    covariances: ComplexArray
+    model: Model
+    scene: Scene
+
+    @property
+    def are_modes(self) -> NDArray[np.bool_]:
+        """Which resonances are within the band, and damped no more than structures are (m,)."""
+        low, high = self.data.band_hz
+        f = self.modes.frequencies_hz
+        driven = self.model.drive.sizes(self.modes) > 0.0
+        return (f > low) & (f < high) & (self.modes.dampings < HEAVIEST) & driven
+
+    @property
+    def one_source(self) -> bool:
+        """Whether one process drives everything."""
+        return isinstance(self.model.drive, OneSource)
+
+    def residuals(self) -> tuple[FloatArray, FloatArray]:
+        """Frequencies (K,) and chi-square of each block over its number, 1 where all is right."""
+        chi, numbers = _chi_square(self.data, self.covariances)
+        return self.data.frequencies_hz, chi / numbers
+
+
+def allowed_whiteness(weights: FloatArray, sizes: FloatArray, n_degrees: float) -> float:
+    """1.1, where claimed deviations are too small by a twentieth, and three times the scatter.
+
+    The mean W of w independent Gaussian vectors of n complex components with unit covariance has
+    w |W - I|² with the mean n² and the variance 2n² + (4n³ + 2n) / w.
+
+    Args:
+        weights: (K,), w of each block.
+        sizes: (K,), n of each block.
+        n_degrees: degrees of freedom of all blocks.
+    """
+    variances = 2.0 * sizes**2 + (4.0 * sizes**3 + 2.0 * sizes) / weights
+    return 1.1 + 3.0 * math.sqrt(float(variances.sum())) / n_degrees
+
+
+class Fitter:
+    """Fits of modes to one band's spectra."""
+
+    def __init__(self, data: LocalSpectra, neighbours: Resonances, one_source: bool) -> None:
+        self.data, self.one_source = data, one_source
+        self.scene = scene(data, neighbours)
+        self.matrices = data.matrices + np.diag(data.floor)
+
+    @property
+    def r(self) -> int:
+        """Directions."""
+        return self.matrices.shape[1]
+
+    def misfit(self, e: ComplexArray) -> float:
+        """-ln likelihood without constants; infinite where E is not positive."""
+        try:
+            factors = np.linalg.cholesky(e)
+        except np.linalg.LinAlgError:
+            return math.inf
+        logs = 2.0 * np.log(factors.diagonal(axis1=1, axis2=2).real).sum(1)
+        solved = np.linalg.solve(e, self.matrices)
+        traces = np.einsum("kii->k", solved).real
+        return float(self.data.weights @ (logs + traces))
+
+    def fit(
+        self, start: Resonances | LocalFit, has_phases: bool, most_steps: int | None = None
+    ) -> LocalFit:
+        """The most probable modes."""
+        if isinstance(start, LocalFit):
+            model = start.model
+        else:
+            modes = start
+            if not has_phases:
+                turned = modes.shapes * np.exp(-0.5j * np.angle((modes.shapes**2).sum(0)))
+                real = turned.real / np.linalg.norm(turned.real, axis=0)
+                modes = modes._replace(shapes=real.astype(complex))
+            model = started(self.scene, modes, self.one_source)
+        e = model.covariances(self.scene)
+        usual = np.maximum(model.drive.sizes(model.modes), LEAST_SIZE)
+        damping = 1e-2
+        steps = _Steps(
+            self, model, e, has_phases, model.drive.scales(self.scene, model.modes, usual)
+        )
+        for _ in range(MOST_STEPS if most_steps is None else most_steps):
+            scales = steps.scales
+            value = self.misfit(e) + self._energy(model, scales)
+            moved = None
+            while damping < 1e8:
+                step, gain = steps.step(damping)
+                if gain < SETTLED:
+                    break
+                trial = steps.moved(step)
+                tried_e = trial.covariances(self.scene)
+                if self.misfit(tried_e) + self._energy(trial, scales) < value:
+                    moved = trial, tried_e
+                    damping *= 0.1
+                    break
+                damping = max(10.0 * damping, 1e-4)
+            if moved is None:
+                break
+            model, e = moved
+            steps = _Steps(
+                self, model, e, has_phases, model.drive.scales(self.scene, model.modes, usual)
+            )
+            if (model.modes.dampings > 2.0 * HEAVIEST).any():
+                break
+        return self._described(model, e, steps)
+
+    def _energy(self, model: Model, scales: FloatArray) -> float:
+        """The quadratic part of -ln prior density."""
+        off = (np.log(model.modes.dampings) - math.log(DAMPING)) / LOG_DAMPING_SD
+        value = 0.5 * float(off @ off)
+        value += 0.5 * float(((model.modes.shapes.imag / PHASE_SD) ** 2).sum())
+        value += 0.5 * float((np.abs(model.backgrounds / BACKGROUND_SDS[:, None, None]) ** 2).sum())
+        return value + model.drive.energy(model.modes, scales)
+
+    def _log_normalisation(self, model: Model, steps: _Steps) -> float:
+        """The rest of -ln prior density, up to constants of the band."""
+        r, m = model.modes.shapes.shape
+        low, high = self.data.band_hz
+        of_one = math.log(LOG_DAMPING_SD * ROOT_2_PI) + math.log(math.log(high / low))
+        of_one += (r - 1) * math.log(SHAPE_SD * ROOT_2_PI)
+        if steps.has_phases:
+            of_one += (r - 1) * math.log(PHASE_SD * ROOT_2_PI)
+        return m * of_one + model.drive.log_normalisation(model.modes, steps.scales)
+
+    def _described(self, model: Model, e: ComplexArray, steps: _Steps) -> LocalFit:
+        r = self.r
+        sign, log_determinant = np.linalg.slogdet(steps.curvature / (2.0 * math.pi))
+        misfit = self.misfit(e)
+        value = misfit + self._energy(model, steps.scales)
+        value += self._log_normalisation(model, steps)
+        evidence = -value - 0.5 * float(log_determinant) if sign > 0 else -math.inf
+        covariance = _solved(steps.curvature, np.eye(steps.size))
+        jacobian = steps.jacobian()
+        own = covariance[steps.modal, steps.modal]
+        chi, numbers = _chi_square(self.data, e)
+        n_free = 1.0 - float(np.trace(covariance @ steps.information)) / (len(e) * r * r)
+        n_degrees = max(1.0, float(numbers.sum()) * n_free)
+        whiteness = float(chi.sum()) / n_degrees
+        left = 0.5 * float(steps.slope @ covariance @ steps.slope)
+        return LocalFit(
+            self.data, model.modes, steps.has_phases, jacobian @ own @ jacobian.T, -misfit,
+            evidence, whiteness, allowed_whiteness(self.data.weights, np.sqrt(numbers), n_degrees),
+            left < ARRIVED, e, model, self.scene,
+        )  # fmt: skip
+
+
+def _solved(curvature: FloatArray, right: FloatArray) -> FloatArray:
+    """Curvature⁻¹ right, of coordinates of any sizes, some of which may hardly be determined."""
+    roots = np.sqrt(curvature.diagonal())
+    scaled = curvature / roots / roots[:, None] + ROUNDING * np.eye(len(roots))
+    return np.asarray(np.linalg.solve(scaled, (right.T / roots).T).T / roots).T
+
+
+def _chi_square(data: LocalSpectra, e: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Of the whitened matrices of blocks (K,), and what it is on average where E is right (K,)."""
+    inverse = np.linalg.inv(e)
+    whitened = inverse @ (data.matrices + np.diag(data.floor)) - np.eye(e.shape[1])
+    chi = data.weights * np.einsum("kij,kji->k", whitened, whitened).real
+    # The floor does not scatter.
+    traces = e.shape[1] - np.einsum("kii,i->k", inverse.real, data.floor)
+    return chi, traces**2
+
+
+class _Steps:
+    """Gradient and curvature of -ln posterior at a model, and steps from there.
+
+    Coordinates are those of the backgrounds (3 r²), frequencies, dampings, shapes (r - 1 each,
+    twice as many with phases), and real and imaginary parts of the drive's values.
+    """
+
+    def __init__(
+        self, fitter: Fitter, model: Model, e: ComplexArray, has_phases: bool, scales: FloatArray
+    ) -> None:
+        at = fitter.scene
+        self.model, self.has_phases, self.scales = model, has_phases, scales
+        modes, data = model.modes, fitter.data
+        r, m = fitter.r, len(modes.frequencies_hz)
+        inverse: ComplexArray = np.linalg.inv(e)
+        inverse = 0.5 * (inverse + inverse.conj().swapaxes(1, 2))
+        residual = inverse @ (fitter.matrices - e) @ inverse
+        slopes = data.weights[:, None] * coordinates(residual)  # (K, r²)
+        information = data.weights[:, None, None] * information_of(inverse)
+        derivatives = self._derivatives(fitter)  # (K, P, r²)
+        self.slopes, self.of_blocks, self.derivatives = slopes, information, derivatives
+        smooth, n = 3 * r * r, derivatives.shape[1]
+        self.size = smooth + n
+        self.modal = slice(smooth, smooth + 2 * m + m * (r - 1) * (1 + has_phases))
+        self.curvature, self.slope = np.zeros((self.size, self.size)), np.zeros(self.size)
+        seen = derivatives @ information
+        self.slope[smooth:] = np.einsum("kpa,ka->p", derivatives, slopes)
+        flat = seen.transpose(1, 0, 2).reshape(n, -1)
+        self.curvature[smooth:, smooth:] = flat @ derivatives.transpose(1, 0, 2).reshape(n, -1).T
+        x = at.powers[1]
+        moments = (x ** np.arange(5)[:, None] @ information.reshape(len(e), -1)).reshape(
+            5, r * r, -1
+        )
+        for i, power in enumerate(at.powers):
+            a = slice(i * r * r, (i + 1) * r * r)
+            self.slope[a] = power @ slopes
+            cross = np.einsum("k,kpa->pa", power, seen)
+            self.curvature[smooth:, a], self.curvature[a, smooth:] = cross, cross.T
+            for j in range(len(at.powers)):
+                self.curvature[a, j * r * r : (j + 1) * r * r] = moments[i + j]
+        self.information = self.curvature.copy()
+        self._add_prior()
+
+    def _derivatives(self, fitter: Fitter) -> FloatArray:
+        """Of E by all coordinates but backgrounds (K, P, r²)."""
+        at, modes, drive = fitter.scene, self.model.modes, self.model.drive
+        h, by_f, by_z = response_slopes(modes, at.data)
+        shapes = modes.shapes
+        m = shapes.shape[1]
+        self.tangents = [_tangent(shape, self.has_phases) for shape in shapes.T]
+        forces = drive.forces(at, modes, h).swapaxes(1, 2)  # (K, m, r)
+        n_tangent = self.tangents[0].shape[1] if m else 0
+        left = [(each[:, None] * shapes).swapaxes(1, 2) for each in (by_f, by_z)]
+        left += [h[:, i, None, None] * tangent.T for i, tangent in enumerate(self.tangents)]
+        columns = drive.columns(at, modes, h)
+        parts = np.stack([columns.left, columns.turn * columns.left], axis=2)
+        left.append(parts.reshape(len(h), -1, fitter.r))
+        right = np.concatenate(
+            [forces, forces, np.repeat(forces, n_tangent, axis=1),
+             np.repeat(columns.right, 2, axis=1)], axis=1,
+        )  # fmt: skip
+        products = np.concatenate(left, axis=1)[..., None] * right[..., None, :].conj()
+        return 2.0 * coordinates(products)  # of products and their conjugate transposes
+
+    def _add_prior(self) -> None:
+        model, modes = self.model, self.model.modes
+        r, m = modes.shapes.shape
+        precisions, off = np.zeros(self.size), np.zeros(self.size)
+        smooth = 3 * r * r
+        precisions[:smooth] = np.repeat(BACKGROUND_SDS**-2.0, r * r)
+        off[:smooth] = coordinates(model.backgrounds).ravel()
+        # Uniform priors bend nothing; these keep the curvature positive where a mode has no forces.
+        precisions[smooth : smooth + m] = 1.0
+        of_damping = slice(smooth + m, smooth + 2 * m)
+        precisions[of_damping] = LOG_DAMPING_SD**-2
+        off[of_damping] = np.log(modes.dampings) - math.log(DAMPING)
+        at = smooth + 2 * m
+        for shape, tangent in zip(modes.shapes.T, self.tangents, strict=True):
+            precisions[at : at + r - 1] = SHAPE_SD**-2
+            imaginary = slice(at + r - 1, at + tangent.shape[1])
+            precisions[imaginary] = PHASE_SD**-2
+            off[imaginary] = tangent[:, r - 1 :].imag.T @ shape.imag
+            at += tangent.shape[1]
+        self.curvature[range(self.size), range(self.size)] += precisions
+        self.slope -= precisions * off
+        of_drive, slope = model.drive.prior(modes, self.scales)
+        self.curvature[at:, at:] += of_drive
+        self.slope[at:] += slope
+
+    def step(self, damping: float) -> tuple[FloatArray, float]:
+        """A damped step, and what it should gain."""
+        damped = self.curvature + damping * np.diag(self.curvature.diagonal())
+        step = _solved(damped, self.slope)
+        return step, 0.5 * float(self.slope @ step)
+
+    def moved(self, step: FloatArray) -> Model:
+        """The model after a step, shortened where it would leave what is known of modes."""
+        modes = self.model.modes
+        r, m = modes.shapes.shape
+        smooth = 3 * r * r
+        by_f, by_z = step[smooth : smooth + m], step[smooth + m : smooth + 2 * m]
+        # No farther than a bandwidth, nor to twice the damping.
+        steepest = [*np.abs(by_z) / 0.7, *np.abs(by_f) / np.maximum(modes.dampings, 0.003)]
+        step = step / max([1.0, *steepest])
+        by_f, by_z = step[smooth : smooth + m], step[smooth + m : smooth + 2 * m]
+        changes = np.einsum("pa,aij->pij", step[:smooth].reshape(3, r * r), basis(r))
+        shapes = modes.shapes.copy()
+        at = smooth + 2 * m
+        for i, tangent in enumerate(self.tangents):
+            shapes[:, i] += tangent @ step[at : at + tangent.shape[1]]
+            at += tangent.shape[1]
+        lengths = np.linalg.norm(shapes, axis=0) * np.exp(0.5j * np.angle((shapes**2).sum(0)))
+        values = step[at:].reshape(-1, 2)
+        return Model(
+            self.model.backgrounds + changes,
+            Resonances(
+                modes.frequencies_hz * np.exp(by_f), modes.dampings * np.exp(by_z), shapes / lengths
+            ),
+            self.model.drive.moved(values[:, 0] + 1j * values[:, 1], lengths),
+        )
+
+    def jacobian(self) -> FloatArray:
+        """Of (ln f, ln ζ, real parts, imaginary parts of shapes) by the modes' own coordinates."""
+        r, m = self.model.modes.shapes.shape
+        n = 2 * m + sum(tangent.shape[1] for tangent in self.tangents)
+        jacobian = np.zeros((2 * m + 2 * m * r, n))
+        jacobian[range(2 * m), range(2 * m)] = 1.0
+        at = 2 * m
+        for i, tangent in enumerate(self.tangents):
+            own = slice(at, at + tangent.shape[1])
+            jacobian[2 * m + i * r : 2 * m + (i + 1) * r, own] = tangent.real
+            jacobian[2 * m + (m + i) * r : 2 * m + (m + i + 1) * r, own] = tangent.imag
+            at += tangent.shape[1]
+        return jacobian
+
+
+def _tangent(shape: ComplexArray, has_phases: bool) -> ComplexArray:
+    """Directions (r, r - 1), or twice as many, in which a shape of unit length can change.
+
+    Its real part is longest at the phase that it has: a change of phase is none of the shape.
+    """
+    real = shape.real / np.linalg.norm(shape.real)
+    full, _ = np.linalg.qr(np.concatenate([real[:, None], np.eye(len(shape))], axis=1))
+    across = full[:, 1 : len(shape)].astype(complex)
+    return np.concatenate([across, 1j * across], axis=1) if has_phases else across
+
+
+def gain_of(fitter: Fitter, fit: LocalFit, one: Resonances) -> tuple[float, ComplexArray]:
+    """About how many nats a mode more would gain: by its forces alone, at first order.
+
+    Returns:
+        The gain, and the mode's shape (r,): that of ``one`` under independent loads, and the one
+        that gains most where one source drives all.
+    """
+    at, modes, drive = fitter.scene, fit.modes, fit.model.drive
+    scales = drive.scales(at, modes, np.maximum(drive.sizes(modes), LEAST_SIZE))
+    steps = _Steps(fitter, fit.model, fit.covariances, fit.has_phases, scales)
+    left, right, turn = drive.more(at, modes, fit.model.h(at), one)
+    parts = np.stack([left, turn * left], axis=2).reshape(len(left), -1, fitter.r)
+    products = parts[..., None] * np.repeat(right, 2, axis=1)[..., None, :].conj()
+    own = 2.0 * coordinates(products)  # (K, 2c, r²)
+    seen = own @ steps.of_blocks
+    n = own.shape[1]
+    slope = np.einsum("kpa,ka->p", own, steps.slopes)
+    cross = np.concatenate(
+        [np.einsum("k,kpa->ap", power, seen) for power in at.powers]
+        + [np.einsum("kqa,kpa->qp", steps.derivatives, seen)]
+    )
+    flat = own.transpose(1, 0, 2).reshape(n, -1)
+    curvature = seen.transpose(1, 0, 2).reshape(n, -1) @ flat.T
+    solved = _solved(steps.curvature, np.column_stack([cross, steps.slope]))
+    curvature = curvature - cross.T @ solved[:, :-1]
+    slope = slope - cross.T @ solved[:, -1]
+    step = _solved(curvature, slope)
+    shape = one.shapes[:, 0]
+    if fitter.one_source:
+        shape = step[0::2] + 1j * step[1::2]
+        shape = shape / np.linalg.norm(shape) * np.exp(-0.5j * np.angle((shape**2).sum()))
+    return 0.5 * float(slope @ step), shape

@@ -1,0 +1,511 @@
+"""The spectral matrices of a narrow band: modes, what drives them, and a smooth background.
+
+Around a few modes the spectral matrix of the channels is
+
+    E(f) = B0 + x B1 + x² B2 + Σ_i [h_i(f) φ_i a_i* + conj(h_i(f)) a_i φ_i*],
+
+with x from -1 to 1 over the band, h_i = 1 / (1 - β_i² - 2i ζ_i β_i), β_i = f_i / f: the partial
+fractions of any rational spectrum. The modes' forces may be coherent with each other and with all
+that lies outside the band, which is in the Hermitian backgrounds B; independent forces alone have
+a_i = i s_i φ_i with s_i > 0. All but f, ζ and φ is linear.
+
+Where one process drives everything, as the ground's motion in one direction does, E is all but
+singular, and the same spectra are v v* + B0 + x B1 + x² B2 with
+v(f) = d0 + x d1 + x² d2 + Σ_i h_i(f) φ_i l_i. Blocks see the mean of h over their width.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.measurements.records.local_spectra import LocalSpectra
+
+# Prior standard deviations: of forces that are coherent with the background, over the most that can
+# be; of forces of neighbours, over the quiet background; of direct motion, and of its change and
+# bend over the band.
+COHERENCE_SD, NEIGHBOUR_SD = 0.3, 10.0
+DIRECT_SDS = np.array([2.0, 1.0, 0.5])[:, None]
+# ln of the ratio of the largest to the smallest size that a mode's forces may have.
+LOG_SIZES = math.log(1e4)
+# Of coordinates whose prior is flat: it keeps curvatures positive.
+LEAST_PRECISION = 1e-8
+ROOT_2_PI = math.sqrt(2.0 * math.pi)
+
+
+class Resonances(NamedTuple):
+    """m modes without errors in r directions or n channels.
+
+    Attributes:
+        frequencies_hz: (m,).
+        dampings: (m,).
+        shapes: (r, m), complex, at unit length.
+    """
+
+    frequencies_hz: FloatArray
+    dampings: FloatArray
+    shapes: ComplexArray
+
+    def at(self, places: list[int]) -> Resonances:
+        """Some of the modes."""
+        return Resonances(
+            self.frequencies_hz[places], self.dampings[places], self.shapes[:, places]
+        )
+
+    def joined(self, others: Resonances) -> Resonances:
+        """These modes and others, in ascending order."""
+        both = self.beside(others)
+        return both.at(np.argsort(both.frequencies_hz, kind="stable").tolist())
+
+    def beside(self, others: Resonances) -> Resonances:
+        """These modes, and then the others."""
+        return Resonances(*(
+            np.concatenate([a, b], axis=-1) for a, b in zip(self, others, strict=True)
+        ))  # fmt: skip
+
+    @property
+    def half_widths_hz(self) -> FloatArray:
+        """Half of the half-power bandwidths, ζ f (m,)."""
+        return self.dampings * self.frequencies_hz
+
+
+def responses(modes: Resonances, data: LocalSpectra) -> ComplexArray:
+    """Means of h over the blocks (K, m)."""
+    return response_slopes(modes, data)[0]
+
+
+def response_slopes(
+    modes: Resonances, data: LocalSpectra
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Means of h over the blocks, and their derivatives by ln f and ln ζ, (K, m) each."""
+    f, zeta = modes.frequencies_hz, modes.dampings.clip(1e-6, 0.99)
+    root = np.sqrt(1.0 - zeta**2)
+    p, conjugate = f * (1j * zeta + root), f * (1j * zeta - root)
+    # h = f² / ((f - p)(f - p')) = 1 + [p² / (f - p) - p'² / (f - p')] / (p - p')
+    centres, halves = data.frequencies_hz[:, None], 0.5 * data.widths_hz[:, None]
+
+    def term(pole: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """p² times the mean of 1 / (f - p), and its derivative by p."""
+        low, high = centres - halves - pole, centres + halves - pole
+        mean = np.log(high / low) / (2.0 * halves)
+        return pole**2 * mean, 2.0 * pole * mean + pole**2 / (low * high)
+
+    (a, a_slope), (b, b_slope) = term(p), term(conjugate)
+    apart = p - conjugate
+    h = 1.0 + (a - b) / apart
+
+    def slope(of_p: ComplexArray, of_conjugate: ComplexArray) -> ComplexArray:
+        change = a_slope * of_p - b_slope * of_conjugate
+        return (change - (h - 1.0) * (of_p - of_conjugate)) / apart
+
+    by_zeta = zeta * f
+    return (
+        h,
+        slope(p, conjugate),
+        slope(by_zeta * (1j - zeta / root), by_zeta * (1j + zeta / root)),
+    )
+
+
+@cache
+def basis(r: int) -> ComplexArray:
+    """Orthonormal Hermitian matrices (r², r, r)."""
+    basis = np.zeros((r * r, r, r), dtype=complex)
+    at = 0
+    for i in range(r):
+        basis[at, i, i] = 1.0
+        at += 1
+        for j in range(i):
+            basis[at, i, j] = basis[at, j, i] = math.sqrt(0.5)
+            basis[at + 1, i, j], basis[at + 1, j, i] = 1j * math.sqrt(0.5), -1j * math.sqrt(0.5)
+            at += 2
+    return basis
+
+
+@cache
+def _projection(r: int) -> FloatArray:
+    """From real and imaginary parts of a Hermitian matrix to its coordinates (2r², r²)."""
+    flat = basis(r).reshape(r * r, r * r)
+    parts = np.stack([flat.real, flat.imag], axis=2)
+    return np.asarray(parts.reshape(r * r, 2 * r * r).T.copy(), dtype=np.float64)
+
+
+def coordinates(matrices: ComplexArray) -> FloatArray:
+    """Of Hermitian matrices (..., r, r) in the basis (..., r²)."""
+    r = matrices.shape[-1]
+    flat = np.ascontiguousarray(matrices).reshape(*matrices.shape[:-2], r * r)
+    return np.asarray(flat.view(np.float64) @ _projection(r))
+
+
+def information_of(inverse: ComplexArray) -> FloatArray:
+    """tr(E⁻¹ B E⁻¹ B') of all pairs of basis matrices, from E⁻¹ of the blocks: (K, r², r²)."""
+    k, r = inverse.shape[:2]
+    left = inverse.reshape(k * r, r) @ basis(r).transpose(1, 0, 2).reshape(r, -1)
+    left = left.reshape(k, r, r * r, r).swapaxes(1, 2).reshape(k, r**3, r)
+    return coordinates((left @ inverse).reshape(k, r * r, r, r))
+
+
+class Scene(NamedTuple):
+    """What a model is evaluated on.
+
+    Attributes:
+        powers: (3, K): 1, x, x² of the blocks.
+        of_neighbours: (K, p), their responses.
+    """
+
+    data: LocalSpectra
+    powers: FloatArray
+    neighbours: Resonances
+    of_neighbours: ComplexArray
+
+
+def scene(data: LocalSpectra, neighbours: Resonances) -> Scene:
+    """What models of a band are evaluated on."""
+    low, high = data.band_hz
+    x = (2.0 * data.frequencies_hz - low - high) / (high - low)
+    of_neighbours = responses(neighbours, data)
+    return Scene(data, np.stack([x**0, x, x**2]), neighbours, of_neighbours)
+
+
+class Columns(NamedTuple):
+    """Derivatives of E by complex values: dE = left right* + its Hermitian transpose.
+
+    Attributes:
+        left: (K, c, r), by the real part of each value.
+        right: (K, c, r).
+        turn: what ``left`` is multiplied by for the imaginary parts.
+    """
+
+    left: ComplexArray
+    right: ComplexArray
+    turn: complex
+
+
+class Drive(Protocol):
+    """What drives the modes; all of it is linear in complex values."""
+
+    @property
+    def values(self) -> ComplexArray:
+        """(c,)"""
+
+    def moved(self, step: ComplexArray, lengths: ComplexArray, /) -> Drive:
+        """After a step of the values, and shapes that were divided by ``lengths`` (m,)."""
+
+    def matrices(self, at: Scene, modes: Resonances, h: ComplexArray, /) -> ComplexArray:
+        """What the modes add to the background (K, r, r)."""
+
+    def forces(self, at: Scene, modes: Resonances, h: ComplexArray, /) -> ComplexArray:
+        """a_i of each block (K, r, m)."""
+
+    def columns(self, at: Scene, modes: Resonances, h: ComplexArray, /) -> Columns:
+        """Derivatives by the values."""
+
+    def crosses(self, at: Scene, modes: Resonances, h: ComplexArray, /) -> ComplexArray:
+        """What else than shapes cross spectra with other directions are linear in (K, c, r)."""
+
+    def more(self, at: Scene, modes: Resonances, h: ComplexArray, one: Resonances, /) -> Columns:
+        """Derivatives by the values of a mode more."""
+
+    def scales(self, at: Scene, modes: Resonances, usual: FloatArray, /) -> FloatArray:
+        """What of the prior goes with the modes, (m, ...); it stands still in a step."""
+
+    def energy(self, modes: Resonances, scales: FloatArray, /) -> float:
+        """The quadratic part of -ln prior of the values."""
+
+    def log_normalisation(self, modes: Resonances, scales: FloatArray, /) -> float:
+        """The rest of -ln prior of the values, up to constants of the band."""
+
+    def prior(self, modes: Resonances, scales: FloatArray, /) -> tuple[FloatArray, FloatArray]:
+        """Precision matrix (2c, 2c) and slope (2c,) of ln prior by real and imaginary parts."""
+
+    def sizes(self, modes: Resonances, /) -> FloatArray:
+        """4 ζ s (m,), where s is about the part i φ of the forces; not positive for no mode."""
+
+
+class IndependentLoads(NamedTuple):
+    """Forces a of p neighbours and m modes: coherent with the background or not.
+
+    Attributes:
+        of_neighbours: (r, p).
+        of_modes: (r, m).
+    """
+
+    of_neighbours: ComplexArray
+    of_modes: ComplexArray
+
+    @property
+    def values(self) -> ComplexArray:
+        """(c,)"""
+        return np.concatenate([self.of_neighbours.T.ravel(), self.of_modes.T.ravel()])
+
+    def moved(self, step: ComplexArray, lengths: ComplexArray) -> IndependentLoads:
+        """After a step of the values, and shapes that were divided by ``lengths`` (m,)."""
+        r, p = self.of_neighbours.shape
+        of_neighbours = self.of_neighbours + step[: r * p].reshape(p, r).T
+        of_modes = self.of_modes + step[r * p :].reshape(-1, r).T
+        return IndependentLoads(of_neighbours, of_modes * lengths.conj())
+
+    def matrices(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
+        """What the modes add to the background (K, r, r)."""
+        all_h = np.concatenate([h, at.of_neighbours], axis=1)
+        shapes = np.concatenate([modes.shapes, at.neighbours.shapes], axis=1)
+        forces = np.concatenate([self.of_modes, self.of_neighbours], axis=1)
+        resonant = (all_h[:, None] * shapes) @ forces.conj().T
+        return np.asarray(resonant + resonant.conj().swapaxes(1, 2))
+
+    def forces(self, _at: Scene, _modes: Resonances, h: ComplexArray) -> ComplexArray:
+        """a_i of each block (K, r, m)."""
+        return np.broadcast_to(self.of_modes, (len(h), *self.of_modes.shape))
+
+    def columns(self, at: Scene, modes: Resonances, h: ComplexArray) -> Columns:
+        """Derivatives by the values."""
+        all_h = np.concatenate([at.of_neighbours, h], axis=1)
+        shapes = np.concatenate([at.neighbours.shapes, modes.shapes], axis=1)
+        r = len(shapes)
+        left = np.repeat((all_h[:, None] * shapes).swapaxes(1, 2), r, axis=1)
+        right = np.tile(np.eye(r, dtype=complex), (shapes.shape[1], 1))
+        return Columns(left, np.broadcast_to(right, left.shape), -1j)
+
+    def more(self, at: Scene, _modes: Resonances, _h: ComplexArray, one: Resonances) -> Columns:
+        """Derivatives by the values of a mode more, with its shape."""
+        response = responses(one, at.data)
+        r = len(one.shapes)
+        left = np.repeat(response[:, :, None] * one.shapes[:, 0], r, axis=1)
+        return Columns(left, np.broadcast_to(np.eye(r, dtype=complex), left.shape), -1j)
+
+    def crosses(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
+        """What else than shapes cross spectra with other directions are linear in (K, c, r)."""
+        all_h = np.concatenate([h, at.of_neighbours], axis=1)
+        shapes = np.concatenate([modes.shapes, at.neighbours.shapes], axis=1)
+        return (all_h[:, None] * shapes).conj().swapaxes(1, 2)
+
+    def sizes(self, modes: Resonances) -> FloatArray:
+        """4 ζ s (m,), where s is the part i φ of the forces."""
+        along = (modes.shapes.conj() * self.of_modes).sum(0).imag
+        return np.asarray(4.0 * modes.dampings * along)
+
+    def scales(self, at: Scene, modes: Resonances, usual: FloatArray) -> FloatArray:
+        """Prior covariances (m, r, r) of forces coherent with all that moves at each mode.
+
+        That is a background of unit power, and the other modes: S_ij of two modal forces gives
+        a_i the part φ_j S_ij h_j*(p_i) by partial fractions. Loads that are alike everywhere make
+        forces of modes as coherent as their shapes are alike.
+        """
+        m = len(modes.dampings)
+        # On the way to the most probable model forces may all but vanish.
+        sizes = self.sizes(modes).clip(0.1 * usual, 10.0 * usual)
+        others = modes.beside(at.neighbours)
+        along = (at.neighbours.shapes.conj() * self.of_neighbours).sum(0).imag
+        of_others = np.r_[sizes, 4.0 * at.neighbours.dampings * along.clip(0.0)]
+        beta = others.frequencies_hz / modes.frequencies_hz[:, None]
+        damped = beta * (others.dampings + beta * modes.dampings[:, None])
+        mac = np.abs(modes.shapes.conj().T @ others.shapes) ** 2
+        coherences = 1.0 + (0.5 * COHERENCE_SD**-2 - 1.0) * mac  # over that with the background
+        powers = coherences * of_others / ((1.0 - beta**2) ** 2 + 4.0 * damped**2)
+        powers[range(m), range(m)] = 0.0
+        outer = np.einsum("aj,bj->jab", others.shapes, others.shapes.conj()).real
+        motion = np.eye(len(modes.shapes)) + np.einsum("ij,jab->iab", powers, outer)
+        return np.asarray(COHERENCE_SD**2 * sizes[:, None, None] * motion)
+
+    def energy(self, modes: Resonances, scales: FloatArray) -> float:
+        """The quadratic part of -ln prior of the values."""
+        along = (modes.shapes.conj() * self.of_modes).sum(0)
+        across = self.of_modes - 1j * modes.shapes * along.imag
+        solved = np.linalg.solve(scales, across.T[:, :, None])[:, :, 0]
+        value = 0.5 * float((across.T.conj() * solved).real.sum())
+        return value + 0.5 * float((np.abs(self.of_neighbours / NEIGHBOUR_SD) ** 2).sum())
+
+    def log_normalisation(self, modes: Resonances, scales: FloatArray) -> float:
+        """The rest of -ln prior of the values, up to constants of the band."""
+        r, m = modes.shapes.shape
+        along = (modes.shapes.conj() * self.of_modes).sum(0).imag
+        # Of all directions but one, that of i φ.
+        own = np.einsum("im,mij,jm->m", modes.shapes.conj(), scales, modes.shapes).real
+        value = (2 * r - 1) * m * math.log(ROOT_2_PI)
+        value += float(np.linalg.slogdet(scales)[1].sum() - 0.5 * np.log(own).sum())
+        return value + float(np.log(along.clip(1e-9) * LOG_SIZES).sum())
+
+    def prior(self, modes: Resonances, scales: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Precision matrix (2c, 2c) and slope (2c,) of ln prior by real and imaginary parts."""
+        r = len(modes.shapes)
+        n = 2 * self.values.size
+        precisions = np.zeros((n, n))
+        at = 2 * self.of_neighbours.size
+        precisions[range(at), range(at)] = NEIGHBOUR_SD**-2
+        for shape, scale in zip(modes.shapes.T, scales, strict=True):
+            along = as_reals(1j * shape)
+            own = slice(at, at + 2 * r)
+            across = np.eye(2 * r) - np.outer(along, along)
+            precision = across @ np.kron(np.linalg.inv(scale), np.eye(2)) @ across
+            precisions[own, own] = precision + LEAST_PRECISION * np.eye(2 * r)
+            at += 2 * r
+        return precisions, -precisions @ as_reals(self.values)
+
+
+class OneSource(NamedTuple):
+    """One process that drives everything.
+
+    Attributes:
+        direct: (3, r), what channels have of it beside resonances, over the band.
+        of_neighbours: (p,), factors l of neighbours.
+        of_modes: (m,), factors l of modes.
+    """
+
+    direct: ComplexArray
+    of_neighbours: ComplexArray
+    of_modes: ComplexArray
+
+    @property
+    def values(self) -> ComplexArray:
+        """(c,)"""
+        return np.concatenate([self.direct.ravel(), self.of_neighbours, self.of_modes])
+
+    def moved(self, step: ComplexArray, lengths: ComplexArray) -> OneSource:
+        """After a step of the values, and shapes that were divided by ``lengths`` (m,)."""
+        n, p = self.direct.size, len(self.of_neighbours)
+        direct = self.direct + step[:n].reshape(self.direct.shape)
+        return OneSource(
+            direct, self.of_neighbours + step[n : n + p], (self.of_modes + step[n + p :]) * lengths
+        )
+
+    def motion(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
+        """v (K, r)."""
+        return np.asarray(
+            at.powers.T @ self.direct
+            + (h * self.of_modes) @ modes.shapes.T
+            + (at.of_neighbours * self.of_neighbours) @ at.neighbours.shapes.T
+        )
+
+    def matrices(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
+        """What the modes add to the background (K, r, r)."""
+        v = self.motion(at, modes, h)
+        return np.asarray(v[:, :, None] * v[:, None].conj())
+
+    def forces(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
+        """a_i of each block (K, r, m)."""
+        return self.motion(at, modes, h)[:, :, None] * self.of_modes.conj()
+
+    def columns(self, at: Scene, modes: Resonances, h: ComplexArray) -> Columns:
+        """Derivatives by the values."""
+        r = len(modes.shapes)
+        direct = at.powers.T[:, :, None, None] * np.eye(r)
+        left = np.concatenate(
+            [
+                direct.reshape(len(h), 3 * r, r).astype(complex),
+                (at.of_neighbours[:, None] * at.neighbours.shapes).swapaxes(1, 2),
+                (h[:, None] * modes.shapes).swapaxes(1, 2),
+            ],
+            axis=1,
+        )
+        return Columns(left, np.broadcast_to(self.motion(at, modes, h)[:, None], left.shape), 1j)
+
+    def more(self, at: Scene, modes: Resonances, h: ComplexArray, one: Resonances) -> Columns:
+        """Derivatives by the values of a mode more, with any shape."""
+        response = responses(one, at.data)
+        left = response[:, :, None] * np.eye(len(one.shapes))
+        return Columns(left, np.broadcast_to(self.motion(at, modes, h)[:, None], left.shape), 1j)
+
+    def crosses(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
+        """What else than shapes cross spectra with other directions are linear in (K, c, r)."""
+        factors = np.concatenate([at.powers.T, at.of_neighbours], axis=1)
+        return np.asarray(factors[:, :, None] * self.motion(at, modes, h)[:, None].conj())
+
+    def sizes(self, _modes: Resonances) -> FloatArray:
+        """4 ζ s (m,), where s is about the part i φ of the forces."""
+        return np.asarray(np.abs(self.of_modes) ** 2)
+
+    def scales(self, _at: Scene, _modes: Resonances, usual: FloatArray) -> FloatArray:
+        """Factors of modes may have any size."""
+        return usual
+
+    def energy(self, _modes: Resonances, _scales: FloatArray) -> float:
+        """The quadratic part of -ln prior of the values."""
+        value = 0.5 * float((np.abs(self.direct / DIRECT_SDS) ** 2).sum())
+        return value + 0.5 * float((np.abs(self.of_neighbours / NEIGHBOUR_SD) ** 2).sum())
+
+    def log_normalisation(self, modes: Resonances, _scales: FloatArray) -> float:
+        """The rest of -ln prior of the values, up to constants of the band."""
+        sizes = self.sizes(modes).clip(1e-12)
+        value = 2.0 * self.direct.shape[1] * float(np.log(DIRECT_SDS * ROOT_2_PI).sum())
+        return value + float(np.log(math.pi * sizes * LOG_SIZES).sum())
+
+    def prior(self, _modes: Resonances, _scales: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Precision matrix (2c, 2c) and slope (2c,) of ln prior by real and imaginary parts."""
+        precisions = np.concatenate(
+            [
+                np.repeat(DIRECT_SDS**-2.0, 2 * self.direct.shape[1]),
+                np.full(2 * len(self.of_neighbours), NEIGHBOUR_SD**-2),
+                np.full(2 * len(self.of_modes), LEAST_PRECISION),
+            ]
+        )
+        # The phase of the whole source is nobody's to know.
+        fixed = np.zeros(len(precisions))
+        fixed[:] = as_reals(1j * self.values) / np.linalg.norm(self.values)
+        return np.diag(precisions) + np.outer(fixed, fixed), -precisions * as_reals(self.values)
+
+
+def as_reals(values: ComplexArray) -> FloatArray:
+    """Real and imaginary parts of each, in turn."""
+    return np.asarray(np.stack([values.real, values.imag], axis=-1).ravel(), dtype=np.float64)
+
+
+class Model(NamedTuple):
+    """Backgrounds (3, r, r), modes, and what drives them."""
+
+    backgrounds: ComplexArray
+    modes: Resonances
+    drive: Drive
+
+    def covariances(self, at: Scene) -> ComplexArray:
+        """E (K, r, r)."""
+        smooth = np.einsum("pk,pij->kij", at.powers, self.backgrounds)
+        return np.asarray(smooth + self.drive.matrices(at, self.modes, self.h(at)))
+
+    def h(self, at: Scene) -> ComplexArray:
+        """Responses of the modes (K, m)."""
+        return responses(self.modes, at.data)
+
+
+def started(at: Scene, modes: Resonances, one_source: bool) -> Model:
+    """A model with modes whose forces have about the size that the spectra show."""
+    r, m = modes.shapes.shape
+    p = len(at.neighbours.frequencies_hz)
+    data = at.data
+    peak_powers = np.empty(m)
+    for i, shape in enumerate(modes.shapes.T):
+        nearest = int(np.abs(data.frequencies_hz - modes.frequencies_hz[i]).argmin())
+        near = slice(max(0, nearest - 2), nearest + 3)
+        power = float((shape.conj() @ data.matrices[near].mean(0) @ shape).real)
+        peak_powers[i] = max(power - 1.0, 0.1)
+    backgrounds = np.zeros((3, r, r), dtype=complex)
+    backgrounds[0] = np.eye(r)
+    if not one_source:
+        forces = 0.7j * modes.dampings * peak_powers * modes.shapes
+        return Model(backgrounds, modes, IndependentLoads(np.zeros((r, p), dtype=complex), forces))
+    # The leading singular vectors give v but for the phase of each block, which a reference fixes.
+    values, vectors = np.linalg.eigh(data.matrices)
+    v = vectors[:, :, -1] * np.sqrt(values[:, -1:])
+    h = responses(modes, data)
+    source = OneSource(
+        np.zeros((3, r), dtype=complex),
+        np.zeros(p, dtype=complex),
+        (1.4 * modes.dampings * np.sqrt(peak_powers)).astype(complex),
+    )
+    columns = source.columns(at, modes, h)
+    for _ in range(20):  # least squares of v, and phases that agree with it
+        fitted = source.motion(at, modes, h)
+        overlap = (v.conj() * fitted).sum(1)
+        turned = v * np.exp(1j * np.angle(overlap))[:, None]
+        weights = np.sqrt(data.weights)[:, None] / np.linalg.norm(v, axis=1)[:, None]
+        weighted = columns.left.swapaxes(1, 2) * weights[..., None]
+        regressors = weighted.reshape(-1, weighted.shape[2])
+        products = regressors.conj().T @ regressors
+        products += 1e-6 * np.diag(products.diagonal().real)
+        solved = np.linalg.solve(products, regressors.conj().T @ (turned * weights).ravel())
+        n = 3 * r
+        source = OneSource(solved[:n].reshape(3, r), solved[n : n + p], solved[n + p :])
+    backgrounds *= 0.3
+    return Model(backgrounds, modes, source)

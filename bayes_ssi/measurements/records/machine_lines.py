@@ -1,0 +1,140 @@
+"""Lines of machines: sines, which a record of any length shows in one line, and all through it.
+
+At a sine the transforms z of a few sensors stand out of their spectral matrix G nearby: for
+stationary motion, zᴴ G⁻¹ z with G the mean of m lines is m n / (m - n + 1) times a variable of
+Fisher's F(2 n, 2 (m - n + 1)). What sensors do together, as under ground motion, does not hide a
+sine that they share in other proportions. A resonance is at least a few lines wide, and its phase
+wanders; a shock is over soon. A sine has one phase in all parts of the record.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+
+# Lines to either side: those that a Hann window spreads a sine over, and those around.
+SPREAD, AROUND = 2, 22
+NEARBY = np.setdiff1d(np.arange(-AROUND, AROUND + 1), np.arange(-SPREAD, SPREAD + 1))
+# Sensors of a group: as many as so few lines can have a spectral matrix of.
+GROUP = 3
+# Of sound records, one in so many shows a line by chance.
+RARE = 1e4
+# A line counts where it has more of some sensor's power than a sine of 1 % of its rms value: in the
+# stop band of a filter there is next to nothing, and any line may stand out.
+SHARE = 0.5 * 0.01**2
+# The coherent power of so many parts of the record over their whole power: 1 for a sine, 1/PARTS
+# for noise or a shock; a decay over half the record has 0.76.
+PARTS, COHERENT = 8, 0.78
+# Samples that are regressed at a time, so that long records need little memory.
+BLOCK = 2**16
+
+
+def machine_lines(samples: FloatArray, rate_hz: float) -> FloatArray:
+    """Frequencies in Hz at which machines seem to run, the strongest first.
+
+    They are right to some hundredths of a line (1 / duration) for the weakest, and better for
+    stronger ones. Modes with ζ f T below 1, T the duration, look the same.
+
+    Args:
+        samples: (n, N).
+        rate_hz: samples per second.
+    """
+    n_samples = samples.shape[1]
+    found: list[tuple[float, float]] = []
+    if n_samples >= 20 * AROUND:
+        for group in np.array_split(samples, -(-len(samples) // GROUP) or 1):
+            found += _lines_of(group[np.ptp(group, axis=1) > 0.0])
+    strongest: list[float] = []
+    for _, line in sorted(found, reverse=True):
+        if all(abs(line - other) > SPREAD for other in strongest):
+            strongest.append(line)
+    return np.array(strongest) * rate_hz / n_samples
+
+
+def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
+    """Share of the power, and frequency in lines, of the sines in a few sensors, which move."""
+    from scipy.stats import f as fisher
+
+    n, n_samples = samples.shape
+    if not n:
+        return []
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(n_samples) / n_samples)
+    samples = samples - samples.mean(1, keepdims=True)
+    transforms = np.fft.rfft(window * samples)
+    powers = np.abs(transforms) ** 2
+    # Of a sine's power in a Hann window two thirds are in its line; a drift is no machine.
+    shares = (1.5 * powers / powers[:, AROUND:].sum(1, keepdims=True)).max(0)
+    lines = np.flatnonzero(shares > SHARE)
+    lines = lines[(lines >= AROUND) & (lines < len(shares) - AROUND)]
+    if not len(lines):
+        return []
+    ratios, directions = _standing_out(transforms, lines)
+    m = len(NEARBY) // 2  # windowed neighbours are alike: half of the lines count
+    chance = fisher.isf(1.0 / (RARE * len(lines)), 2 * n, 2 * (m - n + 1))
+    found = []
+    for k in np.flatnonzero(ratios > m * n / (m - n + 1) * chance):
+        line, direction = int(lines[k]), directions[k].conj()
+        before, here, after = np.abs(direction @ transforms[:, line - 1 : line + 2])
+        if here < max(before, after):
+            continue
+        # Exact for a sine in a Hann window.
+        beside = max(before, after) / here
+        refined = line + (2.0 * beside - 1.0) / (1.0 + beside) * (1 if after > before else -1)
+        if _coherence(direction @ samples, refined) > COHERENT:
+            found.append((float(shares[line]), refined))
+    return found
+
+
+def _standing_out(
+    transforms: ComplexArray, lines: NDArray[np.intp]
+) -> tuple[FloatArray, ComplexArray]:
+    """zᴴ G⁻¹ z of lines (L,), and G⁻¹ z (L, n)."""
+    around = transforms[:, lines[:, None] + NEARBY].swapaxes(0, 1)
+    matrices = around @ around.conj().swapaxes(1, 2) / len(NEARBY)
+    # Sensors may be copies: their difference is then no motion.
+    matrices += 1e-6 * np.eye(len(transforms)) * np.einsum("kii->ki", matrices)[:, :, None]
+    here = transforms[:, lines].T
+    directions = np.linalg.solve(matrices, here[:, :, None])[:, :, 0]
+    return (here.conj() * directions).sum(1).real, directions
+
+
+def _coherence(history: ComplexArray, line: float) -> float:
+    """Coherent power of the parts of a history at a frequency in lines, over their whole power."""
+    n_part = len(history) // PARTS
+    steady = np.exp(-2j * np.pi * line / len(history) * np.arange(PARTS * n_part))
+    parts = (history[: len(steady)] * steady).reshape(PARTS, n_part) @ np.hanning(n_part)
+    return float(np.abs(parts.sum()) ** 2 / (PARTS * (np.abs(parts) ** 2).sum()))
+
+
+def without_lines(samples: FloatArray, rate_hz: float, frequencies_hz: FloatArray) -> FloatArray:
+    """Samples without the sines of some frequencies, by joint least squares of all of them.
+
+    Sine and cosine of a frequency may each grow linearly over the record: so little do amplitude
+    and phase of a machine drift where all is in one line, and what a frequency misses is removed,
+    too. Where a sine is taken out, up to two lines of the rest go with it.
+
+    Args:
+        samples: (n, N).
+        rate_hz: samples per second.
+        frequencies_hz: (L,), two lines (2 rate / N) apart or more.
+    """
+    if not len(frequencies_hz):
+        return samples
+    n_samples = samples.shape[1]
+    left = samples - samples.mean(1, keepdims=True)
+    blocks = [slice(start, min(start + BLOCK, n_samples)) for start in range(0, n_samples, BLOCK)]
+
+    def waves(block: slice) -> FloatArray:
+        instants = np.arange(block.start, block.stop)
+        turns = np.exp(2j * np.pi / rate_hz * np.outer(frequencies_hz, instants))
+        steady = np.concatenate([turns.real, turns.imag])
+        return np.concatenate([steady, (2.0 * instants / n_samples - 1.0) * steady])
+
+    products = sum(waves(block) @ waves(block).T for block in blocks)
+    projections = sum(waves(block) @ left[:, block].T for block in blocks)
+    amplitudes = np.linalg.lstsq(products, projections)[0]
+    return np.concatenate(
+        [samples[:, block] - amplitudes.T @ waves(block) for block in blocks], axis=1
+    )

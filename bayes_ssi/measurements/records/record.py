@@ -1,0 +1,283 @@
+"""A vibration record: what the sensors of one setup measured at equal time steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.modes.identified_mode import (
+    RESERVED_NAMES,
+    checked_band,
+    repeated,
+    require_name,
+)
+from bayes_ssi.measurements.records.record_checks import moving, remarks_on
+from bayes_ssi.structures.response.ground_motion import UNITS, checked_unit
+
+# Quantity → units in which it may be given; spellings of accelerations are those of ground motion.
+QUANTITIES = {
+    "acceleration": tuple(UNITS),
+    "velocity": ("m/s", "cm/s", "mm/s", "in/s", "ft/s"),
+    "displacement": ("m", "cm", "mm", "in", "ft"),
+}
+DIRECTIONS = ("x", "y", "z", "-x", "-y", "-z")
+# A filter's passband ends here, as a share of the new Nyquist frequency (scipy.signal.decimate).
+PASSED = 0.8
+
+Place = tuple[int, str] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What n sensors measured at N equal time steps.
+
+    Attributes:
+        samples: (n, N), a row for each sensor.
+        rate_hz: samples per second.
+        sensors: name of each sensor, as the structure names its degrees of freedom or sensors.
+        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
+        unit: of all samples, such as ``"m/s2"`` or ``"g"``.
+        places: node and direction (x, y, z, or -x, -y, -z) of each sensor, None where not known;
+            empty where none is known.
+        source: where the record comes from.
+
+    Raises:
+        ValueError: there are fewer than two sensors, or no more samples than sensors; a sample is
+            not finite; names are missing or repeated; the rate, quantity, unit or a place is not
+            valid.
+    """
+
+    samples: FloatArray
+    rate_hz: float
+    sensors: tuple[str, ...]
+    quantity: str
+    unit: str
+    places: tuple[Place, ...] = ()
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if isinstance(self.sensors, str):
+            raise TypeError(f"record: sensors must be several names, got {self.sensors!r}")
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        object.__setattr__(self, "samples", self._checked_samples())
+        object.__setattr__(self, "rate_hz", checked_rate(self.rate_hz))
+        object.__setattr__(self, "unit", checked_unit_of(self.quantity, self.unit))
+        object.__setattr__(self, "places", self._checked_places())
+
+    def _checked_samples(self) -> FloatArray:
+        try:
+            if np.iscomplexobj(self.samples):
+                raise TypeError
+            samples = np.asarray(self.samples, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError("record: samples must be rows of real numbers, all as long") from None
+        if samples.ndim != 2:
+            raise ValueError(f"record: samples must be (n_sensors, n_samples), got {samples.shape}")
+        n, length = samples.shape
+        if n >= length:
+            is_turned = len(self.sensors) == length < n
+            raise ValueError(
+                f"record: samples must be (n_sensors, n_samples), got {n} rows of {length}"
+                + (
+                    f" for {length} sensors: the array is the wrong way round; give its transpose"
+                    if is_turned
+                    else "; is the array the wrong way round?"
+                )
+            )
+        if n < 2:
+            raise ValueError("record: a mode shape needs two sensors or more, got 1")
+        if len(self.sensors) != n:
+            raise ValueError(f"record: {len(self.sensors)} names for {n} sensors")
+        for name in self.sensors:
+            require_name(name, "record: sensor name")
+            if name in RESERVED_NAMES:
+                raise ValueError(
+                    f"record: a sensor may not be named {name!r}, a column of every file of modes"
+                )
+        if len(set(self.sensors)) < n:
+            raise ValueError(f"record: two sensors are named {repeated(self.sensors)!r}")
+        for name, row in zip(self.sensors, samples, strict=True):
+            finite = np.isfinite(row)
+            if not finite.all():
+                first = int(np.argmin(finite))
+                raise ValueError(
+                    f"record: sensor {name!r}: sample {first + 1} is not finite: "
+                    f"{float(row[first])!r}"
+                )
+        # A long record fills memory: an array that nobody can change is not copied.
+        if samples.flags.writeable or not samples.flags.c_contiguous:
+            samples = np.array(samples, order="C")
+            samples.setflags(write=False)
+        return samples
+
+    def _checked_places(self) -> tuple[Place, ...]:
+        places = tuple(self.places)
+        if places and len(places) != len(self.sensors):
+            raise ValueError(f"record: {len(places)} places for {len(self.sensors)} sensors")
+        for name, place in zip(self.sensors, places, strict=False):
+            if place is None:
+                continue
+            if np.shape(place) != (2,) or place[1] not in DIRECTIONS:
+                raise ValueError(
+                    f"record: sensor {name!r}: place must be a node and a direction "
+                    f"({', '.join(DIRECTIONS)}), got {place!r}"
+                )
+        return places
+
+    @property
+    def n_samples(self) -> int:
+        """N, the number of samples of each sensor."""
+        return self.samples.shape[1]
+
+    @property
+    def duration_s(self) -> float:
+        """N over the rate, in s."""
+        return self.n_samples / self.rate_hz
+
+    @property
+    def nyquist_hz(self) -> float:
+        """Half the rate; the samples carry nothing above it."""
+        return 0.5 * self.rate_hz
+
+    @property
+    def dead_sensors(self) -> tuple[str, ...]:
+        """Sensors of which all samples are the same."""
+        moves = moving(self.samples)
+        return tuple(name for name, has in zip(self.sensors, moves, strict=True) if not has)
+
+    def checked_band(self, band_hz: Sequence[float]) -> tuple[float, float]:
+        """Lowest and highest frequency in Hz of a band that the record covers.
+
+        Args:
+            band_hz: the two frequencies.
+
+        Raises:
+            ValueError: the band is empty, begins below the record's lowest frequency, 1/duration,
+                or ends beyond its Nyquist frequency.
+        """
+        low, high = checked_band(band_hz)
+        if high > self.nyquist_hz:
+            raise ValueError(
+                f"band_hz: {high:g} Hz is beyond {self.nyquist_hz:g} Hz, half the rate of the "
+                "record"
+            )
+        if low * self.duration_s < 1.0:
+            raise ValueError(
+                f"band_hz: {low:g} Hz is below {1.0 / self.duration_s:.3g} Hz, the lowest "
+                f"frequency in {self.duration_s:g} s"
+            )
+        return low, high
+
+    def selected(self, sensors: Sequence[str]) -> Record:
+        """The record of some sensors, in the order given.
+
+        Args:
+            sensors: their names.
+
+        Raises:
+            ValueError: a name is unknown or repeated, or there are fewer than two.
+        """
+        sensors = (sensors,) if isinstance(sensors, str) else tuple(sensors)
+        for name in sensors:
+            if name not in self.sensors:
+                raise ValueError(
+                    f"record: no sensor {name!r}; choose from {', '.join(map(repr, self.sensors))}"
+                )
+        rows = [self.sensors.index(name) for name in sensors]
+        places = tuple(self.places[row] for row in rows) if self.places else ()
+        samples = _read_only(self.samples[rows])
+        return replace(self, samples=samples, sensors=sensors, places=places)
+
+    def detrended(self) -> Record:
+        """The record without each sensor's mean and linear trend."""
+        from scipy.signal import detrend
+
+        samples = np.array(self.samples)
+        for row in samples:  # one by one: scipy works on copies
+            row[:] = detrend(row)
+        return replace(self, samples=_read_only(samples))
+
+    def decimated(self, factor: int) -> Record:
+        """Every ``factor``-th sample, after a filter without phase shift against aliases.
+
+        The filter passes 0.8 of the new Nyquist frequency (``scipy.signal.decimate``).
+
+        Args:
+            factor: a whole number; 1 changes nothing.
+
+        Raises:
+            ValueError: it is not, or too few samples are left.
+        """
+        from scipy.signal import decimate
+
+        is_number = isinstance(factor, (int, float, np.number)) and not isinstance(factor, bool)
+        if not (is_number and factor >= 1 and float(factor).is_integer()):
+            raise ValueError(f"record: factor must be a whole number from 1 on, got {factor!r}")
+        if self.n_samples <= len(self.sensors) * factor:
+            raise ValueError(f"record: factor {factor} leaves too few of {self.n_samples} samples")
+        if factor == 1:
+            return self
+        # Sensor by sensor: the filter works on copies. A mean would be a step at both ends.
+        samples = np.array(
+            [
+                decimate(row - row.mean(), int(factor), ftype="fir") + row.mean()
+                for row in self.samples
+            ]
+        )
+        return replace(self, samples=_read_only(samples), rate_hz=self.rate_hz / factor)
+
+    def decimated_to(self, highest_hz: float) -> Record:
+        """The record at the lowest rate that keeps all up to ``highest_hz``.
+
+        Args:
+            highest_hz: the highest frequency that is needed.
+
+        Raises:
+            ValueError: it is beyond the record's Nyquist frequency.
+        """
+        if not 0.0 < highest_hz <= self.nyquist_hz:
+            raise ValueError(
+                f"highest_hz must be positive and at most {self.nyquist_hz:g}, got {highest_hz!r}"
+            )
+        return self.decimated(max(1, int(PASSED * self.nyquist_hz / highest_hz)))
+
+    def warnings(self) -> list[str]:
+        """What looks wrong with the record, a sentence each."""
+        return remarks_on(self.samples, self.rate_hz, self.sensors)
+
+
+def checked_rate(rate_hz: float) -> float:
+    """Samples per second."""
+    number = isinstance(rate_hz, (int, float, np.number)) and not isinstance(rate_hz, bool)
+    if not (number and 0.0 < rate_hz < math.inf):
+        got = float(rate_hz) if number else rate_hz
+        raise ValueError(f"record: rate_hz must be a positive, finite number, got {got!r}")
+    return float(rate_hz)
+
+
+def units_of(quantity: str) -> tuple[str, ...]:
+    """The units in which a quantity may be given."""
+    if quantity not in QUANTITIES:
+        choices = ", ".join(map(repr, QUANTITIES))
+        raise ValueError(f"record: quantity must be one of {choices}, got {quantity!r}")
+    return QUANTITIES[quantity]
+
+
+def checked_unit_of(quantity: str, unit: str) -> str:
+    """The unit in its usual spelling."""
+    units = units_of(quantity)
+    if quantity == "acceleration":
+        return checked_unit(unit)
+    if unit not in units:
+        choices = ", ".join(map(repr, units))
+        raise ValueError(f"record: unit of {quantity} must be one of {choices}, got {unit!r}")
+    return unit
+
+
+def _read_only(samples: FloatArray) -> FloatArray:
+    samples.setflags(write=False)
+    return samples

@@ -1,0 +1,178 @@
+"""Files of vibration records, in any format that the package reads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.text_files import require_regular_file
+from bayes_ssi.foundations.universal_files import is_universal_file, read_data_sets
+from bayes_ssi.measurements.records.array_files import READERS, read_arrays
+from bayes_ssi.measurements.records.channels import Channels
+from bayes_ssi.measurements.records.columns import read_columns_of_record
+from bayes_ssi.measurements.records.record import (
+    QUANTITIES,
+    Place,
+    Record,
+    checked_rate,
+    checked_unit_of,
+    units_of,
+)
+from bayes_ssi.measurements.records.strong_motion_files import STRONG_MOTION, read_strong_motion
+from bayes_ssi.measurements.records.tool_files import read_tdms, read_universal
+
+# Bytes at the beginning of a file, in which its rows of names are.
+HEAD = 4096
+
+
+@checked
+def read_record(
+    paths: str | Path | Sequence[str | Path],
+    *,
+    rate_hz: float | None = None,
+    quantity: str | None = None,
+    unit: str | None = None,
+    sensors: Sequence[str] | None = None,
+    keys: Sequence[str] = (),
+) -> Record:
+    """Read the record of one setup, from one file or several with channels of the same instants.
+
+    Formats are columns of text (:mod:`bayes_ssi.measurements.records.columns`), arrays in MATLAB,
+    numpy or HDF5 files (:mod:`bayes_ssi.measurements.records.array_files`), universal files (data
+    sets 58), TDMS, and strong motion (:mod:`bayes_ssi.measurements.records.strong_motion_files`).
+    What the files do not state must be given; what both state must agree.
+
+    Args:
+        paths: the file, or several.
+        rate_hz: samples per second.
+        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``; of strong motion, which
+            has all three, the one to be read, acceleration if none is given.
+        unit: of all samples.
+        sensors: names of the sensors, in place of the files' own.
+        keys: names of arrays, or groups of a TDMS file, to be read.
+
+    Raises:
+        OSError: a file cannot be read.
+        ValueError: a file is not understood; rate, quantity or unit are missing or contradicted;
+            files differ in their number of samples; or as for :class:`Record`.
+    """
+    files = [Path(path) for path in ([paths] if isinstance(paths, (str, Path)) else paths)]
+    if not files:
+        raise ValueError("read_record: no file is given")
+    parts = []
+    for path in files:
+        try:
+            parts.append(_read(path, keys, quantity))
+        except ValueError as error:
+            raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+    lengths = [part.samples.shape[1] for part in parts]
+    for path, length in zip(files, lengths, strict=True):
+        if length != lengths[0]:
+            raise ValueError(
+                f"{path}: {length} samples, but {lengths[0]} in {files[0]}; files of one setup "
+                "hold the same instants"
+            )
+    names = tuple(sensors) if sensors is not None else _names(parts)
+    whole = f"{files[0]}" + (f" and {len(files) - 1} more" if len(files) > 1 else "")
+    rates = [*([] if rate_hz is None else [rate_hz]), *(r for p in parts for r in p.rates_hz)]
+    quantities = [*([quantity] if quantity else []), *(q for p in parts for q in p.quantities)]
+    units = [*([unit] if unit else []), *(u for p in parts for u in p.units)]
+    try:
+        _require(rates, quantities, units, names, sum(len(part.samples) for part in parts))
+        kind = _one(quantities, "quantity")
+        return Record(
+            _joined(parts),
+            _one_rate(rates),
+            names,
+            kind,
+            _one([checked_unit_of(kind, stated) for stated in units], "unit"),
+            _places(parts),
+            source=", ".join(path.name for path in files),
+        )
+    except ValueError as error:
+        raise ValueError(f"{whole}: {error}") from None
+
+
+def _require(
+    rates: Sequence[float], quantities: Sequence[str], units: Sequence[str], names: Sequence[str],
+    n: int,
+) -> None:  # fmt: skip
+    """Name all at once what neither the files nor the caller state, with the commands' options."""
+    kinds = ", ".join(map(repr, QUANTITIES))
+    choices = "one of " + ", ".join(map(repr, units_of(quantities[0]))) if quantities else "it"
+    wanted: dict[str, Sequence[object]] = {
+        "rate_hz, the samples per second, is not given; give it in Hz (--rate)": rates,
+        f"the quantity of the samples is not given; give one of {kinds} (--quantity)": quantities,
+        f"the unit of the samples is not given; give {choices} (--unit)": units,
+        f"the names of the {n} sensors are not given; give them as sensors (--sensor)": names,
+    }
+    if missing := [text for text, stated in wanted.items() if not stated]:
+        raise ValueError("; ".join(missing))
+
+
+def is_record(path: Path) -> bool:
+    """Whether a file that exists holds a record rather than identified modes.
+
+    A file of text does where none of its first rows of names has a column ``frequency_hz``.
+    """
+    suffix = path.suffix.lower()
+    require_regular_file(path)
+    if suffix in READERS or suffix in (".tdms", *STRONG_MOTION):
+        return True
+    if is_universal_file(path):
+        return bool(read_data_sets(path, 58))
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    return bool(head.strip()) and b"frequency_hz" not in head and b"label" not in head
+
+
+def _read(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:
+    suffix = path.suffix.lower()
+    if suffix in READERS:
+        return read_arrays(path, keys)
+    if suffix == ".tdms":
+        return read_tdms(path, keys)
+    if keys:
+        raise ValueError(f"keys are given, but a file of type {suffix!r} has none")
+    if suffix in STRONG_MOTION:
+        return read_strong_motion(path, quantity or "acceleration")
+    return read_universal(path) if is_universal_file(path) else read_columns_of_record(path)
+
+
+def _joined(parts: Sequence[Channels]) -> np.ndarray:
+    """All channels in one array that nobody can change, so that the record need not copy it."""
+    samples = parts[0].samples if len(parts) == 1 else np.concatenate([p.samples for p in parts])
+    samples.setflags(write=False)
+    return samples
+
+
+def _names(parts: Sequence[Channels]) -> tuple[str, ...]:
+    """Names of all channels; none where one file has none."""
+    if all(part.names for part in parts):
+        return tuple(name for part in parts for name in part.names)
+    return ()
+
+
+def _places(parts: Sequence[Channels]) -> tuple[Place, ...]:
+    if not any(part.places for part in parts):
+        return ()
+    return tuple(p for part in parts for p in part.places or (None,) * len(part.samples))
+
+
+def _one_rate(rates: Sequence[float]) -> float:
+    for rate in rates:
+        # Files state a rate or its inverse, some to three digits.
+        if not math.isclose(checked_rate(rate), rates[0], rel_tol=1e-3):
+            raise ValueError(f"two rates are given: {rates[0]:g} and {rate:g} Hz")
+    return rates[0]
+
+
+def _one(stated: Sequence[str], what: str) -> str:
+    for other in stated:
+        if other != stated[0]:
+            raise ValueError(f"two of {what} are given: {stated[0]!r} and {other!r}")
+    return stated[0]

@@ -1,0 +1,178 @@
+"""Calibrations: every minimum, and the modes before and after."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from rich.table import Table
+
+from bayes_ssi.inference.calibration.calibration import Calibration
+from bayes_ssi.inference.calibration.modal_sensitivities import ModalSensitivities
+from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.report.tables.layout import add_row, new_table, number
+
+# Columns of numbers that a terminal of 80 characters has room for.
+MOST_COLUMNS = 8
+# Two lines of a terminal: further components of a combination are left to the record.
+MOST_COMPONENTS = 6
+
+
+def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Table:
+    """Every distinct minimum: parameter values, objective and distance.
+
+    The title names the model class, and those of the ``same`` calibration.
+
+    A few parameters are columns; many are rows, and the best minima are columns.
+    """
+    names = (*calibration.parameter_names, "f_ob (%)", "d (%)")
+    fits = {"before": calibration.before}
+    if calibration.least_change is not None:
+        fits["least change"] = calibration.least_change
+    fits |= {str(i): fit for i, fit in enumerate(calibration.minima, 1)}
+    cells = {
+        label: (
+            *(f"{value:.4g}" for value in fit.values),
+            f"{100 * fit.objective:.3f}",
+            f"{100 * fit.distance:.1f}",
+        )
+        for label, fit in fits.items()
+    }
+    what = "Minima with the prior's pull" if calibration.with_prior else "Minima"
+    classes = ", ".join(map(repr, (calibration.name, *same)))
+    title = f"{what} of {classes}, λ = {calibration.shape_weight:g}"
+    if len(names) <= MOST_COLUMNS:
+        table = new_table(title, [""], names)
+        for label, row in cells.items():
+            add_row(table, label, *row)
+        return table
+    shown = list(cells)[:MOST_COLUMNS]
+    if len(shown) < len(cells):
+        n_others = len(cells) - len(calibration.minima)
+        title += f": the best {len(shown) - n_others} of {len(calibration.minima)}"
+    table = new_table(title, [""], shown)
+    for i, name in enumerate(names):
+        add_row(table, name, *(cells[label][i] for label in shown))
+    return table
+
+
+def calibration_modes_table(calibration: Calibration) -> Table:
+    """Frequencies and MAC before calibration and at the best minimum."""
+    table = new_table(
+        f"Modes of {calibration.name!r}",
+        ["mode"],
+        ["model mode", "identified Hz", "before Hz", "after Hz", "MAC before", "MAC after"],
+    )
+    pairs = zip(calibration.before.modes, calibration.best.modes, strict=True)
+    for before, after in pairs:
+        add_row(
+            table,
+            label_in(after.configuration, after.label),
+            str(before.model_mode),
+            f"{before.identified_hz:.4g}",
+            f"{before.model_hz:.4g}",
+            f"{after.model_hz:.4g}",
+            number(before.mac, ".4f"),
+            number(after.mac, ".4f"),
+        )
+    return table
+
+
+def determination_tables(calibration: Calibration) -> list[Table]:
+    """What the data determine: each parameter, combinations, and changes that they do not notice.
+
+    Empty where each parameter is determined, and the prior has no part in it.
+    """
+    found = calibration.determination
+    if not found.undetermined and not calibration.with_prior:
+        return []
+    source = "data and prior" if calibration.with_prior else "the data alone"
+    each = new_table(f"Parameters one by one, from {source}", ("",), ("value", "standard error"))
+    names = calibration.parameter_names
+    fit = calibration.least_change or calibration.best
+    for name, value, error in zip(names, fit.values, found.standard_errors, strict=True):
+        shown = "not determined" if math.isinf(error) else f"{error:.2g}"
+        add_row(each, name, f"{value:.4g}", shown)
+    tables: list[Table] = [each]
+    symbols = {
+        name: f"ln {name}" if positive else name
+        for name, positive in zip(names, found.positive, strict=True)
+    }
+    if found.determined:
+        sums = new_table("Determined in combination", ("sum",), ("standard error",))
+        for combination in found.determined:
+            text = _signed(combination.components, symbols)
+            add_row(sums, text, f"{combination.standard_error:.2g}")
+        tables.append(sums)
+    if found.undetermined:
+        changes = new_table(
+            "Not determined: changes that the data notice less than the prior, or not at all",
+            ("change",),
+            ("standard error\nover prior sd",),
+        )
+        for change in found.undetermined:
+            error = change.standard_error
+            text = _change(change.components, symbols)
+            add_row(changes, text, "infinite" if math.isinf(error) else f"{error:.2g}")
+        tables.append(changes)
+    return tables
+
+
+def _signed(components: Mapping[str, float], symbols: Mapping[str, str]) -> str:
+    """A sum in the notation of algebra, its largest terms first: ``ln k3 - 0.98 ln k4``."""
+    text = ""
+    largest, rest = _largest(components)
+    for name, component in largest:
+        size = f"{abs(component):.2g}"
+        sign = "-" if component < 0 else "+"
+        text += f" {sign} " + (symbols[name] if size == "1" else f"{size} {symbols[name]}")
+    return text.removeprefix(" + ") + (" + …" if rest else "")
+
+
+def _change(components: Mapping[str, float], symbols: Mapping[str, str]) -> str:
+    """A change in parameters, in per cent of those that are positive: ``k3 +1 %, k4 -0.98 %``."""
+    largest, rest = _largest(components)
+    text = ", ".join(
+        f"{name} {component:+.2g} %" if symbols[name] != name else f"{name} {component / 100:+.2g}"
+        for name, component in largest
+    )
+    return text + (", …" if rest else "")
+
+
+def _largest(components: Mapping[str, float]) -> tuple[list[tuple[str, float]], bool]:
+    """The components that are shown, the largest first, and whether there are others."""
+    # Below half a hundredth, they are zero to the digits shown.
+    seen = [(name, component) for name, component in components.items() if abs(component) >= 5e-3]
+    seen.sort(key=lambda each: -abs(each[1]))
+    return seen[:MOST_COMPONENTS], len(seen) > MOST_COMPONENTS
+
+
+def distances_table(
+    reference: str,
+    parameters: Sequence[str],
+    distances: Mapping[str, float],
+    calibrations: Mapping[str, Calibration],
+) -> Table:
+    """Objectives and distances of the best fits from that of a reference class."""
+    title = f"Distance d from {reference!r}, over {', '.join(parameters)}"
+    table = new_table(title, ["model class"], ["f_ob (%)", "d (%)"])
+    for name, distance in distances.items():
+        objective = 100.0 * calibrations[name].best.objective
+        add_row(table, name, f"{objective:.3f}", f"{100.0 * distance:.1f}")
+    return table
+
+
+def sensitivities_table(sensitivities: ModalSensitivities) -> Table:
+    """Of every paired mode to every parameter: of its frequency, and of its shape in brackets."""
+    title = (
+        f"Sensitivities of {sensitivities.name!r}: percent of frequency (of unit shape) per percent"
+    )
+    table = new_table(title, ["mode"], sensitivities.parameters)
+    rows = zip(
+        sensitivities.modes, sensitivities.of_frequencies, sensitivities.of_shapes, strict=True
+    )
+    for mode, of_frequency, of_shape in rows:
+        # Zero has no sign.
+        cells = zip((of_frequency.round(2) + 0.0).tolist(), of_shape.tolist(), strict=True)
+        add_row(table, mode, *(f"{by_f:+.2f} ({by_shape:.2f})" for by_f, by_shape in cells))
+    return table

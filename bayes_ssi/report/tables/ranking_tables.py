@@ -1,0 +1,152 @@
+"""Ranked model classes: evidences, parameters, and notes on them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich.table import Table
+
+from bayes_ssi.inference.criticism.adequacy import LIMIT_SDS
+from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
+from bayes_ssi.inference.posterior.posterior import Posterior, check_names
+from bayes_ssi.report.tables.layout import add_columns, add_row, new_table, number
+from bayes_ssi.studies.ranking.averages import AveragedParameter
+from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
+
+# A heading and the items of the list below it.
+Note = tuple[str, list[str]]
+
+
+def ranking_table(comparison: Comparison, title: str = "") -> Table:
+    """Model classes by probability; prior probabilities have a column unless they are equal."""
+    priors = [] if comparison.has_equal_priors else ["prior"]
+    numbers = ["log evidence", "ln B", *priors, "probability", "misfit"]
+    table = new_table(title, ["model class"], numbers)
+    add_columns(table, ["evidence against"])
+    for row in comparison.classes:
+        add_row(
+            table,
+            f"{row.name} (!)" if row.failed_checks else row.name,
+            f"{row.log_evidence:.3f} ± {row.error:.3f}",
+            f"{row.log_bayes_factor:.2f}",
+            *([probability_text(row.prior_probability)] if priors else []),
+            row.probability_text,
+            row.misfit_text,
+            row.against,
+        )
+    return table
+
+
+def evidence_table(posteriors: Sequence[Posterior]) -> Table:
+    """What each log evidence is made of, and the estimates that check it, in nats."""
+    methods = check_names(posteriors)
+    table = new_table(
+        "Log evidence = fit - information gained, and its checks (nats)",
+        ["model class"],
+        ["fit", "information", *methods],
+    )
+    for posterior in posteriors:
+        evidence = posterior.evidence
+        add_row(
+            table,
+            posterior.name,
+            f"{evidence.mean_log_likelihood:.2f}",
+            number(evidence.information_gained, ".2f"),
+            *("" if check is None else str(check) for check in map(evidence.check, methods)),
+        )
+    return table
+
+
+def comparison_notes(comparison: Comparison) -> list[str]:
+    """Notes on the table of a ranking: its scales, and the mark of failed checks."""
+    notes = [
+        f"Evidence against: scale of {comparison.scale}.",
+        "Misfit: how far the data are from what the class itself expects, in standard deviations "
+        f"of a normal variable; one right class in a hundred is beyond {LIMIT_SDS:.1f} sd.",
+    ]
+    if any(row.failed_checks for row in comparison.classes):
+        notes.append("(!): a check failed, as said below.")
+    if comparison.remarks:
+        notes.append("What does not change the answer:")
+        notes.extend(f"  {remark}" for remark in comparison.remarks)
+    return notes
+
+
+def parameter_table(posterior: Posterior) -> Table:
+    """Posterior mean, standard deviation and 90 % interval of every parameter.
+
+    The last column is the standard deviation of the posterior over that of the prior: 1 where the
+    data say nothing.
+    """
+    table = new_table(
+        f"Parameters of {posterior.name!r}",
+        ["parameter"],
+        ["mean", "sd", "5 %", "median", "95 %", "post./ prior sd"],
+    )
+    for row in posterior.summary:
+        numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)
+        cells = [f"{number:.4g}" for number in numbers]
+        add_row(table, row.name, *cells, f"{row.relative_spread:.2f}")
+    return table
+
+
+def averages_table(averaged: Sequence[AveragedParameter]) -> Table:
+    """Parameters that several classes infer, averaged over these classes by their probability.
+
+    The column of probabilities gives the total probability of these classes.
+    """
+    table = new_table(
+        "Parameters averaged over the model classes that infer them",
+        ["parameter"],
+        ["probability", "mean", "sd", "5 %", "95 %"],
+    )
+    for row in averaged:
+        numbers = (row.mean, row.sd, row.quantile_05, row.quantile_95)
+        add_row(
+            table,
+            row.name,
+            probability_text(row.probability),
+            *(f"{number:.4g}" for number in numbers),
+        )
+    return table
+
+
+def pairing_notes(posterior: Posterior) -> list[Note]:
+    """Which identified mode is which model mode, where that was inferred."""
+    notes = []
+    for modes in posterior.configurations:
+        if modes.inferred_pairing is not None:
+            where = f" in configuration {modes.name!r}" if modes.name else ""
+            items = list(_mode_probabilities(modes.inferred_pairing))
+            notes.append((f"Modes of {posterior.name!r}{where}:", items))
+    return notes
+
+
+def _mode_probabilities(inferred: InferredPairing) -> Iterator[str]:
+    """The probabilities of modes, then of whole pairings, leaving out those that round to 0.000."""
+    for label, probabilities in inferred.of_modes.items():
+        by_probability = sorted(probabilities.items(), key=lambda item: -item[1])
+        alternatives = ", ".join(
+            f"{f'model mode {number}' if number else 'spurious'} with probability "
+            f"{probability_text(probability)}"
+            for number, probability in by_probability
+            if probability >= 0.001
+        )
+        yield f"identified mode {label} is {alternatives}"
+    for share in inferred.pairings:
+        if share.probability >= 0.001:
+            pairs = ", ".join(f"{label}-{number}" for label, number in share.pairing.items())
+            pairing = f"pairing {pairs}" if pairs else "every identified mode spurious"
+            yield f"{pairing}: probability {probability_text(share.probability)}"
+
+
+def region_notes(posterior: Posterior) -> list[Note]:
+    """The separate regions of a posterior, where there are several and the fit is not unique."""
+    if len(posterior.regions) < 2:
+        return []
+    items = []
+    for region in posterior.regions:
+        means = zip(posterior.parameter_names, region.mean, strict=True)
+        values = ", ".join(f"{name} = {mean:.4g}" for name, mean in means)
+        items.append(f"{100 * region.share:.1f} ± {100 * region.error:.1f} % around {values}")
+    return [(f"The posterior of {posterior.name!r} has {len(items)} separate regions:", items)]

@@ -1,0 +1,186 @@
+"""The result of a search for appendages."""
+
+from __future__ import annotations
+
+from rich.table import Table
+
+from bayes_ssi.report.tables.layout import add_row, new_table
+from bayes_ssi.results.wording import quantity
+from bayes_ssi.studies.appendages.search_result import (
+    AppendageSearch,
+    HypothesisRecord,
+    SearchRecord,
+)
+from bayes_ssi.studies.ranking.comparison import PROBABLE, probability_text
+
+# Hypotheses and places listed in a terminal; the saved result has all.
+HYPOTHESES_SHOWN, PLACES_SHOWN = 8, 8
+APPROXIMATELY = "≈ "
+
+
+def baseline_table(record: SearchRecord) -> Table:
+    """The baselines by the probability of all hypotheses on each; a dash where none was tried."""
+    table = new_table(
+        "Baselines, and classes to compare them with: log evidence without any appendage",
+        ["baseline"],
+        ["prior probability", "probability", "log evidence", "ln B"],
+    )
+    best = record.best_without_appendages.log_evidence
+    for each in record.baselines:
+        tried = each.prior_probability > 0.0
+        add_row(
+            table,
+            f"{each.name} (!)" if each in record.beaten else each.name,
+            probability_text(each.prior_probability) if tried else "-",
+            probability_text(each.probability) if tried else "-",
+            f"{each.log_evidence:.2f}",
+            f"{each.log_evidence - best:.2f}",
+        )
+    return table
+
+
+def baseline_notes(record: SearchRecord) -> list[str]:
+    """Baselines that another class beats without any appendage, and classes left out."""
+    best = record.best_without_appendages
+    notes = [
+        f"(!) {each.name!r}: without any appendage, {best.name!r} beats it by "
+        f"{best.log_evidence - each.log_evidence:.1f} nats."
+        for each in record.beaten
+    ]
+    return notes + [f"Left out: {reason}" for reason in record.left_out.values()]
+
+
+def search_table(search: AppendageSearch) -> Table:
+    """Hypotheses of a search by probability; evidences that were not sampled have a sign."""
+    table = new_table(
+        search.ranking.study.name,
+        ["hypothesis"],
+        ["prior probability", "probability", "log evidence", "ln B"],
+    )
+    best = search.ranking.comparison.best.log_evidence
+    failed = {row.name for row in search.ranking.comparison.classes if row.failed_checks}
+    for row in _shown(search):
+        sign = "" if row.is_sampled else APPROXIMATELY
+        add_row(
+            table,
+            f"{row.name} (!)" if row.name in failed else row.name,
+            probability_text(row.prior_probability),
+            f"{sign}{probability_text(row.probability)}".replace(f"{sign}<", "<"),
+            f"{sign}{row.log_evidence:.2f}",
+            f"{sign}{row.log_evidence - best:.2f}",
+        )
+    return table
+
+
+def place_table(record: SearchRecord) -> Table:
+    """The most probable places, and the sum over the others: medians and 90 % intervals."""
+    table = new_table(
+        "Appendages by place, averaged over all hypotheses: medians and 90 % intervals",
+        ["place"],
+        ["probability", "vibrating mass", "frequency (Hz)"],
+    )
+    places = record.places_by_probability
+    for each in places[:PLACES_SHOWN]:
+        mass, frequency = quantity(*each.appendage.mass), quantity(*each.appendage.frequency_hz)
+        add_row(table, each.place.name, probability_text(each.probability), mass, frequency)
+    others = places[PLACES_SHOWN:]
+    if others:
+        together = sum(each.probability for each in others)
+        add_row(table, f"{len(others)} others", probability_text(together), "", "")
+    return table
+
+
+def appendage_table(search: AppendageSearch) -> Table | None:
+    """The appendages of the probable hypotheses with several of them; None if there are none.
+
+    Medians and 90 % intervals.
+    """
+    rows = [
+        row for row in _shown(search) if len(row.appendages) > 1 and row.probability >= PROBABLE
+    ]
+    if not rows:
+        return None
+    table = new_table(
+        "Appendages of hypotheses with several: medians and 90 % intervals",
+        ["hypothesis", "appendage"],
+        ["vibrating mass", "frequency (Hz)"],
+    )
+    for row in rows:
+        for i, each in enumerate(row.appendages):
+            name = row.name if i == 0 else ""
+            mass, frequency = quantity(*each.mass), quantity(*each.frequency_hz)
+            add_row(table, name, each.place.name, mass, frequency)
+    return table
+
+
+def _shown(search: AppendageSearch) -> list[HypothesisRecord]:
+    """The hypotheses that tables show: the most probable ones, and no appendage."""
+    rows = enumerate(search.record.hypotheses)
+    return [row for i, row in rows if i < HYPOTHESES_SHOWN or not row.appendages]
+
+
+def averaged_table(search: AppendageSearch) -> Table:
+    """The baseline's parameters averaged over all hypotheses, and without any appendage."""
+    table = new_table(
+        "Parameters averaged over the hypotheses; naive: without any appendage",
+        ["parameter"],
+        ["mean", "sd", "5 %", "95 %", "naive mean", "naive sd"],
+    )
+    for row in search.record.averaged_parameters:
+        numbers = (
+            row.mean, row.sd, row.quantile_05, row.quantile_95, row.naive_mean, row.naive_sd
+        )  # fmt: skip
+        add_row(table, row.name, *(f"{number:.4g}" for number in numbers))
+    return table
+
+
+def search_notes(search: AppendageSearch) -> list[str]:
+    """What masses refer to, what hypotheses no table shows, and which were not sampled."""
+    record = search.record
+    notes = [f"Priors of masses are relative to {mass}." for mass in mass_scales(record)]
+    if note := unseen_note(record):
+        notes.append(note)
+    n_hidden = len(record.hypotheses) - len(_shown(search))
+    if n_hidden > 0:
+        notes.append(f"{n_hidden} less probable hypotheses are in the saved result.")
+    notes.extend(unsampled_notes(record))
+    if record.n_not_tried:
+        notes.append(
+            f"Not tried: {record.n_not_tried} with several appendages; expected probability "
+            f"{probability_text(record.expected_not_tried)}."
+        )
+    return notes
+
+
+def mass_scales(record: SearchRecord) -> list[str]:
+    """The masses that mass ratios refer to, in words, one for all baselines where they agree."""
+    scales = {each.name: each.mass_scale for each in record.baselines if each.mass_scale}
+    words = [f"the {scale.name}, {scale.mass:.4g}" for scale in scales.values()]
+    if len(set(words)) == 1:
+        return words[:1]
+    return [f"{text}, on {name!r}" for name, text in zip(scales, words, strict=True)]
+
+
+def unseen_note(record: SearchRecord) -> str:
+    """The places about which the test says nothing; empty if there are none."""
+    unseen = [each.place.name for each in record.places if not each.is_observed]
+    if not unseen:
+        return ""
+    more = f" and {len(unseen) - PLACES_SHOWN} more" if len(unseen) > PLACES_SHOWN else ""
+    return (
+        "The test says nothing about these places, which move in no mode that a sensor sees: "
+        f"{', '.join(unseen[:PLACES_SHOWN])}{more}."
+    )
+
+
+def unsampled_notes(record: SearchRecord) -> list[str]:
+    """How many hypotheses were not sampled, how probable they are at most, and how far off."""
+    if not record.n_unsampled:
+        return []
+    low, high = record.errors_of_screening
+    sign = APPROXIMATELY.strip()
+    return [
+        f"{sign}: not sampled, {record.n_unsampled} of {len(record.hypotheses)} hypotheses; "
+        f"probability together at most {probability_text(record.most_probability_unsampled)}.",
+        f"{sign}: off by {low:+.2f} to {high:+.2f} nats where hypotheses were sampled.",
+    ]

@@ -1,0 +1,240 @@
+"""The result of a hierarchical model: ranked populations, and what follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.model_class.class_record import ParameterRecord
+from bayes_ssi.inference.sampling.resampling import systematic_indices
+from bayes_ssi.results.hierarchy.populations import Population
+
+AVERAGE = "average"
+
+
+@dataclass(frozen=True)
+class SingleTestSummary:
+    """What one of the tests says by itself.
+
+    Attributes:
+        name: of the test.
+        data_digest: identifies its data.
+        covariate: its value; None where there is no covariate.
+        log_evidence: of the model class in this test alone.
+        intervals: 5, 50 and 95 % quantiles of the population's parameters in this test alone.
+        n_draws: draws of its posterior that were used.
+        n_bumps: bumps that stand for its likelihood.
+        fit_error: root mean square error of their logarithm at the draws, in nats.
+        effective_sample_size: of its draws where the most probable population has them.
+    """
+
+    name: str
+    data_digest: str
+    covariate: float | None
+    log_evidence: float
+    intervals: tuple[tuple[float, float, float], ...]
+    n_draws: int
+    n_bumps: int
+    fit_error: float
+    effective_sample_size: float
+
+
+@dataclass(frozen=True, eq=False)
+class RankedPopulation:
+    """One row of the ranking of populations.
+
+    Attributes:
+        population: what it says of the parameters.
+        log_evidence: in nats, of all tests together, and ``error``, its standard error.
+        error_from_draws: the part of the error that more draws of the single tests would lower.
+        probability: among the populations compared, with equal prior weights.
+        log_bayes_factor: log evidence less that of the best one.
+        log_bayes_factor_error: standard error of the difference.
+        against: the evidence against it, in words.
+        draws: (n_draws, n_parameters), posterior draws of the population's parameters, in
+            standard-normal coordinates of the parameters of the model class.
+        failed_checks: a sentence each.
+    """
+
+    population: Population
+    log_evidence: float
+    error: float
+    error_from_draws: float
+    probability: float
+    log_bayes_factor: float
+    log_bayes_factor_error: float
+    against: str
+    draws: FloatArray
+    failed_checks: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        return self.population.name
+
+
+@dataclass(frozen=True)
+class CovariateScale:
+    """A covariate, and how it is standardised.
+
+    Attributes:
+        name: for tables and figures, with its unit.
+    """
+
+    name: str
+    mean: float
+    sd: float
+
+
+@dataclass(frozen=True, eq=False)
+class Hierarchy:
+    """Many tests of one structure: how its parameters vary from test to test.
+
+    Attributes:
+        model_class: name of the class that was sampled in every test.
+        parameters: all parameters of the class.
+        names: those that the populations describe; the others are independent from test to test.
+        tests: the tests.
+        covariate: the covariate; None where there is none.
+        populations: ranked, the most probable first.
+        seed: seed of the sampling.
+        failed_checks: of the single tests, a sentence each.
+        remarks: a sentence each.
+    """
+
+    model_class: str
+    parameters: tuple[ParameterRecord, ...]
+    names: tuple[str, ...]
+    tests: tuple[SingleTestSummary, ...]
+    covariate: CovariateScale | None
+    populations: tuple[RankedPopulation, ...]
+    seed: int
+    failed_checks: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def best(self) -> RankedPopulation:
+        """The most probable population."""
+        return self.populations[0]
+
+    @property
+    def all_failed_checks(self) -> tuple[str, ...]:
+        """Failed checks of the tests, and of the populations with their names."""
+        of_populations = (
+            f"{each.name!r}: {check}" for each in self.populations for check in each.failed_checks
+        )
+        return (*self.failed_checks, *of_populations)
+
+    def population(self, name: str) -> RankedPopulation:
+        """The population of that name.
+
+        Raises:
+            ValueError: there is none.
+        """
+        for each in self.populations:
+            if each.name == name:
+                return each
+        raise ValueError(
+            f"hierarchy: no population {name!r}; choose from "
+            f"{', '.join(repr(each.name) for each in self.populations)}"
+        )
+
+    def centres(self, ranked: RankedPopulation, covariate: float | None = None) -> FloatArray:
+        """Draws (n_draws, k) of the population's median in the units of the parameters.
+
+        Args:
+            ranked: the population.
+            covariate: where; at the mean of the tests if None.
+
+        Raises:
+            ValueError: there is no covariate.
+        """
+        means, slopes, _ = ranked.population.split(ranked.draws)
+        return self._in_units(means + slopes * self._standardised(covariate))
+
+    def spreads(self, ranked: RankedPopulation) -> FloatArray:
+        """Draws (n_draws, k) of the standard deviation from test to test, in the parameters' units.
+
+        Half the distance between the values one standard deviation on either side of the centre,
+        both in standard-normal coordinates.
+        """
+        means, _, spreads = ranked.population.split(ranked.draws)
+        return 0.5 * (self._in_units(means + spreads) - self._in_units(means - spreads))
+
+    def slopes(self, ranked: RankedPopulation) -> FloatArray:
+        """Draws (n_draws, k) of the change of the centre by one unit of the covariate.
+
+        At the covariate's mean, in the units of the parameters.
+
+        Raises:
+            ValueError: there is no covariate.
+        """
+        if self.covariate is None:
+            raise ValueError("hierarchy: there is no covariate")
+        means, slopes, _ = ranked.population.split(ranked.draws)
+        half = 0.5 * slopes / self.covariate.sd
+        return self._in_units(means + half) - self._in_units(means - half)
+
+    def next_test(
+        self,
+        n_draws: int = 1000,
+        covariate: float | None = None,
+        name: str = AVERAGE,
+        seed: int = 0,
+    ) -> FloatArray:
+        """Draws of the parameters in the next test, (n_draws, n_parameters), in their units.
+
+        All parameters of the model class, as its structure and errors take them: those of the
+        population are drawn from it, the others from their priors.
+
+        Args:
+            n_draws: number of draws.
+            covariate: its value in the next test; the mean of the tests if None.
+            name: of a population; "average" takes them in proportion to their probabilities.
+            seed: determines the draws.
+
+        Raises:
+            ValueError: there is no such population, there is no covariate, or ``n_draws`` is not
+                positive.
+        """
+        if n_draws < 1:
+            raise ValueError(f"hierarchy: the number of draws must be positive, got {n_draws!r}")
+        rng = np.random.default_rng(seed)
+        chosen = self.populations if name == AVERAGE else (self.population(name),)
+        probabilities = np.array([each.probability for each in chosen])
+        counts = np.bincount(systematic_indices(probabilities, n_draws, rng), minlength=len(chosen))
+        drawn = []
+        for ranked, count in zip(chosen, counts, strict=True):
+            values = ranked.draws[rng.integers(len(ranked.draws), size=count)]
+            means, slopes, spreads = ranked.population.split(values)
+            steps = spreads * rng.standard_normal(means.shape)
+            drawn.append(means + slopes * self._standardised(covariate) + steps)
+        z = rng.standard_normal((n_draws, len(self.parameters)))
+        z[:, self._columns] = np.concatenate(drawn)
+        values = [p.prior.from_normal(z[:, i]) for i, p in enumerate(self.parameters)]
+        return np.stack(values, axis=1)
+
+    @property
+    def of_population(self) -> tuple[ParameterRecord, ...]:
+        """The parameters that the populations describe."""
+        return tuple(self.parameters[column] for column in self._columns)
+
+    @property
+    def _columns(self) -> list[int]:
+        own = [parameter.name for parameter in self.parameters]
+        return [own.index(name) for name in self.names]
+
+    def _in_units(self, z: FloatArray) -> FloatArray:
+        values: Sequence[FloatArray] = [
+            parameter.prior.from_normal(z[:, i]) for i, parameter in enumerate(self.of_population)
+        ]
+        return np.stack(values, axis=1)
+
+    def _standardised(self, covariate: float | None) -> float:
+        if covariate is None:
+            return 0.0
+        if self.covariate is None:
+            raise ValueError(f"hierarchy: there is no covariate, got {covariate!r}")
+        return (covariate - self.covariate.mean) / self.covariate.sd

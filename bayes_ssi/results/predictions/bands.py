@@ -1,0 +1,53 @@
+"""Draws of a predicted quantity, and credible bands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+
+
+class Band(NamedTuple):
+    """A central interval at every point of a prediction, and the median."""
+
+    low: FloatArray
+    median: FloatArray
+    high: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Draws of a predicted quantity, equally weighted.
+
+    Attributes:
+        draws: (n_draws, ...).
+        share: of the draws that predict the quantity at all; below 1 where some classes do not
+            explain an identified mode.
+    """
+
+    draws: FloatArray
+    share: float = 1.0
+
+    def quantile(self, level: float) -> FloatArray:
+        """The quantile at every point; the draws' shape without the first dimension."""
+        return np.quantile(self.draws, level, axis=0)
+
+    def band(self, level: float = 0.95) -> Band:
+        """The central interval that holds ``level`` of the draws, point by point.
+
+        Raises:
+            ValueError: the level is not strictly between 0 and 1.
+        """
+        if not 0.0 < level < 1.0:
+            raise ValueError(f"band: level must lie strictly between 0 and 1, got {level!r}")
+        levels = [0.5 * (1.0 - level), 0.5, 0.5 * (1.0 + level)]
+        flat = self.draws.reshape(len(self.draws), -1)
+        # In parts that the processor's cache holds, np.quantile takes a third of the time.
+        n_parts = -(-flat.size // 1_000_000)
+        parts = [
+            np.quantile(part, levels, axis=0) for part in np.array_split(flat, n_parts, axis=1)
+        ]
+        return Band(*np.concatenate(parts, axis=1).reshape(3, *self.draws.shape[1:]))

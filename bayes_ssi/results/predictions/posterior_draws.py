@@ -1,0 +1,137 @@
+"""Posterior draws of one model class, with the structure whose parameters they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.structures.modal import Modes
+from bayes_ssi.structures.structure import Structure
+
+DRAWS = 1000
+# Size of the largest array of a batch of draws: 2e7 numbers of 8 bytes are 160 MB.
+ARRAY_SIZE = 20_000_000
+# Wanted accuracy of an approximate structure at the draws: of frequencies, and of shapes.
+ACCURATE = 1e-4, 0.01
+# Largest error of stored frequencies, relative to the largest at the few draws where it is known.
+EMULATED = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorDraws:
+    """Posterior draws of the parameters of one model class's structure.
+
+    Attributes:
+        pairing: label of an identified mode → number of the model mode, from 1.
+        values: (n_draws, n_parameters), parameter values of the structure.
+    """
+
+    name: str
+    structure: Structure
+    pairing: Mapping[str, int]
+    values: FloatArray
+    data: ModalData
+
+    @property
+    def main_places(self) -> tuple[str, ...]:
+        """Degrees of freedom of the main structure."""
+        appendages = self.structure.appendages
+        return tuple(dof for dof in self.structure.degrees_of_freedom if dof not in appendages)
+
+    @cached_property
+    def frequencies_hz(self) -> FloatArray:
+        """(n_draws, n_modes)."""
+        return self.evaluate(lambda values: Modes(*self.structure.modes(values)).frequencies_hz)
+
+    def shapes(self, number: int, places: Sequence[str]) -> FloatArray:
+        """The shape of a model mode at places, (n_draws, n_places), in the structure's scale."""
+        matrix = self.structure.sensor_matrix(places, "place")
+        return self.evaluate(
+            lambda values: matrix.apply(
+                Modes(*self.structure.modes(values)).shapes[:, :, number - 1]
+            )
+        )
+
+    def evaluate(
+        self, function: Callable[[FloatArray], FloatArray], size_per_draw: int = 0
+    ) -> FloatArray:
+        """A function of parameter values (B, n_parameters), for all draws.
+
+        Args:
+            size_per_draw: size of its largest array for each draw, in numbers; that of the mode
+                shapes if they are larger.
+        """
+        shapes_size = len(self.structure.degrees_of_freedom) * self.structure.n_modes
+        rows = max(1, ARRAY_SIZE // max(shapes_size, size_per_draw))
+        # The matrices of a draw are small: threads inside BLAS would only wait for one another.
+        with threadpool_limits(limits=1, user_api="blas"):
+            return np.concatenate(
+                [
+                    function(self.values[start : start + rows])
+                    for start in range(0, len(self.values), rows)
+                ]
+            )
+
+
+def thinned_draws(
+    posterior: Posterior,
+    model_class: ModelClass,
+    n_draws: int = DRAWS,
+    configuration: str | None = None,
+) -> PosteriorDraws:
+    """Draws of a posterior, thinned evenly to ``n_draws``, with the class's structure."""
+    if n_draws < 1:
+        raise ValueError(f"predictions: the number of draws must be at least 1, got {n_draws!r}")
+    test = model_class.configuration(configuration)
+    structure = test.structure
+    names = [parameter.name for parameter in structure.parameters]
+    changed = f"model class {posterior.name!r} is not the one that was sampled"
+    for kind, expected, stored in (
+        ("its structure has a parameter", names, posterior.parameter_names),
+        ("it has a configuration", [test.name], posterior.configuration_names),
+    ):
+        for name in expected:
+            if name not in stored:
+                listed = ", ".join(map(repr, stored))
+                raise ValueError(f"{changed}: {kind} {name!r}, the stored ones are {listed}")
+    columns = [posterior.parameter_names.index(name) for name in names]
+    rows = thinned_rows(len(posterior.values), n_draws)
+    values = posterior.values[rows][:, columns]
+    test.check_structure()
+    # Another machine reproduces frequencies up to rounding errors. Sampling made an approximate
+    # structure accurate at its draws; the same is done here.
+    tolerance = max(1e-6, EMULATED * posterior.frequency_error)
+    if structure.is_approximate:
+        structure = structure.accurate_at(values, *ACCURATE)
+        tolerance = ACCURATE[0]
+    modes, stored_hz = posterior.configuration(test.name)
+    some = slice(0, 8)  # enough to notice another structure, few enough to cost nothing
+    stored_hz = stored_hz.reshape(len(posterior.values), -1)[rows[some]]
+    frequencies_hz = structure.modes(values[some]).frequencies_hz
+    if frequencies_hz.shape != stored_hz.shape or not np.allclose(
+        frequencies_hz, stored_hz, rtol=tolerance, atol=0
+    ):
+        raise ValueError(
+            f"{changed}: at a stored draw its structure has the frequencies "
+            f"{_listed(frequencies_hz[0])} Hz, stored are {_listed(stored_hz[0])} Hz"
+        )
+    return PosteriorDraws(posterior.name, structure, modes.pairing, values, test.data)
+
+
+def thinned_rows(n_values: int, n_draws: int) -> NDArray[np.intp]:
+    """Positions of ``n_draws`` draws, evenly spaced among ``n_values``."""
+    return np.arange(n_draws) * n_values // n_draws
+
+
+def _listed(frequencies: FloatArray) -> str:
+    shown = ", ".join(f"{frequency:.4g}" for frequency in frequencies[:6])
+    return shown + (", ..." if len(frequencies) > 6 else "")

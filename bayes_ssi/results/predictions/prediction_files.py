@@ -1,0 +1,103 @@
+"""Predictions as CSV files: one row for each model class, place and point."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.results.predictions.bands import Band
+from bayes_ssi.results.predictions.predicted_modes import (
+    predicted_modes,
+    predicted_shapes,
+    shown_places,
+)
+from bayes_ssi.results.predictions.response_bands import ResponseBands
+
+COLUMNS = ("low", "median", "high")
+
+
+def save_predictions(
+    directory: str | Path, data: ModalData, responses: Sequence[ResponseBands]
+) -> None:
+    """Write predictions of one request into ``directory``, which exists.
+
+    ``frequencies.csv``, ``mode_shapes.csv`` and, where requested, ``transfer_functions.csv``,
+    ``time_histories.csv`` and ``peaks.csv`` (for both).
+    """
+    directory, request = Path(directory), responses[0].request
+    level = request.level
+    _write(
+        directory / "frequencies.csv",
+        ("model_class", "mode", "identified_hz", "before_hz", *COLUMNS, "share"),
+        (
+            (each.name, mode.label, mode.identified_hz, mode.before_hz, *mode.after_hz, mode.share)
+            for each in responses
+            for mode in predicted_modes(data, each.predictions, level)
+        ),
+    )
+    _write(
+        directory / "mode_shapes.csv",
+        ("model_class", "mode", "place", *COLUMNS),
+        (
+            (each.name, label, *row)
+            for each in responses
+            for label, shape in predicted_shapes(data, each.predictions, level)
+            for row in zip(shown_places(each.predictions, data), *shape, strict=True)
+        ),
+    )
+    if request.frequencies_hz is not None:
+        _write(
+            directory / "transfer_functions.csv",
+            ("model_class", "place", "frequency_hz", *COLUMNS),
+            (
+                (each.name, *row)
+                for each in responses
+                if each.transfer_functions is not None
+                for row in _points(each, request.frequencies_hz, each.transfer_functions)
+            ),
+        )
+    if request.motions:
+        _write(
+            directory / "time_histories.csv",
+            ("record", "model_class", "place", "time_s", *COLUMNS),
+            (
+                (motion.name, each.name, *row)
+                for motion in request.motions
+                for each in responses
+                for row in _points(each, motion.times, each.time_histories[motion.name])
+            ),
+        )
+    if request.frequencies_hz is not None or request.motions:
+        _write(
+            directory / "peaks.csv",
+            ("model_class", "of", "unit", "place", *COLUMNS),
+            (row for each in responses for row in _peaks(each)),
+        )
+
+
+def _peaks(each: ResponseBands) -> Iterator[Sequence[object]]:
+    transfer = f"transfer function: {each.request.transfer_name}"
+    for motion, *row in each.peak_rows():
+        yield (each.name, transfer if motion is None else f"time history: {motion}", *row)
+
+
+def _points(each: ResponseBands, points: FloatArray, band: Band) -> Iterator[Sequence[object]]:
+    """Place, point, low, median and high."""
+    for i, place in enumerate(each.request.output.labels):
+        for row in zip(points, *(part[i] for part in band), strict=True):
+            yield (place, *row)
+
+
+def _write(path: Path, names: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    with path.open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        for row in rows:
+            writer.writerow(
+                f"{cell:.7g}" if isinstance(cell, (float, np.floating)) else cell for cell in row
+            )

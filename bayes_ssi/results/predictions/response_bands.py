@@ -1,0 +1,146 @@
+"""Responses that a stored result predicts, as credible bands.
+
+Only bands are kept: the histories of a thousand draws at every place would not fit into memory.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.results.predictions.bands import Band, Prediction
+from bayes_ssi.results.predictions.posterior_draws import ARRAY_SIZE
+from bayes_ssi.results.predictions.predictions import Predictions
+from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
+from bayes_ssi.structures.response.ground_motion import GroundMotion
+from bayes_ssi.structures.response.modal_response import checked_frequencies
+from bayes_ssi.structures.response.output import Damping, Output, damping_ratios
+
+UNITS = {"displacement": "m", "acceleration": "m/s²", "drift": "m"}
+PER_GROUND = {"displacement": "s²", "acceleration": "-", "drift": "s²"}
+PER_FORCE = {"displacement": "s²/mass", "acceleration": "1/mass", "drift": "s²/mass"}
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseRequest:
+    """The responses to be predicted.
+
+    Attributes:
+        frequencies_hz: (F,), frequencies of transfer functions; none are computed if None.
+        force_at: where the force of the transfer functions acts; if None, their input is the
+            ground acceleration.
+    """
+
+    output: Output
+    damping: Damping
+    frequencies_hz: FloatArray | None = None
+    force_at: str | None = None
+    motions: tuple[GroundMotion, ...] = ()
+    level: float = 0.95
+
+    def __post_init__(self) -> None:
+        if self.frequencies_hz is not None:
+            checked_frequencies(self.frequencies_hz)
+        damping_ratios(self.damping, np.size(self.damping))
+        Prediction(np.zeros(1)).band(self.level)
+        object.__setattr__(self, "motions", tuple(self.motions))
+        for name, count in Counter(motion.name for motion in self.motions).items():
+            if count > 1:
+                raise ValueError(f"two ground motions are named {name!r}; give each its own name")
+
+    @property
+    def transfer_unit(self) -> str:
+        """Unit of the transfer functions' amplitudes."""
+        return (PER_GROUND if self.force_at is None else PER_FORCE)[self.output.quantity]
+
+    @property
+    def transfer_name(self) -> str:
+        """Output and input of the transfer functions."""
+        by = "ground acceleration" if self.force_at is None else f"force at {self.force_at}"
+        return f"{self.output.quantity} / {by}"
+
+    @property
+    def unit(self) -> str:
+        """Unit of time histories and their peaks."""
+        return UNITS[self.output.quantity]
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseBands:
+    """Responses predicted by one model class, or by the average over all.
+
+    Attributes:
+        transfer_functions: bands of amplitudes (n_places, F), where requested.
+        transfer_peaks: bands of the largest amplitude (n_places,), likewise.
+        time_histories: name of a ground motion → bands (n_places, n_samples).
+        peaks: name of a ground motion → bands of the largest amplitude (n_places,).
+    """
+
+    predictions: Predictions
+    request: ResponseRequest
+    transfer_functions: Band | None
+    transfer_peaks: Band | None
+    time_histories: dict[str, Band]
+    peaks: dict[str, Band]
+
+    @property
+    def name(self) -> str:
+        return self.predictions.name
+
+    def peak_rows(self) -> Iterator[tuple[str | None, str, str, float, float, float]]:
+        """Ground motion (None for transfer functions), unit, place, low, median and high."""
+        peaks: list[tuple[str | None, str, Band]] = []
+        if self.transfer_peaks is not None:
+            peaks.append((None, self.request.transfer_unit, self.transfer_peaks))
+        peaks += [(name, self.request.unit, band) for name, band in self.peaks.items()]
+        for motion, unit, band in peaks:
+            for place, *interval in zip(self.request.output.labels, *band, strict=True):
+                yield (motion, unit, place, *interval)
+
+
+def predict_responses(
+    predicted: StoredPredictions, name: str, request: ResponseRequest
+) -> ResponseBands:
+    """Responses of the model class ``name``, or of the average over all for ``"average"``."""
+    predictions = predicted.of(name)
+    damping, frequencies_hz, force_at = request.damping, request.frequencies_hz, request.force_at
+
+    def bands(compute: Callable[[Output], Prediction], n_points: int) -> tuple[Band, Band]:
+        """Bands of the response at all places, and of its largest amplitude."""
+        curves, peaks = [], []
+        places = list(request.output.places)
+        # Solving for the modes again costs more than another place does.
+        at_once = max(1, ARRAY_SIZE // (predictions.n_draws * n_points))
+        for start in range(0, len(places), at_once):
+            some = tuple(places[start : start + at_once])
+            draws = compute(Output(request.output.quantity, some)).draws  # type: ignore[arg-type]
+            for i in range(len(some)):
+                at_place = draws[:, i]
+                largest = np.maximum(at_place.max(-1), -at_place.min(-1))
+                curves.append(Prediction(at_place).band(request.level))
+                peaks.append(Prediction(largest).band(request.level))
+        return _stacked(curves), _stacked(peaks)
+
+    transfer = transfer_peaks = None
+    if frequencies_hz is not None:
+        transfer, transfer_peaks = bands(
+            lambda output: predictions.transfer_functions(
+                frequencies_hz, output, damping, force_at=force_at
+            ),
+            len(frequencies_hz),
+        )
+    histories, peaks = {}, {}
+    for motion in request.motions:
+        histories[motion.name], peaks[motion.name] = bands(
+            partial(predictions.time_histories, motion, damping=damping), len(motion)
+        )
+    return ResponseBands(predictions, request, transfer, transfer_peaks, histories, peaks)
+
+
+def _stacked(bands: list[Band]) -> Band:
+    return Band(*(np.stack(part) for part in zip(*bands, strict=True)))

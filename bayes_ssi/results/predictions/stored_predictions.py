@@ -1,0 +1,123 @@
+"""Predictions from a result directory and the study file that made it."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.results.load import StoredResult, load_result
+from bayes_ssi.results.predictions.posterior_draws import DRAWS
+from bayes_ssi.results.predictions.predictions import (
+    AVERAGE,
+    Predictions,
+    predict_average,
+    predict_class,
+)
+from bayes_ssi.results.predictions.stored_classes import stored_classes
+from bayes_ssi.studies.ranking.study import Study
+from bayes_ssi.studies.ranking.study_file import load_study
+
+
+@dataclass(frozen=True, eq=False)
+class StoredPredictions:
+    """A stored result and its model classes.
+
+    Attributes:
+        stored: the result.
+        model_classes: name → class.
+        n_draws: number of posterior draws of every prediction.
+        configuration: the state of the structure that is predicted.
+    """
+
+    stored: StoredResult
+    model_classes: dict[str, ModelClass]
+    n_draws: int
+    configuration: str
+
+    @property
+    def data(self) -> ModalData:
+        """The modes identified in the configuration."""
+        return self.stored.tests[self.configuration]
+
+    def of(self, name: str = AVERAGE) -> Predictions:
+        """Predictions of the model class ``name``; for ``"average"``, averaged over all classes
+        or hypotheses by their probabilities.
+
+        Raises:
+            ValueError: there is no class of that name, or it has changed since it was sampled.
+        """
+        if name != AVERAGE:
+            posterior = self.stored.posterior(name)
+            return predict_class(
+                posterior, self.model_classes[name], self.n_draws, self.configuration
+            )
+        return predict_average(
+            self.stored.comparison,
+            self.stored.posteriors,
+            self.model_classes,
+            self.n_draws,
+            self.configuration,
+        )
+
+
+@checked
+def load_predictions(
+    directory: str | Path,
+    study_file: str | Path | None = None,
+    n_draws: int = DRAWS,
+    configuration: str | None = None,
+) -> StoredPredictions:
+    """What a stored result of a ranking or a search can predict.
+
+    The draws come from the result directory, the structures from the study file; that they belong
+    together is checked at stored draws.
+
+    Args:
+        directory: the result.
+        study_file: the study; the file that the result names if None.
+        n_draws: number of posterior draws of every prediction; at most those that are stored.
+        configuration: the state of the structure that is predicted; not needed where there is
+            only one.
+
+    Raises:
+        ValueError: the result is damaged or incomplete, the study file is missing, defines no
+            study or other model classes, or the configuration is unknown or not given.
+    """
+    if n_draws < 1:
+        raise ValueError(f"predictions: the number of draws must be at least 1, got {n_draws!r}")
+    stored = load_result(directory)
+    if study_file is None:
+        path, study = _recorded_study(stored)
+    else:
+        path, study = Path(study_file), load_study(study_file)
+    classes = stored_classes(stored, study, path)
+    for each in classes.values():
+        name = each.configuration(configuration).name
+        if name not in stored.tests:
+            raise ValueError(
+                f"{path}: model class {each.name!r} has a configuration {name!r}, but "
+                f"{directory} is of {', '.join(map(repr, stored.tests))}"
+            )
+    n_stored = max(len(posterior.values) for posterior in stored.posteriors)
+    return StoredPredictions(stored, classes, min(n_draws, n_stored), name)
+
+
+def _recorded_study(stored: StoredResult) -> tuple[Path, Study]:
+    """The study file that a result names, and its study, whatever the working directory is now.
+
+    A relative path started in a directory above the result, which was the working directory then;
+    the study may read other files from there.
+    """
+    recorded = stored.record.study_file
+    for start in (*stored.directory.absolute().parents, Path.cwd()):
+        if recorded and (start / recorded).is_file():
+            with contextlib.chdir(start):
+                return start / recorded, load_study(recorded)
+    raise ValueError(
+        f"{stored.directory}: its study file {recorded!r} is not there; say where it is "
+        "(--study FILE)"
+    )

@@ -1,0 +1,1 @@
+"""Emulators of structures that take long."""

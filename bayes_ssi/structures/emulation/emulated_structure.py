@@ -1,0 +1,339 @@
+"""A structure whose modes are emulated: smooth functions fitted to some of its solutions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.parameters.parameters import values_at
+from bayes_ssi.structures.emulation.failing_points import FailingPoints
+from bayes_ssi.structures.emulation.gaussian_process import GaussianProcess, n_quadratic_terms
+from bayes_ssi.structures.emulation.mode_representations import (
+    SHAPE_WEIGHT,
+    ModalOperator,
+    Representation,
+    TrackedModes,
+    unit_shapes,
+)
+from bayes_ssi.structures.finite_elements.approximate_structure import ApproximateStructure
+from bayes_ssi.structures.modal import ModalModel, Modes, NoModesError
+from bayes_ssi.structures.sensors import Sensor
+from bayes_ssi.structures.structure import Accuracy, Structure
+
+# Solutions over the prior for each coefficient of a polynomial of second degree: one would do
+# without errors.
+SOLUTIONS_PER_COEFFICIENT = 2
+# Solutions between two fits, for each parameter: enough to keep workers busy, few enough to be
+# placed by the fit before.
+BATCH_PER_PARAMETER = 2
+# Solutions by which the claimed error at a point is judged: the nearest few.
+N_NEAREST = 8
+# The claimed error is that of a typical point, the median: exact solutions at draws correct the
+# rest, and count every point by its share.
+AT_DRAWS = 0.5
+# Largest share of the points at which it may be open whether the structure fails: exact solutions
+# at draws correct the rest.
+MOST_OPEN = 0.05
+
+
+class EmulatedStructure(ApproximateStructure):
+    """A structure whose modes are predicted from some of its solutions by Gaussian processes.
+
+    The first solutions fill the prior evenly; :meth:`accurate_at` adds others where the modes are
+    needed more precisely. What is emulated are functions of the modes that stay smooth where modes
+    cross (:mod:`bayes_ssi.structures.emulation.mode_representations`), whichever predicts solutions
+    that are left out best. Errors are estimated from solutions left out: their ratio to what the
+    process expects of them, times what it expects elsewhere. A model that jumps, or is noisy, shows
+    in this ratio.
+
+    Solutions of an emulated structure never change: adding some makes a new structure.
+    """
+
+    def __init__(
+        self,
+        exact: Structure,
+        *,
+        most_solutions: int | None = None,
+        fit: EmulatorFit | None = None,
+    ) -> None:
+        """Choose the structure; nothing is computed yet.
+
+        Args:
+            exact: the structure; rows of its modes may be NaN, or raise, where it has none.
+            most_solutions: largest number of its solutions; 70 for each parameter if None.
+        """
+        self._exact = exact
+        self.most_solutions = most_solutions or 70 * max(len(exact.parameters), 2)
+        self._fit = fit
+
+    @property
+    def exact(self) -> Structure:
+        return self._exact
+
+    @property
+    def emulator(self) -> EmulatorFit:
+        return self.fitted
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        return tuple(self._exact.sensors)
+
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        return self._exact.appendages
+
+    def heights(self) -> dict[str, float]:
+        return self._exact.heights()
+
+    def description(self) -> Mapping[str, Any]:
+        return {**self._exact.description(), "modes emulated": "by Gaussian processes"}
+
+    def modal_model(self, values: FloatArray) -> ModalModel:
+        """The exact structure's."""
+        return self._exact.modal_model(values)
+
+    def modes(self, values: FloatArray) -> Modes:
+        """See :meth:`Structure.modes`; rows where the structure is expected to fail are NaN."""
+        fit = self.fitted
+        x = self._coordinates(values)
+        modes = fit.representation.decoded(fit.process.mean(x))
+        failing = fit.failing.expected(x)
+        if len(values) == 1 and failing.any():
+            self._exact.modes(fit.failing.values[fit.failing.nearest(x)])  # says why
+        modes.frequencies_hz[failing], modes.shapes[failing] = np.nan, np.nan
+        return modes
+
+    def accurate_at(
+        self,
+        values: FloatArray,
+        frequency_error: float,
+        shape_error: float,
+        n_modes: int | None = None,
+    ) -> Self:
+        """This structure if it is accurate enough at ``values``, or one with more solutions.
+
+        One batch of solutions is added, where its error is largest in units of what is required,
+        unless it is small enough at nearly all ``values`` or ``most_solutions`` are made.
+        """
+        fit, x = self._fit_for(n_modes), self._coordinates(values)
+        required = np.array([frequency_error, shape_error])
+        allowed = float((required / fit.errors_per_spread(x)).min())
+        is_open = fit.failing.is_open(x)
+        accurate = np.quantile(fit.spreads(x), AT_DRAWS) <= allowed
+        if accurate and is_open.mean() <= MOST_OPEN:
+            return self if fit is self._fit else self._of_fit(fit)
+        if fit.n_solutions >= self.most_solutions:
+            return self
+        if accurate:  # only the boundary of the region that fails is missing
+            values, x, allowed = values[is_open], x[is_open], 0.0
+        return self._of_fit(self._with(fit, values[self._worst(fit, x, allowed)]))
+
+    def with_solutions_at(self, values: FloatArray) -> Self:
+        """The structure with solutions at ``values`` (B, n_parameters), if it may have more."""
+        if self.fitted.n_solutions >= self.most_solutions:
+            return self
+        return self._of_fit(self._with(self.fitted, values))
+
+    def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
+        fit, x = self._fit_for(n_modes), self._coordinates(values)
+        spread = float(np.quantile(fit.spreads(x), AT_DRAWS))
+        frequency, shape = (spread * fit.errors_per_spread(x)).tolist()
+        return Accuracy(
+            frequency,
+            shape,
+            f"modes emulated from {len(fit.x)} solutions; by solutions left out, frequencies "
+            f"differ from the structure's by {frequency:.1g} (as a fraction) and shapes at the "
+            f"sensors by {shape:.1g} (at unit length) at a typical draw",
+        )
+
+    def _of_fit(self, fit: EmulatorFit) -> Self:
+        better = copy(self)
+        better._fit = fit
+        return better
+
+    def _fit_for(self, n_modes: int | None) -> EmulatorFit:
+        """The fit in which the lowest ``n_modes`` decide."""
+        fit, n_needed = self.fitted, n_modes or self.n_modes
+        if n_needed == fit.n_needed:
+            return fit
+        return EmulatorFit.best(fit.x, fit.modes, fit.failing, n_needed, fit)
+
+    @property
+    def fitted(self) -> EmulatorFit:
+        """The solutions and what is fitted to them; the first are made when they are needed."""
+        if self._fit is None:
+            self._fit = self._with(None, self._first_values())
+        return self._fit
+
+    def _first_values(self) -> FloatArray:
+        """The prior medians, and points that fill the prior evenly."""
+        from scipy.special import ndtri
+        from scipy.stats import qmc
+
+        d = len(self.parameters)
+        n = SOLUTIONS_PER_COEFFICIENT * n_quadratic_terms(d)
+        # Extremely rare values would be extrapolated from, rather than between.
+        uniform = qmc.Sobol(d, rng=np.random.default_rng(0)).random(1 << (n - 1).bit_length())
+        z = ndtri(np.clip(uniform[:n], 1e-3, 1.0 - 1e-3))
+        return np.vstack([self.prior_medians(), values_at(self.parameters, z)])
+
+    def _with(self, fit: EmulatorFit | None, values: FloatArray) -> EmulatorFit:
+        """The fit to the solutions of ``fit`` and those at ``values``."""
+        failures: tuple[FloatArray, ...]
+        x, modes = self._coordinates(values), solved(self._exact, values)
+        failed = ~(
+            np.isfinite(modes.frequencies_hz).all(axis=1) & (modes.frequencies_hz > 0).all(1)
+        )
+        failed |= ~np.isfinite(modes.shapes).all(axis=(1, 2))
+        solutions = (x[~failed], *(each[~failed] for each in modes))
+        failures = (x[failed], values[failed])
+        if fit is not None:
+            solutions = _joined((fit.x, *fit.modes), solutions)
+            failures = _joined((fit.failing.x, fit.failing.values), failures)
+        of_all, *modes_of_all = solutions
+        if len(of_all) < 2 * (len(self.parameters) + 1):
+            raise NoModesError(
+                f"the structure has modes at {len(of_all)} of {len(of_all) + len(failures[0])} "
+                "points of the prior, too few to emulate it"
+            )
+        n_needed = self.n_modes if fit is None else fit.n_needed
+        failing = FailingPoints.fitted(failures[0], failures[1], of_all)
+        return EmulatorFit.best(of_all, Modes(*modes_of_all), failing, n_needed, fit)
+
+    def _worst(self, fit: EmulatorFit, x: FloatArray, allowed: float) -> NDArray[np.intp]:
+        """Rows of ``x`` where the spread is largest, each given that those before are known."""
+        chosen: list[int] = []
+        for _ in range(BATCH_PER_PARAMETER * len(self.parameters)):
+            spreads = fit.spreads(x, x[chosen])
+            worst = int(spreads.argmax())
+            if spreads[worst] <= allowed or worst in chosen:
+                break
+            chosen.append(worst)
+        return np.array(chosen, dtype=np.intp)
+
+    def _coordinates(self, values: FloatArray) -> FloatArray:
+        """Coordinates (B, d) in which modes are smooth, of unit spread over the prior.
+
+        Normal ones, in which products of LogNormal factors are linear; but those of a prior with
+        two bounds crowd together there, so that its values themselves are taken.
+        """
+        columns = []
+        for column, parameter in zip(values.T, self.parameters, strict=True):
+            low, high = parameter.prior.support
+            if np.isfinite([low, high]).all():
+                columns.append(np.sqrt(12.0) * (column - 0.5 * (low + high)) / (high - low))
+            else:
+                columns.append(parameter.prior.to_normal(column))
+        return np.column_stack(columns)
+
+    def __repr__(self) -> str:
+        return f"EmulatedStructure({self._exact!r}, most_solutions={self.most_solutions})"
+
+
+class EmulatorFit(NamedTuple):
+    """Solutions and what is fitted to them.
+
+    Attributes:
+        x: (N, d), coordinates of the solutions.
+        ratios: (N, 2), errors of the frequencies and shapes of each solution, predicted from all
+            others, as multiples of the process's spread there.
+    """
+
+    x: FloatArray
+    modes: Modes
+    failing: FailingPoints
+    representation: Representation
+    process: GaussianProcess
+    ratios: FloatArray
+    n_needed: int
+
+    @classmethod
+    def best(
+        cls,
+        x: FloatArray,
+        modes: Modes,
+        failing: FailingPoints,
+        n_needed: int,
+        before: EmulatorFit | None,
+    ) -> EmulatorFit:
+        """The fit by the representation that predicts the last half of the solutions best."""
+        _, n_dof, n_modes = modes.shapes.shape
+        fits, scores = [], []
+        for kind in (ModalOperator, TrackedModes):
+            representation = kind(n_dof, n_modes)
+            vectors = representation.encoded(x, modes)
+            if vectors is None:
+                continue
+            same = before if before and isinstance(before.representation, kind) else None
+            process = GaussianProcess.fitted(
+                x,
+                vectors,
+                representation.weights(vectors, n_needed),
+                same.process if same else None,
+            )
+            left_out, spreads = process.left_out
+            errors = mode_errors(representation.decoded(left_out), modes, n_needed)
+            recent = errors[len(errors) // 2 :]
+            scores.append(float(np.median(np.maximum(recent[:, 0], SHAPE_WEIGHT * recent[:, 1]))))
+            ratios = errors / spreads[:, None]
+            fits.append(cls(x, modes, failing, representation, process, ratios, n_needed))
+        return fits[int(np.argmin(scores))]
+
+    def spreads(self, x: FloatArray, known: FloatArray | None = None) -> FloatArray:
+        """The process's spread (B,) at ``x``, zero where the structure is expected to fail.
+
+        ``known`` are taken for solutions, as are points that failed: others close to them would
+        fail, too.
+        """
+        known = np.empty((0, x.shape[1])) if known is None else known
+        spreads = self.process.spreads(x, np.concatenate([self.failing.x, known]))
+        return np.where(self.failing.expected(x), 0.0, spreads)
+
+    @property
+    def n_solutions(self) -> int:
+        """Number of solutions, with those that failed."""
+        return len(self.x) + len(self.failing.x)
+
+    def errors_per_spread(self, x: FloatArray) -> FloatArray:
+        """Claimed errors (2,) of frequencies and shapes at ``x``, for each unit of spread.
+
+        From the solutions nearest to each of ``x``, counted as often as they are.
+        """
+        lengths = self.process.lengths
+        away = (((x[:, None] - self.x) / lengths) ** 2).sum(axis=2)
+        nearest = np.argsort(away, axis=1, kind="stable")[:, :N_NEAREST].ravel()
+        return np.asarray(np.sqrt((self.ratios[nearest] ** 2).mean(axis=0)) + 1e-300)
+
+
+def _joined(first: Sequence[FloatArray], second: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
+    return tuple(np.concatenate(both) for both in zip(first, second, strict=True))
+
+
+def solved(structure: Structure, values: FloatArray) -> Modes:
+    """The structure's modes at ``values`` (B, n_parameters), NaN in rows at which it raises."""
+    try:
+        return Modes(*structure.modes(values))
+    except Exception:  # noqa: BLE001 - whatever a user's model may raise
+        n_dof, n_modes = len(structure.degrees_of_freedom), structure.n_modes
+        if len(values) == 1:
+            return Modes(np.full((1, n_modes), np.nan), np.full((1, n_dof, n_modes), np.nan))
+        rows = [solved(structure, row[None]) for row in values]
+        return Modes(*(np.concatenate(arrays) for arrays in zip(*rows, strict=True)))
+
+
+def mode_errors(modes: Modes, exact: Modes, n_modes: int) -> FloatArray:
+    """Largest error of a frequency, as a fraction, and of a shape at unit length, (B, 2).
+
+    Of the lowest ``n_modes``.
+    """
+    frequency = np.abs(modes.frequencies_hz / exact.frequencies_hz - 1.0)[:, :n_modes].max(axis=1)
+    ours, theirs = (unit_shapes(each.shapes[:, :, :n_modes]) for each in (modes, exact))
+    alike = np.abs(np.einsum("bdm,bdm->bm", ours, theirs))
+    # |a - b|² = 2 - 2 a·b; zero where a shape is not measured at all.
+    shape = np.sqrt(np.maximum(2.0 - 2.0 * alike, 0.0)).max(axis=1)
+    return np.column_stack([frequency, shape if exact.shapes.shape[1] else 0.0 * frequency])

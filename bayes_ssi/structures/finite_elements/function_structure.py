@@ -1,0 +1,225 @@
+"""A structure computed by a function: any program, script or formula."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable, Mapping
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.argument_types import require
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.parameters.parameters import (
+    Parameter,
+    Product,
+    ProductTable,
+    Value,
+    as_product,
+    collect_parameters,
+)
+from bayes_ssi.structures.combined_sensors import CombinedSensors
+from bayes_ssi.structures.finite_elements.matrix_files import checked_matrix
+from bayes_ssi.structures.finite_elements.pointwise_structure import PointwiseStructure
+from bayes_ssi.structures.finite_elements.sensor_rows import Sensors, sensor_rows
+from bayes_ssi.structures.finite_elements.sparse_factors import fill_reducing_order, is_semidefinite
+from bayes_ssi.structures.finite_elements.sparse_modes import DENSE_UP_TO, lowest_modes
+from bayes_ssi.structures.modal import ModalModel, NoModesError, frequencies_hz
+
+
+class FunctionStructure(PointwiseStructure, CombinedSensors):
+    """A structure whose modes or matrices are returned by a function of the parameters.
+
+    The function is called once for each set of values, in whichever process evaluates them
+    (``--workers N``). It returns either
+
+    * ``K, M``: stiffness and mass, sparse or dense, (n, n); or
+    * ``frequencies, shapes``: (m,) in Hz, ascending or not, and (n_sensors, m), m being
+      ``n_modes`` or more; ``shapes`` may be None where no shape is measured.
+
+    Errors that it raises, and invalid answers, are reported with the arguments of the call; the
+    likelihood of such values is zero.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        arguments: Mapping[str, Value],
+        *,
+        n_modes: int,
+        sensors: Sensors = (),
+    ) -> None:
+        """Check the arguments; nothing is called yet.
+
+        Args:
+            function: called with keyword arguments, all of them numbers.
+            arguments: name of an argument → number, Parameter, or product such as
+                ``30e9 * stiffness``.
+            n_modes: number of lowest modes that are computed.
+            sensors: for a function that returns modes, the names of the rows of the shapes; for
+                one that returns matrices, name → number, from 0, of a degree of freedom.
+
+        Raises:
+            TypeError: the function is not callable, or an argument is not a number or Parameter.
+            ValueError: the function has no such argument or lacks one, or ``n_modes`` or the
+                sensors are not valid.
+        """
+        if not callable(function):
+            raise TypeError(f"FunctionStructure: function must be callable, got {function!r}")
+        require(arguments, Mapping[str, Any], "FunctionStructure: arguments")
+        self.function = function
+        where = f"FunctionStructure {_name(function)}"
+        self._arguments: dict[str, Product] = {
+            name: as_product(value, f"{where}: argument {name!r}")
+            for name, value in arguments.items()
+        }
+        products = tuple(self._arguments.values())
+        self._parameters = collect_parameters(p for each in products for p in each.parameters)
+        self._table = ProductTable(products, self._parameters)
+        if not isinstance(n_modes, Integral) or isinstance(n_modes, bool) or n_modes < 1:
+            raise ValueError(f"{where}: n_modes must be a positive whole number, got {n_modes!r}")
+        self._n_modes: int = int(n_modes)
+        try:
+            inspect.signature(function).bind(**dict.fromkeys(arguments, 1.0))
+        except TypeError as error:
+            raise ValueError(f"{where}: {error}; arguments are {list(arguments)}") from None
+        except ValueError:  # a function of C, perhaps, without a signature
+            pass
+        self._numbered: bool = isinstance(sensors, Mapping)
+        self._names: tuple[str, ...]
+        self._rows: NDArray[np.intp]
+        try:
+            self._names, self._rows = _names_and_rows(sensors)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{where}: {error}") from None
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self._parameters
+
+    @property
+    def degrees_of_freedom(self) -> tuple[str, ...]:
+        return self._names
+
+    @property
+    def n_modes(self) -> int:
+        return self._n_modes
+
+    def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
+        first, second = self._called(values)
+        if np.ndim(first) == 2 or sp.issparse(first):
+            return self._of_matrices(first, second)
+        return self._checked_modes(first, second)
+
+    def description(self) -> Mapping[str, Any]:
+        return {
+            "function": _name(self.function),
+            "arguments": self._arguments,
+            "modes": f"the lowest {self._n_modes}",
+            **self._described_sensors(),
+        }
+
+    def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - raises
+        raise TypeError(
+            f"FunctionStructure {_name(self.function)}: its masses are not known, so its response "
+            "cannot be computed; use a MatrixStructure with influence="
+        )
+
+    def _called(self, values: FloatArray) -> tuple[Any, Any]:
+        numbers = self._table.evaluate(values[None])[0].tolist()
+        try:
+            answer = self.function(**dict(zip(self._arguments, numbers, strict=True)))
+        except SystemExit as exit_:  # scripts may end like this; this program goes on
+            raise RuntimeError(f"{_name(self.function)} called exit({exit_.code!r})") from None
+        if isinstance(answer, (tuple, list)) and len(answer) == 2:
+            return answer[0], answer[1]
+        raise ValueError(
+            f"{_name(self.function)} must return two things, K and M or frequencies and shapes, "
+            f"got {_kind(answer)}"
+        )
+
+    def _of_matrices(self, stiffness: Any, mass: Any) -> tuple[FloatArray, FloatArray]:
+        name, n_modes = _name(self.function), self.n_modes
+        n = np.shape(stiffness)[0]
+        k, m = checked_matrix(stiffness, f"{name}: K"), checked_matrix(mass, f"{name}: M", n)
+        if n < n_modes:
+            raise ValueError(f"{name}: K has {n} rows, fewer than {n_modes} modes")
+        rows = self._rows
+        if (rows >= n).any() or not (self._numbered or len(rows) in (0, n)):
+            raise ValueError(
+                f"{name}: K has {n} rows; sensors must be a mapping of names to numbers of degrees "
+                f"of freedom, from 0 to {n - 1}"
+            )
+        k, m = sp.csc_array(k), sp.csc_array(m)
+        if n > DENSE_UP_TO:
+            if not is_semidefinite(m):
+                raise NoModesError(f"{name}: M is not positive semi-definite")
+            # The pattern, and so the order, may change from call to call.
+            order = fill_reducing_order(k)
+            k, m = (sp.csc_array(matrix[order][:, order]) for matrix in (k, m))
+            rows = np.argsort(order)[rows]
+        modes = lowest_modes(k, m, n_modes)
+        return frequencies_hz(modes.eigenvalues[:n_modes]), modes.vectors[rows, :n_modes]
+
+    def _checked_modes(self, frequencies: Any, shapes: Any) -> tuple[FloatArray, FloatArray]:
+        name = _name(self.function)
+        f = np.asarray(frequencies, dtype=float)
+        if f.ndim != 1 or len(f) < self.n_modes:
+            raise ValueError(
+                f"{name} must return at least {self.n_modes} frequencies, got shape {f.shape}"
+            )
+        n_sensors = len(self._names)
+        if shapes is None and not n_sensors:
+            shapes = np.empty((0, len(f)))
+        phi = np.asarray(shapes)
+        if phi.dtype.kind not in "iuf" or phi.shape != (n_sensors, len(f)):
+            raise ValueError(
+                f"{name} must return real shapes with one row per sensor and one column per mode, "
+                f"{(n_sensors, len(f))}, got {_kind(shapes)}"
+                + (", its transpose" if phi.shape == (len(f), n_sensors) else "")
+            )
+        order = np.argsort(f, kind="stable")[: self.n_modes]  # NaN comes last
+        f, phi = f[order], phi[:, order].astype(float)
+        if not (np.isfinite(f).all() and np.isfinite(phi).all()):
+            raise ValueError(f"{name} returned numbers that are not finite")
+        if not f[0] > 0.0:
+            raise ValueError(f"{name} returned a frequency of {f[0]:.6g} Hz, which is not positive")
+        return f, phi
+
+    def __repr__(self) -> str:
+        arguments = ", ".join(f"{name}={each!r}" for name, each in self._arguments.items())
+        return (
+            f"FunctionStructure({_name(self.function)} <{_digest(self.function)}>, {arguments}, "
+            f"sensors={dict(zip(self._names, self._rows.tolist(), strict=True))}, "
+            f"n_modes={self._n_modes})"
+        )
+
+
+def _names_and_rows(sensors: Sensors) -> tuple[tuple[str, ...], NDArray[np.intp]]:
+    """Sensors of a model whose number of degrees of freedom is not known yet."""
+    if isinstance(sensors, Mapping):
+        numbers = [int(number) for number in sensors.values() if isinstance(number, Integral)]
+        return sensor_rows(max(numbers, default=0) + 1, None, sensors)
+    return sensor_rows(len(sensors), tuple(map(str, sensors)), None)
+
+
+def _name(function: Callable[..., Any]) -> str:
+    return str(getattr(function, "__qualname__", type(function).__qualname__))
+
+
+def _kind(answer: Any) -> str:
+    shape = getattr(answer, "shape", None)
+    return f"{type(answer).__name__} of shape {shape}" if shape is not None else repr(answer)[:80]
+
+
+def _digest(function: Callable[..., Any]) -> str:
+    """Digest of the function's source, to distinguish functions of the same name."""
+    try:
+        text = inspect.getsource(function)
+    except (OSError, TypeError):
+        text = _name(function)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]

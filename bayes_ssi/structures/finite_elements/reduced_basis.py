@@ -1,0 +1,309 @@
+"""A reduced basis for K(θ) = Σ c_t K_t and M(θ) = Σ d_u M_u, with its error at any θ.
+
+The modes of some parameter values span the basis V, orthonormal in the energy of a reference K_r
+(that of the prior medians). Modes at other values are approximated in that span by the
+Rayleigh-Ritz method: Vᵀ K V y = μ Vᵀ M V y, a small problem whose matrices are sums of small ones.
+
+Its error follows from the residual r = K u - μ M u of u = V y in the full model. With u at unit
+energy, uᵀ K u = 1, and η² = rᵀ K⁻¹ r, some mode has |μ/λ - 1| ≤ η; and where all others are at a
+relative distance of at least δ, |μ/λ - 1| ≤ η²/δ (Temple, Kato). Modes closer to one another than
+``CLOSE`` count as one group, whose η² add up.
+
+Shapes at the sensors have two errors. The part of a mode outside the basis is about
+K⁻¹ r/(1 - μ/μ_m+1), which the sensors measure as Eᵀ K⁻¹ r, here with K_r for K and divided by α.
+And modes i and j are mixed with one another by about η_i η_j/|1 - μ_i/μ_j|. Both are estimates of
+first order, not bounds.
+
+rᵀ K⁻¹ r ≤ rᵀ K_r⁻¹ r / α where K - α K_r is positive semi-definite, as for the least ratio α of
+coefficients c_t(θ)/c_t(θ_r) where all K_t are. The norm of r in K_r⁻¹ is estimated by a sketch, a
+few random combinations Sᵀr with S = K_r⁻¹ C Ω, K_r = C Cᵀ and Ω normally distributed: its square
+is their mean square, so that small matrices give it too (Balabanov and Nouy 2019).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.structures.finite_elements.reducible_structure import Coefficients, System
+from bayes_ssi.structures.finite_elements.sparse_factors import (
+    Factor,
+    is_semidefinite,
+    require_positive_definite,
+    stiffness_factor,
+)
+from bayes_ssi.structures.modal import ROUNDING, Eigenpairs, NoModesError, lowest_eigenpairs
+
+# Random combinations in the sketch of a residual, and a factor on their mean square: the square of
+# the norm is larger in 4 of 10 000 cases (χ² with as many degrees of freedom).
+SKETCH_SIZE, SKETCH_MARGIN = 160, 1.5
+# Combinations that are solved for at a time (a divisor of that size), to take little memory.
+BLOCK = 16
+# Eigenvalues that differ by less than this share count as one group: hardly more than the
+# distance of frequencies (half as large) that a test resolves.
+CLOSE = 0.02
+# Modes that move the sensors by less than this share of the most visible mode, at unit modal mass,
+# count as if they moved them by as much: no test identifies them, and their shapes there follow
+# from small asymmetries of the mesh.
+VISIBLE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Largest errors of reduced modes.
+
+    Attributes:
+        frequency: (m,), as a fraction of the frequency.
+        shape: (m,), at the sensors, of shapes that have unit length there.
+    """
+
+    frequency: FloatArray
+    shape: FloatArray
+
+
+class Reference:
+    """The model at the reference values, which defines the norms of residuals and bases.
+
+    Attributes:
+        sketch: (n, SKETCH_SIZE + d), S and, for the d sensors, K_r⁻¹ E.
+    """
+
+    def __init__(self, system: System, coefficients: Coefficients) -> None:
+        """Factorise the stiffness at the reference."""
+        self.stiffness, self.mass, self.sensors = system.stiffness, system.mass, system.sensor_rows
+        self.coefficients = coefficients
+        self.matrix = self.stiffness.at(coefficients.stiffness)
+        # Not kept: with its pivots it is large.
+        factor = stiffness_factor(self.matrix)
+        require_positive_definite(factor)
+        n = self.matrix.shape[0]
+        self.sketch = sketch = np.zeros((n, SKETCH_SIZE + len(self.sensors)))
+        sketch[self.sensors, SKETCH_SIZE + np.arange(len(self.sensors))] = 1.0
+        sketch[:, :SKETCH_SIZE] = np.random.default_rng(0).standard_normal((n, SKETCH_SIZE))
+        sketch[:, :SKETCH_SIZE] /= np.sqrt(SKETCH_SIZE)
+        for first in range(0, sketch.shape[1], BLOCK):
+            part = sketch[:, first : first + BLOCK]
+            part[:] = factor.solve(factor.root_times(part) if first < SKETCH_SIZE else part)
+        del factor
+        self.definite = all(is_semidefinite(each) for each in self.stiffness.matrices)
+
+    @cached_property
+    def factor(self) -> Factor:
+        """Of the stiffness, which solves K_r x = f."""
+        return stiffness_factor(self.matrix)
+
+
+@dataclass(frozen=True, eq=False)
+class SmallProblem:
+    """The matrices of a model in N coordinates, and of its residuals.
+
+    Attributes:
+        stiffness: (T, N, N), of each term of the stiffness.
+        mass: (U, N, N).
+        residual_stiffness: (T, SKETCH_SIZE + d, N), the reference's sketch of each term times the
+            coordinates.
+        residual_mass: (U, SKETCH_SIZE + d, N).
+        at_sensors: (d, N), motions of the sensors.
+    """
+
+    stiffness: FloatArray
+    mass: FloatArray
+    residual_stiffness: FloatArray
+    residual_mass: FloatArray
+    at_sensors: FloatArray
+
+    @property
+    def size(self) -> int:
+        return int(self.stiffness.shape[1])
+
+    @property
+    @abstractmethod
+    def is_whole(self) -> bool:
+        """Whether the coordinates span all motions of the model."""
+
+    @property
+    @abstractmethod
+    def main_size(self) -> int:
+        """How many coordinates, the first ones, are motions of the model without elements."""
+
+    @abstractmethod
+    def loads(self, forces: FloatArray) -> FloatArray:
+        """The forces (N,) on the coordinates, of forces on all degrees of freedom."""
+
+    def bounds(self, at: Coefficients, n_modes: int, reference: Reference) -> Bounds:
+        """Bounds on errors of the first ``n_modes`` reduced modes; infinite where unknown."""
+        unknown = Bounds(np.full(n_modes, np.inf), np.full(n_modes, np.inf))
+        if self.is_whole:
+            return Bounds(np.zeros(n_modes), np.zeros(n_modes))
+        if self.size < n_modes:
+            return unknown
+        stiffness, mass = _sum(at.stiffness, self.stiffness), _sum(at.mass, self.mass)
+        alpha = self._least_ratio(at, reference)
+        if not alpha > 0.0:
+            return unknown
+        try:
+            eigenvalues, y = lowest_eigenpairs(stiffness, mass, n_modes, extra=1)
+        except NoModesError:
+            return unknown
+        y = y / np.sqrt(eigenvalues)  # at unit energy, not unit mass
+        residuals = _sum(at.stiffness, self.residual_stiffness) @ y
+        residuals -= (_sum(at.mass, self.residual_mass) @ y) * eigenvalues
+        eta = np.linalg.norm(residuals[:SKETCH_SIZE], axis=0) * math.sqrt(SKETCH_MARGIN / alpha)
+        moved = np.linalg.norm(residuals[SKETCH_SIZE:], axis=0) / alpha
+        moves = np.linalg.norm(self.at_sensors[: len(reference.sensors)] @ y, axis=0)
+        return Bounds(
+            _frequency_bounds(eigenvalues, eta)[:n_modes],
+            _shape_errors(eigenvalues, eta, moves, moved, n_modes),
+        )
+
+    def _least_ratio(self, at: Coefficients, reference: Reference) -> float:
+        """α with K - α K_r positive semi-definite, for the model without elements."""
+        of_main = at.stiffness[: len(reference.stiffness.matrices)]
+        if reference.definite:
+            return float((of_main / reference.coefficients.stiffness).min())
+        # Otherwise the ratio of energies in the basis, where K_r is the identity, is an estimate.
+        whole = _sum(of_main, self.stiffness[: len(of_main)])
+        return float(np.linalg.eigvalsh(whole[: self.main_size, : self.main_size])[0])
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBasis(SmallProblem):
+    """A basis of N vectors, and the matrices of small problems in it.
+
+    Attributes:
+        vectors: V (n, N); the matrices are Vᵀ K_t V and Vᵀ M_u V, and at the sensors Eᵀ V.
+    """
+
+    vectors: FloatArray
+
+    @classmethod
+    def empty(cls, reference: Reference) -> ReducedBasis:
+        n, n_sketch = reference.sketch.shape
+        n_k, n_m = len(reference.stiffness.matrices), len(reference.mass.matrices)
+        return cls(
+            np.zeros((n_k, 0, 0)),
+            np.zeros((n_m, 0, 0)),
+            np.zeros((n_k, n_sketch, 0)),
+            np.zeros((n_m, n_sketch, 0)),
+            np.zeros((len(reference.sensors), 0)),
+            np.zeros((n, 0)),
+        )
+
+    @property
+    def is_whole(self) -> bool:
+        return self.size == len(self.vectors)
+
+    @property
+    def main_size(self) -> int:
+        return self.size
+
+    def loads(self, forces: FloatArray) -> FloatArray:
+        return self.vectors.T @ forces
+
+    def combined(self, directions: FloatArray) -> ReducedBasis:
+        """A basis of some combinations of these vectors, orthonormal columns (N, n)."""
+        return ReducedBasis(
+            directions.T @ self.stiffness @ directions,
+            directions.T @ self.mass @ directions,
+            self.residual_stiffness @ directions,
+            self.residual_mass @ directions,
+            self.at_sensors @ directions,
+            self.vectors @ directions,
+        )
+
+    def enriched(self, modes: Eigenpairs, negligible: float, reference: Reference) -> ReducedBasis:
+        """The basis extended by the parts of some modes of the full model that lie outside it.
+
+        Directions that add less than ``negligible`` to a mode, in energy, are left out. Of a model
+        with elements only the motion of the model itself counts.
+        """
+        new = modes.vectors[: len(self.vectors)] / np.sqrt(modes.eigenvalues)
+        energies = np.einsum("nm,nm->m", new, reference.matrix @ new)
+        return self.spanning(new[:, energies > negligible**2], negligible, reference)
+
+    def spanning(self, new: FloatArray, negligible: float, reference: Reference) -> ReducedBasis:
+        """The basis extended by vectors (n, k), but for what is ``negligible`` in energy."""
+        new = new / np.sqrt(np.einsum("nm,nm->m", new, reference.matrix @ new))
+        for _ in range(2):  # once leaves rounding errors
+            new = new - self.vectors @ (self.vectors.T @ (reference.matrix @ new))
+        energies, directions = np.linalg.eigh(new.T @ (reference.matrix @ new))
+        kept = energies > max(negligible**2, ROUNDING)
+        if not kept.any():
+            return self
+        new = new @ (directions[:, kept] / np.sqrt(energies[kept]))
+        new = new - self.vectors @ (self.vectors.T @ (reference.matrix @ new))
+        new = new @ np.linalg.inv(np.linalg.cholesky(new.T @ (reference.matrix @ new))).T
+        vectors = np.hstack([self.vectors, new])
+        by_stiffness = np.array([matrix @ new for matrix in reference.stiffness.matrices])
+        by_mass = np.array([matrix @ new for matrix in reference.mass.matrices])
+        return ReducedBasis(
+            vectors=vectors,
+            stiffness=_bordered(self.stiffness, vectors.T @ by_stiffness),
+            mass=_bordered(self.mass, vectors.T @ by_mass),
+            residual_stiffness=np.dstack(
+                [self.residual_stiffness, reference.sketch.T @ by_stiffness]
+            ),
+            residual_mass=np.dstack([self.residual_mass, reference.sketch.T @ by_mass]),
+            at_sensors=vectors[reference.sensors],
+        )
+
+
+def _frequency_bounds(eigenvalues: FloatArray, eta: FloatArray) -> FloatArray:
+    """Relative errors of frequencies (m,), from η (m,)."""
+    apart = np.diff(eigenvalues) > CLOSE * eigenvalues[1:]
+    group = np.concatenate([[0], np.cumsum(apart)])
+    together = np.bincount(group, eta**2)
+    # The eigenvalues of the other groups are uncertain by their own residuals.
+    lowest = eigenvalues * np.maximum(1.0 - eta, 0.0)
+    below, above = np.full(len(together), np.inf), np.full(len(together), np.inf)
+    edges = np.flatnonzero(apart)  # between mode i and mode i + 1
+    with np.errstate(divide="ignore"):
+        above[:-1] = 1.0 - eigenvalues[edges] / lowest[edges + 1]
+        below[1:] = lowest[edges + 1] / eigenvalues[edges] - 1.0
+    # Modes above the last computed one are only known to be higher.
+    above[-1] = CLOSE
+    gap = np.minimum(below, above)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squared = np.where(gap > 0.0, together / gap, np.inf)
+    bounds: FloatArray = 0.5 * np.minimum(eta, squared[group])
+    return bounds
+
+
+def _shape_errors(
+    eigenvalues: FloatArray, eta: FloatArray, moves: FloatArray, moved: FloatArray, n_modes: int
+) -> FloatArray:
+    """Errors (n_modes,) at the sensors of shapes of unit length there.
+
+    For m modes, perhaps one more than shapes: ``moves`` (m,) are lengths of the shapes at the
+    sensors at unit energy, ``moved`` (m,) the displacements there under the residuals as loads.
+    """
+    own = slice(0, n_modes)
+    beyond = eigenvalues[n_modes] if len(eigenvalues) > n_modes else np.inf
+    with np.errstate(divide="ignore", invalid="ignore"):
+        outside = moved[own] / (1.0 - eigenvalues[own] / beyond)
+        distance = np.abs(1.0 - eigenvalues[own, None] / eigenvalues)
+        mixed = np.minimum(eta[own, None] * eta / distance, 1.0)
+    mixed[np.arange(n_modes), np.arange(n_modes)] = 0.0
+    at_unit_mass = moves * np.sqrt(eigenvalues)
+    visible = VISIBLE * at_unit_mass.max() / np.sqrt(eigenvalues[own])
+    errors: FloatArray = (outside + mixed @ moves) / np.maximum(moves[own], visible)
+    return np.nan_to_num(errors, nan=0.0, posinf=np.inf)  # without sensors there is no shape
+
+
+def _sum(coefficients: FloatArray, matrices: FloatArray) -> FloatArray:
+    total: FloatArray = np.tensordot(coefficients, matrices, axes=1)
+    return total
+
+
+def _bordered(matrices: FloatArray, columns: FloatArray) -> FloatArray:
+    """Symmetric matrices (T, N, N), from their leading blocks and last columns (T, N, k)."""
+    before = matrices.shape[1]
+    rows = np.concatenate([matrices, columns[:, :before].transpose(0, 2, 1)], axis=1)
+    whole = np.concatenate([rows, columns], axis=2)
+    symmetric: FloatArray = 0.5 * (whole + whole.transpose(0, 2, 1))
+    return symmetric

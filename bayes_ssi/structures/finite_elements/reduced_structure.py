@@ -1,0 +1,370 @@
+"""A finite-element model in a reduced basis: small matrices with a certified error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.parameters.parameters import values_at
+from bayes_ssi.structures.affine_array import AffineArray
+from bayes_ssi.structures.elements import Element
+from bayes_ssi.structures.finite_elements.approximate_structure import ApproximateStructure
+from bayes_ssi.structures.finite_elements.carrying_basis import CarryingBasis
+from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure
+from bayes_ssi.structures.finite_elements.projection import Projection
+from bayes_ssi.structures.finite_elements.reduced_basis import (
+    Bounds,
+    ReducedBasis,
+    Reference,
+    SmallProblem,
+)
+from bayes_ssi.structures.finite_elements.reducible_structure import ReducibleStructure
+from bayes_ssi.structures.modal import (
+    BATCHED_UP_TO,
+    ModalModel,
+    Modes,
+    NoModesError,
+    lowest_eigenpairs,
+    solve_modes,
+)
+from bayes_ssi.structures.motion import Place, SinglePlace
+from bayes_ssi.structures.repeated_modes import settle
+from bayes_ssi.structures.sensors import Sensor
+from bayes_ssi.structures.structure import Accuracy, Structure
+
+# Directions that add less than this share of the required accuracy to a mode are left out, some of
+# which together remain below it.
+NEGLIGIBLE = 0.15
+
+
+class ReducedStructure(ApproximateStructure):
+    """A finite-element model whose modes are combinations of some of its full solutions.
+
+    The basis is made when modes are first computed. Full solutions are placed one after the other
+    where the certified error is largest among points of the prior (a greedy reduced basis), until
+    it is small enough at all of them. :meth:`accurate_at` adds solutions at other values. A basis
+    never changes: adding solutions makes a new structure.
+
+    The error is certified as in :mod:`bayes_ssi.structures.finite_elements.reduced_basis`. That
+    cannot detect a mode that no full solution has; the modes of every full solution are counted by
+    Sylvester's law.
+    """
+
+    def __init__(
+        self,
+        full: ReducibleStructure,
+        *,
+        frequency_error: float = 1e-3,
+        shape_error: float = 0.1,
+        most_full_solutions: int = 150,
+        training_points: int = 512,
+    ) -> None:
+        """Set the accuracy; nothing is computed yet.
+
+        Args:
+            shape_error: largest error of shapes at the sensors, at unit length there.
+            most_full_solutions: largest number of full solutions; at this limit, a larger error is
+                accepted and reported.
+            training_points: number of Sobol points of the prior among which full solutions are
+                placed; best a power of two.
+        """
+        if not isinstance(full, ReducibleStructure):
+            raise TypeError(f"ReducedStructure: full must be a MatrixStructure, got {full!r}")
+        self.full = full
+        self.frequency_error, self.shape_error = frequency_error, shape_error
+        self.most_full_solutions, self.training_points = most_full_solutions, training_points
+        for name in ("frequency_error", "shape_error", "most_full_solutions", "training_points"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"ReducedStructure: {name} must be positive, got {value!r}")
+        self.n_full_solutions = 0
+        self._basis: ReducedBasis | None = None
+        self._problem: SmallProblem | None = None
+
+    @checked
+    def with_element(self, element: Element) -> Self:
+        """This structure with one more element on it, in the same basis.
+
+        The basis is extended by a static solution for every place of the element and by the
+        element's own degree of freedom; no mode is solved for. The error is certified as before,
+        and :meth:`accurate_at` adds full solutions of the model with the element where they are
+        needed.
+        """
+        whole = self._copied()
+        whole.full = self.full.with_element(element)
+        whole._basis = self._main_basis
+        whole._problem = whole._in_coordinates(whole._basis)
+        return whole
+
+    def require_place(self, place: Place, label: str) -> None:
+        self.full.require_place(place, label)
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        return self.full.sensors
+
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        return self.full.appendages
+
+    @property
+    def exact(self) -> ReducibleStructure:
+        return self.full
+
+    @property
+    def basis(self) -> SmallProblem:
+        """The basis with the elements that it carries, computed when it is first needed."""
+        _ = self._main_basis
+        assert self._problem is not None
+        return self._problem
+
+    @property
+    def _main_basis(self) -> ReducedBasis:
+        """The basis of the model without elements."""
+        if self._basis is None:
+            points = np.vstack([self.full.prior_medians(), self._prior_points()])
+            self._train(points, self.frequency_error, self.shape_error, self.n_modes)
+        assert self._basis is not None
+        return self._basis
+
+    def _in_coordinates(self, basis: ReducedBasis) -> SmallProblem:
+        """The small problem in a basis of the model without elements."""
+        if not self.full.elements:
+            return basis
+        negligible = self._negligible(self.frequency_error, self.shape_error)
+        return CarryingBasis.of(basis, self.full.carried, negligible, self._reference)
+
+    def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
+        """Motions of places in the modes (n_places, n_modes), at one row of ``values``.
+
+        At unit modal mass; by a full solution where the structure carries elements.
+        """
+        if self.full.elements:
+            return self.full.place_shapes(places, values)
+        y = self._modes_in_basis(values).shapes[0]
+        vectors = self._main_basis.vectors
+        return self.full.combined_rows(places, lambda rows: vectors[rows] @ y)
+
+    def projected(self, values: FloatArray, places: Iterable[SinglePlace]) -> Structure:
+        """The model in the few combinations of the basis that its modes at some values consist of.
+
+        Args:
+            values: (B, n_parameters), where it is to be accurate: frequencies to a hundredth
+                of ``frequency_error`` on average.
+            places: degrees of freedom and sensors on which elements may be put.
+        """
+        if self.full.elements:
+            return self
+        shares, directions = self._directions(values)
+        # The energy that is neglected of a mode is about twice the relative error of its frequency.
+        neglected = np.cumsum(shares) <= 2.0 * 0.01 * self.frequency_error
+        n_kept = max(int((~neglected).sum()), min(self.n_modes, len(shares)))
+        basis = self._main_basis.combined(directions[:, -n_kept:])
+        return ProjectedStructure(Projection.of(basis, self.full, places, self._reference))
+
+    def compact(self, values: FloatArray) -> Self:
+        """This structure in fewer combinations of the basis, certified as before.
+
+        They are as many as a batch of small matrices is solved with at once, less those that two
+        elements need.
+
+        Args:
+            values: (B, n_parameters), where it is to be accurate. Where that is not enough,
+                :meth:`accurate_at` adds full solutions as to any basis.
+        """
+        if self.full.elements:
+            return self
+        smaller = self._copied()
+        _, directions = self._directions(values)
+        smaller._basis = self._main_basis.combined(directions[:, 4 - BATCHED_UP_TO :])
+        smaller._problem = smaller._basis
+        return smaller
+
+    def _directions(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Combinations (N, N) of the basis, and their mean shares (N,) in the modes at ``values``.
+
+        In ascending order; shares of the modes' energy.
+        """
+        shapes = self._modes_in_basis(values).shapes
+        modes = shapes[np.isfinite(shapes).all(axis=(1, 2))].transpose(1, 0, 2)
+        modes = modes.reshape(len(modes), -1)
+        modes = modes / np.linalg.norm(modes, axis=0)
+        shares, directions = np.linalg.eigh(modes @ modes.T / modes.shape[1])
+        return shares, directions
+
+    @staticmethod
+    def _negligible(frequency_error: float, shape_error: float) -> float:
+        return NEGLIGIBLE * min(math.sqrt(frequency_error), shape_error)
+
+    def modes(self, values: FloatArray) -> Modes:
+        """See :meth:`Structure.modes`; rows without modes are NaN."""
+        in_basis = self._modes_in_basis(values)
+        shapes = self.basis.at_sensors @ in_basis.shapes
+        # What basis the vectors are is a matter of rounding, too.
+        settle(in_basis.frequencies_hz, shapes)
+        return Modes(in_basis.frequencies_hz, shapes)
+
+    def modal_model(self, values: FloatArray) -> ModalModel:
+        influence = self.full.require_influence()
+        frequencies_hz, y = self._modes_in_basis(values)
+        mass = self.full.system.mass
+        loads = np.array([self.basis.loads(each @ influence) for each in mass.matrices])
+        of_batch = mass.projected(loads, self.parameters).evaluate(values)
+        return ModalModel(
+            frequencies_hz,
+            self.basis.at_sensors @ y,
+            np.einsum("bk,bkm->bm", np.broadcast_to(of_batch, (len(values), len(loads[0]))), y),
+            influence[self.full.system.sensor_rows],
+        )
+
+    def description(self) -> Mapping[str, Any]:
+        basis = (
+            f"frequencies within {self.frequency_error:g} (as a fraction) and shapes within "
+            f"{self.shape_error:g} (at unit length) over the prior, smaller where the posterior "
+            f"lies; at most {self.most_full_solutions} full solutions"
+        )
+        return {**self.full.description(), "reduced basis": basis}
+
+    def bounds(self, values: FloatArray, n_modes: int | None = None) -> Bounds:
+        """The certified errors at ``values`` (B, n_parameters): arrays (B, n_modes)."""
+        basis, n, reference = self.basis, n_modes or self.n_modes, self._reference
+        rows = [basis.bounds(each, n, reference) for each in self.full.coefficients(values)]
+        return Bounds(
+            np.array([row.frequency for row in rows]).reshape(-1, n),
+            np.array([row.shape for row in rows]).reshape(-1, n),
+        )
+
+    def accurate_at(
+        self,
+        values: FloatArray,
+        frequency_error: float,
+        shape_error: float,
+        n_modes: int | None = None,
+    ) -> Self:
+        """This structure if it is accurate enough at all ``values``, or one with a larger basis.
+
+        ``most_full_solutions`` limits the total of both.
+        """
+        n = n_modes or self.n_modes
+        bounds = self.bounds(values, n)
+        if not (_excess(bounds, frequency_error, shape_error) > 1.0).any():
+            return self
+        better = self._copied()
+        better._train(values, frequency_error, shape_error, n)
+        return better if better.n_full_solutions > self.n_full_solutions else self
+
+    def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
+        bounds = self.bounds(values, n_modes)
+        frequency = float(bounds.frequency.max(initial=0.0))
+        shape = float(bounds.shape.max(initial=0.0))
+        return Accuracy(
+            frequency,
+            shape,
+            f"{self.full.size} degrees of freedom reduced to {self.basis.size} by "
+            f"{self.n_full_solutions} full solutions; by the residuals at {len(values)} draws, "
+            f"frequencies are within {frequency:.1g} of the full model's (as a fraction) and "
+            f"shapes at the sensors within about {shape:.1g} (at unit length)",
+        )
+
+    def _train(
+        self, points: FloatArray, frequency_error: float, shape_error: float, n_modes: int
+    ) -> None:
+        """Add full solutions where errors are largest, until they are small at all ``points``."""
+        negligible = self._negligible(frequency_error, shape_error)
+        of_points = self.full.coefficients(points)
+        basis = self._basis or ReducedBasis.empty(self._reference)
+        problem = self._problem or basis
+        # In units of what is required, at most: errors shrink as the basis grows, so only that of
+        # the worst point is computed again, until it stays the worst.
+        errors = np.full(len(points), np.inf)
+        while self.n_full_solutions < self.most_full_solutions:
+            worst = int(errors.argmax())
+            while basis.size and errors[worst] > 1.0:
+                bounds = problem.bounds(of_points[worst], n_modes, self._reference)
+                errors[worst] = _excess(bounds, frequency_error, shape_error).max()
+                if errors[worst] >= errors.max():
+                    break
+                worst = int(errors.argmax())
+            if errors[worst] <= 1.0:
+                break
+            try:
+                modes = self.full.full_modes(points[worst], extra=1)
+            except NoModesError:
+                if not basis.size:
+                    raise
+            else:
+                basis = basis.enriched(modes, negligible, self._reference)
+                problem = self._in_coordinates(basis)
+                self.n_full_solutions += 1
+            # No point is solved twice, whatever rounding makes of its bound.
+            errors[worst] = 0.0
+        self._basis, self._problem = basis, problem
+
+    def _modes_in_basis(self, values: FloatArray) -> Modes:
+        """Modes of the small problem: shapes are y (B, N, n_modes); NaN in rows without modes."""
+        n, size = self.n_modes, self.basis.size
+        frequencies_hz, y = np.empty((len(values), n)), np.empty((len(values), size, n))
+        step = 64  # rows, whose matrices stay in the processor's cache
+        for start in range(0, len(values), step):
+            rows = slice(start, start + step)
+            k, m = (each.evaluate(values[rows]) for each in self._in_basis)
+            frequencies_hz[rows], y[rows] = solve_modes(k, m, n)
+        if len(values) == 1 and np.isnan(frequencies_hz).any():
+            lowest_eigenpairs(k[0], m[0], n)  # raises, and says why
+        return Modes(frequencies_hz, y)
+
+    @cached_property
+    def _in_basis(self) -> tuple[AffineArray, AffineArray]:
+        """Stiffness and mass of the small problem."""
+        system, basis = self.full.system, self.basis
+        return (
+            system.stiffness.projected(basis.stiffness, self.parameters),
+            system.mass.projected(basis.mass, self.parameters),
+        )
+
+    @cached_property
+    def _reference(self) -> Reference:
+        main = self.full.without_elements
+        (medians,) = main.coefficients(main.prior_medians())
+        return Reference(main.system, medians)
+
+    def _copied(self) -> Self:
+        """A copy for another basis, with the same reference."""
+        other = copy(self)
+        other.__dict__["_reference"] = self._reference
+        return other
+
+    def _prior_points(self) -> FloatArray:
+        """Points (training_points, n_parameters) that fill the prior evenly."""
+        from scipy.special import ndtri
+        from scipy.stats import qmc
+
+        d = len(self.parameters)
+        if not d:
+            return np.empty((0, 0))
+        uniform = qmc.Sobol(d, rng=np.random.default_rng(0)).random(self.training_points)
+        return values_at(self.parameters, ndtri(np.clip(uniform, 1e-4, 1.0 - 1e-4)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State without what is large, or belongs to this basis, and is quickly recomputed."""
+        derived = ("_reference", "_in_basis")
+        return {name: value for name, value in self.__dict__.items() if name not in derived}
+
+    def __repr__(self) -> str:
+        return (
+            f"ReducedStructure({self.full!r}, frequency_error={self.frequency_error}, "
+            f"shape_error={self.shape_error}, most_full_solutions={self.most_full_solutions}, "
+            f"training_points={self.training_points})"
+        )
+
+
+def _excess(bounds: Bounds, frequency_error: float, shape_error: float) -> FloatArray:
+    """The larger of the two errors, relative to the required ones."""
+    return np.maximum(bounds.frequency / frequency_error, bounds.shape / shape_error)

@@ -1,0 +1,165 @@
+"""The lowest modes of large sparse matrices: shift-invert Lanczos iterations, and a count.
+
+Lanczos iterations with K⁻¹ M (ARPACK) give the lowest modes. They may miss one, above all of a
+pair of equal frequencies, so modes are counted by the pivots of K - σM (see
+:mod:`bayes_ssi.structures.finite_elements.sparse_factors`).
+
+M may be singular (rotations without inertia, for instance): such directions have no mode of their
+own, and where only a few have inertia all modes follow from their flexibility. K must be positive
+definite.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.structures.finite_elements.matrix_files import Matrix
+from bayes_ssi.structures.finite_elements.sparse_factors import (
+    RELATIVE_GAP,
+    Factor,
+    count_below,
+    require_positive_definite,
+    stiffness_factor,
+)
+from bayes_ssi.structures.modal import (
+    ROUNDING,
+    Eigenpairs,
+    NoModesError,
+    lowest_eigenpairs,
+    require_supported,
+    too_few_modes,
+)
+from bayes_ssi.structures.repeated_modes import settle
+
+# Smaller problems are solved faster as dense ones.
+DENSE_UP_TO = 150
+
+
+def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) -> Eigenpairs:
+    """The ``n_modes`` lowest modes, and perhaps a few more, verified by a count.
+
+    Args:
+        stiffness: (n, n), positive definite, its rows in an order that keeps factors sparse.
+        mass: (n, n), positive semi-definite.
+    """
+    n = stiffness.shape[0]
+    # With many modes, Lanczos vectors (twice as many) would span half of the space.
+    if n <= DENSE_UP_TO or 4 * n_modes >= n:
+        return lowest_eigenpairs(stiffness.toarray(), mass.toarray(), n_modes, extra)
+    factor = stiffness_factor(stiffness)
+    with_mass = np.flatnonzero(np.diff(mass.indptr))
+    if len(with_mass) <= DENSE_UP_TO:
+        loads = np.zeros((n, len(with_mass)))
+        loads[with_mass, np.arange(len(with_mass))] = 1.0
+        modes = _modes_under(loads, mass, factor, n_modes, n_modes + extra)
+    else:
+        modes = _counted(stiffness, mass, factor, n_modes, n_modes + extra)
+    require_supported(stiffness, modes.vectors[:, 0])
+    return modes
+
+
+def _counted(
+    stiffness: Matrix, mass: Matrix, factor: Factor, n_modes: int, at_most: int
+) -> Eigenpairs:
+    """Modes by Lanczos iterations, verified by a count, which also shows K positive definite."""
+    n = stiffness.shape[0]
+    problem = "there is no gap between eigenvalues"
+    for attempt in range(4):  # each with another start vector and more modes
+        if attempt:
+            require_positive_definite(factor)
+        n_computed = min(at_most + 2 + 6 * attempt, n - 2)
+        try:
+            modes = _lanczos(stiffness, mass, factor, n_computed, attempt)
+        except NoModesError as error:
+            problem = str(error)
+            break
+        last = _last_before_a_gap(modes.eigenvalues, at_most)
+        if last is None:
+            continue
+        shift = float(modes.eigenvalues[last - 1 : last + 1].mean())
+        try:
+            count = count_below(stiffness, mass, shift)
+        except NoModesError:
+            continue
+        if count == last:
+            # The count includes negative eigenvalues of K: with positive ones alone it has none.
+            if not modes.eigenvalues[0] > 0.0:
+                require_positive_definite(factor)
+            settle(modes.eigenvalues[None, :last], modes.vectors[None, :, :last])
+            return Eigenpairs(modes.eigenvalues[:last], modes.vectors[:, :last])
+        problem = f"Lanczos iterations gave {last} modes where Sylvester's law counts {count}"
+    # Iterations stop early where M has hardly more modes than are asked for.
+    normal = np.random.default_rng(n).standard_normal((n, 2 * (at_most + 10)))
+    loads = mass @ normal
+    energies = np.linalg.eigvalsh(loads.T @ factor.solve(loads))
+    if energies.min() <= ROUNDING * energies.max():
+        return _modes_under(loads, mass, factor, n_modes, at_most)
+    raise NoModesError(f"the modes could not be verified: {problem}")
+
+
+def _modes_under(
+    loads: FloatArray, mass: Matrix, factor: Factor, n_modes: int, at_most: int
+) -> Eigenpairs:
+    """The lowest modes, where the inertia of any motion is a sum of ``loads`` (n, k).
+
+    Modes are deflections under such loads, so the Rayleigh-Ritz method gives all of them.
+    """
+    require_positive_definite(factor)
+    moved = factor.solve(loads)
+    energies, directions = np.linalg.eigh(loads.T @ moved)
+    kept = energies > ROUNDING * energies.max(initial=0.0)
+    unit = moved @ (directions[:, kept] / np.sqrt(energies[kept]))
+    inverses, mixed = np.linalg.eigh(unit.T @ (mass @ unit))
+    inverses, mixed = inverses[::-1], mixed[:, ::-1]
+    if len(inverses) and inverses[-1] < -ROUNDING * max(inverses[0], -inverses[-1]):
+        raise NoModesError("the mass matrix is not positive semi-definite")
+    n_available = int((inverses > ROUNDING * inverses.max(initial=0.0)).sum())
+    if n_available < n_modes:
+        raise too_few_modes(n_available, n_modes)
+    inverses, mixed = inverses[:n_available], mixed[:, :n_available]
+    eigenvalues, vectors = 1.0 / inverses, unit @ (mixed / np.sqrt(inverses))
+    settle(eigenvalues[None], vectors[None])
+    return Eigenpairs(eigenvalues[:at_most], vectors[:, :at_most])
+
+
+def _last_before_a_gap(eigenvalues: FloatArray, n_modes: int) -> int | None:
+    """Number of modes to keep, ``n_modes`` or more: those below the widest gap."""
+    gaps = np.diff(eigenvalues) / eigenvalues[1:]
+    candidates = [n for n in range(n_modes, len(eigenvalues)) if gaps[n - 1] > RELATIVE_GAP]
+    return max(candidates, key=lambda n: gaps[n - 1], default=None)
+
+
+def _lanczos(
+    stiffness: Matrix, mass: Matrix, factor: Factor, n_modes: int, attempt: int
+) -> Eigenpairs:
+    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+
+    n = stiffness.shape[0]
+    # In the range of K⁻¹M, as a singular M demands.
+    start = factor.solve(mass @ np.random.default_rng(attempt).standard_normal(n))
+    try:
+        values, vectors = eigsh(
+            sp.csc_matrix(stiffness),
+            k=n_modes,
+            M=sp.csc_matrix(mass),
+            sigma=0.0,
+            which="LM",
+            v0=start,
+            ncv=min(n - 1, max(2 * n_modes + 1, 20)),
+            OPinv=LinearOperator((n, n), matvec=factor.solve, dtype=float),
+        )
+    except ArpackError as error:
+        raise NoModesError(f"Lanczos iterations did not converge: {error}") from None
+    order = np.argsort(values)
+    # One more step of inverse iteration: where M is singular, Lanczos vectors accumulate
+    # components in its null space, which no mode has.
+    vectors = factor.solve(mass @ vectors[:, order])
+    inertia = np.einsum("nm,nm->m", vectors, mass @ vectors)
+    if not inertia.min() > 0.0:
+        raise NoModesError("the mass matrix is not positive semi-definite, or has too low a rank")
+    energy = np.einsum("nm,nm->m", vectors, stiffness @ vectors)
+    values = energy / inertia
+    again = np.argsort(values)
+    return Eigenpairs(values[again], (vectors / np.sqrt(inertia))[:, again])

@@ -1,0 +1,177 @@
+"""Ground motion: an acceleration at equal time steps, in m/s²."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+
+# Unit of an acceleration → its value in m/s²; standard gravity, inch and foot are exact by
+# definition.
+UNITS = {
+    "g": 9.80665, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001, "in/s2": 0.0254, "ft/s2": 0.3048,
+}  # fmt: skip
+SPELLINGS = {"gal": "cm/s2", "gals": "cm/s2", "g0": "g", "gs": "g"}
+# In m/s². Earthquakes have been recorded with 40 m/s² (Iwate-Miyagi 2008; Aoi et al. 2008, Science
+# 322), and with hardly more.
+LARGEST_RECORDED = 50.0
+
+
+def checked_unit(unit: str) -> str:
+    """The unit of acceleration as a key of :data:`UNITS`, from any usual spelling of it.
+
+    Files write ``CM/S/S``, ``cm/sec^2``, ``M/S**2``, ``m s-2``, ``Gal`` or ``g's``, among others.
+    """
+    plain = str(unit).lower().replace("²", "2").replace("⁻", "-")
+    plain = re.sub(r"[\s^*·.'’()\[\]]", "", plain)
+    plain = re.sub(r"sec(?:ond)?", "s", plain)
+    plain = re.sub(r"(?:/s/s|/?s-2)$", "/s2", plain)
+    plain = SPELLINGS.get(plain, plain)
+    if plain not in UNITS:
+        raise ValueError(
+            f"unit of acceleration must be one of {', '.join(map(repr, UNITS))}, got {unit!r}"
+        )
+    return plain
+
+
+@dataclass(frozen=True, eq=False)
+class GroundMotion:
+    """The acceleration of the ground, linear between samples.
+
+    Attributes:
+        acceleration: (n_samples,), in m/s².
+        dt: time between samples in s.
+        name: name for titles and tables.
+
+    Raises:
+        ValueError: there are fewer than two samples, one is not finite, or dt is not positive.
+    """
+
+    acceleration: FloatArray
+    dt: float
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        where = f"ground motion {self.name!r}" if self.name else "ground motion"
+        try:
+            acceleration = np.array(self.acceleration, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError(f"{where}: the acceleration must be a list of numbers") from None
+        if acceleration.ndim != 1 or len(acceleration) < 2:
+            got = acceleration.shape if acceleration.ndim != 1 else len(acceleration)
+            raise ValueError(f"{where}: needs a row of two samples or more, got {got}")
+        if not np.isfinite(acceleration).all():
+            first = int(np.flatnonzero(~np.isfinite(acceleration))[0])
+            raise ValueError(
+                f"{where}: sample {first + 1} is not finite: {float(acceleration[first])!r}"
+            )
+        if not (isinstance(self.dt, (int, float, np.number)) and 0.0 < self.dt < math.inf):
+            raise ValueError(f"{where}: dt must be positive and finite (s), got {self.dt!r}")
+        acceleration.setflags(write=False)
+        object.__setattr__(self, "acceleration", acceleration)
+        object.__setattr__(self, "dt", float(self.dt))
+
+    @classmethod
+    def of(
+        cls, samples: Sequence[float] | FloatArray, unit: str, dt: float, name: str = ""
+    ) -> GroundMotion:
+        """From samples in any unit of acceleration.
+
+        Args:
+            samples: (n_samples,), accelerations.
+            unit: unit of the samples, ``"g"``, ``"m/s2"`` or ``"cm/s2"``.
+            dt: time between samples in s.
+            name: for titles and tables.
+
+        Raises:
+            ValueError: as for the class, or the unit is not known.
+        """
+        scale = UNITS[checked_unit(unit)]
+        plain = cls(samples, dt, name)  # type: ignore[arg-type]
+        return cls(scale * plain.acceleration, dt, name)
+
+    def __len__(self) -> int:
+        return len(self.acceleration)
+
+    @cached_property
+    def times(self) -> FloatArray:
+        """Times of the samples (n_samples,), in s, from 0."""
+        times: FloatArray = np.arange(len(self.acceleration), dtype=np.float64)
+        times *= self.dt
+        return times
+
+    @property
+    def nyquist_hz(self) -> float:
+        """Half the sampling frequency; the samples carry nothing above it."""
+        return 0.5 / self.dt
+
+    def warnings(self, frequencies_hz: FloatArray) -> list[str]:
+        """What an analyst should know before using this record, a sentence each.
+
+        Args:
+            frequencies_hz: (n_modes,), ascending frequencies of the structure that it shakes.
+        """
+        warnings = []
+        if self.peak_acceleration > LARGEST_RECORDED:
+            warnings.append(
+                f"record {self.name}: its peak, {self.peak_acceleration / UNITS['g']:.3g} g, is "
+                "beyond that of any earthquake recorded; is its unit right?"
+            )
+        above = np.flatnonzero(frequencies_hz > self.nyquist_hz)
+        if len(above):
+            warnings.append(
+                f"record {self.name}: {self.dt:g} s between samples carry frequencies up to "
+                f"{self.nyquist_hz:g} Hz; mode {above[0] + 1} of the structure, at "
+                f"{frequencies_hz[above[0]]:.3g} Hz, and any above it are not driven as the ground "
+                "drives them"
+            )
+        return warnings
+
+    @property
+    def peak_acceleration(self) -> float:
+        """PGA in m/s²."""
+        return float(np.abs(self.acceleration).max())
+
+    @property
+    def peak_velocity(self) -> float:
+        """PGV in m/s, by integrating the acceleration from rest without correction."""
+        from scipy.integrate import cumulative_trapezoid
+
+        return float(np.abs(cumulative_trapezoid(self.acceleration, dx=self.dt)).max())
+
+
+def along_azimuth(
+    first: GroundMotion,
+    first_azimuth_deg: float,
+    second: GroundMotion,
+    second_azimuth_deg: float,
+    azimuth_deg: float,
+    name: str = "",
+) -> GroundMotion:
+    """The motion along an azimuth, from two perpendicular horizontal components.
+
+    Azimuths are in degrees from north, clockwise.
+    """
+    if len(first) != len(second) or not math.isclose(first.dt, second.dt, rel_tol=1e-9):
+        raise ValueError(
+            f"ground motion: two components of one record must share length and dt, got "
+            f"{len(first)} samples of {first.dt!r} s and {len(second)} of {second.dt!r} s"
+        )
+    between = math.radians(second_azimuth_deg - first_azimuth_deg)
+    # Azimuths are given in whole degrees.
+    if abs(math.cos(between)) > math.sin(math.radians(1.0)):
+        raise ValueError(
+            "ground motion: components must be perpendicular, got azimuths "
+            f"{first_azimuth_deg!r} and {second_azimuth_deg!r} degrees"
+        )
+    acceleration = sum(
+        math.cos(math.radians(azimuth_deg - own)) * component.acceleration
+        for component, own in ((first, first_azimuth_deg), (second, second_azimuth_deg))
+    )
+    return GroundMotion(np.asarray(acceleration), first.dt, name)

@@ -1,0 +1,179 @@
+"""The response of a structure and its elements: transfer functions and time histories, by modes.
+
+With u the displacement relative to the ground, a_g the ground's acceleration and p a force,
+
+    M ü + C u̇ + K u = -M ι a_g + p,    u = Σ_r φ_r q_r,
+    q̈_r + 2 ζ_r ω_r q̇_r + ω_r² q_r = -Γ_r a_g + φ_rᵀ p,
+
+where φ_r has unit modal mass and Γ_r = φ_rᵀ M ι. Modes that a structure does not give are assumed
+to move with the ground: their displacement is neglected, their inertia is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import repeat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.structures.modal import ModalModel
+from bayes_ssi.structures.response.ground_motion import GroundMotion
+from bayes_ssi.structures.response.output import Damping, Output, damping_ratios
+from bayes_ssi.structures.response.time_stepping import modal_histories
+from bayes_ssi.structures.structure import Structure
+
+# In Hz; the fourth power of circular frequencies, in the squares of amplitudes, stays finite.
+HIGHEST_HZ = 1e75
+
+
+def modal_model_of(structure: Structure, values: FloatArray) -> ModalModel:
+    """The structure's modal model, with the shapes of its arrays checked."""
+    model = ModalModel(*structure.modal_model(values))
+    n, n_dof, n_modes = len(values), len(structure.degrees_of_freedom), structure.n_modes
+    expected = ((n, n_modes), (n, n_dof, n_modes), (n, n_modes), (n_dof,))
+    shapes = tuple(np.shape(part) for part in model)
+    if shapes != expected:
+        raise ValueError(
+            f"structure {type(structure).__name__}: its modal model holds frequencies, shapes, "
+            f"participation and influence of shapes {shapes}, expected {expected}"
+        )
+    return model
+
+
+def ground_influence(structure: Structure) -> FloatArray | None:
+    """Displacements (n_dof,) when the ground moves by 1 and nothing deforms.
+
+    None where the structure does not know them.
+    """
+    try:
+        return modal_model_of(structure, structure.prior_medians()).influence
+    except TypeError:
+        return None
+
+
+def transfer_functions(
+    structure: Structure,
+    values: FloatArray,
+    frequencies_hz: FloatArray,
+    output: Output,
+    damping: Damping,
+    *,
+    force_at: str | None = None,
+) -> NDArray[np.complex128]:
+    """Response to a harmonic ground acceleration, or force, of amplitude 1 (e^{iωt}).
+
+    Args:
+        values: (B, n_parameters), values of its parameters.
+        frequencies_hz: (F,), frequencies of the input.
+        force_at: the degree of freedom, or sensor's place and direction, at which a force acts;
+            ground acceleration if None.
+
+    Returns:
+        (B, n_places, F). For ground acceleration, accelerations have the unit 1 and displacements
+        s²; for a force, these units are divided by the structure's unit of mass.
+    """
+    omega = 2.0 * np.pi * checked_frequencies(frequencies_hz)
+    output.require_on(structure)
+    ratios = damping_ratios(damping, structure.n_modes)
+    model = modal_model_of(structure, values)
+    own = 2.0 * np.pi * model.frequencies_hz[:, :, None]
+    receptance = 1.0 / (own**2 - omega**2 + 2j * ratios[:, None] * own * omega)
+    if force_at is None:
+        driven = -model.participation
+    else:
+        driven = structure.sensor_matrix([force_at], "place").apply(model.shapes)[:, 0, :]
+    at_places = np.ascontiguousarray(output.at_places(structure, model.shapes, axis=1))
+    response = ((at_places * driven[:, None, :]) @ receptance).astype(np.complex128, copy=False)
+    if output.quantity == "acceleration":
+        response *= -(omega**2)
+        if force_at is None:
+            response += output.at_places(structure, model.influence, axis=0)[:, None]
+    return response
+
+
+def checked_frequencies(frequencies_hz: FloatArray) -> FloatArray:
+    """Frequencies as an array (F,)."""
+    frequencies = np.asarray(frequencies_hz, dtype=float)
+    if frequencies.ndim != 1 or not len(frequencies):
+        raise ValueError(f"frequencies_hz must be a row of numbers, got shape {frequencies.shape}")
+    wrong = ~((frequencies >= 0.0) & (frequencies <= HIGHEST_HZ))
+    if wrong.any():
+        raise ValueError(
+            f"frequencies_hz must be from 0 to {HIGHEST_HZ:.0e}, "
+            f"got {float(frequencies[wrong][0])!r}"
+        )
+    return frequencies
+
+
+def time_histories(
+    structure: Structure,
+    values: FloatArray,
+    motion: GroundMotion,
+    output: Output,
+    damping: Damping,
+) -> FloatArray:
+    """Response to a ground motion from rest, exact if the motion is linear between samples.
+
+    Args:
+        values: (B, n_parameters), values of its parameters.
+
+    Returns:
+        (B, n_places, n_samples), in m/s² for an acceleration and m for a displacement.
+    """
+    histories = np.empty((len(values), len(output.places), len(motion)))
+    for _ in _each_history(structure, values, motion, output, damping, histories):
+        pass
+    return histories
+
+
+def peak_responses(
+    structure: Structure,
+    values: FloatArray,
+    motion: GroundMotion,
+    output: Output,
+    damping: Damping,
+) -> FloatArray:
+    """The largest amplitude of each time history, (B, n_places), without storing the histories.
+
+    Arguments, units and errors are as in :func:`time_histories`.
+    """
+    peaks = np.empty((len(values), len(output.places)))
+    again = repeat(np.empty((len(output.places), len(motion))))
+    each = _each_history(structure, values, motion, output, damping, again)
+    for own, history in zip(peaks, each, strict=True):
+        np.maximum(history.max(-1), -history.min(-1), out=own)
+    return peaks
+
+
+def _each_history(
+    structure: Structure,
+    values: FloatArray,
+    motion: GroundMotion,
+    output: Output,
+    damping: Damping,
+    arrays: Iterable[FloatArray],
+) -> Iterator[FloatArray]:
+    """The response for each row of ``values`` in turn.
+
+    Each is written to the next of ``arrays``, (n_places, n_samples), and yielded.
+    """
+    output.require_on(structure)
+    ratios = damping_ratios(damping, structure.n_modes)
+    model = modal_model_of(structure, values)
+    omega = 2.0 * np.pi * model.frequencies_hz
+    damped = omega * np.sqrt(1.0 - ratios**2)
+    poles = -ratios * omega + 1j * damped
+    at_places = np.ascontiguousarray(output.at_places(structure, model.shapes, axis=1))
+    # With s' = λ s + a_g: q = -Γ Im(s)/ω_d and q̈ = -Γ (Im(λ² s)/ω_d + a_g).
+    factors = (-model.participation / damped).astype(np.complex128)
+    of_ground = np.zeros((*at_places.shape[:2], 1))
+    if output.quantity == "acceleration":
+        factors *= poles**2
+        moved = output.at_places(structure, model.influence, axis=0)
+        of_ground[:, :, 0] = moved - (at_places * model.participation[:, None, :]).sum(-1)
+    weights = np.concatenate([at_places, of_ground], axis=2)
+    modes_and_ground = modal_histories(poles, factors, motion.acceleration, motion.dt)
+    for own, rows, array in zip(weights, modes_and_ground, arrays, strict=False):
+        yield np.matmul(own, rows, out=array)

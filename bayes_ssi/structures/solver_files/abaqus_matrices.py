@@ -1,0 +1,157 @@
+"""Abaqus: text files of ``*MATRIX OUTPUT`` and of ``*SUBSTRUCTURE MATRIX OUTPUT``.
+
+``*MATRIX GENERATE, STIFFNESS, MASS`` and ``*MATRIX OUTPUT, STIFFNESS, MASS`` write
+``job_STIFn.mtx`` and ``job_MASSn.mtx``, n being the step (Abaqus Analysis Guide, "Generating
+matrices"; Keywords Guide, ``*MATRIX INPUT``). Each line has, separated by commas, the node and
+degree of freedom of a row, those of a column, and the entry (FORMAT=MATRIX INPUT, the default, or
+LABELS); of a symmetric matrix one triangle or both. Restrained degrees of freedom have 1e36 on the
+diagonal of the stiffness. Nodes numbered 0 or less are Abaqus's own (multipliers of constraints).
+FORMAT=COORDINATE (row, column, entry) does not say which row is which degree of freedom.
+
+A substructure's file has, after ``*USER ELEMENT``, its nodes in comments and their degrees of
+freedom in data lines, and after ``*MATRIX, TYPE=STIFFNESS`` or ``MASS`` the entries of the lower
+triangle, row by row.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.structures.solver_files.abaqus_substructures import (
+    is_substructure,
+    read_substructure,
+)
+from bayes_ssi.structures.solver_files.directions import DIRECTIONS, INTERNAL, label
+from bayes_ssi.structures.solver_files.exported_model import Matrices
+from bayes_ssi.structures.solver_files.formats import Format, Source, file_named
+from bayes_ssi.structures.solver_files.input_decks import geometry_of_deck
+from bayes_ssi.structures.solver_files.number_lines import read_number_lines
+from bayes_ssi.structures.solver_files.triangles import from_entries, rows_from_one, whole_numbers
+
+# What Abaqus writes on the diagonal of the stiffness for a restrained degree of freedom.
+RESTRAINED = 1e36
+_LABELLED = "row node, its degree of freedom, column node, its degree of freedom, entry"
+_STIFFNESS_NAME = re.compile(r"_STIF(?=\d+$)", re.IGNORECASE)
+_STEP = re.compile(r"_STIF\d+$", re.IGNORECASE)
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    if path.suffix.lower() != ".mtx":
+        return False
+    lines = [line for line in head.decode("ascii", "replace").splitlines() if line.strip()]
+    data = next((line for line in lines if not line.startswith("*")), "")
+    return is_substructure(head) or data.count(",") in (2, 4)
+
+
+def _read(source: Source) -> Matrices:
+    source.refuse_keys()
+    path = source.path
+    with path.open("rb") as file:
+        if is_substructure(file.read(8192)):
+            return read_substructure(path)
+    by_name = file_named(path, _STIFFNESS_NAME.sub("_MASS", path.stem) + path.suffix)
+    mass = source.mass or (by_name if by_name and by_name.name != path.name else None)
+    if mass is None:
+        raise ValueError(
+            f"{path}: name the file of the stiffness, job_STIFn.mtx, in whose folder job_MASSn.mtx "
+            "stands, or both"
+        )
+    if _columns(path) == 3:
+        return _unlabelled(path, mass)
+    return _labelled(path, mass)
+
+
+def _columns(path: Path) -> int:
+    with path.open(encoding="ascii", errors="replace") as file:
+        data = (line for line in file if line.strip() and not line.startswith("*"))
+        return next(data, "").count(",") + 1
+
+
+def _labelled(path: Path, mass: Path) -> Matrices:
+    stiffness_entries, mass_entries = (
+        read_number_lines(each, _LABELLED, delimiter=",", comment="*") for each in (path, mass)
+    )
+    places = np.unique(_places(path, stiffness_entries).reshape(-1, 2), axis=0)
+    stiffness = _assembled(path, stiffness_entries, places)
+    labels = [_label(int(node), int(number)) for node, number in places]
+    deck = file_named(path, _STEP.sub("", path.stem) + ".inp")
+    notes = [f"restrained degrees of freedom are those with {RESTRAINED:g} on the diagonal"]
+    if any(name.startswith(INTERNAL) for name in labels):
+        notes.append("nodes numbered 0 or less are Abaqus's own: their rows are called internal")
+    return Matrices(
+        stiffness,
+        _assembled(mass, mass_entries, places),
+        str(path),
+        str(mass),
+        labels=labels,
+        geometry=geometry_of_deck(deck) if deck else None,
+        removed=_restrained(stiffness),
+        notes=tuple(notes),
+    )
+
+
+def _label(node: int, number: int) -> str:
+    place = str(node) if node > 0 else f"{INTERNAL} {abs(node)}"
+    # 7 warping, 8 pressure, 11 temperature and more are no displacements.
+    return label(place, number) if number <= len(DIRECTIONS) else f"{place} dof{number}"
+
+
+def _places(path: Path, entries: FloatArray) -> NDArray[np.intp]:
+    """Node and degree of freedom of row and column of each entry: (entries, 2, 2)."""
+    places = [whole_numbers(path, entries[:, i], "node and degree of freedom", 1) for i in range(4)]
+    return np.stack(places, axis=1).reshape(-1, 2, 2)
+
+
+def _assembled(path: Path, entries: FloatArray, places: NDArray[np.intp]) -> sp.csc_array:
+    # Nodes and degrees of freedom as one number, whose order is theirs.
+    factor = int(places[:, 1].max()) + 1
+    known = places[:, 0] * factor + places[:, 1]
+    wanted = _places(path, entries)
+    keys = wanted[..., 0] * factor + wanted[..., 1]
+    rows = np.searchsorted(known, keys).clip(max=len(known) - 1)
+    unknown = np.argwhere((known[rows] != keys) | (wanted[..., 1] >= factor))
+    if len(unknown):
+        node, number = wanted[tuple(unknown[0])]
+        raise ValueError(
+            f"{path}: node {node}, degree of freedom {number} is not in the stiffness: of another "
+            "model?"
+        )
+    return from_entries(path, rows[:, 0], rows[:, 1], entries[:, 4], len(known))
+
+
+def _unlabelled(path: Path, mass: Path) -> Matrices:
+    columns = "row, column, entry"
+    entries = {
+        each: read_number_lines(each, columns, delimiter=",", comment="*") for each in (path, mass)
+    }
+    size = int(entries[path][:, :2].max())
+    stiffness, inertia = (
+        from_entries(
+            each,
+            rows_from_one(each, numbers[:, 0], size, 1),
+            rows_from_one(each, numbers[:, 1], size, 1),
+            numbers[:, 2],
+            size,
+        )
+        for each, numbers in entries.items()
+    )
+    note = "FORMAT=COORDINATE does not say which row is which degree of freedom"
+    return Matrices(
+        stiffness, inertia, str(path), str(mass), removed=_restrained(stiffness), notes=(note,)
+    )
+
+
+def _restrained(stiffness: sp.csc_array) -> Any:
+    return np.flatnonzero(stiffness.diagonal() >= RESTRAINED)
+
+
+FORMAT = Format(
+    "Abaqus matrix output", "job_STIFn.mtx, job_MASSn.mtx, substructure .mtx", _recognises, _read
+)

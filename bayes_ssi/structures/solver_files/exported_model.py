@@ -1,0 +1,236 @@
+"""A finite-element model as a program exported it: matrices, labels, geometry, and notes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from bayes_ssi.structures.finite_elements.matrix_files import checked_matrix
+from bayes_ssi.structures.geometry import Geometry
+from bayes_ssi.structures.solver_files.directions import (
+    TRANSLATIONS,
+    direction_of,
+    without_repetitions,
+)
+
+BoolArray = NDArray[np.bool_]
+# Stiffness, mass and labels.
+Parts = tuple[sp.csc_array, sp.csc_array, "Sequence[str] | None"]
+
+# A note names this many degrees of freedom at most.
+NAMED = 6
+
+
+@dataclass(frozen=True)
+class Matrices:
+    """What a reader of one format returns.
+
+    Attributes:
+        labels: "node direction" of every row, or None where the files do not state them.
+        dependent: "node direction" without a row of its own → row → factor, where the program's
+            constraints tie it to rows (counted from 0).
+    """
+
+    stiffness: Any
+    mass: Any
+    stiffness_from: str
+    mass_from: str
+    labels: Sequence[str] | None = None
+    geometry: Geometry | None = None
+    dependent: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
+    removed: Any = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ExportedModel:
+    """Stiffness and mass of a finite-element model, as its program exported them.
+
+    Attributes:
+        program: the program and its format.
+        stiffness: (n, n), sparse and symmetric, without the rows that are restrained.
+        mass: (n, n), in the same way.
+        labels: "node direction" of the n degrees of freedom, such as ``12 x`` or ``12 rz``; None
+            where neither the files nor the caller state them.
+        geometry: where the nodes are, where the files state it; else None.
+        dependent: "node direction" that has no row of its own → label → factor: constraints make
+            its displacement the sum of the factors times those of the labels.
+        units: of all numbers: "as exported", or "N, m, kg".
+        notes: what was done and met: restrained and empty rows, constraints, and the total mass.
+    """
+
+    program: str
+    stiffness: sp.csc_array
+    mass: sp.csc_array
+    labels: tuple[str, ...] | None
+    geometry: Geometry | None
+    dependent: Mapping[str, Mapping[str, float]]
+    units: str
+    notes: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of degrees of freedom."""
+        return int(self.stiffness.shape[0])
+
+    @property
+    def total_mass(self) -> Mapping[str, float]:
+        """Direction → the mass that moves when all nodes that can move by 1 in it."""
+        return total_mass(self.mass, self.labels)
+
+    def with_rows(self, labels: Sequence[str], spring: float | None = None) -> ExportedModel:
+        """The model with rows for displacements that constraints tie to others.
+
+        A row without mass hangs on those that move it by a spring, ½ k (u - Σ c_i u_i)²: as no
+        force acts on it, u = Σ c_i u_i exactly, whatever k is, and no mode changes.
+
+        Args:
+            labels: of :attr:`dependent`.
+            spring: k; the mean diagonal entry of the stiffness if None, which keeps factors well
+                conditioned. Exports that are compared take the same.
+
+        Raises:
+            ValueError: a label is not among those that are dependent.
+        """
+        unknown = [label for label in labels if label not in self.dependent]
+        if unknown or self.labels is None:
+            raise ValueError(f"no constraint moves {(unknown or labels)[0]!r}")
+        if not labels:
+            return self
+        row = {label: i for i, label in enumerate(self.labels)}
+        for label in labels:
+            missing = [other for other in self.dependent[label] if other not in row]
+            if missing:
+                raise ValueError(f"{label!r} is moved by {missing[0]!r}, which has no stiffness")
+        by_entry = sp.lil_array((len(labels), self.size + len(labels)))
+        for i, label in enumerate(labels):
+            by_entry[i, self.size + i] = 1.0
+            for other, factor in self.dependent[label].items():
+                by_entry[i, row[other]] = -factor
+        ties = sp.csc_array(by_entry)
+        k = float(self.stiffness.diagonal().mean()) if spring is None else spring
+        empty = sp.csc_array((len(labels), len(labels)))
+        return replace(
+            self,
+            stiffness=sp.csc_array(
+                sp.block_diag((self.stiffness, empty), format="csc") + k * (ties.T @ ties)
+            ),
+            mass=sp.csc_array(sp.block_diag((self.mass, empty), format="csc")),
+            labels=(*self.labels, *labels),
+            dependent=MappingProxyType(
+                {name: of for name, of in self.dependent.items() if name not in labels}
+            ),
+            notes=(*self.notes, f"{len(labels)} rows are added for displacements of constraints"),
+        )
+
+    def __str__(self) -> str:
+        lines = [f"{self.program}: {self.size} degrees of freedom, {self.units}", *self.notes]
+        return "\n".join(lines)
+
+
+def exported_model(
+    program: str, matrices: Matrices, labels: Sequence[str] | None = None
+) -> ExportedModel:
+    """The checked model, in the units of the files, without rows that are restrained or empty."""
+    if matrices.labels is not None and labels is not None:
+        raise ValueError(
+            f"{matrices.stiffness_from}: labels are given, but the files state their own"
+        )
+    names = matrices.labels if labels is None else labels
+    _require_one_size(matrices, names)
+    notes = list(matrices.notes)
+    dependent = {
+        name: {names[row]: factor for row, factor in of.items()}
+        for name, of in matrices.dependent.items()
+        if names is not None
+    }
+    # Restrained rows go first: a huge stiffness there would hide what is wrong elsewhere.
+    restrained = np.zeros(matrices.stiffness.shape[0], dtype=bool)
+    restrained[np.asarray(matrices.removed, dtype=np.intp)] = True
+    parts = (sp.csc_array(matrices.stiffness), sp.csc_array(matrices.mass), names)
+    stiffness, mass, names = _without(restrained, "that are restrained", parts, notes)
+    stiffness = _checked(stiffness, matrices.stiffness_from, "stiffness")
+    mass = _checked(mass, matrices.mass_from, "mass")
+    if not mass.diagonal().any():
+        raise ValueError(f"{matrices.mass_from}: there is no mass; does the model state a density?")
+    empty = abs(stiffness).sum(axis=0) + abs(mass).sum(axis=0) == 0.0
+    stiffness, mass, names = _without(
+        empty, "without stiffness and mass", (stiffness, mass, names), notes
+    )
+    if names is not None:
+        names, repeated = without_repetitions(names)
+        if repeated:
+            notes.append(
+                f"{repeated} rows repeat the node and direction of another; they are numbered, as "
+                f"in {next(name for name in names if name.endswith('(2)'))!r}"
+            )
+    return ExportedModel(
+        program,
+        stiffness,
+        mass,
+        names,
+        matrices.geometry,
+        MappingProxyType(dependent),
+        "as exported",
+        tuple(notes),
+    )
+
+
+def total_mass(mass: sp.csc_array, labels: Sequence[str] | None) -> dict[str, float]:
+    """Direction → rᵀMr, r being 1 in the rows of that direction; without labels, nothing."""
+    if labels is None:
+        return {}
+    of_rows = np.array([direction_of(name) for name in labels])
+    totals = {}
+    for direction in TRANSLATIONS:
+        r = (of_rows == direction).astype(float)
+        if r.any():
+            totals[direction] = float(r @ (mass @ r))
+    return totals
+
+
+def _require_one_size(matrices: Matrices, names: Sequence[str] | None) -> None:
+    size, rows = matrices.stiffness.shape[0], matrices.mass.shape[0]
+    if rows != size:
+        raise ValueError(
+            f"{matrices.mass_from} has {rows} rows, {matrices.stiffness_from} has {size}; they are "
+            "not of one model"
+        )
+    if names is not None and len(names) != size:
+        raise ValueError(f"{matrices.stiffness_from}: {len(names)} labels for {size} rows")
+
+
+def _checked(given: sp.csc_array, name: str, what: str) -> sp.csc_array:
+    matrix = checked_matrix(given, name)
+    diagonal = matrix.diagonal()
+    if diagonal.min() < 0.0:
+        raise ValueError(
+            f"{name}: row {diagonal.argmin() + 1} has the negative {what} {diagonal.min():.3g}; is "
+            "it another matrix?"
+        )
+    return matrix
+
+
+def _without(left_out: BoolArray, why: str, parts: Parts, notes: list[str]) -> Parts:
+    """Stiffness, mass and labels without some rows, which a note names."""
+    if not left_out.any():
+        return parts
+    stiffness, mass, names = parts
+    shown = names or [f"row {i + 1}" for i in range(len(left_out))]
+    notes.append(f"{left_out.sum()} rows {why} are left out: {_listed(shown, left_out)}")
+    kept = np.flatnonzero(~left_out)
+    if not len(kept):
+        raise ValueError(f"all rows of the model are {why}")
+    stiffness, mass = (sp.csc_array(each[:, kept][kept, :]) for each in (stiffness, mass))
+    return stiffness, mass, None if names is None else [names[i] for i in kept.tolist()]
+
+
+def _listed(names: Sequence[str], rows: Any) -> str:
+    chosen = [names[i] for i in np.flatnonzero(rows)[:NAMED].tolist()]
+    return ", ".join(chosen) + (", …" if rows.sum() > NAMED else "")

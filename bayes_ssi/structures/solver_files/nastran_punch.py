@@ -1,0 +1,185 @@
+"""Nastran: matrices punched as DMIG entries of the bulk data, with coordinates of GRID entries.
+
+MSC Nastran Quick Reference Guide, DMIG and GRID; ``PARAM, EXTOUT, DMIGPCH`` and ``EXTSEOUT (…,
+DMIGPCH)`` write them, as KAAX and MAAX. A header entry gives the form (1 square, 6 symmetric, of
+which one triangle is stated) and the type (1 or 2, real); each column entry a point and a component
+(1 to 6, 0 for scalar points), then point, component and value of each row. Restrained and condensed
+degrees of freedom have no rows. Fields are 8 or 16 characters wide, or separated by commas.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+from bayes_ssi.structures.geometry import Geometry, Point
+from bayes_ssi.structures.solver_files.directions import DIRECTIONS, label
+from bayes_ssi.structures.solver_files.exported_model import Matrices
+from bayes_ssi.structures.solver_files.formats import Format, Source
+from bayes_ssi.structures.solver_files.named_pairs import chosen_pair
+from bayes_ssi.structures.solver_files.number_lines import require_whole_lines
+from bayes_ssi.structures.solver_files.triangles import from_triangle
+
+SYMMETRIC = 6
+SQUARE = 1
+REAL = (1, 2)
+# An exponent without its letter, as in 2.5+10.
+_BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")
+
+Place = tuple[int, int]
+
+
+@dataclass
+class _Entries:
+    """The entries of one matrix while the file is read."""
+
+    form: int
+    kind: int
+    rows: list[Place] = field(default_factory=list)
+    columns: list[Place] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    return path.suffix.lower() in (".pch", ".dmig") or re.search(rb"^DMIG", head, re.M) is not None
+
+
+def _read(source: Source) -> Matrices:
+    matrices, nodes, notes = _entries(source.path)
+    if source.mass is not None:
+        others, more, _ = _entries(source.mass)
+        repeated = matrices.keys() & others.keys()
+        if repeated:
+            raise ValueError(f"{source.mass}: {min(repeated)} is in {source.path} as well")
+        matrices, nodes = {**matrices, **others}, {**nodes, **more}
+    names = tuple(matrices)
+    pair = [names[i] for i in chosen_pair(source.path, names, source.keys)]
+    chosen = [matrices[name] for name in pair]
+    where = [f"{source.path}: {name}" for name in pair]
+    places = sorted({place for each in chosen for place in (*each.rows, *each.columns)})
+    position = {place: i for i, place in enumerate(places)}
+    assembled = [_assembled(each, position, name) for each, name in zip(chosen, where, strict=True)]
+    return Matrices(
+        assembled[0],
+        assembled[1],
+        where[0],
+        where[1],
+        labels=[_label(*place) for place in places],
+        geometry=Geometry(nodes) if nodes else None,
+        notes=("restrained and condensed degrees of freedom have no rows", *notes),
+    )
+
+
+def _label(point: int, component: int) -> str:
+    return label(point, component) if 1 <= component <= len(DIRECTIONS) else str(point)
+
+
+def _assembled(entries: _Entries, position: dict[Place, int], name: str) -> sp.csc_array:
+    if entries.form not in (SQUARE, SYMMETRIC):
+        raise ValueError(f"{name} must be symmetric (form 6) or square (1), got {entries.form}")
+    if entries.kind not in REAL:
+        raise ValueError(f"{name} must be real (type 1 or 2), got {entries.kind}")
+    rows, columns = (
+        np.array([position[place] for place in places], dtype=np.intp)
+        for places in (entries.rows, entries.columns)
+    )
+    size = len(position)
+    matrix = sp.coo_array((entries.values, (rows, columns)), shape=(size, size)).tocsc()
+    if matrix.nnz != len(entries.values):
+        raise ValueError(f"{name}: {len(entries.values) - matrix.nnz} entries are stated twice")
+    return from_triangle(matrix) if entries.form == SYMMETRIC else matrix
+
+
+def _entries(path: Path) -> tuple[dict[str, _Entries], dict[str, Point], tuple[str, ...]]:
+    """Matrices by name, nodes with coordinates in the basic system, and notes."""
+    require_whole_lines(path)
+    matrices: dict[str, _Entries] = {}
+    nodes: dict[str, Point] = {}
+    turned: set[str] = set()
+    for number, fields in _cards(path):
+        try:
+            if fields[0] == "DMIG":
+                _add(matrices, fields)
+            else:
+                _add_node(nodes, turned, fields)
+        except (ValueError, IndexError, KeyError):
+            raise ValueError(
+                f"{path}: line {number}: not a {fields[0]} entry: "
+                f"{' '.join(' '.join(fields).split()):.60}"
+            ) from None
+    if not matrices:
+        raise ValueError(f"{path}: no DMIG entry; was the punch of matrices requested?")
+    note = (
+        f"{len(turned)} points move in coordinate systems of their own, in which their directions "
+        "are",
+    )
+    return matrices, nodes, note if turned else ()
+
+
+def _cards(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line and fields of each DMIG and GRID entry, with its continuations."""
+    start = 0
+    card: list[str] = []
+    with path.open(encoding="ascii", errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            text = line.rstrip("\r\n").partition("$")[0].rstrip()
+            if not text:
+                continue
+            fields = _fields(text)
+            if fields[0] in ("", "*", "+"):
+                if card:
+                    card += fields[1:]
+                continue
+            if card:
+                yield start, card
+            start, card = number, fields if fields[0] in ("DMIG", "GRID") else []
+    if card:
+        yield start, card
+
+
+def _fields(text: str) -> list[str]:
+    """The name of an entry and its fields: 4 of 16 characters after a name with a star, else 8."""
+    if "," in text:
+        name, *values = (each.strip() for each in text.split(","))
+        return [name.rstrip("*").upper() or "*", *values]
+    name = text[:8].strip().upper()
+    count, width = (4, 16) if "*" in name else (8, 8)
+    values = [text[8 + i * width : 8 + (i + 1) * width].strip() for i in range(count)]
+    first = name.rstrip("*").strip()
+    return ["*" if first[:1] in ("", "+", "*") else first, *values]
+
+
+def _add(matrices: dict[str, _Entries], fields: list[str]) -> None:
+    name = fields[1].upper()
+    if fields[2] == "0":
+        matrices[name] = _Entries(form=int(fields[3]), kind=int(fields[4]))
+        return
+    entries = matrices[name]
+    column = (int(fields[2]), int(fields[3] or 0))
+    for i in range(5, len(fields), 4):
+        point, component, value = (*fields[i : i + 3], "", "")[:3]
+        if point:
+            entries.rows.append((int(point), int(component or 0)))
+            entries.columns.append(column)
+            entries.values.append(_real(value))
+
+
+def _add_node(nodes: dict[str, Point], turned: set[str], fields: list[str]) -> None:
+    name, system, *values = (*fields[1:7], "", "", "", "", "")[:6]
+    if values[3] not in ("", "0"):
+        turned.add(name)
+    if system in ("", "0"):
+        x, y, z = (_real(each) if each else 0.0 for each in values[:3])
+        nodes[name] = (x, y, z)
+
+
+def _real(text: str) -> float:
+    return float(_BARE_EXPONENT.sub(r"e\1", text.upper().replace("D", "E")))
+
+
+FORMAT = Format("Nastran punched matrices (DMIG)", ".pch, .dmig", _recognises, _read)

@@ -1,0 +1,92 @@
+"""OpenSees: matrices printed by ``printA -file``, one row a line.
+
+With ``system FullGeneral``, ``printA`` prints the left-hand side of the equations: K after a static
+analysis, and M, C or K after a transient one with ``integrator GimmeMCK m c k`` (M. Scott, "Gimme
+All Your Damping, All Your Mass and Stiffness Too", Portwood Digital, 2020; OpenSees documentation,
+``printA``). Rows are the equations in the order of the numberer (``nodeDOFs`` gives them); the file
+does not state them. Six digits are printed unless ``setPrecision`` asks for more.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+from bayes_ssi.structures.solver_files.exported_model import Matrices
+from bayes_ssi.structures.solver_files.formats import Format, Source
+from bayes_ssi.structures.solver_files.number_lines import require_whole_lines
+
+
+def _recognises(path: Path, head: bytes) -> bool:  # noqa: ARG001
+    """Lines of as many numbers each; the file's ending is the user's."""
+    lines = [line.split() for line in head.split(b"\n") if line.strip()]
+    complete = lines[:-1] if len(head) == 8192 and len(lines) > 1 else lines
+    if not complete or any(len(line) != len(complete[0]) for line in complete):
+        return False
+    try:
+        [float(each) for line in complete for each in line]
+    except ValueError:
+        return False
+    return True
+
+
+def _read(source: Source) -> Matrices:
+    source.refuse_keys()
+    mass = source.needed_mass()
+    (stiffness, k_digits), (inertia, m_digits) = (_printed(each) for each in (source.path, mass))
+    note = (
+        f"{min(k_digits, m_digits)} digits are printed, and the rows are the equations of the "
+        "numberer"
+    )
+    return Matrices(stiffness, inertia, str(source.path), str(mass), notes=(note,))
+
+
+def _printed(path: Path) -> tuple[sp.csc_array, int]:
+    """The matrix, and the largest number of significant digits of an entry."""
+    require_whole_lines(path)
+    rows: list[sp.coo_array] = []
+    digits = 1
+    size = None
+    with path.open(encoding="ascii", errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            fields = line.split()
+            if not fields:
+                continue
+            size = size or len(fields)
+            try:
+                row = np.array(fields, dtype=float)
+            except ValueError:
+                raise ValueError(
+                    f"{path}: line {number}: {line.strip():.60} are no numbers"
+                ) from None
+            if len(row) != size or not np.isfinite(row).all():
+                raise ValueError(
+                    f"{path}: line {number}: expected {size} finite numbers, as in the first row, "
+                    f"got {len(row)}"
+                )
+            rows.append(sp.coo_array(row[None]))
+            digits = max(digits, *(_significant(each) for each in fields))
+    if len(rows) != size:
+        raise ValueError(f"{path}: {len(rows)} rows of {size} numbers: truncated?")
+    matrix = sp.csc_array(sp.vstack(rows))
+    return _rounded_alike(matrix, digits), digits
+
+
+def _significant(field: str) -> int:
+    mantissa = field.lower().partition("e")[0]
+    return len(mantissa.replace("-", "").replace(".", "").lstrip("0"))
+
+
+def _rounded_alike(matrix: sp.csc_array, digits: int) -> sp.csc_array:
+    """Halfway between an entry and its transpose where they differ by one in the last digit."""
+    difference, size = abs(matrix - matrix.T), abs(matrix).maximum(abs(matrix.T))
+    if ((difference - 10.0 ** (1 - digits) * size) > 0.0).nnz:
+        return matrix  # not symmetric, which is said where that is checked
+    return sp.csc_array(0.5 * (matrix + matrix.T))
+
+
+FORMAT = Format(
+    "matrices printed as text (OpenSees)", "a file of rows for each matrix", _recognises, _read
+)

@@ -1,0 +1,336 @@
+"""Parameters by difference: K(θ) and M(θ) from exports of one model with altered properties.
+
+Stiffness and mass are polynomials in most properties of sections and materials: proportional to a
+modulus, a density or an area, with a part proportional to t and one to t³ in the thickness t of a
+shell. With factors θ_j of properties, 1 being nominal,
+
+    K(θ) = K_c + Σ_j Σ_e θ_j^e K_je,  K_c = K(1) - Σ_je K_je,
+
+and K_je follow from exports in which one property has other factors, by least squares in f^e - 1.
+The fewest exponents are taken with which all exports of the property are predicted; further
+exports, with several properties altered at once, must be predicted as well.
+
+Where the product of two properties matters, as of the modulus and the thickness of a shell,
+exports with both altered give terms θ_j^e θ_k^f in the same way, from what they change beyond each
+alone, by least squares in (f_j^e - 1)(f_k^f - 1), which is zero where either is nominal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+import scipy.sparse as sp
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.structures.solver_files.exported_model import ExportedModel
+
+# Largest error of a prediction, relative to √(K_ii K_jj): what nine printed digits allow.
+TOLERANCE = 1e-8
+# Parts of a matrix below this share of the tolerance are rounding of printed digits.
+NEGLIGIBLE = 1e-3 * TOLERANCE
+# Exponents of properties: modulus, area and density enter by 1, bending of plates and the depth of
+# sections by 3, their second moments by 4 in the diameter, flexibilities by -1.
+EXPONENTS = (1, 3, 2, 4, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """An export of the model with altered properties."""
+
+    file: str
+    factors: Mapping[str, float]
+    model: ExportedModel
+
+
+# Properties with the exponents of their factors, whose powers are multiplied; () is 1.
+Powers = tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """A matrix times powers of properties' factors; the constant term has none."""
+
+    matrix: sp.csc_array
+    powers: Powers = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterMatrices:
+    """Stiffness and mass as sums of matrices times powers of factors and their products."""
+
+    nominal: ExportedModel
+    stiffness: tuple[Term, ...]
+    mass: tuple[Term, ...]
+    errors: Mapping[str, float]
+
+
+def parameter_matrices(
+    nominal: ExportedModel, changed: Sequence[Export], checks: Sequence[Export] = ()
+) -> ParameterMatrices:
+    """Terms of stiffness and mass by differences of exports.
+
+    Args:
+        changed: exports with one altered property each, or with two whose product matters; several
+            with other factors find powers and polynomials.
+    """
+    by_name: dict[str, list[Export]] = {}
+    by_pair: dict[tuple[str, ...], list[Export]] = {}
+    for export in changed:
+        names = tuple(sorted(export.factors))
+        if len(names) == 1:
+            by_name.setdefault(names[0], []).append(export)
+        elif len(names) == 2:
+            by_pair.setdefault(names, []).append(export)
+        else:
+            raise ValueError(
+                f"{export.file}: must alter one property, or two whose product matters, got "
+                f"{dict(export.factors)}"
+            )
+    for names, exports in [*(((name,), each) for name, each in by_name.items()), *by_pair.items()]:
+        _require_other_factors(names, exports)
+    for other in (*checks, *(export for exports in by_pair.values() for export in exports)):
+        unknown = [name for name in other.factors if name not in by_name]
+        if unknown:
+            raise ValueError(
+                f"{other.file}: {unknown[0]!r} is not altered alone by any other export; altered "
+                f"are {', '.join(map(repr, by_name))}"
+            )
+    errors = {check.file: 0.0 for check in checks}
+    terms = []
+    for which in ("stiffness", "mass"):
+        base = getattr(nominal, which)
+        changes = _Changes(
+            which,
+            _scale(base),
+            {id(export): _difference(nominal, export, which) for export in (*changed, *checks)},
+            checks,
+        )
+        fits = [
+            list(_fits(changes, [((name, e),) for e in EXPONENTS], exports, ()))
+            for name, exports in by_name.items()
+        ]
+        chosen, of_checks = _chosen(changes, fits, by_pair)
+        errors = {file: max(error, of_checks[file]) for file, error in errors.items()}
+        terms.append(_terms(base, chosen))
+    affected = {name for part in terms for term in part for name, _ in term.powers}
+    idle = [name for name in by_name if name not in affected]
+    if idle:
+        raise ValueError(
+            f"{by_name[idle[0]][0].file}: {idle[0]!r} changes neither stiffness nor mass; is it "
+            "the nominal export?"
+        )
+    return ParameterMatrices(nominal, terms[0], terms[1], errors)
+
+
+def _require_other_factors(names: Sequence[str], exports: Sequence[Export]) -> None:
+    for export in exports:
+        for name in names:
+            factor = export.factors[name]
+            if not (np.isfinite(factor) and factor > 0.0 and factor != 1.0):
+                raise ValueError(
+                    f"{export.file}: the factor of {name!r} must be positive and not 1, got "
+                    f"{factor:g}"
+                )
+    if len({tuple(export.factors[name] for name in names) for export in exports}) < len(exports):
+        what = " and ".join(map(repr, names))
+        raise ValueError(f"{exports[-1].file}: another export has the same factor of {what}")
+
+
+def _difference(nominal: ExportedModel, export: Export, which: str) -> sp.csc_array:
+    """Altered minus nominal matrix, rows in the nominal order."""
+    matrix = getattr(export.model, which)
+    if export.model.size != nominal.size:
+        raise ValueError(
+            f"{export.file}: {export.model.size} degrees of freedom, the nominal export has "
+            f"{nominal.size}"
+        )
+    if nominal.labels != export.model.labels:
+        if set(nominal.labels or ()) != set(export.model.labels or ()):
+            raise ValueError(f"{export.file}: its labels are not those of the nominal export")
+        row_of = {name: row for row, name in enumerate(export.model.labels or ())}
+        order = [row_of[name] for name in nominal.labels or ()]
+        matrix = matrix[order][:, order]
+    return sp.csc_array(matrix - getattr(nominal, which))
+
+
+def _scale(matrix: sp.csc_array) -> sp.dia_array:
+    """Diagonal that makes entries (i, j) relative to √(K_ii K_jj)."""
+    diagonal = np.sqrt(abs(matrix.diagonal()))
+    diagonal[diagonal == 0.0] = diagonal.max()
+    return sp.diags_array(1.0 / diagonal)
+
+
+def _error(difference: sp.csc_array, scale: sp.dia_array) -> float:
+    return float(abs(scale @ difference @ scale).max())
+
+
+@dataclass(frozen=True, eq=False)
+class _Changes:
+    """What exports change of the stiffness or mass."""
+
+    which: str
+    scale: sp.dia_array
+    differences: Mapping[int, sp.csc_array]
+    checks: Sequence[Export]
+
+
+# Matrices with powers; the change is the sum of the matrices times products of f^e - 1.
+Fit = tuple[tuple[Powers, sp.csc_array], ...]
+
+
+def _fits(
+    changes: _Changes, possible: Sequence[Powers], exports: Sequence[Export], known: Fit
+) -> Iterator[Fit]:
+    """Powers and matrices that, with those ``known``, predict exports of the same properties.
+
+    The fewest first. With as many powers as exports, each set of them does: more than one is then
+    offered, and other exports must tell.
+    """
+    differences = [
+        sp.csc_array(changes.differences[id(each)] - _predicted(known, each.factors, changes.scale))
+        for each in exports
+    ]
+    # What is known may predict them, as well as printed digits allow.
+    allowed = TOLERANCE if known else NEGLIGIBLE
+    if max(_error(each, changes.scale) for each in differences) <= allowed:
+        yield ()
+        return
+    names = sorted(exports[0].factors)
+    smallest = np.inf
+    for count in range(1, min(len(exports), len(possible)) + 1):
+        fits = []
+        for powers in combinations(possible, count):
+            fit, error = _fit(powers, exports, differences, changes.scale)
+            smallest = min(smallest, error if count < len(exports) else np.inf)
+            if error <= TOLERANCE:
+                fits.append(fit)
+        if fits and count < len(exports):
+            yield fits[0]
+            return
+        if fits and len(exports) == 1 and (len(names) == 1 or len(possible) == 1):
+            yield fits[0]  # affine, the exponent 1
+            return
+        if fits and (
+            count == len(possible)
+            or any(all(name in check.factors for name in names) for check in changes.checks)
+        ):
+            yield from fits
+            return
+    what = "power of its factor predicts" if len(names) == 1 else "product of their powers predicts"
+    missed = (
+        f", the best misses them by {smallest:.1e} of √(K_ii K_jj)" if smallest < np.inf else ""
+    )
+    raise ValueError(
+        f"{' and '.join(names)}: {changes.which}: no {what} these exports{missed}; export "
+        f"{'it' if len(names) == 1 else 'both'} with one more factor, for a sum of powers"
+    )
+
+
+def _fit(
+    powers: Sequence[Powers],
+    exports: Sequence[Export],
+    differences: Sequence[sp.csc_array],
+    scale: sp.dia_array,
+) -> tuple[Fit, float]:
+    """Matrices of the powers by least squares, and the largest error of a prediction."""
+    design = np.array([[_change(each, export.factors) for each in powers] for export in exports])
+    weights = np.linalg.pinv(design)
+    matrices = [_sum(row, differences) for row in weights]
+    errors = [
+        _error(_sum([-1.0, *row], [difference, *matrices]), scale)
+        for row, difference in zip(design, differences, strict=True)
+    ]
+    return tuple(zip(powers, matrices, strict=True)), max(errors)
+
+
+def _change(powers: Powers, factors: Mapping[str, float]) -> float:
+    """The product of f^e - 1, which is zero where a property is nominal."""
+    return math.prod(factors.get(name, 1.0) ** exponent - 1.0 for name, exponent in powers)
+
+
+def _sum(weights: Sequence[float] | FloatArray, matrices: Sequence[sp.csc_array]) -> sp.csc_array:
+    total = float(weights[0]) * matrices[0]
+    for weight, matrix in zip(weights[1:], matrices[1:], strict=True):
+        total = total + float(weight) * matrix
+    return sp.csc_array(total)
+
+
+def _chosen(
+    changes: _Changes,
+    fits: Sequence[Sequence[Fit]],
+    by_pair: Mapping[tuple[str, ...], Sequence[Export]],
+) -> tuple[Fit, dict[str, float]]:
+    """One fit of each property and pair, with which all checks are predicted, and their errors."""
+    best: tuple[float, str] = (np.inf, "")
+    for alone in map(_joined, product(*fits)):
+        exponents = {
+            name: [p for p, _ in alone if p[0][0] == name] for p, _ in alone for name, _ in p
+        }
+        pairs = [
+            list(
+                _fits(
+                    changes,
+                    [(*a, *b) for a, b in product(*(exponents.get(name, ()) for name in names))],
+                    exports,
+                    alone,
+                )
+            )
+            for names, exports in by_pair.items()
+        ]
+        for together in map(_joined, product(*pairs)):
+            chosen = (*alone, *together)
+            errors = {
+                check.file: _error(
+                    changes.differences[id(check)]
+                    - _predicted(chosen, check.factors, changes.scale),
+                    changes.scale,
+                )
+                for check in changes.checks
+            }
+            largest = max(errors.items(), key=lambda item: item[1], default=("", 0.0))
+            if largest[1] <= TOLERANCE:
+                return chosen, errors
+            best = min(best, (largest[1], largest[0]))
+    raise ValueError(
+        f"{best[1]}: its {changes.which} is missed by {best[0]:.1e} of √(K_ii K_jj), "
+        f"{TOLERANCE:g} is allowed: if files and factors are right, it is not a sum of these "
+        "properties' powers; export each with one more factor, two whose product matters also "
+        "together, and with more digits if they are few"
+    )
+
+
+def _joined(fits: Iterable[Fit]) -> Fit:
+    return tuple(part for fit in fits for part in fit)
+
+
+def _predicted(fit: Fit, factors: Mapping[str, float], like: sp.dia_array) -> sp.csc_array:
+    total = sp.csc_array(like.shape)
+    for powers, matrix in fit:
+        change = _change(powers, factors)
+        if change != 0.0:
+            total = total + change * matrix
+    return total
+
+
+def _terms(base: sp.csc_array, chosen: Fit) -> tuple[Term, ...]:
+    """Products of f^e - 1 multiplied out, without what is rounding."""
+    of_powers: dict[Powers, sp.csc_array] = {(): base}
+    for powers, matrix in chosen:
+        for count in range(len(powers), -1, -1):
+            for kept in combinations(powers, count):
+                part = (-1.0) ** (len(powers) - count) * matrix
+                of_powers[kept] = of_powers[kept] + part if kept in of_powers else part
+    cleaned = {powers: _without_rounding(each, base) for powers, each in of_powers.items()}
+    return tuple(Term(matrix, powers) for powers, matrix in cleaned.items() if matrix.nnz)
+
+
+def _without_rounding(matrix: sp.csc_array, base: sp.csc_array) -> sp.csc_array:
+    scale = _scale(base)
+    relative = abs(scale @ matrix @ scale)
+    kept = sp.csc_array(matrix.multiply(relative > NEGLIGIBLE))
+    kept.eliminate_zeros()
+    return kept

@@ -1,0 +1,137 @@
+"""SAP2000 and ETABS: the text files .TXE, .TXK, .TXM and .TXC.
+
+The programs write them when the solver options name a case whose stiffness and mass are to be
+output; the file .TXA with them describes their layout (CSI Knowledge Base, "Stiffness matrix").
+Each has a line of headings, then lines of tab-separated fields:
+
+- ``.TXE``: label of a joint and the numbers of the equations of U1, U2, U3, R1, R2, R3, in the
+  joint's own axes. 0 is restrained or inactive, a positive number an equation (which joints may
+  share through constraints), a negative one a constraint. A line without a tab continues the one
+  before.
+- ``.TXC``: number of a constraint, equation, coefficient: the displacement that has the negative
+  number is the sum of the coefficients times those of the equations.
+- ``.TXK``, ``.TXM``: row, column, value of one half of the symmetric matrices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import scipy.sparse as sp
+
+from bayes_ssi.structures.solver_files.directions import DIRECTIONS
+from bayes_ssi.structures.solver_files.exported_model import Matrices
+from bayes_ssi.structures.solver_files.formats import Format, Source
+from bayes_ssi.structures.solver_files.number_lines import read_number_lines, require_whole_lines
+from bayes_ssi.structures.solver_files.triangles import from_entries, rows_from_one
+
+ENDINGS = (".txa", ".txe", ".txk", ".txm", ".txc")
+
+
+def _recognises(path: Path, head: bytes) -> bool:  # noqa: ARG001
+    return path.suffix.lower() in ENDINGS
+
+
+def _read(source: Source) -> Matrices:
+    source.refuse_keys()
+    equations = source.needed(".TXE", "equation numbers of the joints")
+    stiffness = source.needed(".TXK", "stiffness")
+    mass = source.mass or source.needed(".TXM", "mass")
+    numbers = list(_equations(equations))
+    size = max((n for _, _, n in numbers), default=0)
+    if size < 1:
+        raise ValueError(f"{equations}: no joint has an equation; truncated?")
+    labels: dict[int, str] = {}
+    dependent: dict[str, Mapping[int, float]] = {}
+    constraints: Mapping[int, Mapping[int, float]] = {}
+    if any(n < 0 for _, _, n in numbers):
+        constraints = _constraints(source.needed(".TXC", "constraints"), size)
+    for line, label, n in numbers:
+        if n < 0 and -n not in constraints:
+            raise ValueError(
+                f"{equations}: line {line}: {label}: no constraint {n} in the .TXC file"
+            )
+        if n < 0:
+            dependent[label] = constraints[-n]
+        elif n > 0 and labels.setdefault(n - 1, label) != label:
+            dependent[label] = {n - 1: 1.0}
+    unlabelled = next((i for i in range(size) if i not in labels), None)
+    if unlabelled is not None:
+        raise ValueError(f"{equations}: no joint has equation {unlabelled + 1}; truncated?")
+    notes = ["directions are those of the joints' own axes; restrained displacements have no rows"]
+    if dependent:
+        notes.append(
+            f"{len(dependent)} displacements have no row of their own: constraints tie them to "
+            "those of others (dependent)"
+        )
+    return Matrices(
+        _matrix(stiffness, size, needs_last_row=True),
+        _matrix(mass, size, needs_last_row=False),
+        str(stiffness),
+        str(mass),
+        labels=[labels[i] for i in range(size)],
+        dependent=dependent,
+        notes=tuple(notes),
+    )
+
+
+def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Number of the line and fields of each record, after the headings."""
+    require_whole_lines(path)
+    record: list[str] = []
+    start = 0
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            if number == 1 or not line.strip():
+                continue
+            fields = [field.strip() for field in line.rstrip("\n").split("\t")]
+            if len(fields) > 1 and record:
+                yield start, record
+                record = []
+            start = start if record else number
+            record += fields
+    if record:
+        yield start, record
+
+
+def _equations(path: Path) -> Iterator[tuple[int, str, int]]:
+    """Line, label and equation number of every displacement."""
+    for line, (joint, *numbers) in _records(path):
+        if len(numbers) != len(DIRECTIONS):
+            raise ValueError(
+                f"{path}: line {line}: expected a joint and six equation numbers, separated by "
+                f"tabs, got {1 + len(numbers)} fields"
+            )
+        for direction, number in zip(DIRECTIONS, numbers, strict=True):
+            try:
+                yield line, f"{joint} {direction}", int(number)
+            except ValueError:
+                raise ValueError(
+                    f"{path}: line {line}: joint {joint}: an equation number must be whole, got "
+                    f"{number!r}"
+                ) from None
+
+
+def _constraints(path: Path, size: int) -> dict[int, dict[int, float]]:
+    """Number of a constraint → row → coefficient."""
+    values = read_number_lines(path, "constraint, equation, coefficient", delimiter="\t", skip=1)
+    rows = rows_from_one(path, values[:, 1], size, first_line=2)
+    constraints: dict[int, dict[int, float]] = {}
+    for number, row, coefficient in zip(values[:, 0], rows, values[:, 2], strict=True):
+        constraints.setdefault(abs(int(number)), {})[int(row)] = float(coefficient)
+    return constraints
+
+
+def _matrix(path: Path, size: int, *, needs_last_row: bool) -> sp.csc_array:
+    values = read_number_lines(path, "row, column, value", delimiter="\t", skip=1)
+    rows, columns = (rows_from_one(path, values[:, i], size, first_line=2) for i in (0, 1))
+    if needs_last_row and max(rows.max(), columns.max()) < size - 1:
+        raise ValueError(
+            f"{path}: ends with row {max(rows.max(), columns.max()) + 1} of {size}: truncated, or "
+            "of another model?"
+        )
+    return from_entries(path, rows, columns, values[:, 2], size)
+
+
+FORMAT = Format("SAP2000 or ETABS text", ".TXE, .TXK, .TXM", _recognises, _read)

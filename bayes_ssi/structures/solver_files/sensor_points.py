@@ -1,0 +1,183 @@
+"""Sensors by coordinates: the nearest nodes of a model that move in their directions."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.text_files import read_columns
+from bayes_ssi.foundations.universal_files import read_data_sets
+from bayes_ssi.structures.geometry import Point, checked_point
+from bayes_ssi.structures.solver_files.directions import DIRECTIONS, TRANSLATIONS
+from bayes_ssi.structures.solver_files.exported_model import ExportedModel
+
+COLUMNS = ("sensor", "x_coord", "y_coord", "z_coord", "direction")
+NODE_COLUMNS = ("node", "model_node")
+# Factors between units of length: what they turn, and the factor.
+SCALES = {"mm to m": 1e-3, "m to mm": 1e3, "ft to m": 0.3048, "in to m": 0.0254, "cm to m": 1e-2}
+# Distances that fall by more in other units are no matter of where nodes are.
+MUCH_NEARER = 0.1
+
+
+@dataclass(frozen=True)
+class SensorPoint:
+    """Where a sensor is, and x, y or z, along which it measures."""
+
+    name: str
+    position: Point
+    direction: str
+
+
+@dataclass(frozen=True)
+class MappedSensor:
+    """A sensor, the degree of freedom that is taken for it, and how far away its node is."""
+
+    name: str
+    label: str
+    distance: float
+
+
+def read_sensor_points(path: Path) -> tuple[SensorPoint, ...]:
+    """Sensors of a CSV file with columns sensor, x_coord, y_coord, z_coord and direction."""
+    names, lines = _table(path)
+    if sorted(names) != sorted(COLUMNS):
+        raise ValueError(
+            f"{path}: must have the columns {', '.join(COLUMNS)}, or {', '.join(NODE_COLUMNS)}, "
+            "and rows"
+        )
+    points = []
+    for where, cells in lines:
+        if cells["direction"] not in TRANSLATIONS:
+            raise ValueError(
+                f"{where}: direction must be x, y or z, got {cells['direction']!r}; where a sensor "
+                "points the other way, change the sign of its column in the data"
+            )
+        at = checked_point([cells[name] for name in COLUMNS[1:4]], where)
+        points.append(SensorPoint(cells["sensor"], at, cells["direction"]))
+    return tuple(points)
+
+
+def read_node_table(path: Path) -> dict[str, str] | None:
+    """Node of the test → node of the model, of a CSV file with columns node and model_node.
+
+    None if it has other columns.
+    """
+    names, lines = _table(path)
+    if sorted(names) != sorted(NODE_COLUMNS):
+        return None
+    nodes: dict[str, str] = {}
+    for where, cells in lines:
+        if cells["node"] in nodes:
+            raise ValueError(f"{where}: node {cells['node']!r} is stated twice")
+        nodes[cells["node"]] = cells["model_node"]
+    return nodes
+
+
+def _table(path: Path) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
+    """Names of columns; file and line of each row, and its cells by these names."""
+    text, delimiter = read_columns(path)
+    reader = csv.reader(text.splitlines(), delimiter=delimiter or ",", skipinitialspace=True)
+    numbered = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+    lines = [(n, row) for n, row in numbered if any(row) and not row[0].startswith("#")]
+    if len(lines) < 2:
+        return [], []
+    (_, names), *rows = lines
+    for number, row in rows:
+        if len(row) != len(names) or not all(row):
+            raise ValueError(
+                f"{path}, line {number}: must have a cell in each of the {len(names)} columns"
+            )
+    return names, [(f"{path}, line {n}", dict(zip(names, row, strict=True))) for n, row in rows]
+
+
+def points_of_universal_file(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint, ...]:
+    """Sensors "node direction" at the nodes that a universal file states (data sets 15, 2411)."""
+    nodes: dict[str, Point] = {}
+    for one in read_data_sets(path, 15, 2411):
+        for number, *at in zip(one["node_nums"], one["x"], one["y"], one["z"], strict=True):
+            nodes[str(int(number))] = checked_point(at, f"{path}: node {int(number)}")
+    points = []
+    for name in sensors:
+        node, _, direction = name.rpartition(" ")
+        if node not in nodes or direction not in TRANSLATIONS:
+            raise ValueError(
+                f"{path}: sensor {name!r} is at none of its {len(nodes)} nodes; name it 'node "
+                "direction', such as '12 x'"
+            )
+        points.append(SensorPoint(name, nodes[node], direction))
+    return tuple(points)
+
+
+def metres_of_universal_file(path: Path) -> float | None:
+    """Metres in its unit of length (data set 164); None where it states no units."""
+    for one in read_data_sets(path, 164):
+        per_metre = float(one["length"])
+        return 1.0 / per_metre if per_metre > 0.0 else None
+    return None
+
+
+def exchanged(points: Sequence[SensorPoint], axes: Mapping[str, str]) -> tuple[SensorPoint, ...]:
+    """The sensors with each axis of the test, a key, taken for an axis of the model."""
+    order = [list(axes.values()).index(axis) for axis in TRANSLATIONS]
+    return tuple(
+        SensorPoint(
+            each.name,
+            (each.position[order[0]], each.position[order[1]], each.position[order[2]]),
+            axes[each.direction],
+        )
+        for each in points
+    )
+
+
+def nearest_degrees_of_freedom(
+    points: Sequence[SensorPoint], model: ExportedModel, scale: float = 1.0
+) -> tuple[MappedSensor, ...]:
+    """The nearest node of each sensor that moves in its direction."""
+    mapped = _mapped(points, model, scale)
+    labels = Counter(each.label for each in mapped)
+    largest = max(each.distance for each in mapped)
+    for units, factor in SCALES.items():
+        other = _mapped(points, model, factor)
+        nearer = max(each.distance for each in other)
+        if nearer < MUCH_NEARER * largest and len({each.label for each in other}) == len(points):
+            raise ValueError(
+                f"sensors are up to {largest:.4g} from their nodes, but {nearer:.4g} with "
+                f"coordinates times {factor:g} ({units}): state the factor by --points-scale"
+            )
+    twice = next((label for label, count in labels.items() if count > 1), None)
+    if twice is not None:
+        both = " and ".join(repr(each.name) for each in mapped if each.label == twice)
+        raise ValueError(f"sensors {both} are nearest to the same degree of freedom, {twice!r}")
+    return mapped
+
+
+def _mapped(
+    points: Sequence[SensorPoint], model: ExportedModel, scale: float
+) -> tuple[MappedSensor, ...]:
+    places = {direction: _nodes(model, direction) for direction in {p.direction for p in points}}
+    mapped = []
+    for point in points:
+        nodes, positions = places[point.direction]
+        distances = np.linalg.norm(positions - scale * np.array(point.position), axis=1)
+        i = int(distances.argmin())
+        label = f"{nodes[i]} {point.direction}"
+        mapped.append(MappedSensor(point.name, label, float(distances[i])))
+    return tuple(mapped)
+
+
+def _nodes(model: ExportedModel, direction: str) -> tuple[list[str], FloatArray]:
+    """Nodes with coordinates that move in a direction."""
+    if model.geometry is None or model.labels is None:
+        raise ValueError("sensors are given by coordinates, but the model's files state none")
+    assert direction in DIRECTIONS
+    labels = set(model.labels)
+    nodes = [node for node in model.geometry.nodes if f"{node} {direction}" in labels]
+    if not nodes:
+        raise ValueError(f"no node with coordinates moves along {direction}")
+    return nodes, np.array([model.geometry.nodes[node] for node in nodes])

@@ -1,0 +1,218 @@
+"""The findings of a search: places, appendages, baselines and averaged parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import accumulate
+
+from bayes_ssi.structures.geometry import Geometry
+from bayes_ssi.studies.appendages.hypotheses import SearchSettings
+from bayes_ssi.studies.appendages.mass_scale import MassScale
+from bayes_ssi.studies.appendages.places import AppendagePlace
+from bayes_ssi.studies.ranking.averages import AveragedParameter
+from bayes_ssi.studies.ranking.comparison import VERY_STRONG
+from bayes_ssi.studies.ranking.study import Ranking
+
+# Share of the probability of appendages that the places together hold that are named.
+CREDIBLE = 0.95
+
+
+@dataclass(frozen=True)
+class AppendageSummary:
+    """One appendage of one hypothesis: 5, 50 and 95 % quantiles.
+
+    Attributes:
+        place: where it hangs.
+        mass: the vibrating mass, in the structure's unit.
+        mass_ratio: the vibrating mass over the mass scale.
+        frequency_hz: natural frequency on a fixed structure.
+    """
+
+    place: AppendagePlace
+    mass: tuple[float, float, float]
+    mass_ratio: tuple[float, float, float]
+    frequency_hz: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class AveragedAndNaive(AveragedParameter):
+    """A parameter of the baseline, averaged over all hypotheses by their probability.
+
+    Attributes:
+        naive_mean, naive_sd: under the most probable hypothesis of no appendage that infers it.
+    """
+
+    naive_mean: float
+    naive_sd: float
+
+
+@dataclass(frozen=True)
+class PlaceRecord:
+    """A place of a search.
+
+    Attributes:
+        appendage: what hangs there, if anything does, averaged over all hypotheses in which
+            something does.
+        is_observed: whether the place takes part in a mode of the band that the sensors see; else
+            the test says nothing about it.
+    """
+
+    appendage: AppendageSummary
+    probability: float
+    is_observed: bool
+
+    @property
+    def place(self) -> AppendagePlace:
+        """The place itself."""
+        return self.appendage.place
+
+
+@dataclass(frozen=True)
+class HypothesisRecord:
+    """One hypothesis of a search.
+
+    Attributes:
+        prior_probability: among all hypotheses, and ``probability`` likewise.
+        log_evidence: in nats, with its standard ``error``; approximate where it is not sampled.
+        screened: the approximate log evidence, and ``laplace``, Laplace's alone.
+    """
+
+    name: str
+    baseline: str
+    prior_probability: float
+    probability: float
+    log_evidence: float
+    error: float
+    is_sampled: bool
+    screened: float
+    laplace: float
+    appendages: tuple[AppendageSummary, ...]
+
+
+@dataclass(frozen=True)
+class BaselineRecord:
+    """A class that appendages were hung on, or that was compared with such without appendages.
+
+    Attributes:
+        log_evidence: without any appendage, in nats; approximate where that was not sampled.
+        mass_scale: the mass, in the structure's unit, to which mass ratios refer; None where no
+            appendage was tried.
+    """
+
+    name: str
+    classes: tuple[str, ...]
+    log_evidence: float
+    prior_probability: float
+    probability: float
+    mass_scale: MassScale | None
+
+
+@dataclass(frozen=True)
+class SearchRecord:
+    """The findings of a search, stored in addition to its ranking.
+
+    Attributes:
+        baselines: the classes that appendages were hung on, the most probable first; and those
+            compared with them without appendages.
+        left_out: class of the study on which no appendage was hung → why.
+        present_in: names of the configurations that have the appendages; None if all have.
+        search_settings: what an appendage may be.
+        probability_of_any: probability that there is at least one appendage.
+        most_probability_unsampled: an upper bound on the probability of all hypotheses together
+            whose evidences are approximate.
+        places: all places that were considered.
+        geometry: where the structure's nodes are, as far as it is known, for drawings.
+        hypotheses: the most probable first.
+        averaged_parameters: averaged parameters of the baselines.
+        n_not_tried: the number of hypotheses with several appendages that were not tried though
+            others with as many were.
+        expected_not_tried: the probability that these would have together, if every appendage
+            added what it adds alone.
+    """
+
+    baselines: tuple[BaselineRecord, ...]
+    left_out: Mapping[str, str]
+    present_in: tuple[str, ...] | None
+    search_settings: SearchSettings
+    probability_of_any: float
+    most_probability_unsampled: float
+    places: tuple[PlaceRecord, ...]
+    geometry: Geometry | None
+    hypotheses: tuple[HypothesisRecord, ...]
+    averaged_parameters: tuple[AveragedAndNaive, ...]
+    n_not_tried: int = 0
+    expected_not_tried: float = 0.0
+
+    @property
+    def place_probabilities(self) -> dict[AppendagePlace, float]:
+        """Every place → the probability that an appendage hangs there."""
+        return {each.place: each.probability for each in self.places}
+
+    @property
+    def places_by_probability(self) -> tuple[PlaceRecord, ...]:
+        """The places, the most probable first."""
+        return tuple(sorted(self.places, key=lambda each: -each.probability))
+
+    @property
+    def credible_places(self) -> tuple[PlaceRecord, ...]:
+        """The fewest places with 95 % of the probability, summed over all; the first first."""
+        ordered = self.places_by_probability
+        sums = list(accumulate(each.probability for each in ordered))
+        n = next((i for i, one in enumerate(sums, 1) if one >= CREDIBLE * sums[-1]), len(sums))
+        return ordered[:n]
+
+    @property
+    def n_unsampled(self) -> int:
+        """The number of hypotheses whose evidences are approximate."""
+        return sum(not each.is_sampled for each in self.hypotheses)
+
+    @property
+    def errors_of_screening(self) -> tuple[float, float]:
+        """How much approximate log evidences exceed those sampled, least and most, in nats."""
+        errors = [each.screened - each.log_evidence for each in self.hypotheses if each.is_sampled]
+        return min(errors), max(errors)
+
+    @property
+    def beaten(self) -> tuple[BaselineRecord, ...]:
+        """Baselines that another class beats without any appendage, by very strong evidence.
+
+        An appendage on such a baseline may stand for what the baseline lacks.
+        """
+        return tuple(
+            each
+            for each in self.baselines
+            if each.prior_probability > 0.0
+            and self.best_without_appendages.log_evidence - each.log_evidence > VERY_STRONG
+        )
+
+    @property
+    def best_without_appendages(self) -> BaselineRecord:
+        """The class that explains the data best without any appendage."""
+        return max(self.baselines, key=lambda each: each.log_evidence)
+
+    def hypothesis(self, name: str) -> HypothesisRecord:
+        """The hypothesis of that name; KeyError if there is none."""
+        return {each.name: each for each in self.hypotheses}[name]
+
+    @property
+    def most_probable_with_appendages(self) -> HypothesisRecord:
+        """The most probable hypothesis that has an appendage."""
+        return next(each for each in self.hypotheses if each.appendages)
+
+
+@dataclass(frozen=True, eq=False)
+class AppendageSearch:
+    """The result of a search.
+
+    Attributes:
+        ranking: ranking of the hypotheses that were sampled; probabilities are among these.
+        record: where appendages are, and their properties.
+    """
+
+    ranking: Ranking
+    record: SearchRecord
+
+    def appendages(self, name: str) -> tuple[AppendageSummary, ...]:
+        """The appendages of one hypothesis."""
+        return self.record.hypothesis(name).appendages

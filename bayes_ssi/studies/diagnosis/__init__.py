@@ -1,0 +1,1 @@
+"""Which mistakes in the data would explain them better."""

@@ -1,0 +1,210 @@
+"""Mistakes in the data, or in the pairing, that a model class can be tried without."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.inference.model_class.configuration import Configuration, joint_digest, label_in
+from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
+from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
+from bayes_ssi.measurements.modes.modal_data import ModalData
+
+Change = Callable[[ModalData], ModalData]
+
+# A scanning instrument has no channels to exchange, and pairs grow with the square of the number.
+MOST_CHANNELS = 50
+# What brings frequencies in other units, or converted once too often, to Hz.
+UNITS = {
+    1.0 / (2.0 * math.pi): "frequencies seem to be in rad/s, not in Hz",
+    2.0 * math.pi: "frequencies seem to be divided by 2π once too often",
+    1.0 / 60.0: "frequencies seem to be per minute, not per second",
+    60.0: "frequencies seem to be divided by 60 once too often",
+    **{
+        10.0**k: f"frequencies seem to be {10.0**-k:g} times what they are in Hz"
+        for k in (-3, -2, -1, 1, 2, 3)
+    },
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Repair:
+    """A model class with one mistake undone.
+
+    Attributes:
+        mistake: what seems to be wrong, in words; empty for a pairing, which the fit shows.
+        log_scale: log density of the original data over that of the changed ones; not zero where
+            frequencies are scaled.
+        given_pairings: the pairing of each configuration before it was inferred.
+    """
+
+    mistake: str
+    original: ModelClass
+    configurations: tuple[Configuration, ...]
+    log_scale: float = 0.0
+    given_pairings: tuple[Pairing, ...] = ()
+
+    @cached_property
+    def model_class(self) -> ModelClass:
+        """The class without the mistake; of hundreds of repairs, few are fitted and need one."""
+        return replace(self.original, configurations=self.configurations)
+
+    @property
+    def data_digest(self) -> str:
+        """That of its class."""
+        return joint_digest({test.name: test.data for test in self.configurations})
+
+
+def repairs_of_shapes(model_class: ModelClass) -> list[Repair]:
+    """Each two sensors exchanged and each sensor's sign turned, in one test and in all of them."""
+    changes = [
+        (mistake + where, tests, change)
+        for where, tests in _tests(model_class)
+        for mistake, change in _changes([test.data for test in tests])
+    ]
+    return _different(model_class, changes)
+
+
+def repairs_of_single_shapes(model_class: ModelClass) -> list[Repair]:
+    """Each two sensors exchanged and each sensor's sign turned, in one mode only."""
+    changes = [
+        (f"{mistake} in mode {label_in(test.name, mode.label)!r}", [test], _in_mode(mode, change))
+        for test in model_class.configurations
+        for mode in test.data.modes
+        if mode.scored_shape is not None
+        for mistake, change in _changes([test.data])
+    ]
+    return _different(model_class, changes)
+
+
+def _changes(tests: Sequence[ModalData]) -> Iterator[tuple[str, Change]]:
+    """Mistakes in the sensors that all tests have, and the changes that undo them."""
+    sensors = [s for s in tests[0].sensors if all(s in data.sensors for data in tests)]
+    if len(sensors) <= MOST_CHANNELS:
+        for a, b in combinations(sensors, 2):
+            yield f"channels {a!r} and {b!r} seem to be exchanged", _exchanged(a, b)
+    for sensor in sensors:
+        yield f"the sign of {sensor!r} seems to be wrong", _turned(sensor)
+
+
+def _different(
+    model_class: ModelClass, changes: Sequence[tuple[str, list[Configuration], Change]]
+) -> list[Repair]:
+    """The changed classes; changes that come to the same are one, as two signs of two sensors."""
+    by_digest: dict[str, Repair] = {}
+    for mistake, tests, change in changes:
+        repair = Repair(mistake, model_class, _with_data(model_class, tests, change))
+        digest = repair.data_digest
+        if same := by_digest.get(digest):
+            repair = replace(repair, mistake=f"{same.mistake}, or {mistake}")
+        by_digest[digest] = repair
+    by_digest.pop(model_class.data_digest, None)
+    return list(by_digest.values())
+
+
+def repairs_of_frequencies(model_class: ModelClass) -> list[Repair]:
+    """All frequencies in another unit, in one test and in all of them."""
+    return [
+        _scaled(model_class, tests, factor, mistake + where)
+        for where, tests in _tests(model_class)
+        for factor, mistake in UNITS.items()
+    ]
+
+
+def common_factor(model_class: ModelClass) -> Iterator[Repair]:
+    """All frequencies times the factor that fits the model at its prior medians best."""
+    for where, tests in _tests(model_class):
+        logs = []
+        medians = model_class.values(np.zeros((1, len(model_class.parameters))))
+        for test, likelihood, own in model_class.parts(medians):
+            if test in tests and likelihood.pairing:
+                model_hz = likelihood.modes(own).frequencies_hz
+                logs += np.log1p(likelihood.pairs.frequency_residuals(model_hz)[0]).tolist()
+        if logs:
+            factor = math.exp(sum(logs) / len(logs))
+            words = f"all frequencies seem to be {1.0 / factor:.3g} times what they should be"
+            yield _scaled(model_class, tests, factor, words + where)
+
+
+def repair_of_pairing(model_class: ModelClass) -> Iterator[Repair]:
+    """The pairing inferred where it was given; none where errors that repeat forbid that."""
+    if model_class.error.is_correlated:
+        return
+    if any(test.pairing != "any" for test in model_class.configurations):
+        given = tuple(test.pairing for test in model_class.configurations)
+        changed = model_class.with_any_pairing(model_class.name)
+        yield Repair("", model_class, changed.configurations, given_pairings=given)
+
+
+def _tests(model_class: ModelClass) -> Iterator[tuple[str, list[Configuration]]]:
+    """Where a mistake may be: in all tests together, in words, or in one of several."""
+    tests = list(model_class.configurations)
+    yield ("" if len(tests) == 1 else " in all configurations"), tests
+    if len(tests) > 1:
+        yield from ((f" in configuration {test.name!r}", [test]) for test in tests)
+
+
+def _with_data(
+    model_class: ModelClass, tests: list[Configuration], change: Change
+) -> tuple[Configuration, ...]:
+    return tuple(
+        replace(test, data=change(test.data)) if test in tests else test
+        for test in model_class.configurations
+    )
+
+
+def _exchanged(a: str, b: str) -> Change:
+    other = {a: b, b: a}
+
+    def change(data: ModalData) -> ModalData:
+        order = [data.sensors.index(other.get(sensor, sensor)) for sensor in data.sensors]
+        return _with_shapes(data, lambda shape: shape[order])
+
+    return change
+
+
+def _turned(sensor: str) -> Change:
+    def change(data: ModalData) -> ModalData:
+        signs = np.where(np.array(data.sensors) == sensor, -1.0, 1.0)
+        return _with_shapes(data, lambda shape: signs * shape)
+
+    return change
+
+
+def _with_shapes(data: ModalData, change: Callable[[NDArray[Any]], NDArray[Any]]) -> ModalData:
+    modes = (
+        mode if mode.shape is None else replace(mode, shape=change(mode.shape))
+        for mode in data.modes
+    )
+    return replace(data, modes=tuple(modes))
+
+
+def _in_mode(mode: IdentifiedMode, change: Change) -> Change:
+    def change_one(data: ModalData) -> ModalData:
+        changed = change(data).mode(mode.label)
+        modes = tuple(changed if each.label == mode.label else each for each in data.modes)
+        return replace(data, modes=modes)
+
+    return change_one
+
+
+def _scaled(
+    model_class: ModelClass, tests: list[Configuration], factor: float, mistake: str
+) -> Repair:
+    """Frequencies and band times a factor, by which densities of frequencies are divided."""
+
+    def change(data: ModalData) -> ModalData:
+        low, high = data.band_hz
+        modes = (replace(mode, frequency_hz=factor * mode.frequency_hz) for mode in data.modes)
+        return replace(data, modes=tuple(modes), band_hz=(factor * low, factor * high))
+
+    n_scaled = sum(len(test.data.modes) for test in tests)
+    changed = _with_data(model_class, tests, change)
+    return Repair(mistake, model_class, changed, n_scaled * math.log(factor))

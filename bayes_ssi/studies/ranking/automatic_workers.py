@@ -1,0 +1,53 @@
+"""The workers of a run for which none were chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.workers.local_workers import LocalWorkers, can_copy, usable_cores
+from bayes_ssi.inference.workers.own_code import holds_user_code
+from bayes_ssi.studies.ranking.class_sampling import is_cheap
+
+# A new process takes about a second to import the package, the smallest classes half a second to
+# be sampled: two processes save as much as they cost from here on.
+CLASSES_FOR_NEW_PROCESSES = 4
+
+
+def automatic_workers(
+    candidates: Sequence[ModelClass], n_classes: int, while_busy: Callable[[], object]
+) -> LocalWorkers | None:
+    """One process for each core that can be used, as far as they are busy; None if one is enough.
+
+    None, too, where models hold a user's own code (see
+    :func:`~bayes_ssi.inference.workers.own_code.holds_user_code`), or classes are few and every
+    process would have to import the package anew.
+    """
+    n = usable_cores()
+    if all(map(is_cheap, candidates)):
+        n = min(n, n_classes)
+        if not can_copy() and n_classes < CLASSES_FOR_NEW_PROCESSES:
+            return None
+    if n == 1 or holds_user_code(list(candidates)):
+        return None
+    return _copies(n, while_busy)
+
+
+def chosen_workers(
+    candidates: Sequence[ModelClass], n: int, while_busy: Callable[[], object]
+) -> LocalWorkers:
+    """As many processes, but no more than cores that can be used.
+
+    Arguments are as in :func:`automatic_workers`.
+    """
+    n = min(n, usable_cores())
+    if holds_user_code(list(candidates)):
+        return LocalWorkers(n, while_busy=while_busy)
+    return _copies(n, while_busy)
+
+
+def _copies(n: int, while_busy: Callable[[], object]) -> LocalWorkers:
+    """Processes that are copies of this one, where that is possible, with all that they need."""
+    if can_copy():
+        import bayes_ssi.inference.sampling.moves  # noqa: F401 - once here, not in every copy
+    return LocalWorkers(n, copies=True, while_busy=while_busy)

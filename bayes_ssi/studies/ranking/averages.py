@@ -1,0 +1,79 @@
+"""Parameters averaged over model classes by the classes' probabilities."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.studies.ranking.comparison import Comparison
+
+
+@dataclass(frozen=True)
+class AveragedParameter:
+    """A parameter averaged over the model classes that infer it.
+
+    Classes in which it has a fixed value, or does not occur, are left out.
+
+    Attributes:
+        n_classes: number of classes that infer it.
+        mean, sd, quantile_05, median, quantile_95: over the draws of these classes, weighted by
+            their probabilities.
+    """
+
+    name: str
+    n_classes: int
+    probability: float
+    mean: float
+    sd: float
+    quantile_05: float
+    median: float
+    quantile_95: float
+
+
+def averaged_parameters(
+    posteriors: Sequence[Posterior], comparison: Comparison
+) -> tuple[AveragedParameter, ...]:
+    """Every parameter that several classes infer, in the order in which they first appear.
+
+    Parameters with the same name are the same. One whose classes all have probability zero is
+    left out.
+    """
+    probabilities = {row.name: row.probability for row in comparison.classes}
+    holders: dict[str, list[Posterior]] = {}
+    for posterior in posteriors:
+        for name in posterior.parameter_names:
+            holders.setdefault(name, []).append(posterior)
+    return tuple(
+        averaged_parameter(name, own, [probabilities[posterior.name] for posterior in own])
+        for name, own in holders.items()
+        if len(own) > 1 and sum(probabilities[posterior.name] for posterior in own) > 0.0
+    )
+
+
+def averaged_parameter(
+    name: str, posteriors: Sequence[Posterior], probabilities: Sequence[float]
+) -> AveragedParameter:
+    """A parameter over the classes that infer it, which have these probabilities."""
+    total = sum(probabilities)
+    draws, weights = [], []
+    for posterior, probability in zip(posteriors, probabilities, strict=True):
+        own = posterior.values[:, posterior.parameter_names.index(name)]
+        draws.append(own)
+        weights.append(np.full(len(own), probability / total / len(own)))
+    x, w = np.concatenate(draws), np.concatenate(weights)
+    mean = float((w * x).sum())
+    low, median, high = np.quantile(x, (0.05, 0.5, 0.95), weights=w, method="inverted_cdf")
+    return AveragedParameter(
+        name=name,
+        n_classes=len(posteriors),
+        probability=min(total, 1.0),
+        mean=mean,
+        sd=math.sqrt(float((w * (x - mean) ** 2).sum())),
+        quantile_05=float(low),
+        median=float(median),
+        quantile_95=float(high),
+    )

@@ -1,0 +1,315 @@
+"""Ranking of model classes by their evidence on the same data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from scipy.special import logsumexp
+
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.inference.criticism.misfit_in_words import inadequacy_in_words, misfit_text
+from bayes_ssi.inference.posterior.posterior import Posterior
+
+# Kass and Raftery (1995), Bayes Factors, section 3.2, in 2 ln B.
+SCALE_NAME = "Kass and Raftery (1995)"
+SCALE = (
+    (2.0, "not worth more than a bare mention"),
+    (6.0, "positive"),
+    (10.0, "strong"),
+    (math.inf, "very strong"),
+)
+# From this difference in ln B on, evidence is very strong on that scale.
+VERY_STRONG = 0.5 * SCALE[-2][0]
+# A class is distinguishable from the best one if their difference exceeds this multiple of its
+# standard error: about 95 % of a normal distribution lie within two.
+STANDARD_ERRORS = 2.0
+# A class less probable than this is not flagged for lying at the edge of its priors: having to do
+# so is what makes it improbable.
+PROBABLE = 0.01
+# A failed check says that an evidence may be wrong, not by how much. It fails the result where the
+# class would be probable with an evidence higher by this, twice what is very strong on the scale;
+# an improbable class that not even that would bring back changes no answer.
+WRONG_BY = 2.0 * VERY_STRONG
+
+
+def bayes_factor_scale(log_bayes_factor: float) -> str:
+    """What a Bayes factor means on the scale of Kass and Raftery (1995); the sign is ignored."""
+    if math.isnan(log_bayes_factor):
+        raise ValueError("bayes_factor_scale: the log Bayes factor is not a number")
+    twice = 2.0 * abs(log_bayes_factor)
+    return next((words for limit, words in SCALE if twice < limit), SCALE[-1][1])
+
+
+def is_distinguishable(log_bayes_factor: float, error: float) -> bool:
+    """Whether it is more than a bare mention on the scale and than two of its standard errors."""
+    size = abs(log_bayes_factor)
+    return 2.0 * size >= SCALE[0][0] and size > STANDARD_ERRORS * error
+
+
+@dataclass(frozen=True)
+class RankedClass:
+    """One row of a ranking.
+
+    Attributes:
+        name: name of the model class.
+        log_evidence: in nats, and ``error``, its standard error.
+        prior_probability: of the class among those compared.
+        probability: posterior probability of the class among those compared.
+        log_bayes_factor: log evidence less that of the most probable class; positive only where
+            prior weights outweigh it.
+        log_bayes_factor_error: standard error of the difference.
+        against: the evidence against this class in the words of the named scale, or "not
+            distinguishable" from the best one.
+        distinguishable: whether the difference from the best class is more than a bare mention
+            on the scale, and more than two of its standard errors.
+        mean_log_likelihood: how well the class fits, in nats.
+        information_gained: the penalty on the fit, in nats.
+        n_parameters: number of inferred parameters.
+        misfit_p_value: probability that data from this class are farther from it than these are;
+            None where that is not known.
+        misfit_sds: the same as a distance from the mean of a normal variable, in standard
+            deviations.
+        misfit: what of the data the best class does not explain, and likely causes, in words;
+            empty where it explains them, and for the other classes.
+        failed_checks: failed checks of the sampling, after this misfit.
+        remarks: settings that the posterior depends on, but hardly the ranking, and failed checks
+            of a class too improbable to change the answer, a sentence each.
+    """
+
+    name: str
+    log_evidence: float
+    error: float
+    prior_probability: float
+    probability: float
+    log_bayes_factor: float
+    log_bayes_factor_error: float
+    against: str
+    distinguishable: bool
+    mean_log_likelihood: float
+    information_gained: float
+    n_parameters: int
+    misfit_p_value: float | None
+    misfit_sds: float | None
+    misfit: str
+    failed_checks: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def probability_text(self) -> str:
+        return probability_text(self.probability)
+
+    @property
+    def misfit_text(self) -> str:
+        """The misfit in standard deviations; a dash where it is not known."""
+        return misfit_text(self.misfit_sds)
+
+
+def probability_text(probability: float) -> str:
+    """A probability to four decimals, never rounded to 0 or 1."""
+    if probability < 1e-4:
+        return "< 0.0001"
+    return "> 0.9999" if probability > 0.9999 else f"{probability:.4f}"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Model classes ranked by probability, the best first; on equal prior weights, by evidence.
+
+    Attributes:
+        classes: the rows.
+        data_digest: identifies the data that all of them explain.
+        scale: source of the words for Bayes factors.
+        failed_data_checks: failed checks of these data, such as of how the modes were identified.
+        unmodelled_appendage: why the answer may be that of an analyst who misses an appendage;
+            empty where nothing says so. It is a failed check.
+    """
+
+    classes: tuple[RankedClass, ...]
+    data_digest: str
+    scale: str = SCALE_NAME
+    failed_data_checks: tuple[str, ...] = ()
+    unmodelled_appendage: str = ""
+
+    @property
+    def has_equal_priors(self) -> bool:
+        """Whether all classes are equally probable a priori."""
+        return len({row.prior_probability for row in self.classes}) == 1
+
+    @property
+    def best(self) -> RankedClass:
+        return self.classes[0]
+
+    @property
+    def not_distinguishable(self) -> tuple[str, ...]:
+        """Names of the other classes that are not distinguishable from the best one."""
+        return tuple(row.name for row in self.classes[1:] if not row.distinguishable)
+
+    @property
+    def misfit(self) -> str:
+        """What of the data the best class does not explain, with its name; empty if nothing."""
+        return f"{self.best.name!r}: {self.best.misfit}" if self.best.misfit else ""
+
+    @property
+    def failed_checks(self) -> tuple[str, ...]:
+        """Those of the data, a missing appendage, then those of every class with its name.
+
+        The best's misfit is the first of these.
+        """
+        return (
+            *self.failed_data_checks,
+            *([self.unmodelled_appendage] if self.unmodelled_appendage else []),
+            *(f"{row.name!r}: {check}" for row in self.classes for check in row.failed_checks),
+        )
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Every remark on every class, with the class's name."""
+        return tuple(f"{row.name!r}: {remark}" for row in self.classes for remark in row.remarks)
+
+
+@checked
+def compare(
+    posteriors: Sequence[Posterior], prior_weights: Mapping[str, float] | None = None
+) -> Comparison:
+    """Rank model classes by evidence.
+
+    A probable class whose posterior lies at the edge of a setting fails a check: what the setting
+    does to the ranking is not known here, but in :func:`~bayes_ssi.studies.ranking.study.rank`.
+    Failed checks of sampling a class that would remain improbable with an evidence 10 nats higher
+    are remarks.
+
+    Args:
+        posteriors: posteriors of the classes, all sampled on the same data.
+        prior_weights: name → prior weight of a class, equal if not given.
+
+    Raises:
+        ValueError: there is nothing to compare, two classes have one name, the data differ, or a
+            prior weight is missing, unknown or not positive.
+    """
+    if not posteriors:
+        raise ValueError("compare: no posterior to compare")
+    names = [posterior.name for posterior in posteriors]
+    repeated = [name for name in names if names.count(name) > 1]
+    if repeated:
+        raise ValueError(f"compare: two model classes are named {repeated[0]!r}")
+    _require_same_data(posteriors)
+    weights = checked_weights(names, prior_weights)
+    log_evidences = {each.name: each.evidence.log_evidence for each in posteriors}
+    probabilities = class_probabilities(log_evidences, weights)
+    total = sum(weights.values())
+    priors = {name: weight / total for name, weight in weights.items()}
+    # By the logarithm, which also ranks classes whose probabilities are rounded to zero.
+    ranked = sorted(posteriors, key=lambda p: -log_evidences[p.name] - math.log(weights[p.name]))
+    rows = [_row(each, ranked, priors[each.name], probabilities[each.name]) for each in ranked]
+    return Comparison(tuple(rows), ranked[0].data_digest)
+
+
+def class_probabilities(
+    log_evidences: Mapping[str, float], prior_weights: Mapping[str, float] | None
+) -> dict[str, float]:
+    """Name → posterior probability of every model class; equal prior weights if None."""
+    log_masses = {
+        name: log_evidence + (math.log(prior_weights[name]) if prior_weights else 0.0)
+        for name, log_evidence in log_evidences.items()
+    }
+    log_total = float(logsumexp(list(log_masses.values())))
+    return {name: math.exp(log_mass - log_total) for name, log_mass in log_masses.items()}
+
+
+def _row(
+    posterior: Posterior, ranked: Sequence[Posterior], prior: float, probability: float
+) -> RankedClass:
+    best, fit = ranked[0], posterior.adequacy
+    evidence, top = posterior.evidence, best.evidence
+    misfit = _misfit_of_best(ranked) if posterior is best else ""
+    matters = can_matter(probability)
+    failed = (*([misfit] if misfit else []), *(posterior.failed_checks if matters else ()))
+    remarks = () if matters else tuple(map(_without_consequence, posterior.failed_checks))
+    if probability >= PROBABLE:
+        failed = (*failed, *(edge.statement for edge in posterior.edges))
+    difference = evidence.log_evidence - top.log_evidence
+    error = 0.0 if posterior is best else math.hypot(evidence.error, top.error)
+    distinguishable = posterior is not best and is_distinguishable(difference, error)
+    if posterior is best:
+        against = "best"
+    elif distinguishable and difference > 0:
+        against = "prior probability only"
+    elif distinguishable:
+        against = bayes_factor_scale(difference)
+    else:
+        against = "not distinguishable"
+    return RankedClass(
+        name=posterior.name,
+        log_evidence=evidence.log_evidence,
+        error=evidence.error,
+        prior_probability=prior,
+        probability=probability,
+        log_bayes_factor=difference,
+        log_bayes_factor_error=error,
+        against=against,
+        distinguishable=distinguishable,
+        mean_log_likelihood=evidence.mean_log_likelihood,
+        information_gained=evidence.information_gained,
+        n_parameters=len(posterior.parameter_names),
+        misfit_p_value=fit.overall.p_value if fit else None,
+        misfit_sds=fit.overall.sds if fit else None,
+        misfit=misfit,
+        failed_checks=failed,
+        remarks=remarks,
+    )
+
+
+def can_matter(probability: float) -> bool:
+    """Whether a class of this probability would be probable if its evidence were far too low."""
+    return probability > 0.0 and math.log(probability) + WRONG_BY >= math.log(PROBABLE)
+
+
+def _without_consequence(failed_check: str) -> str:
+    return f"{failed_check}; the class is too improbable for this to change the answer"
+
+
+def _misfit_of_best(ranked: Sequence[Posterior]) -> str:
+    """What of the data the best class does not explain, and likely causes; empty if nothing."""
+    best = ranked[0].adequacy
+    if best is None or best.is_adequate:
+        return ""
+    adequate = [p.name for p in ranked if p.adequacy is not None and p.adequacy.is_adequate]
+    others = "No other class explains them" if len(ranked) > 1 else ""
+    if adequate:
+        others = f"Only less probable classes explain them ({', '.join(map(repr, adequate))})"
+    return inadequacy_in_words(best, others)
+
+
+def _require_same_data(posteriors: Sequence[Posterior]) -> None:
+    first = posteriors[0]
+    for other in posteriors[1:]:
+        if other.data_digest != first.data_digest:
+            raise ValueError(
+                f"compare: {first.name!r} and {other.name!r} explain different data (digests "
+                f"{first.data_digest} and {other.data_digest}), so their evidences cannot be "
+                "compared; give every class the same ModalData and leave out of a pairing what a "
+                "class does not explain"
+            )
+
+
+def checked_weights(
+    names: Sequence[str], prior_weights: Mapping[str, float] | None
+) -> dict[str, float]:
+    """Name → prior weight of every model class, 1 for each where none are given."""
+    if prior_weights is None:
+        return dict.fromkeys(names, 1.0)
+    for name in prior_weights:
+        if name not in names:
+            raise ValueError(
+                f"prior weight for unknown model class {name!r}; "
+                f"choose from {', '.join(map(repr, names))}"
+            )
+    for name in names:
+        if not 0 < prior_weights.get(name, 0.0) < math.inf:
+            raise ValueError(
+                f"prior weight of {name!r} must be positive and finite, "
+                f"got {prior_weights.get(name)!r}"
+            )
+    return dict(prior_weights)

@@ -1,0 +1,255 @@
+"""What the settings do to a ranking, where posteriors lie at their edges: moved, and ranked again.
+
+The end of the band, a prior at whose edge a posterior lies, and the probabilities of missed and
+spurious modes are the analyst's choice. Each is moved as far as one may be wrong about it, the
+draws of all classes are reweighted, and the ranking and the parameters are compared with those
+before. Only a setting that changes the answer fails a check; any other is worth a remark at most.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from bayes_ssi.inference.criticism.edges import AtEdge
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.known_modes import known_at_draws
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.studies.ranking.comparison import (
+    PROBABLE,
+    SCALE,
+    Comparison,
+    RankedClass,
+    class_probabilities,
+)
+from bayes_ssi.studies.ranking.reweighting import Reweighted, reaches_bound, reweighted
+from bayes_ssi.studies.ranking.variations import with_missed, with_spurious
+
+# Nobody knows the end of a band to a few per cent: filters roll off and identification gets worse
+# over about this much of it.
+BAND_MOVED = 0.05
+# A prior, and the probabilities of missed and spurious modes, may be wrong by this factor in their
+# widths and sizes, as in the table of sensitivity.
+FACTOR = 2.0
+# A check fails where a class's probability moves by more than this, or a parameter of the
+# structure by more than this many of its standard deviations, which is the error it is quoted with.
+PROBABILITY_MOVED, PARAMETER_MOVED = 0.1, 1.0
+# A class that is more probable than another by less than this is level with it: their difference is
+# not more than a bare mention on the scale of Bayes factors.
+LEVEL = math.exp(0.5 * SCALE[0][0])
+# Less probable classes than this, the least probability that is shown, are taken as unchanged.
+NEGLIGIBLE = 1e-4
+
+
+@dataclass(frozen=True)
+class MovedSetting:
+    """A setting that is moved."""
+
+    name: str
+    change: Callable[[ModelClass], ModelClass]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a moved setting does, in words; whether it changes the answer."""
+
+    words: str
+    fails: bool
+
+
+def with_settings_checked(
+    model_classes: Sequence[ModelClass], posteriors: Sequence[Posterior], comparison: Comparison
+) -> Comparison:
+    """The comparison, in which settings fail a check only where they change the answer."""
+    by_name = {posterior.name: posterior for posterior in posteriors}
+    if any(posterior.sensor_shapes is None for posterior in posteriors):
+        return comparison
+    relevant = [row for row in comparison.classes if row.probability >= NEGLIGIBLE]
+    known = {
+        each.name: known_at_draws(each, by_name[each.name])
+        for each in model_classes
+        if each.name in {row.name for row in relevant}
+    }
+    study = _MovableStudy(comparison, by_name, known)
+    rows = [_checked(row, study) for row in comparison.classes]
+    if _rests_on_missed_and_spurious(comparison, by_name):
+        for subject, vary in (("missed", with_missed), ("spurious", with_spurious)):
+            effect = study.effect(_of_identification(subject, vary), comparison.best)
+            what = f"the classes differ in how many modes are missed or spurious; {effect.words}"
+            rows[0] = _with(rows[0], [what] if effect.fails else [], [what])
+    return replace(comparison, classes=tuple(rows))
+
+
+def _checked(row: RankedClass, study: _MovableStudy) -> RankedClass:
+    """A class whose edges fail a check where the setting changes the answer."""
+    at_edges = study.posteriors[row.name].edges
+    statements = {edge.statement for edge in at_edges}
+    own = tuple(check for check in row.failed_checks if check not in statements)
+    row = replace(row, failed_checks=own)
+    if row.probability < PROBABLE:
+        return row
+    for edge in at_edges:
+        problem = study.hidden_beyond(edge, row.name)
+        effect = problem or study.effect(_moves_of(edge, study.known[row.name]), row)
+        words = f"{edge.statement}; {effect.words}"
+        row = _with(row, [words] if effect.fails else [], [words])
+    return row
+
+
+def _with(row: RankedClass, failed: list[str], remarks: list[str]) -> RankedClass:
+    """The row with a failed check, or with a remark where it did not fail."""
+    if failed:
+        return replace(row, failed_checks=(*row.failed_checks, *failed))
+    return replace(row, remarks=(*row.remarks, *remarks))
+
+
+@dataclass(frozen=True)
+class _MovableStudy:
+    """A comparison that can be made again with a setting moved."""
+
+    comparison: Comparison
+    posteriors: dict[str, Posterior]
+    known: dict[str, ModelClass]
+
+    def effect(self, moves: Sequence[MovedSetting], row: RankedClass) -> Effect:
+        """What the moves do to the ranking, and to the parameters of the class of a row."""
+        largest_change, largest_shift = 0.0, 0.0
+        for move in moves:
+            answers = {
+                name: reweighted(self.posteriors[name], own, move.change(own))
+                for name, own in self.known.items()
+            }
+            if problem := self._problem(answers):
+                return Effect(f"what {move.name} would change is not known: {problem}", True)
+            after = self._probabilities(answers)
+            changes = {r.name: after[r.name] - r.probability for r in self.comparison.classes}
+            most = max(changes, key=lambda name: abs(changes[name]))
+            best = max(after, key=lambda name: after[name])
+            shift, parameter = _largest_shift(answers[row.name], self.known[row.name])
+            if after[best] > LEVEL * after[self.comparison.best.name]:
+                return Effect(f"with {move.name}, {best!r} is the most probable class", True)
+            if abs(changes[most]) > PROBABILITY_MOVED:
+                words = f"from {after[most] - changes[most]:.2f} to {after[most]:.2f}"
+                return Effect(f"with {move.name}, the probability of {most!r} goes {words}", True)
+            if shift > PARAMETER_MOVED and row.probability > PROBABILITY_MOVED:
+                words = f"{parameter!r} moves by {shift:.1f} of its standard deviation"
+                return Effect(f"with {move.name}, {words}", True)
+            largest_change = max(largest_change, abs(changes[most]))
+            largest_shift = max(largest_shift, shift)
+        names = " or ".join(move.name for move in moves)
+        return Effect(
+            f"with {names}, no probability changes by more than {_up(largest_change)}, and no "
+            f"parameter of the structure by more than {_up(largest_shift)} of its standard "
+            "deviation",
+            False,
+        )
+
+    def hidden_beyond(self, edge: AtEdge, name: str) -> Effect | None:
+        """An effect that no draw can show, beyond the bound of a prior; None where all can."""
+        if edge.parameter is None:
+            return None
+        posterior, model_class = self.posteriors[name], self.known[name]
+        column = posterior.parameter_names.index(edge.parameter)
+        bound = model_class.parameters[column].prior.support[edge.end]
+        # Zero bounds the quantity itself, such as the size of an error, and not only its prior.
+        if bound == 0.0 or not reaches_bound(posterior.values[:, column], bound, edge.end):
+            return None
+        return Effect(
+            f"what a prior beyond {bound:g} would change is not known, because nothing was sampled "
+            "there",
+            True,
+        )
+
+    def _problem(self, answers: dict[str, Reweighted]) -> str:
+        for row in self.comparison.classes:
+            if row.probability >= PROBABLE and answers[row.name].problem:
+                return f"{row.name!r}: {answers[row.name].problem}"
+        return ""
+
+    def _probabilities(self, answers: dict[str, Reweighted]) -> dict[str, float]:
+        """Probabilities after a move: odds change by the evidences' ratios."""
+        rows = self.comparison.classes
+        changes = {
+            row.name: answers[row.name].log_ratio.log_evidence
+            if row.name in answers and not answers[row.name].problem
+            else 0.0
+            for row in rows
+        }
+        shares = {row.name: row.probability for row in rows if row.probability > 0.0}
+        return dict.fromkeys(changes, 0.0) | class_probabilities(
+            {name: changes[name] for name in shares}, shares
+        )
+
+
+def _largest_shift(answer: Reweighted, model_class: ModelClass) -> tuple[float, str]:
+    """The largest shift of a mean, in posterior standard deviations, and its parameter.
+
+    Of parameters of the structure: sizes of errors are no answer.
+    """
+    of_structure = {parameter.name for parameter in model_class.structural_parameters}
+    shifts = [
+        (abs(new.mean - old.mean) / old.sd if old.sd > 0 else 0.0, old.name)
+        for old, new in zip(answer.before, answer.parameters, strict=True)
+        if old.name in of_structure
+    ]
+    return max(shifts, default=(0.0, ""))
+
+
+def _up(number: float) -> str:
+    """A number rounded up to two decimals."""
+    return f"{number + 0.005:.2f}"
+
+
+def _moves_of(edge: AtEdge, model_class: ModelClass) -> list[MovedSetting]:
+    if edge.parameter is not None:
+        name = f"a prior of {edge.parameter!r} that is {FACTOR:g} times as wide"
+        return [MovedSetting(name, partial(_with_wider_prior, edge.parameter))]
+    test = model_class.configuration(edge.configuration)
+    low, high = test.data.band_hz
+    identified = test.data.frequencies_hz
+    moves = []
+    for factor in (1.0 - BAND_MOVED, 1.0 + BAND_MOVED):
+        # The identified modes stay inside.
+        ends = [low, high]
+        ends[edge.end] *= factor
+        band = (min(ends[0], float(identified[0])), max(ends[1], float(identified[-1])))
+        name = f"the band ending at {band[edge.end]:.3g} Hz"
+        if edge.end == 0:
+            name = f"the band beginning at {band[0]:.3g} Hz"
+        moves.append(MovedSetting(name, partial(_with_band, test.name, band)))
+    return moves
+
+
+def _with_wider_prior(parameter: str, candidate: ModelClass) -> ModelClass:
+    """The class with a wider prior of one parameter, if it has that parameter."""
+    wider = {p.name: p.prior.widened(FACTOR) for p in candidate.parameters if p.name == parameter}
+    return replace(candidate, priors={**candidate.priors, **wider}) if wider else candidate
+
+
+def _with_band(configuration: str, band: tuple[float, float], candidate: ModelClass) -> ModelClass:
+    tests = tuple(
+        replace(test, data=replace(test.data, band_hz=band)) if test.name == configuration else test
+        for test in candidate.configurations
+    )
+    return replace(candidate, configurations=tests)
+
+
+def _of_identification(
+    subject: str, vary: Callable[[float, ModelClass], ModelClass]
+) -> list[MovedSetting]:
+    return [
+        MovedSetting(f"{words} as many {subject} modes", partial(vary, factor))
+        for words, factor in (("half", 1.0 / FACTOR), ("twice", FACTOR))
+    ]
+
+
+def _rests_on_missed_and_spurious(comparison: Comparison, posteriors: dict[str, Posterior]) -> bool:
+    """Whether probable classes differ in how many identified modes they explain."""
+    explained = {
+        sum(len(modes.pairing) for modes in posteriors[row.name].configurations)
+        for row in comparison.classes
+        if row.probability >= PROBABLE
+    }
+    return len(explained) > 1

@@ -1,0 +1,233 @@
+"""A study: model classes that answer one question, and their ranking."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import takewhile
+
+import numpy as np
+
+from bayes_ssi.foundations.argument_types import checked, require
+from bayes_ssi.foundations.file_names import require_printable
+from bayes_ssi.inference.criticism.adequacy import Hint
+from bayes_ssi.inference.model_class.configuration import failed_data_checks
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.sampling.settings import SamplingSettings
+from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.inference.workers.workers import Workers
+from bayes_ssi.studies.diagnosis.diagnosis import diagnose
+from bayes_ssi.studies.ranking.class_sampling import is_cheap
+from bayes_ssi.studies.ranking.comparison import Comparison, checked_weights, compare
+from bayes_ssi.studies.ranking.setting_checks import with_settings_checked
+
+# Classes whose misfit is diagnosed, the most probable first.
+MOST_DIAGNOSED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Model classes for one set of identified modes.
+
+    Attributes:
+        name: title for tables and reports.
+        model_classes: the candidates.
+        prior_weights: name of a class → its prior weight; equal where not given.
+        description: what the study asks.
+        stands_for: class whose pairing is inferred in place of a given one → the classes of the
+            original study that it represents.
+
+    Raises:
+        ValueError: the name cannot be printed, there is no model class, two have one name, or the
+            prior weights are not one positive number per class.
+        TypeError: one of them is not a ModelClass.
+    """
+
+    name: str
+    model_classes: Sequence[ModelClass]
+    prior_weights: Mapping[str, float] | None = field(default=None, kw_only=True)
+    description: str = field(default="", kw_only=True)
+    stands_for: Mapping[str, tuple[str, ...]] = field(default_factory=dict, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise TypeError(f"Study: name must be text, got {self.name!r}")
+        require_printable(self.name, "Study")
+        object.__setattr__(self, "model_classes", tuple(self.model_classes))
+        if not self.model_classes:
+            raise ValueError(f"study {self.name!r}: no model class")
+        for candidate in self.model_classes:
+            if not isinstance(candidate, ModelClass):
+                raise TypeError(f"study {self.name!r}: {candidate!r} is not a ModelClass")
+        repeated = [name for name in self.names if self.names.count(name) > 1]
+        if repeated:
+            raise ValueError(f"study {self.name!r}: two model classes are named {repeated[0]!r}")
+        require(
+            self.prior_weights, Mapping[str, float] | None, f"study {self.name!r}: prior_weights"
+        )
+        try:
+            checked_weights(self.names, self.prior_weights)
+        except ValueError as error:
+            raise ValueError(f"study {self.name!r}: {error}") from None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the model classes, in the study's order."""
+        return tuple(candidate.name for candidate in self.model_classes)
+
+    @checked
+    def only(self, names: Sequence[str]) -> Study:
+        """The study with only the named classes, in the study's order.
+
+        Raises:
+            ValueError: a name is not that of a class.
+        """
+        unknown = [name for name in names if name not in self.names]
+        if unknown:
+            raise ValueError(
+                f"study {self.name!r}: no model class {unknown[0]!r}; "
+                f"choose from {', '.join(map(repr, self.names))}"
+            )
+        weights = self.prior_weights
+        return replace(
+            self,
+            model_classes=[c for c in self.model_classes if c.name in names],
+            prior_weights=None if weights is None else {n: weights[n] for n in names},
+            stands_for={n: own for n, own in self.stands_for.items() if n in names},
+        )
+
+    def with_any_pairing(self) -> Study:
+        """The study with every pairing inferred; classes that differ in nothing else are merged.
+
+        A merged class has the names of all, the sum of their prior weights, and what the
+        descriptions of all begin with, which is the structure; else it has all descriptions.
+        """
+        groups: dict[tuple[str, ...], list[ModelClass]] = {}
+        for candidate in self.model_classes:
+            structures = [c.structure for c in candidate.configurations]
+            described = (*structures, candidate.error, candidate.identification)
+            with np.printoptions(threshold=sys.maxsize):  # arrays in full
+                key = (*map(repr, described), candidate.data_digest)
+            groups.setdefault(key, []).append(candidate)
+        merged, weights, stands_for = [], {}, {}
+        for candidates in groups.values():
+            name = " or ".join(candidate.name for candidate in candidates)
+            descriptions = dict.fromkeys(c.description for c in candidates if c.description)
+            merged.append(
+                replace(
+                    candidates[0].with_any_pairing(name), description=_merged(list(descriptions))
+                )
+            )
+            stands_for[name] = tuple(
+                original
+                for each in candidates
+                for original in self.stands_for.get(each.name, (each.name,))
+            )
+            if self.prior_weights is not None:
+                weights[name] = sum(self.prior_weights[c.name] for c in candidates)
+        return replace(
+            self, model_classes=merged, prior_weights=weights or None, stands_for=stands_for
+        )
+
+    def require_same_data(self) -> None:
+        """Check that all classes explain the same data, in every configuration.
+
+        Raises:
+            ValueError: they do not.
+        """
+        first = self.model_classes[0]
+        for other in self.model_classes[1:]:
+            if other.data_digest != first.data_digest:
+                raise ValueError(
+                    f"study {self.name!r}: model classes {first.name!r} and {other.name!r} "
+                    f"explain different data{_where_different(first, other)}, so their evidences "
+                    "cannot be compared; give every class the same ModalData and leave out of a "
+                    "pairing what a class does not explain"
+                )
+
+
+def _merged(descriptions: Sequence[str]) -> str:
+    """One description of classes that differ in their pairing only."""
+    same = takewhile(lambda letters: len(set(letters)) == 1, zip(*descriptions, strict=False))
+    common = "".join(letters[0] for letters in same)
+    end = max(common.rfind(mark) for mark in ",;:")
+    if len(descriptions) > 1 and end > 0:
+        return f"{common[:end]}, any pairing"
+    return " - or ".join(descriptions)
+
+
+def _where_different(first: ModelClass, other: ModelClass) -> str:
+    """Which configurations two classes do not share, or share under different data."""
+    ours = {c.name: c.data.digest for c in first.configurations}
+    theirs = {c.name: c.data.digest for c in other.configurations}
+    if ours.keys() != theirs.keys():
+        each = [", ".join(map(repr, names)) for names in (ours, theirs)]
+        return f" (configurations {each[0]}; and {each[1]})"
+    names = ", ".join(repr(name) for name in ours if name and ours[name] != theirs[name])
+    return f" in configuration {names}" if names else ""
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """A study's result: the posterior of every class, and their comparison."""
+
+    study: Study
+    posteriors: tuple[Posterior, ...]
+    comparison: Comparison
+    seed: int
+    settings: SamplingSettings
+
+
+def compare_and_diagnose(
+    study: Study,
+    posteriors: Sequence[Posterior],
+    seed: int,
+    settings: SamplingSettings,
+    run: Run,
+) -> Ranking:
+    """The ranking of sampled classes; if the best one does not explain the data, with hints why.
+
+    Args:
+        seed: of their sampling, and ``settings``, for the record.
+    """
+    comparison = compare(posteriors, study.prior_weights)
+    hints = _hints(study, posteriors, comparison, run.workers)
+    if hints:
+        posteriors = [
+            replace(each, adequacy=replace(each.adequacy, hints=hints))
+            if each.name == comparison.best.name and each.adequacy
+            else each
+            for each in posteriors
+        ]
+        comparison = compare(posteriors, study.prior_weights)
+    comparison = with_settings_checked(study.model_classes, posteriors, comparison)
+    tests = {each.name: each.data for each in study.model_classes[0].configurations}
+    comparison = replace(comparison, failed_data_checks=failed_data_checks(tests))
+    return Ranking(study, tuple(posteriors), comparison, seed, settings)
+
+
+def _hints(
+    study: Study,
+    posteriors: Sequence[Posterior],
+    comparison: Comparison,
+    workers: Workers | None,
+) -> tuple[Hint, ...]:
+    """Hints at mistakes without which the best class would explain the data, or far better.
+
+    Where it does not explain them, and no repair makes it do so, the next ones are tried: a mistake
+    may make a wrong class the best.
+    """
+    classes = dict(zip(study.names, zip(study.model_classes, posteriors, strict=True), strict=True))
+    for place, row in enumerate(comparison.classes[:MOST_DIAGNOSED]):
+        candidate, posterior = classes[row.name]
+        if posterior.adequacy is None:
+            break
+        hints = diagnose(candidate, posterior, None if is_cheap(candidate) else workers)
+        if hints:
+            then = f"; then {row.name!r} explains the data" if place else ""
+            return tuple(replace(hint, mistake=hint.mistake + then) for hint in hints)
+        if posterior.adequacy.is_adequate:
+            break
+    return ()
