@@ -6,8 +6,7 @@ import scipy.sparse as sp
 
 import bayes_ssi as bs
 from bayes_ssi.structures.finite_elements.sparse_modes import lowest_modes
-from bayes_ssi.structures.modal import lowest_eigenpairs
-from bayes_ssi.structures.repeated_modes import settle
+from bayes_ssi.structures.modal import lowest_eigenpairs, settle
 
 K = bs.Parameter("k", bs.LogNormal(median=1.0, cov=0.3))
 # Alike in x and in y, which nothing couples.

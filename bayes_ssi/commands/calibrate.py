@@ -83,7 +83,7 @@ def calibrate(
         _show(where, group)
     distances: dict[str, float] = {}
     if reference is not None:
-        from bayes_ssi.inference.calibration.distances import distances_from
+        from bayes_ssi.inference.calibration.calibration import distances_from
         from bayes_ssi.report.tables.calibration_tables import distances_table
 
         of_names = {each.name: each for each in calibrations}

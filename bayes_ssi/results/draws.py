@@ -1,12 +1,20 @@
-"""Draws to and from netCDF files that arviz opens, as an ``InferenceData`` or a ``DataTree``."""
+"""Draws to and from netCDF files that arviz opens, as an ``InferenceData`` or a ``DataTree``.
+
+Writing netCDF files as arviz lays them out, without importing it, which takes seconds.
+
+A file is made in memory and then written as one piece, because the HDF5 library may crash on a
+disk that becomes full.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import label_in
@@ -14,7 +22,35 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.datum_terms import DatumTerms
 from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.results.netcdf import Group, write_netcdf
+
+# Name of a variable → its dimensions and its values; a coordinate is named as its dimension.
+Group = Mapping[str, tuple[Sequence[str], ArrayLike]]
+
+
+def write_netcdf(path: Path, groups: Mapping[str, Group]) -> None:
+    """Write a new netCDF-4 file."""
+    import h5netcdf
+    import h5py
+
+    in_memory = BytesIO()
+    with h5netcdf.File(in_memory, "w") as file:
+        for group_name, variables in groups.items():
+            group = file.create_group(group_name)
+            for name, (dimensions, values) in variables.items():
+                array = np.asarray(values)
+                if array.dtype.kind == "U":
+                    array = array.astype(h5py.string_dtype())
+                for dimension, size in zip(dimensions, array.shape, strict=True):
+                    if dimension not in group.dimensions:
+                        group.dimensions[dimension] = size
+                group.create_variable(name, tuple(dimensions), array.dtype, data=array)
+    try:
+        with path.open("xb") as on_disk:
+            on_disk.write(in_memory.getbuffer())
+    except OSError as error:
+        error.filename = str(path)  # Python names it where opening fails, but not writing
+        raise
+
 
 FREQUENCY, MODE = "frequency_hz", "model_mode"
 LOG_LIKELIHOOD, DATUM = "modes", "datum"

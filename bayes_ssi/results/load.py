@@ -27,9 +27,8 @@ from bayes_ssi.inference.model_class.configuration import (
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_csv import read_modal_csv
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.results.digests import check_digest
 from bayes_ssi.results.draws import load_draws
-from bayes_ssi.results.json_files import read_json, read_record
+from bayes_ssi.results.json_files import check_digest, read_json, read_record
 from bayes_ssi.results.result_record import FORMAT, ResultRecord
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.ranking.comparison import Comparison

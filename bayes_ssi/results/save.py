@@ -20,9 +20,8 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_csv import write_modal_data
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.results.digests import write_digests
 from bayes_ssi.results.draws import save_draws
-from bayes_ssi.results.json_files import write_json
+from bayes_ssi.results.json_files import write_digests, write_json
 from bayes_ssi.results.load import (
     COMPARISON,
     FIGURES,

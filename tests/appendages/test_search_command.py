@@ -11,7 +11,7 @@ import bayes_ssi as bs
 from bayes_ssi.foundations.codec import to_record
 from bayes_ssi.results.load import load_result
 from bayes_ssi.studies.appendages.next_level import NextLevel
-from bayes_ssi.studies.appendages.screened_hypothesis import Key
+from bayes_ssi.studies.appendages.screening import Key
 
 ONE_K = ("--baseline", "one k")
 pytestmark = pytest.mark.usefixtures("coarse_command")

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.inference.calibration.distances import distances_from
+from bayes_ssi.inference.calibration.calibration import distances_from
 from bayes_ssi.studies.ranking.study_file import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "shear_building.py"

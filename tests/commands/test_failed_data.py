@@ -9,7 +9,7 @@ from identified_records import identified
 from searches import by_count
 
 import bayes_ssi as bs
-from bayes_ssi.results.digests import write_digests
+from bayes_ssi.results.json_files import write_digests
 
 CHECK = "identified from tower.csv: chi-square of the spectra is 109 times their freedom"
 NOT_IDENTIFIED = (

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from bayes_ssi.cli import main
-from bayes_ssi.commands.scaffold import KINDS
+from bayes_ssi.commands.new import KINDS
 from bayes_ssi.studies.ranking.study_file import load_study
 
 

@@ -10,9 +10,8 @@ from pools import spawning
 
 import bayes_ssi as bs
 from bayes_ssi.inference.workers.checkpoint import Checkpoint
-from bayes_ssi.inference.workers.progress_file import ProgressFile
 from bayes_ssi.inference.workers.workers import Workers
-from bayes_ssi.studies.ranking.class_sampling import _Relay, sample_all
+from bayes_ssi.studies.ranking.class_sampling import ProgressFile, _Relay, sample_all
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 

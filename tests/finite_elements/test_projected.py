@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
-from bayes_ssi.structures.finite_elements.alternative_places import AlternativePlaces
+from bayes_ssi.structures.finite_elements.projected_structure import AlternativePlaces
 
 N, MASS, STIFFNESS = 60, 1.0, 4000.0
 SENSORS = {f"s{i}": i for i in (5, 20, 40, 59)}

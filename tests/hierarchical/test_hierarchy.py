@@ -14,7 +14,7 @@ import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.criticism.adequacy import PValue
 from bayes_ssi.results.hierarchy.covariate_files import read_covariate
-from bayes_ssi.results.hierarchy.misfit_of_tests import failed_tests, unusual_tests
+from bayes_ssi.results.hierarchy.ranked_populations import failed_tests, unusual_tests
 from bayes_ssi.results.hierarchy.saved_hierarchy import MARKER
 from bayes_ssi.results.hierarchy.single_tests import single_tests
 

@@ -9,9 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from searches import place_record, places_in_space, places_of_building
 
 import bayes_ssi as bs
-from bayes_ssi.plots.appendage_places import plot_places
+from bayes_ssi.plots.appendage_places import MOST_BARS, plot_places
 from bayes_ssi.plots.figure_style import figures_for_files
-from bayes_ssi.plots.place_bars import MOST_BARS
 from bayes_ssi.plots.place_map import plot_place_map
 from bayes_ssi.plots.space_axes import MOST_VECTORS
 

@@ -7,7 +7,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior_sampling.confirmation import _differences
-from bayes_ssi.inference.posterior_sampling.refinement_settings import RefinementSettings
+from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
 from bayes_ssi.inference.posterior_sampling.to_posterior import sample_as_it_is
 from bayes_ssi.results.load import load_result
 from bayes_ssi.results.save import save_result

@@ -11,7 +11,7 @@ from searches import INFILL_01, PENDULUM_1
 
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import class_record
-from bayes_ssi.results.digests import write_digests
+from bayes_ssi.results.json_files import write_digests
 from bayes_ssi.results.predictions.posterior_draws import thinned_draws
 from bayes_ssi.results.predictions.stored_predictions import load_predictions
 from bayes_ssi.results.save import save_result

@@ -9,9 +9,12 @@ import pytest
 from delegating import DelegatingStructure
 
 import bayes_ssi as bs
-from bayes_ssi.inference.workers.own_code import holds_user_code
 from bayes_ssi.studies.ranking import automatic_workers as module
-from bayes_ssi.studies.ranking.automatic_workers import automatic_workers, chosen_workers
+from bayes_ssi.studies.ranking.automatic_workers import (
+    automatic_workers,
+    chosen_workers,
+    holds_user_code,
+)
 
 
 @pytest.fixture(autouse=True)

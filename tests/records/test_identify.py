@@ -11,12 +11,11 @@ from scipy.stats import chi2
 from simulated_records import FRAME, simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records.fdd import fdd
 from bayes_ssi.measurements.records.methods import NAMES, compared, modes_by
 from bayes_ssi.measurements.records.modal_estimates import Poles
 from bayes_ssi.measurements.records.modal_identification import _not_identified
+from bayes_ssi.measurements.records.peak_methods import fdd, tfie
 from bayes_ssi.measurements.records.ssi_cov import ssi_cov
-from bayes_ssi.measurements.records.tfie import tfie
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)

@@ -12,9 +12,9 @@ import bayes_ssi as bs
 from bayes_ssi.foundations.file_names import file_names
 from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
 from bayes_ssi.results.load import load_result
-from bayes_ssi.results.recorded_classes import recorded_class
 from bayes_ssi.results.result_record import FORMAT
 from bayes_ssi.results.save import save_result
+from bayes_ssi.results.stored_what_if import recorded_class
 
 
 @pytest.fixture

@@ -10,12 +10,14 @@ sufficient answer: all minima reached from many starts are listed.
 Where the parameters are more than the data determine, the errors of the data drive the others as
 far as a search lets them go. The fit is then that of the determined directions alone, the others
 at the prior median; or, with the prior's pull, the maximum of the posterior density.
+
+How far calibrated classes are from a reference class, in what all of them may infer.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +25,7 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.calibration.determination import Determination, determination
-from bayes_ssi.inference.calibration.fit import Fit
+from bayes_ssi.inference.calibration.fit import Fit, rms_distance
 from bayes_ssi.inference.calibration.least_squares import CalibrationProblem
 from bayes_ssi.inference.calibration.minima import SAME, distinct_minima, nearest_fit
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -168,3 +170,36 @@ def _least_change(model_class: ModelClass, shape_weight: float) -> FloatArray | 
     if near is None:
         return None
     return nearest_fit(CalibrationProblem(model_class, shape_weight), near, exactly=False)
+
+
+def distances_from(
+    reference: str, classes: Sequence[ModelClass], calibrations: Mapping[str, Calibration]
+) -> tuple[tuple[str, ...], dict[str, float]]:
+    """Root mean square distances of the best fits from that of a reference class (section 4.5).
+
+    They are over the parameters of all classes without appendages, each divided by its prior
+    median; a class that does not infer one has it at the median.
+
+    Returns:
+        The names of the parameters, and name of a class → its distance.
+    """
+    if reference not in calibrations:
+        raise ValueError(
+            f"reference: no calibrated model class {reference!r}; choose from "
+            f"{', '.join(map(repr, calibrations))}"
+        )
+    known = [each for each in classes if each.name in calibrations]
+    bare = [each for each in known if not any(c.structure.appendages for c in each.configurations)]
+    medians: dict[str, float] = {}
+    for each in bare or known:
+        at_median = each.values(np.zeros((1, len(each.parameter_names))))[0]
+        own = dict(zip(each.parameter_names, at_median.tolist(), strict=True))
+        medians |= {name: own[name] for name in calibrations[each.name].parameter_names}
+
+    def normalised(name: str) -> dict[str, float]:
+        one = calibrations[name]
+        values = dict(zip(one.parameter_names, one.best.values, strict=True))
+        return {each: values.get(each, median) / median for each, median in medians.items()}
+
+    at = normalised(reference)
+    return tuple(medians), {name: rms_distance(normalised(name), at) for name in calibrations}

@@ -11,8 +11,8 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.refinement_settings import RefinementSettings
 from bayes_ssi.inference.posterior_sampling.required_accuracy import (
+    RefinementSettings,
     evenly_spaced_draws,
     with_exact_structures,
 )

@@ -13,7 +13,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.refinement import refined
-from bayes_ssi.inference.posterior_sampling.refinement_settings import RefinementSettings
+from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
 from bayes_ssi.inference.posterior_sampling.to_posterior import sample_as_it_is
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.journal import Journal

@@ -25,8 +25,8 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.class_target import class_target
 from bayes_ssi.inference.posterior_sampling.confirmation import Confirmation, confirmed, corrected
-from bayes_ssi.inference.posterior_sampling.refinement_settings import RefinementSettings
 from bayes_ssi.inference.posterior_sampling.required_accuracy import (
+    RefinementSettings,
     certified,
     evenly_spaced_draws,
     improved,

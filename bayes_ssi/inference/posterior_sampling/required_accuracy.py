@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +11,30 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.refinement_settings import RefinementSettings
 from bayes_ssi.structures.structure import Structure
+
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    """How accurate approximate structures are made where the posterior lies.
+
+    Attributes:
+        error_share: largest error of the approximation, as a share of the data's and the model's
+            own errors: added in quadrature, a tenth widens them by half a per cent.
+        largest_correction: largest correction of the log evidence that these draws can support.
+    """
+
+    error_share: float = 0.1
+    error_quantile: float = 0.05
+    n_certified: int = 200
+    n_searched: int = 1000
+    n_climbs: int = 16
+    n_confirmed: int = 16
+    most_confirmed: int = 64
+    most_searches: int = 50
+    most_rounds: int = 4
+    largest_correction: float = 0.3
+
 
 # Modes beyond the band by more than this factor can hardly be taken for identified ones.
 NEAR_THE_BAND = 1.05

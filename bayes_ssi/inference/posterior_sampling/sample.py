@@ -14,8 +14,10 @@ from bayes_ssi.inference.posterior_sampling.emulation import (
     with_emulated_structures,
 )
 from bayes_ssi.inference.posterior_sampling.refinement import refined
-from bayes_ssi.inference.posterior_sampling.refinement_settings import RefinementSettings
-from bayes_ssi.inference.posterior_sampling.required_accuracy import is_approximate
+from bayes_ssi.inference.posterior_sampling.required_accuracy import (
+    RefinementSettings,
+    is_approximate,
+)
 from bayes_ssi.inference.posterior_sampling.to_posterior import sample_as_it_is
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run

@@ -13,8 +13,8 @@
 Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
 the search, required), ``source`` (text), ``failed_check`` (a sentence; there may be several such
 rows), ``covariance`` and ``identification`` (files in the same directory, see
-:mod:`bayes_ssi.measurements.modes.covariance_file` and
-:mod:`bayes_ssi.measurements.modes.identification_file`); anything else there is a comment. Then a
+:mod:`bayes_ssi.measurements.modes.companion_files` and
+:mod:`bayes_ssi.measurements.modes.companion_files`); anything else there is a comment. Then a
 row of column
 names: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd``, ``damping`` and
 ``damping_sd`` (fractions) are optional, and **every other column is a sensor**, named as the
@@ -38,14 +38,12 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.text_files import read_columns
-from bayes_ssi.measurements.modes.covariance_file import (
+from bayes_ssi.measurements.modes.companion_files import (
     covariance_path,
-    read_covariance,
-    write_covariance,
-)
-from bayes_ssi.measurements.modes.identification_file import (
     identification_path,
+    read_covariance,
     read_identifications,
+    write_covariance,
     write_identifications,
 )
 from bayes_ssi.measurements.modes.identification_record import IdentificationRecord

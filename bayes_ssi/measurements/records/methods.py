@@ -11,13 +11,11 @@ from typing import NamedTuple
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.records.fdd import fdd
 from bayes_ssi.measurements.records.modal_estimates import ModalEstimates, Poles
 from bayes_ssi.measurements.records.next_era import correlations, next_era
+from bayes_ssi.measurements.records.peak_methods import Peaks, fdd, tfie
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.short_time import Peaks
 from bayes_ssi.measurements.records.ssi_cov import ssi_cov
-from bayes_ssi.measurements.records.tfie import tfie
 
 
 class MethodModes(NamedTuple):

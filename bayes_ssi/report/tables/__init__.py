@@ -33,9 +33,10 @@ from bayes_ssi.report.tables.search_tables import (
     unsampled_notes,
     unseen_note,
 )
-from bayes_ssi.report.tables.sensitivity_tables import sensitivity_notes, sensitivity_table
-from bayes_ssi.report.tables.what_if_tables import (
+from bayes_ssi.report.tables.setting_tables import (
     changed_parameters_table,
+    sensitivity_notes,
+    sensitivity_table,
     what_if_notes,
     what_if_table,
 )

@@ -1,15 +1,24 @@
-"""Many tests of one structure, from the stored posteriors of each: no test is sampled again."""
+"""Many tests of one structure, from the stored posteriors of each: no test is sampled again.
+
+Tests that the model class does not explain: what they say of a population means nothing.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.criticism.adequacy import LIMIT, Adequacy
+from bayes_ssi.inference.criticism.misfit_in_words import (
+    inadequacy_in_words,
+    misfit_text,
+    misfits_in_words,
+)
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.results.hierarchy.coverage import Coverage
@@ -19,7 +28,6 @@ from bayes_ssi.results.hierarchy.hierarchy_record import (
     RankedPopulation,
     SingleTestSummary,
 )
-from bayes_ssi.results.hierarchy.misfit_of_tests import failed_tests, unusual_tests
 from bayes_ssi.results.hierarchy.population_sampling import (
     PopulationSampler,
     SampledPopulation,
@@ -35,6 +43,32 @@ from bayes_ssi.studies.ranking.comparison import (
     class_probabilities,
     is_distinguishable,
 )
+
+
+def failed_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
+    """Tests that the class does not explain, a sentence each."""
+    for test in tests:
+        fit = test.adequacy
+        if fit is not None and _fails(fit, len(tests)):
+            yield f"test {test.name!r}, {class_name!r}: {inadequacy_in_words(fit)}"
+
+
+def unusual_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
+    """Tests that would fail by themselves, but not among so many, a sentence each."""
+    for test in tests:
+        fit = test.adequacy
+        if fit is not None and fit.overall.is_small and not _fails(fit, len(tests)):
+            how_far = misfit_text(fit.overall.sds)
+            yield (
+                f"test {test.name!r}, {class_name!r}: the data are as unusual as in one right test "
+                f"of {1.0 / LIMIT:.0f}, {how_far}: {'; '.join(misfits_in_words(fit))}"
+            )
+
+
+def _fails(fit: Adequacy, n_tests: int) -> bool:
+    # Of many tests that a right class explains, the most unusual one is far out (Bonferroni).
+    return n_tests * fit.overall.p_value < LIMIT or bool(fit.hints)
+
 
 # With a larger error from the draws of the tests, two standard errors are more than a bare mention
 # on the scale of Bayes factors.

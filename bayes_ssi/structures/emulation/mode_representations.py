@@ -20,8 +20,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.modal import Modes
-from bayes_ssi.structures.repeated_modes import settle
+from bayes_ssi.structures.modal import Modes, settle
 
 # Coordinates C are useless where their condition number is larger: shapes then hardly resemble
 # the reference shapes.

@@ -11,25 +11,30 @@ the latter add to the mode shapes in proportion to the spring's force. Both are 
 place (:mod:`~bayes_ssi.structures.finite_elements.projection`). Inertia of the residual is
 neglected, its flexibility that of the prior medians, and flexibility between two elements left out,
 so errors are not certified: this is for the choice of hypotheses, not for results.
+
+Models with the same elements at different places, computed in one batch.
+
+A search puts one kind of element on hundreds of places. Small batches, one for each place, take
+longer than a large one of all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, collect_parameters
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.projection import BasisRow, Projection
-from bayes_ssi.structures.modal import Modes, solve_modes
+from bayes_ssi.structures.modal import Modes, settle, solve_modes
 from bayes_ssi.structures.motion import Motion, Place, motion_of
-from bayes_ssi.structures.repeated_modes import settle
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure, listed
 
@@ -212,3 +217,28 @@ def _sum_of_squares(coefficients: FloatArray, vectors: FloatArray) -> FloatArray
     """Σ c v vᵀ (B, n, n) for coefficients (B, k) and vectors (1 or B, k, n)."""
     total: FloatArray = np.einsum("bk,bki,bkj->bij", coefficients, vectors, vectors)
     return total
+
+
+@dataclass(frozen=True, eq=False)
+class AlternativePlaces:
+    """P structures that differ in nothing but the places of their elements."""
+
+    first: ProjectedStructure
+    vectors: ElementVectors
+
+    @classmethod
+    def of(cls, structures: Sequence[ProjectedStructure]) -> Self:
+        """Join the structures, which are of one model, with elements of the same kinds each."""
+        each = [structure.vectors for structure in structures]
+        joined = ElementVectors(*(np.concatenate(rows) for rows in zip(*each, strict=True)))
+        return cls(structures[0], joined)
+
+    def modes(self, values: FloatArray, which: NDArray[np.intp]) -> Modes:
+        """The modes (B, ...) of structures ``which`` (B,), one for each row of values.
+
+        Args:
+            values: (B, n_parameters), columns in the order of each structure's own parameters.
+            which: numbers of structures, from 0.
+        """
+        rows = ElementVectors(*(array[which] for array in self.vectors))
+        return self.first.modes_with(values, rows)

@@ -32,10 +32,10 @@ from bayes_ssi.structures.modal import (
     Modes,
     NoModesError,
     lowest_eigenpairs,
+    settle,
     solve_modes,
 )
 from bayes_ssi.structures.motion import Place, SinglePlace
-from bayes_ssi.structures.repeated_modes import settle
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Accuracy, Structure
 

@@ -29,9 +29,9 @@ from bayes_ssi.structures.modal import (
     NoModesError,
     lowest_eigenpairs,
     require_supported,
+    settle,
     too_few_modes,
 )
-from bayes_ssi.structures.repeated_modes import settle
 
 # Smaller problems are solved faster as dense ones.
 DENSE_UP_TO = 150

@@ -20,7 +20,7 @@ from bayes_ssi.structures.solver_files import (
 )
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel, exported_model
 from bayes_ssi.structures.solver_files.formats import Format, Source, first_bytes
-from bayes_ssi.structures.solver_files.label_files import read_labels
+from bayes_ssi.structures.solver_files.matrix_containers import read_labels
 from bayes_ssi.structures.solver_files.unit_systems import in_si, mass_note, require_mass
 
 # In the order in which they are tried.

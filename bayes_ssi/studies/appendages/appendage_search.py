@@ -17,7 +17,7 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.refinement_settings import RefinementSettings
+from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.structures.candidate import Candidate
@@ -27,8 +27,13 @@ from bayes_ssi.studies.appendages.hypotheses import SearchSettings, name_of
 from bayes_ssi.studies.appendages.next_level import NextLevel, next_level
 from bayes_ssi.studies.appendages.places import AppendagePlace
 from bayes_ssi.studies.appendages.sampling_choice import to_sample
-from bayes_ssi.studies.appendages.screened_hypothesis import Key, ScreenedHypothesis
-from bayes_ssi.studies.appendages.screening import Screened, ToScreen, screen_all
+from bayes_ssi.studies.appendages.screening import (
+    Key,
+    Screened,
+    ScreenedHypothesis,
+    ToScreen,
+    screen_all,
+)
 from bayes_ssi.studies.appendages.screening_in_steps import screen_best
 from bayes_ssi.studies.appendages.search_result import AppendageSearch
 from bayes_ssi.studies.ranking.class_sampling import sample_all

@@ -10,26 +10,29 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior_sampling.refinement_settings import RefinementSettings
-from bayes_ssi.inference.posterior_sampling.required_accuracy import is_approximate, more_accurate
+from bayes_ssi.inference.posterior_sampling.required_accuracy import (
+    RefinementSettings,
+    is_approximate,
+    more_accurate,
+)
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.motion import motion_of
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.candidates import (
     Candidate,
+    are_observed,
     located,
     require_distinct,
     require_on_structure,
 )
 from bayes_ssi.studies.appendages.hypotheses import (
+    MassScale,
     SearchSettings,
     hypothesis,
     scale_of,
     tests_with_appendages,
     tests_with_places,
 )
-from bayes_ssi.studies.appendages.mass_scale import MassScale
-from bayes_ssi.studies.appendages.observed_places import are_observed
 from bayes_ssi.studies.appendages.places import AppendagePlace, places_of
 from bayes_ssi.studies.ranking.class_sampling import is_cheap
 from bayes_ssi.studies.ranking.study import Study

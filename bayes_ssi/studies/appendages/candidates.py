@@ -1,4 +1,4 @@
-"""Candidates of a search: where they are, and whether they are on its structures."""
+"""Candidates of a search: where they are, on which structures, and which ones sensors see."""
 
 from __future__ import annotations
 
@@ -6,9 +6,43 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.motion import motion_of
 from bayes_ssi.structures.structure import Structure
+
+# A mode that the sensors see moves them by at least this share of the one that moves them most, at
+# unit modal mass.
+VISIBLE = 0.05
+# A place takes part in a mode if it moves by this share of what the sensors do: less, and an
+# appendage of a tenth of the modal mass, in resonance, moves the two frequencies apart by less than
+# 0.3 % (the square root of 0.1 times this share), and no other mode by a part of that.
+TAKES_PART = 0.01
+
+
+def are_observed(
+    structure: Structure, candidates: Sequence[Candidate], data: ModalData
+) -> NDArray[np.bool_]:
+    """Whether candidates (n,) take part in a mode of the band that the sensors see.
+
+    At the prior medians; of two ends of a candidate one is enough. An appendage elsewhere changes
+    no identified mode, so its probability remains that before the test.
+    """
+    values = structure.prior_medians()
+    modes = structure.modes(values)
+    at_sensors = structure.sensor_matrix(data.sensors).apply(modes.shapes)[0]
+    seen = np.abs(at_sensors).max(axis=0, initial=0.0)
+    counts = (modes.frequencies_hz[0] <= data.band_hz[1]) & (seen >= VISIBLE * seen.max())
+    ends = [end for candidate in candidates for end in candidate.ends]
+    moved = structure.place_shapes(ends, values)
+    if moved is None or not counts.any():
+        return np.ones(len(candidates), dtype=bool)
+    takes_part = (np.abs(moved)[:, : len(seen)] >= TAKES_PART * seen)[:, counts].any(axis=1)
+    of_candidate = np.repeat(np.arange(len(candidates)), [len(each.ends) for each in candidates])
+    return np.bincount(of_candidate, takes_part, minlength=len(candidates)) > 0
 
 
 def located(candidate: Candidate, structure: Structure) -> Candidate:

@@ -29,8 +29,10 @@ from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.inference.sampling.regions import local_maxima
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.structures.finite_elements.alternative_places import AlternativePlaces
-from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure
+from bayes_ssi.structures.finite_elements.projected_structure import (
+    AlternativePlaces,
+    ProjectedStructure,
+)
 from bayes_ssi.studies.appendages.sampling_choice import STANDARD_ERRORS
 from bayes_ssi.studies.appendages.screening import Screened, ToScreen, scan_draws
 

@@ -6,18 +6,51 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.families import LogNormal, LogUniform
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.structures.modal import seen_shapes
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.candidates import (
     Candidate,
     require_on_structure,
 )
-from bayes_ssi.studies.appendages.mass_scale import MassScale, mass_scale
 from bayes_ssi.studies.appendages.places import AppendagePlace
+
+
+@dataclass(frozen=True)
+class MassScale:
+    """A mass in the structure's unit, and what it is."""
+
+    mass: float
+    name: str
+
+
+def mass_scale(structure: Structure, data: ModalData) -> MassScale:
+    """The mean mass of a floor; of a structure without floors, the median modal mass.
+
+    That is of the modes in the band, no more than were identified, the lowest. Their shapes have a
+    largest component of 1 at the sensors: the mass at the place of largest motion that would have
+    the mode's inertia. A local mode that hardly moves a sensor has a huge one, which does not
+    change the median. All are at the prior medians.
+    """
+    of_floor = structure.mean_floor_mass()
+    if of_floor is not None:
+        return MassScale(of_floor, "mean floor mass")
+    modes = structure.modes(structure.prior_medians())
+    n_in_band = int((modes.frequencies_hz[0] <= data.band_hz[1]).sum())
+    n = max(min(n_in_band, len(data.modes)), 1)
+    at_sensors = seen_shapes(structure.sensor_matrix(data.sensors).apply(modes.shapes))
+    largest = np.abs(at_sensors[0, :, :n]).max(axis=0, initial=0.0)  # at unit modal mass
+    if not largest.any():
+        raise ValueError("no mode of the structure moves a sensor, so masses have no scale")
+    return MassScale(float(np.median(largest[largest > 0.0] ** -2)), "median modal mass")
+
 
 NO_APPENDAGE = "no appendage"
 # Of the prior of an appendage's frequency, at least one draw in a hundred lies in the band.
@@ -34,7 +67,7 @@ class SearchSettings:
     Attributes:
         mass_ratio: prior of the vibrating mass over the mean floor mass, or the median modal
             mass where there are no floors
-            (:func:`~bayes_ssi.studies.appendages.mass_scale.mass_scale`).
+            (:func:`~bayes_ssi.studies.appendages.hypotheses.mass_scale`).
         frequency: prior of the appendage's natural frequency in Hz; if None, log-uniform from
             half the lowest identified frequency to the band's upper limit.
         number_weights: prior weights of no appendage, of one, of two, ...; the weight of a

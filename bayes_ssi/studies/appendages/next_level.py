@@ -19,7 +19,7 @@ from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.studies.appendages.places import AppendagePlace
-from bayes_ssi.studies.appendages.screened_hypothesis import Key, ScreenedHypothesis
+from bayes_ssi.studies.appendages.screening import Key, ScreenedHypothesis
 
 Hypotheses = Mapping[Key, ScreenedHypothesis]
 Places = Mapping[str, Sequence[AppendagePlace]]

@@ -24,8 +24,10 @@ from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.class_target import class_target
 from bayes_ssi.inference.posterior_sampling.to_posterior import seed_of
+from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.inference.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
@@ -35,6 +37,7 @@ from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
 from bayes_ssi.inference.workers.batch import evaluate
 from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.studies.appendages.places import AppendagePlace
 
 
 class Effort(NamedTuple):
@@ -284,3 +287,29 @@ def _latin_hypercube(n: int, d: int, rng: np.random.Generator) -> FloatArray:
     strata = rng.permuted(np.tile(np.arange(n)[:, None], (1, d)), axis=0)
     normal: FloatArray = ndtri((strata + rng.random((n, d))) / n)
     return normal
+
+
+class Key(NamedTuple):
+    """What a hypothesis claims: the name of its baseline, and the places of its appendages."""
+
+    baseline: str
+    places: tuple[AppendagePlace, ...]
+
+
+class ScreenedHypothesis(NamedTuple):
+    """A hypothesis: its claim, its model class, its prior weight, and its approximate evidence."""
+
+    key: Key
+    model_class: ModelClass
+    prior_weight: float
+    screened: Screened
+
+    @property
+    def approximate_log_mass(self) -> Estimate:
+        """Log of prior weight times approximate evidence."""
+        weight = math.log(self.prior_weight)
+        return Estimate(weight + self.screened.log_evidence, self.screened.error)
+
+    def log_mass(self, posterior: Posterior) -> float:
+        """Log of prior weight times the evidence that sampling gave."""
+        return math.log(self.prior_weight) + posterior.evidence.log_evidence

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from itertools import accumulate
 
 from bayes_ssi.structures.geometry import Geometry
-from bayes_ssi.studies.appendages.hypotheses import SearchSettings
-from bayes_ssi.studies.appendages.mass_scale import MassScale
+from bayes_ssi.studies.appendages.hypotheses import MassScale, SearchSettings
 from bayes_ssi.studies.appendages.places import AppendagePlace
 from bayes_ssi.studies.ranking.averages import AveragedParameter
 from bayes_ssi.studies.ranking.comparison import VERY_STRONG

@@ -1,13 +1,50 @@
-"""The workers of a run for which none were chosen."""
+"""The workers of a run for which none were chosen.
+
+Whether an object can be used in any process: it holds data, and no code of a user's.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
+from io import BytesIO
+from types import FunctionType
+from typing import Any
 
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.workers.local_workers import LocalWorkers, can_copy, usable_cores
-from bayes_ssi.inference.workers.own_code import holds_user_code
 from bayes_ssi.studies.ranking.class_sampling import is_cheap
+
+# Their objects have no state beyond themselves.
+KNOWN_PACKAGES = {"bayes_ssi", "numpy", "scipy", *sys.stdlib_module_names}
+
+
+class _UserCodeError(Exception):
+    """A function or a class is of another package, a study file, or a notebook."""
+
+
+def holds_user_code(what: object) -> bool:
+    """Whether ``what`` holds functions, or objects of classes, that a user wrote or imported.
+
+    These may have a state, such as open files, a licence, or a counter, that processes do not
+    share. So may objects that cannot be pickled.
+    """
+    import cloudpickle
+
+    class Inspector(cloudpickle.Pickler):
+        def reducer_override(self, item: Any) -> Any:
+            kind = item if isinstance(item, type | FunctionType) else type(item)
+            if kind.__module__.partition(".")[0] not in KNOWN_PACKAGES:
+                raise _UserCodeError
+            return super().reducer_override(item)
+
+    try:
+        # Arrays are handed to the callback, which drops them, instead of being copied.
+        Inspector(BytesIO(), protocol=5, buffer_callback=lambda _: None).dump(what)
+    except Exception:  # noqa: BLE001 - whatever an object's own pickling may raise
+        return True
+    return False
+
 
 # A new process takes about a second to import the package, the smallest classes half a second to
 # be sampled: two processes save as much as they cost from here on.
@@ -20,7 +57,7 @@ def automatic_workers(
     """One process for each core that can be used, as far as they are busy; None if one is enough.
 
     None, too, where models hold a user's own code (see
-    :func:`~bayes_ssi.inference.workers.own_code.holds_user_code`), or classes are few and every
+    :func:`holds_user_code`), or classes are few and every
     process would have to import the package anew.
     """
     n = usable_cores()

@@ -8,7 +8,9 @@ in less time than it takes to send them. Results do not depend on this choice.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import zip_longest
@@ -18,13 +20,38 @@ from tempfile import TemporaryDirectory
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.refinement_settings import RefinementSettings
+from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
 from bayes_ssi.inference.posterior_sampling.sample import sample
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.checkpoint import Checkpoint
 from bayes_ssi.inference.workers.local_workers import LocalWorkers
-from bayes_ssi.inference.workers.progress_file import ProgressFile
 from bayes_ssi.inference.workers.run import Run
+
+
+@dataclass(frozen=True)
+class ProgressFile:
+    """The last report of one piece of work; called by it like any function of progress.
+
+    Where the file cannot be written, as by a worker on another machine, nothing is reported.
+    """
+
+    path: Path
+
+    def __call__(self, name: str, step: str, done: float) -> None:
+        # Replaced as a whole: what is read is never half a report.
+        new = self.path.with_suffix(".new")
+        with suppress(OSError):
+            new.write_text(json.dumps([name, step, done]), encoding="utf-8")
+            new.replace(self.path)
+
+    def read(self) -> tuple[str, str, float] | None:
+        """The last report; None if there is none."""
+        try:
+            name, step, done = json.loads(self.path.read_text(encoding="utf-8"))
+        except OSError:
+            return None
+        return name, step, done
+
 
 # The last step of a class, completed.
 END = ("evidence", 1.0)
