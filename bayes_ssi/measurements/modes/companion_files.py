@@ -1,12 +1,14 @@
 """Files beside the CSV file of modes, which names them: the covariance, and the identification.
 
-The JSON file of the covariance holds ``sensors``, and for m modes at n sensors ``frequencies_hz`` (m), ``unit_shapes`` (m lists
-of n components, null where not measured) and ``covariance_of_log_frequencies_and_unit_shapes``
-(m + m n, m + m n), shapes mode by mode. Frequencies and shapes tell which row of the CSV file is
-which mode, so that its modes may be renamed, sorted or left out.
+The JSON file of the covariance holds ``sensors``, and for m modes at n sensors ``frequencies_hz``
+(m), ``unit_shapes`` (m lists of n components, null where not measured) and
+``covariance_of_log_frequencies_and_unit_shapes`` (m + m n, m + m n), shapes mode by mode.
+Frequencies and shapes tell which row of the CSV file is which mode, so that its modes may be
+renamed, sorted or left out.
 
-The one of how modes were identified holds ``identifications``: a record of each vibration record that the modes come from, one, or
-several where modes were merged. Paths of figures are relative to the file's directory.
+That of the identification holds ``identifications``: a record of each vibration record that the
+modes come from, one, or several where modes were merged. Paths of figures are relative to the
+file's directory.
 """
 
 from __future__ import annotations
