@@ -3,8 +3,6 @@
 At a peak of the spectra where one mode moves all sensors, they move in phase or in opposition. A
 sensor that is late by τ turns by -2π f τ there, which moves the phases of first singular vectors.
 A clock that runs at another rate is later in the second half of the record than in the first.
-
-Delays of sensors, from the phases of the modes: -2π f τ of a sensor late by τ, at every mode.
 """
 
 from __future__ import annotations
@@ -15,37 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.explained_band import Explained
-
-# One mode's phases could be its own; delays are common to several.
-FEWEST_MODES = 2
-# Delays that are sought, over half a period of the root mean square frequency.
-SOUGHT = np.linspace(-0.5, 0.5, 2001)
-
-
-def delays(bands: Sequence[Explained], n_sensors: int) -> FloatArray | None:
-    """Delays (n,) in s that the phases of modes have in common; None where few have phases.
-
-    Least squares of the phases, weighted by squared components, of modes and sensors in turn; the
-    median sensor is on time.
-    """
-    doubled, omega = [], []
-    for band in bands:
-        if band.fit.has_phases and band.is_wanted:
-            doubled += list(band.modes.shapes.T**2)
-            omega += (2.0 * np.pi * band.fit.modes.frequencies_hz).tolist()
-    if len(omega) < FEWEST_MODES:
-        return None
-    squares, angular = np.array(doubled), np.array(omega)[:, None]
-    candidates = SOUGHT * np.pi / np.sqrt((angular**2).mean())
-    seconds = np.zeros(n_sensors)
-    for _ in range(20):
-        modes = (squares * np.exp(2j * angular * seconds)).sum(1, keepdims=True)
-        turned = squares * np.conj(modes / np.abs(modes))
-        seconds = candidates[(turned.T @ np.exp(2j * angular * candidates)).real.argmax(1)]
-        seconds = seconds - np.median(seconds)
-    return seconds
-
 
 # Windows of the spectra. A peak stands out by so many times and has at least that share of the
 # power of the highest; it takes part where the first singular value is most of its power. One or

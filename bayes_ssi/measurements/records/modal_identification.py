@@ -11,7 +11,7 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.records.band_search import explain
-from bayes_ssi.measurements.records.clocks import delays
+from bayes_ssi.measurements.records.delays import delays
 from bayes_ssi.measurements.records.explained_band import Explained, resolution
 from bayes_ssi.measurements.records.identification_result import (
     ModalIdentification,
