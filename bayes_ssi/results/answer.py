@@ -63,9 +63,9 @@ def answer(result: StoredResult) -> Answer:
 
 
 def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
-    misfit, of_data = result.comparison.misfit, result.comparison.failed_data_checks
+    misfit = result.comparison.misfit
     accepted = result.record.failed_checks_accepted
-    yield from data_warnings(of_data, accepted)
+    yield from data_warnings(result.comparison.failed_data_checks, accepted)
     missing = result.comparison.unmodelled_appendage
     if missing:
         yield (
@@ -82,9 +82,7 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
             "may stand for what the baseline itself lacks.",
             beaten,
         )
-    failed = tuple(
-        each for each in result.comparison.failed_checks if each not in (misfit, missing, *of_data)
-    )
+    failed = result.comparison.failed_checks_of("sampling", "edge", "setting")
     if failed:
         several = len(failed) > 1
         yield (

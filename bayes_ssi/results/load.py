@@ -10,7 +10,7 @@ commands have ``figures``. ``digests.json`` holds the digests of all these files
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -142,8 +142,7 @@ def load_result(directory: str | Path) -> StoredResult:
         tests = {name: read_modal_csv(directory / file) for name, file in record.data.items()}
     except OSError as error:
         raise ValueError(f"{error.filename}: {error.strerror}") from error
-    # Results that were saved before these checks were heard have them in the files of their data.
-    comparison = replace(comparison, failed_data_checks=failed_data_checks(tests))
+    comparison = comparison.with_common("data", failed_data_checks(tests))
     result = StoredResult(directory, record, tests, posteriors, comparison)
     if joint_digest(tests) != record.data_digest:
         raise ValueError(f"{directory}: the identified modes are not those that were ranked")

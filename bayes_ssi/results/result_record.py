@@ -10,7 +10,7 @@ from bayes_ssi.inference.model_class.class_record import ClassRecord
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 
 # Increased whenever the format of a result's files changes.
-FORMAT = 17
+FORMAT = 18
 
 
 @dataclass(frozen=True)

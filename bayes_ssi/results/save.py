@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -166,12 +166,11 @@ def _without_draws(posterior: Posterior) -> dict[str, Any]:
 
 
 def _write_comparison_csv(path: Path, comparison: Comparison) -> None:
-    names = [item.name for item in fields(RankedClass)]
+    names = [item.name for item in fields(RankedClass) if item.name != "checks"]
+    of_checks = ("misfit", "failed_checks", "remarks")
     with path.open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
+        writer.writerow([*names, *of_checks])
         for row in comparison.classes:
-            cells = asdict(row)
-            for name in ("failed_checks", "remarks"):
-                cells[name] = "; ".join(cells[name])
-            writer.writerow([cells[name] for name in names])
+            checks = (row.misfit, "; ".join(row.failed_checks), "; ".join(row.remarks))
+            writer.writerow([*(getattr(row, name) for name in names), *checks])

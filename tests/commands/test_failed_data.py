@@ -9,7 +9,6 @@ from identified_records import identified
 from searches import by_count
 
 import bayes_ssi as bs
-from bayes_ssi.results.json_files import write_digests
 
 CHECK = "identified from tower.csv: chi-square of the spectra is 109 times their freedom"
 NOT_IDENTIFIED = (
@@ -106,14 +105,3 @@ def test_of_a_result_that_was_accepted_they_are_said(run, saved, command):
     done = run(command[0], saved(accept_failed_checks=True), *command[1:])
     assert done.exit_code == 0, done.output
     assert f"{WORDS} (accepted when the result was saved)" in flat(done.stdout)
-
-
-def test_of_a_result_that_was_saved_before_they_were_heard(run, saved):
-    result = saved()
-    comparison = result / "comparison.json"
-    stored = json.loads(comparison.read_text())
-    assert stored.pop("failed_data_checks") == [CHECK, NOT_IDENTIFIED]
-    comparison.write_text(json.dumps(stored))
-    write_digests(result)
-    assert bs.load_result(result).comparison.failed_checks == (CHECK, NOT_IDENTIFIED)
-    assert says_both(run("what-if", result, "--spurious", "2"))

@@ -204,7 +204,7 @@ def directory(rankings, tmp_path_factory):
 
 
 def test_failed_checks_of_the_data_are_those_of_the_test(rankings):
-    failed = replace(rankings["April"].comparison, failed_data_checks=("the methods differ",))
+    failed = rankings["April"].comparison.with_common("data", ["the methods differ"])
     tests = {**rankings, "April": replace(rankings["April"], comparison=failed)}
     _, singles = single_tests(tests)
     assert ["test 'April': the methods differ" in each.failed_checks for each in singles] == [

@@ -120,7 +120,7 @@ def test_modes_that_are_not_identified_are_said_and_phases_with_the_peaks(rankin
 
 
 def test_the_first_screen_says_what_failed_before_the_ranking(ranking, tmp_path):
-    """Also of results that were saved before it did: the files of their data have it."""
+    """The files of the data have it, whatever made the ranking."""
     stored = save_result(ranking(RECORD), tmp_path / "r")
     check = "identified from <tower>.csv: mode at 2.9 Hz: the methods differ"
     assert "the methods differ" not in ranking(RECORD).comparison.failed_checks

@@ -31,6 +31,7 @@ from bayes_ssi.report.template_filters import (
 from bayes_ssi.results.json_files import write_json
 from bayes_ssi.results.predictions.saved_predictions import PredictionsRecord
 from bayes_ssi.results.save import save_result
+from bayes_ssi.studies.ranking.comparison import Check
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow
 
 
@@ -217,7 +218,8 @@ def test_failed_checks_stand_at_the_top(make_posterior, tmp_path):
 def test_remarks_on_settings_are_no_failed_checks(make_posterior, tmp_path):
     ranking = two_classes(make_posterior)
     first, *others = ranking.comparison.classes
-    rows = (replace(first, remarks=("the band's end hardly matters",)), *others)
+    remark = Check("setting", "the band's end hardly matters", fails=False)
+    rows = (replace(first, checks=(remark,)), *others)
     comparison = replace(ranking.comparison, classes=rows)
     save_result(replace(ranking, comparison=comparison), tmp_path / "r")
     shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text

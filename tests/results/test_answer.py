@@ -13,6 +13,7 @@ from bayes_ssi.results.claims import parameters_in_words, why_it_loses
 from bayes_ssi.results.save import save_result
 from bayes_ssi.results.search_answer import search_sentences
 from bayes_ssi.results.wording import likelihood_in_words, quantity, with_error
+from bayes_ssi.studies.ranking.comparison import Check
 from bayes_ssi.studies.ranking.study import Ranking
 
 DATA = bs.ModalData((bs.IdentifiedMode("1", 1.0), bs.IdentifiedMode("2", 2.0)), (0.0, 3.0))
@@ -120,7 +121,7 @@ def test_a_best_class_that_does_not_explain_the_data_comes_first(stored):
     result = stored(("A", 0.0, 1.0, ""), ("B", -9.0, 1.0, ""), failed_checks=("they differ",))
     misfit = "the data are not explained: mode '2': 9 % off. Likely cause: wrong units"
     best, other = result.comparison.classes
-    best = replace(best, misfit=misfit, failed_checks=(misfit, *best.failed_checks))
+    best = replace(best, checks=(Check("misfit", misfit), *best.checks))
     comparison = replace(result.comparison, classes=(best, other))
     first, second = answer(replace(result, comparison=comparison)).warnings
     assert first == ("The most probable class does not explain the data.", (f"'A': {misfit}",))

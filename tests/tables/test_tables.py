@@ -22,6 +22,7 @@ from bayes_ssi.report.tables import (
     ranking_table,
     region_notes,
 )
+from bayes_ssi.studies.ranking.comparison import Check
 
 
 def lines(table, width=80):
@@ -57,7 +58,8 @@ def test_a_failed_check_marks_its_class(make_posterior):
 def test_a_remark_marks_no_class(make_posterior):
     comparison = bs.compare([make_posterior("a")])
     (row,) = comparison.classes
-    noted = replace(comparison, classes=(replace(row, remarks=("the band's end",)),))
+    remark = Check("setting", "the band's end", fails=False)
+    noted = replace(comparison, classes=(replace(row, checks=(remark,)),))
     assert not [line for line in lines(ranking_table(noted)) if "(!)" in line]
     assert comparison_notes(noted)[-2:] == [
         "What does not change the answer:",

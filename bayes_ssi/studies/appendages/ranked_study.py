@@ -41,5 +41,5 @@ def rank(
         missing = unmodelled_appendage(study, ranking, seed, run)
     if not missing:
         return ranking
-    comparison = replace(ranking.comparison, unmodelled_appendage=missing)
+    comparison = ranking.comparison.with_common("appendage", [missing])
     return replace(ranking, comparison=comparison)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from scipy.special import logsumexp
 
@@ -49,6 +49,27 @@ def is_distinguishable(log_bayes_factor: float, error: float) -> bool:
 
 
 @dataclass(frozen=True)
+class Check:
+    """A failed check of an answer, or a remark on it.
+
+    Attributes:
+        kind: what was checked: the "data", a missing "appendage", the "misfit" of the best class,
+            the "sampling" of a class, an "edge" at which its posterior lies, or a "setting".
+        words: a sentence.
+        fails: whether the answer is not to be trusted until this is understood; a remark if not.
+    """
+
+    kind: str
+    words: str
+    fails: bool = True
+
+
+def words_of(checks: Iterable[Check], *kinds: str) -> tuple[str, ...]:
+    """The words of the failed checks of some kinds; of all if none is named."""
+    return tuple(each.words for each in checks if each.fails and (each.kind in kinds or not kinds))
+
+
+@dataclass(frozen=True)
 class RankedClass:
     """One row of a ranking.
 
@@ -71,11 +92,9 @@ class RankedClass:
             None where that is not known.
         misfit_sds: the same as a distance from the mean of a normal variable, in standard
             deviations.
-        misfit: what of the data the best class does not explain, and likely causes, in words;
-            empty where it explains them, and for the other classes.
-        failed_checks: failed checks of the sampling, after this misfit.
-        remarks: settings that the posterior depends on, but hardly the ranking, and failed checks
-            of a class too improbable to change the answer, a sentence each.
+        checks: the misfit of the best class, failed checks of the sampling, and what its edges and
+            settings do to the ranking. Those of a class too improbable to change the answer, and
+            settings on which hardly the ranking depends, are remarks.
     """
 
     name: str
@@ -92,9 +111,25 @@ class RankedClass:
     n_parameters: int
     misfit_p_value: float | None
     misfit_sds: float | None
-    misfit: str
-    failed_checks: tuple[str, ...]
-    remarks: tuple[str, ...] = ()
+    checks: tuple[Check, ...] = ()
+
+    @property
+    def misfit(self) -> str:
+        """What of the data the best class does not explain, and likely causes; empty if nothing.
+
+        It is empty for the other classes.
+        """
+        return next(iter(words_of(self.checks, "misfit")), "")
+
+    @property
+    def failed_checks(self) -> tuple[str, ...]:
+        """The words of its failed checks."""
+        return words_of(self.checks)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """The words of its other checks."""
+        return tuple(each.words for each in self.checks if not each.fails)
 
     @property
     def probability_text(self) -> str:
@@ -121,16 +156,14 @@ class Comparison:
         classes: the rows.
         data_digest: identifies the data that all of them explain.
         scale: source of the words for Bayes factors.
-        failed_data_checks: failed checks of these data, such as of how the modes were identified.
-        unmodelled_appendage: why the answer may be that of an analyst who misses an appendage;
-            empty where nothing says so. It is a failed check.
+        common_checks: failed checks that concern all classes: of the data, such as of how the modes
+            were identified, and why an appendage may be missing from all of them.
     """
 
     classes: tuple[RankedClass, ...]
     data_digest: str
     scale: str = SCALE_NAME
-    failed_data_checks: tuple[str, ...] = ()
-    unmodelled_appendage: str = ""
+    common_checks: tuple[Check, ...] = ()
 
     @property
     def has_equal_priors(self) -> bool:
@@ -147,6 +180,16 @@ class Comparison:
         return tuple(row.name for row in self.classes[1:] if not row.distinguishable)
 
     @property
+    def failed_data_checks(self) -> tuple[str, ...]:
+        """Failed checks of the data."""
+        return words_of(self.common_checks, "data")
+
+    @property
+    def unmodelled_appendage(self) -> str:
+        """Why the answer may be that of an analyst who misses an appendage; empty if it is not."""
+        return next(iter(words_of(self.common_checks, "appendage")), "")
+
+    @property
     def misfit(self) -> str:
         """What of the data the best class does not explain, with its name; empty if nothing."""
         return f"{self.best.name!r}: {self.best.misfit}" if self.best.misfit else ""
@@ -157,11 +200,22 @@ class Comparison:
 
         The best's misfit is the first of these.
         """
-        return (
-            *self.failed_data_checks,
-            *([self.unmodelled_appendage] if self.unmodelled_appendage else []),
-            *(f"{row.name!r}: {check}" for row in self.classes for check in row.failed_checks),
-        )
+        of_classes = self.failed_checks_of("misfit", "sampling", "edge", "setting")
+        return (*words_of(self.common_checks), *of_classes)
+
+    def failed_checks_of(self, *kinds: str) -> tuple[str, ...]:
+        """The failed checks of some kinds, of every class with its name."""
+        each = ((row.name, words_of(row.checks, *kinds)) for row in self.classes)
+        return tuple(f"{name!r}: {words}" for name, of_class in each for words in of_class)
+
+    def with_common(self, kind: str, words: Iterable[str]) -> Comparison:
+        """This comparison with failed checks of one kind that concern all classes, and no others.
+
+        They replace those of the kind; checks of the data come first.
+        """
+        others = [each for each in self.common_checks if each.kind != kind]
+        new = [Check(kind, each) for each in words]
+        return replace(self, common_checks=tuple(new + others if kind == "data" else others + new))
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -224,11 +278,12 @@ def _row(
     best, fit = ranked[0], posterior.adequacy
     evidence, top = posterior.evidence, best.evidence
     misfit = _misfit_of_best(ranked) if posterior is best else ""
+    checks = [Check("misfit", misfit)] if misfit else []
     matters = can_matter(probability)
-    failed = (*([misfit] if misfit else []), *(posterior.failed_checks if matters else ()))
-    remarks = () if matters else tuple(map(_without_consequence, posterior.failed_checks))
+    for words in posterior.failed_checks:
+        checks.append(Check("sampling", words if matters else _without_consequence(words), matters))
     if probability >= PROBABLE:
-        failed = (*failed, *(edge.statement for edge in posterior.edges))
+        checks += [Check("edge", edge.statement) for edge in posterior.edges]
     difference = evidence.log_evidence - top.log_evidence
     error = 0.0 if posterior is best else math.hypot(evidence.error, top.error)
     distinguishable = posterior is not best and is_distinguishable(difference, error)
@@ -255,9 +310,7 @@ def _row(
         n_parameters=len(posterior.parameter_names),
         misfit_p_value=fit.overall.p_value if fit else None,
         misfit_sds=fit.overall.sds if fit else None,
-        misfit=misfit,
-        failed_checks=failed,
-        remarks=remarks,
+        checks=tuple(checks),
     )
 
 

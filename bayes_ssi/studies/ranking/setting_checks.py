@@ -20,6 +20,7 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.studies.ranking.comparison import (
     PROBABLE,
     SCALE,
+    Check,
     Comparison,
     RankedClass,
     class_probabilities,
@@ -78,31 +79,25 @@ def with_settings_checked(
         for subject, vary in (("missed", with_missed), ("spurious", with_spurious)):
             effect = study.effect(_of_identification(subject, vary), comparison.best)
             what = f"the classes differ in how many modes are missed or spurious; {effect.words}"
-            rows[0] = _with(rows[0], [what] if effect.fails else [], [what])
+            rows[0] = _with(rows[0], Check("setting", what, effect.fails))
     return replace(comparison, classes=tuple(rows))
 
 
 def _checked(row: RankedClass, study: _MovableStudy) -> RankedClass:
     """A class whose edges fail a check where the setting changes the answer."""
-    at_edges = study.posteriors[row.name].edges
-    statements = {edge.statement for edge in at_edges}
-    own = tuple(check for check in row.failed_checks if check not in statements)
-    row = replace(row, failed_checks=own)
+    row = replace(row, checks=tuple(check for check in row.checks if check.kind != "edge"))
     if row.probability < PROBABLE:
         return row
-    for edge in at_edges:
+    for edge in study.posteriors[row.name].edges:
         problem = study.hidden_beyond(edge, row.name)
         effect = problem or study.effect(_moves_of(edge, study.known[row.name]), row)
         words = f"{edge.statement}; {effect.words}"
-        row = _with(row, [words] if effect.fails else [], [words])
+        row = _with(row, Check("edge", words, effect.fails))
     return row
 
 
-def _with(row: RankedClass, failed: list[str], remarks: list[str]) -> RankedClass:
-    """The row with a failed check, or with a remark where it did not fail."""
-    if failed:
-        return replace(row, failed_checks=(*row.failed_checks, *failed))
-    return replace(row, remarks=(*row.remarks, *remarks))
+def _with(row: RankedClass, check: Check) -> RankedClass:
+    return replace(row, checks=(*row.checks, check))
 
 
 @dataclass(frozen=True)

@@ -204,7 +204,7 @@ def compare_and_diagnose(
         comparison = compare(posteriors, study.prior_weights)
     comparison = with_settings_checked(study.model_classes, posteriors, comparison)
     tests = {each.name: each.data for each in study.model_classes[0].configurations}
-    comparison = replace(comparison, failed_data_checks=failed_data_checks(tests))
+    comparison = comparison.with_common("data", failed_data_checks(tests))
     return Ranking(study, tuple(posteriors), comparison, seed, settings)
 
 
