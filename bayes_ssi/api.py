@@ -50,14 +50,13 @@ from bayes_ssi.structures.response.ground_motion_files import read_ground_motion
 from bayes_ssi.structures.response.output import Output
 from bayes_ssi.structures.rigid_floors import FloorBlock, FloorMass, floor_sensor
 from bayes_ssi.structures.sensors import Sensor
-from bayes_ssi.structures.shear_building import ShearBuilding
-from bayes_ssi.structures.shear_building_3d import ShearBuilding3D
+from bayes_ssi.structures.shear_buildings import ShearBuilding, ShearBuilding3D
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
 from bayes_ssi.structures.solver_files.model_files import read_model
 from bayes_ssi.structures.space_frame import SpaceFrame
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.candidate_files import read_candidates
+from bayes_ssi.studies.appendages.candidates import read_candidates
 from bayes_ssi.studies.appendages.hypotheses import SearchSettings
 from bayes_ssi.studies.appendages.ranked_study import rank
 from bayes_ssi.studies.ranking.changed_settings import ChangedSettings

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bayes_ssi.commands.study_argument import load, study_argument
+from bayes_ssi.commands.run_options import load, study_argument
 from bayes_ssi.commands.terminal import (
     console,
     exit_if_failed,
@@ -19,6 +19,7 @@ from bayes_ssi.commands.terminal import (
     say,
     say_warnings,
 )
+from bayes_ssi.foundations.choices import require_known
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -62,10 +63,8 @@ def calibrate(
     where, calibrations = console(), []
     candidates = load(study, only).model_classes
     names = [each.name for each in candidates]
-    if reference is not None and reference not in names:
-        raise ValueError(
-            f"--reference: no model class {reference!r}; choose from {', '.join(map(repr, names))}"
-        )
+    if reference is not None:
+        require_known("--reference: no model class", [reference], names)
     tests = [{each.name: each.data for each in one.configurations} for one in candidates]
     failed = list(dict.fromkeys(check for each in tests for check in failed_data_checks(each)))
     for candidate in candidates:

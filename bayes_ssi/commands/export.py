@@ -44,14 +44,14 @@ def export(
     """
     import numpy as np
 
-    from bayes_ssi.results.new_directory import new_directory, require_new
-    from bayes_ssi.results.predictions.nodal_mode_files import (
+    from bayes_ssi.results.predictions.nodal_modes import (
+        nodal_modes,
         node_numbers,
         write_modes_csv,
         write_universal_file,
     )
-    from bayes_ssi.results.predictions.nodal_modes import nodal_modes
     from bayes_ssi.results.predictions.stored_predictions import load_predictions
+    from bayes_ssi.results.result_files import new_directory, require_new
 
     directory = out or result / "updated"
     require_new(directory, marker=PARAMETERS, overwrite=overwrite)

@@ -76,7 +76,7 @@ def identify(
     )
     from bayes_ssi.measurements.records import modal_identification
     from bayes_ssi.report.tables.mode_tables import estimates_table
-    from bayes_ssi.results.new_directory import require_new_files
+    from bayes_ssi.results.result_files import require_new_files
     from bayes_ssi.results.wording import listed
 
     written = () if out is None else possible_modal_files(out)

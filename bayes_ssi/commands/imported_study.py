@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bayes_ssi.foundations.file_names import file_names
+from bayes_ssi.foundations.text_files import file_names
 
 if TYPE_CHECKING:
     from bayes_ssi.structures.solver_files.parameter_matrices import ParameterMatrices, Term
@@ -48,7 +48,7 @@ def write_imported_study(
     Returns:
         The path of the study and those of the data.
     """
-    from bayes_ssi.results.new_directory import new_directory
+    from bayes_ssi.results.result_files import new_directory
 
     study, folder = study_paths(name)
     data = data or {"": study.with_suffix(".csv")}

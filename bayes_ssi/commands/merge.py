@@ -33,7 +33,7 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     )
     from bayes_ssi.measurements.modes.modal_files import read_modal_data
     from bayes_ssi.report.tables.mode_tables import merged_table
-    from bayes_ssi.results.new_directory import require_new_files
+    from bayes_ssi.results.result_files import require_new_files
     from bayes_ssi.results.wording import listed
 
     require_new_files(*(() if out is None else possible_modal_files(out)))

@@ -21,9 +21,9 @@ from bayes_ssi.commands.terminal import (
 )
 
 if TYPE_CHECKING:
+    from bayes_ssi.results.predictions.prediction_files import PredictionsRecord
     from bayes_ssi.results.predictions.predictions import Predictions
     from bayes_ssi.results.predictions.response_bands import ResponseBands, ResponseRequest
-    from bayes_ssi.results.predictions.saved_predictions import PredictionsRecord
     from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
 
 
@@ -124,14 +124,12 @@ def predict(
     from bayes_ssi.foundations.codec import to_record
     from bayes_ssi.plots.prediction_figures import save_prediction_figures
     from bayes_ssi.results.answer import answer
-    from bayes_ssi.results.json_files import write_json
-    from bayes_ssi.results.new_directory import new_directory, require_new
     from bayes_ssi.results.predictions.posterior_draws import ARRAY_SIZE
-    from bayes_ssi.results.predictions.prediction_files import save_predictions
+    from bayes_ssi.results.predictions.prediction_files import MARKER, save_predictions
     from bayes_ssi.results.predictions.predictions import AVERAGE
     from bayes_ssi.results.predictions.response_bands import predict_responses
-    from bayes_ssi.results.predictions.saved_predictions import MARKER
     from bayes_ssi.results.predictions.stored_predictions import load_predictions
+    from bayes_ssi.results.result_files import new_directory, require_new, write_json
 
     predicted = load_predictions(result, study, draws, configuration)
     of_one = len(predicted.model_classes) == 1
@@ -218,8 +216,8 @@ def _composition(predictions: Predictions) -> str:
 def _record(
     predicted: StoredPredictions, names: list[str], request: ResponseRequest
 ) -> PredictionsRecord:
-    from bayes_ssi.foundations.versions import versions
-    from bayes_ssi.results.predictions.saved_predictions import MotionRecord, PredictionsRecord
+    from bayes_ssi.foundations.packages import versions
+    from bayes_ssi.results.predictions.prediction_files import MotionRecord, PredictionsRecord
 
     transfer = None if request.frequencies_hz is None else request.transfer_name
     damping = request.damping

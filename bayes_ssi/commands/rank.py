@@ -6,10 +6,9 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.run_options import run_options
+from bayes_ssi.commands.run_options import load, run_options, study_argument
 from bayes_ssi.commands.saved_run import RunOptions
 from bayes_ssi.commands.shown_result import notes_of, say_misfit
-from bayes_ssi.commands.study_argument import load, study_argument
 from bayes_ssi.commands.terminal import console, say
 
 

@@ -1,4 +1,4 @@
-"""The options of commands that sample."""
+"""What commands that sample have in common: the study, and options of sampling."""
 
 from __future__ import annotations
 
@@ -6,12 +6,30 @@ import functools
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from bayes_ssi.commands.saved_run import RunOptions
 from bayes_ssi.commands.terminal import json_option
+
+if TYPE_CHECKING:
+    from bayes_ssi.studies.ranking.study import Study
+
+
+study_argument = click.argument("study", type=click.Path(path_type=Path))
+
+
+def load(path: Path, only: str | None = None) -> Study:
+    """The study from a file, with all its model classes or only the listed ones."""
+    from bayes_ssi.studies.ranking.study_file import load_study
+
+    study = load_study(path)
+    if only is None:
+        return study
+    if only in study.names:  # a name may itself hold commas
+        return study.only([only])
+    return study.only([name.strip() for name in only.split(",") if name.strip()])
 
 
 def run_options(command: Callable[..., None]) -> Callable[..., None]:

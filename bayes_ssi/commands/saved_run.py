@@ -75,7 +75,7 @@ class RunOptions:
         """Where the result of a study goes; no other run may write there until the command ends."""
         from bayes_ssi.inference.workers.checkpoint import Checkpoint, name_of_run
         from bayes_ssi.results.load import MARKER
-        from bayes_ssi.results.new_directory import require_new, sibling
+        from bayes_ssi.results.result_files import require_new, sibling
 
         directory = RESULTS / name if self.out is None else self.out
         checkpoint = Checkpoint(
@@ -144,7 +144,7 @@ class RunOptions:
     ) -> StoredResult:
         """Save a ranking, further records by file name, and figures; remove the checkpoint."""
         from bayes_ssi.results.load import MARKER
-        from bayes_ssi.results.new_directory import require_new
+        from bayes_ssi.results.result_files import require_new
         from bayes_ssi.results.save import save_result
 
         # Another result may have appeared since the run began.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.study_argument import load, study_argument
+from bayes_ssi.commands.run_options import load, study_argument
 from bayes_ssi.commands.terminal import console, json_option, print_record, say
 
 
@@ -23,11 +23,11 @@ def sensitivities(study: Path, only: str | None, figures: Path | None) -> None:
     At the prior medians. A set of parameters to update is proposed: those of which the data say
     more than the prior does, beside one another.
     """
-    from bayes_ssi.foundations.file_names import file_names
+    from bayes_ssi.foundations.text_files import file_names
     from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
     from bayes_ssi.inference.calibration.modal_sensitivities import modal_sensitivities
     from bayes_ssi.report.tables.calibration_tables import sensitivities_table
-    from bayes_ssi.results.new_directory import require_new_files
+    from bayes_ssi.results.result_files import require_new_files
     from bayes_ssi.results.wording import listed
 
     if figures is not None:

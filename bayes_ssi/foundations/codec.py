@@ -16,6 +16,8 @@ from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hin
 
 import numpy as np
 
+from bayes_ssi.foundations.choices import require_known
+
 T = TypeVar("T")
 
 EXPECTED = {str: "text", bool: "true or false", int: "a whole number", float: "a number"}
@@ -127,11 +129,7 @@ def _subclass(base: type, record: Any, path: str) -> type:
     _require(isinstance(record, dict), "a record", record, path)
     tag = base.record_tag  # type: ignore[attr-defined]
     known = {kind.__name__: kind for kind in _subclasses(base)}
-    if record.get(tag) not in known:
-        raise ValueError(
-            f"{path or 'record'}: no {tag} {record.get(tag)!r}; choose from "
-            f"{', '.join(map(repr, known))}"
-        )
+    require_known(f"{path or 'record'}: no {tag}", [record.get(tag)], known)
     return known[record[tag]]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayes_ssi.foundations.arrays import FloatArray, Places, as_slice
-from bayes_ssi.foundations.file_names import require_printable
+from bayes_ssi.foundations.text_files import require_printable
 from bayes_ssi.parameters.prior import Prior
 
 # Largest prior probability of a value at or below zero in a field that must be positive: about one

@@ -2,17 +2,196 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from bayes_ssi.plots.figure_style import BLUE, GREY, SMALL, hover, name_rows, rows_of
-from bayes_ssi.plots.place_map import plot_place_map
-from bayes_ssi.plots.places_on_building import MOST_FLOORS, plot_places_on_building
+import numpy as np
+
+from bayes_ssi.plots.figure_style import (
+    BLUE,
+    GREY,
+    SMALL,
+    WIDTH,
+    axes_of,
+    colour_bar,
+    colour_scale,
+    hover,
+    legend_below,
+    legend_of_figure,
+    name_rows,
+    rows_of,
+)
+from bayes_ssi.plots.space_axes import (
+    MOST_VECTORS,
+    colour_bar_axes,
+    draw_structure,
+    space_axes,
+)
+from bayes_ssi.structures.geometry import Geometry, Point, direction_name
+from bayes_ssi.studies.appendages.places import AppendagePlace
 from bayes_ssi.studies.appendages.search_result import PlaceRecord, SearchRecord
 from bayes_ssi.studies.ranking.comparison import probability_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+# The length of an arrow, of the longest side of the structure.
+ARROW = 0.13
+# Less than this share of the highest probability cannot be told from zero by its colour: such
+# places are dots without directions.
+LEAST_SHARE = 0.01
+
+
+class _Located(NamedTuple):
+    """A place with coordinates, and the end of the arrow that shows its direction, if any."""
+
+    record: PlaceRecord
+    at: Point
+    end: Point | None
+
+
+def plot_place_map(
+    places: Sequence[PlaceRecord], geometry: Geometry | None = None, ax: Axes | None = None
+) -> Axes:
+    """Places in space, the probability of an appendage in colour, and directions as arrows.
+
+    Args:
+        ax: axes in three dimensions; those of a new figure if None.
+    """
+    located = _located(places, geometry)
+    best = located[-1].record
+    shown = [one for one in located if one.record.probability >= LEAST_SHARE * best.probability]
+    points = [
+        *(one.at for one in located),
+        *(one.end for one in shown if one.end is not None),
+        *(geometry.nodes.values() if geometry else ()),
+    ]
+    unit = geometry.unit if geometry else ""
+    title = f"Most probable: {best.place.name}, {probability_text(best.probability)}"
+    drawn = space_axes(np.array(points), unit, title, ax)
+    if geometry is not None:
+        draw_structure(drawn, geometry)
+    scale = colour_scale(best.probability)
+    dots = sorted({one.at for one in located} - {one.at for one in shown})
+    if dots:
+        drawn.scatter(*np.transpose(dots), s=4.0, color=[scale.to_rgba(0.0)], edgecolors=GREY,
+                      linewidths=0.4, depthshade=False, label="improbable place",
+                      rasterized=len(dots) > MOST_VECTORS)  # fmt: skip
+    for one in shown:
+        artist = _draw(drawn, one, scale.to_rgba(one.record.probability))
+        if len(shown) <= MOST_VECTORS:
+            text = probability_text(one.record.probability)
+            hover(artist, f"{one.record.place.name}: probability {text}")
+        else:
+            artist.set_rasterized(True)
+    colour_bar(drawn, scale, colour_bar_axes(drawn) if ax is None else None)
+    legend_of_figure(drawn.figure, [drawn])
+    return drawn
+
+
+def _located(places: Sequence[PlaceRecord], geometry: Geometry | None) -> list[_Located]:
+    """The places with coordinates, the most probable last, so that it is drawn above the others."""
+    known = [(each, each.place.coordinates) for each in places if each.place.coordinates]
+    if not known:
+        raise ValueError("a map needs places with coordinates")
+    nodes = geometry.nodes.values() if geometry else ()
+    length = ARROW * float(np.ptp([*(at for _, at in known), *nodes], axis=0).max() or 1.0)
+    located = []
+    for record, at in sorted(known, key=lambda pair: pair[0].probability):
+        direction = record.place.direction
+        x, y, z = np.add(at, np.multiply(length, direction or (0.0, 0.0, 0.0)))
+        located.append(_Located(record, at, (x, y, z) if direction else None))
+    return located
+
+
+def _draw(ax: Any, place: _Located, colour: Any) -> Any:
+    """An arrow along the direction, or the marker of the kind where it has none."""
+    if place.end is None:
+        kind = place.record.place
+        return ax.scatter(*place.at, s=36.0, marker=kind.marker, color=[colour],
+                          edgecolors="black", linewidths=0.4, depthshade=False,
+                          label=kind.title)  # fmt: skip
+    along = np.subtract(place.end, place.at)
+    return ax.quiver(*place.at, *along, color=[colour], linewidth=1.6, arrow_length_ratio=0.4,
+                     label="place and direction")  # fmt: skip
+
+
+# Inches of a floor: at most, and at least, where the probabilities of floors still keep apart.
+HIGHEST, LOWEST = 0.7, 0.2
+# Inches: of a building with more than a few floors; and for what is above and below it.
+BUILDING, AROUND = 4.0, 1.6
+# Taller figures would not fit a page.
+MOST_FLOORS = 40
+# Distance of columns of places, in half of which their probabilities are written.
+COLUMN = 1.1
+
+# A kind of appendage in one direction has a column of its own.
+Kind = tuple[type[AppendagePlace], Point | None]
+
+
+def plot_places_on_building(places: Sequence[PlaceRecord], ax: Axes | None = None) -> Axes:
+    """The building, and in colour the probability of an appendage at each place of a search.
+
+    Each kind of appendage has its own marker, next to its floor or in its storey, and the
+    probability is written next to it.
+
+    Args:
+        ax: axes; those of a new figure if None.
+    """
+    heights = [each.place.height or 0.0 for each in places]
+    n_floors = math.ceil(max(heights))
+    columns, width = _columns(each.place for each in places)
+    tall = n_floors * min(HIGHEST, max(LOWEST, BUILDING / n_floors))
+    ax = axes_of(ax, (max(WIDTH, 1.0 + 0.75 * len(columns)), AROUND + tall))
+    ax.plot([-0.5, width + 0.5], [0, 0], color="black", linewidth=2.0)
+    for side in (0.0, width):
+        ax.plot([side, side], [0, n_floors], color=GREY, linewidth=1.5)
+    for floor in range(1, n_floors + 1):
+        ax.plot([0.0, width], [floor, floor], color="black", linewidth=1.5)
+        ax.text(-0.15, floor, f"floor {floor}", ha="right", va="center", fontsize=SMALL)
+    scale = colour_scale(max(each.probability for each in places))
+    for each, y in zip(places, heights, strict=True):
+        place, text = each.place, probability_text(each.probability)
+        x = columns[_kind(place)]
+        if place.is_outside:
+            ax.plot([width, x], [y, y], color=GREY, linewidth=0.8, linestyle=":")
+        point = ax.scatter(
+            x, y, s=55.0, marker=place.marker, zorder=3, color=[scale.to_rgba(each.probability)],
+            edgecolors="black", linewidths=0.6,
+        )  # fmt: skip
+        hover(point, f"{place.name}: probability {text}")
+        # Above the line that joins a column further out to its floor.
+        box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+        ax.text(x + 0.17, y, text, va="center", fontsize=SMALL, bbox=box)
+    ax.set_xlim(-1.1, max(width, *columns.values()) + 0.7)
+    ax.set_ylim(-0.3, n_floors + 0.6)
+    ax.axis("off")
+    for (_, direction), x in columns.items():
+        if direction:
+            ax.text(x, n_floors + 0.35, direction_name(direction), ha="center", fontsize=SMALL)
+    for kind in dict.fromkeys(kind for kind, _ in columns):
+        ax.plot([], [], linestyle="none", marker=kind.marker, color="black",
+                markerfacecolor="none", label=kind.title)  # fmt: skip
+    legend_below(ax, 2)
+    colour_bar(ax, scale)
+    return ax
+
+
+def _kind(place: AppendagePlace) -> Kind:
+    return type(place), place.direction
+
+
+def _columns(places: Iterable[AppendagePlace]) -> tuple[dict[Kind, float], float]:
+    """Where each kind of appendage is drawn in the building or next to it, and the width of it."""
+    kinds = dict.fromkeys(_kind(place) for place in places)
+    inside = [kind for kind in kinds if not kind[0].is_outside]
+    outside = [kind for kind in kinds if kind[0].is_outside]
+    width = COLUMN * max(1, len(inside))
+    columns = {kind: COLUMN * (i + 0.15) for i, kind in enumerate(inside)}
+    columns |= {kind: width + COLUMN * (i + 0.5) for i, kind in enumerate(outside)}
+    return columns, width
 
 
 # Places with a bar of their own, as many as fit on the first screen of a report.

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_ssi.foundations.partial_imports import importing_without
+from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.packages import importing_without
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.plots.figure_style import BLUE, SMALL, figure_of, wrapped
 
@@ -38,12 +39,7 @@ def plot_corner(
         parameters: names of the parameters; all if None.
     """
     names = posterior.parameter_names if parameters is None else tuple(parameters)
-    unknown = [name for name in names if name not in posterior.parameter_names]
-    if unknown:
-        raise ValueError(
-            f"plot_corner: no parameter {unknown[0]!r}; choose from "
-            f"{', '.join(map(repr, posterior.parameter_names))}"
-        )
+    require_known("plot_corner: no parameter", names, posterior.parameter_names)
     values = posterior.values[:, [posterior.parameter_names.index(name) for name in names]]
     n = len(names)
     figure = figure_of(figure, (0.8 + 1.5 * n, 1.4 + 1.5 * n))

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+
 # Okabe and Ito's palette: its colours can be distinguished by colour-blind readers and, by their
 # lightness, in greyscale. Where colours repeat, markers and lines differ.
 COLOURS = BLUE, ORANGE, GREEN, VERMILION, GREY = (
@@ -220,3 +221,28 @@ def _labelled(axes: Iterable[Axes]) -> dict[str, Any]:
     labelled = {str(artist.get_label() or "_nolegend_"): artist for artist in drawn}
     own = ("_child", "_container", "_nolegend_")
     return {label: artist for label, artist in labelled.items() if not label.startswith(own)}
+
+
+# ColorBrewer's map from pale yellow to dark red: its lightness falls evenly, so that colour-blind
+# readers, and greyscale, keep the order.
+MAP = "YlOrRd"
+
+
+def colour_scale(highest: float) -> Any:
+    """Colours of probabilities from zero to the highest that is drawn, a ``ScalarMappable``."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    return ScalarMappable(Normalize(0.0, highest or 1.0), MAP)
+
+
+def colour_bar(ax: Axes, scale: Any, cax: Axes | None = None) -> None:
+    """A colour bar, below ``ax`` or in axes of its own."""
+    from matplotlib.ticker import MaxNLocator
+
+    room: Any = {"cax": cax, "orientation": "horizontal"}
+    if cax is None:
+        room = {"ax": ax, "location": "bottom", "shrink": 0.7, "aspect": 30, "pad": 0.02}
+    bar = ax.figure.colorbar(scale, ticks=MaxNLocator(4), **room)
+    bar.set_label("probability of an appendage", fontsize=SMALL)
+    bar.ax.tick_params(labelsize=SMALL)

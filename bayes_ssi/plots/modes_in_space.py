@@ -16,7 +16,7 @@ from bayes_ssi.plots.figure_style import (
     title_of,
     width_of_panels,
 )
-from bayes_ssi.plots.surfaces import Corners, draw_faces, outline
+from bayes_ssi.plots.space_axes import Corners, draw_faces, outline
 from bayes_ssi.results.predictions.nodal_modes import NodalModes
 
 if TYPE_CHECKING:

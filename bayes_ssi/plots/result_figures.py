@@ -105,17 +105,3 @@ def prepare() -> None:
     import matplotlib.figure  # noqa: F401
 
     import_corner()
-
-
-def save_figures(
-    directory: Path,
-    tests: Mapping[str, ModalData],
-    ranked: Sequence[Posterior],
-    comparison: Comparison,
-) -> list[Path]:
-    """Write the figures of a result as PNG files into ``directory``, which is created.
-
-    Arguments are as in :func:`result_figures`.
-    """
-    directory.mkdir()
-    return [figure(directory) for figure in result_figures(tests, ranked, comparison)]

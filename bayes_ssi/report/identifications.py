@@ -11,8 +11,7 @@ import numpy as np
 from bayes_ssi.measurements.modes.identification_record import EstimatedPeak, IdentificationRecord
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.record_plots import CAPTIONS
-from bayes_ssi.report.embedded_figure import EmbeddedFigure, embedded_file
-from bayes_ssi.report.limits import LIMITS
+from bayes_ssi.report.embedded_figure import LIMITS, EmbeddedFigure, embedded_file
 
 
 def identifications(

@@ -17,8 +17,8 @@ from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.modal_identification import SHORTEST
+from bayes_ssi.report.embedded_figure import LIMITS
 from bayes_ssi.report.identifications import identifications
-from bayes_ssi.report.limits import LIMITS
 from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.report.tables import (
     baseline_notes,
@@ -29,9 +29,8 @@ from bayes_ssi.report.tables import (
     unseen_note,
 )
 from bayes_ssi.results.answer import answer
-from bayes_ssi.results.load import StoredResult
-from bayes_ssi.results.predictions.saved_predictions import SavedPredictions
-from bayes_ssi.results.result_record import ResultRecord
+from bayes_ssi.results.load import ResultRecord, StoredResult
+from bayes_ssi.results.predictions.prediction_files import SavedPredictions
 from bayes_ssi.studies.ranking.averages import averaged_parameters
 from bayes_ssi.studies.ranking.comparison import RankedClass
 

@@ -24,15 +24,14 @@ from bayes_ssi.plots.corner_plot import plot_corner
 from bayes_ssi.plots.evidence_plot import plot_evidence
 from bayes_ssi.plots.figure_style import figures_for_files, whole_figure
 from bayes_ssi.plots.identified_modes import plot_identified_modes
+from bayes_ssi.plots.identified_shapes import plot_mode_shapes
 from bayes_ssi.plots.matrix_plots import plot_pairing
 from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.plots.result_figures import IDENTIFIED_SHAPES, MODES, MOST_CLASSES
 from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
-from bayes_ssi.plots.updated_shapes import plot_mode_shapes
-from bayes_ssi.report.embedded_figure import EmbeddedFigure, embedded_drawing, embedded_file
-from bayes_ssi.report.limits import LIMITS
+from bayes_ssi.report.embedded_figure import LIMITS, EmbeddedFigure, embedded_drawing, embedded_file
 from bayes_ssi.results.load import FIGURES, StoredResult
-from bayes_ssi.results.predictions.saved_predictions import SavedPredictions
+from bayes_ssi.results.predictions.prediction_files import SavedPredictions
 from bayes_ssi.structures.modal import SHAPE_SCALE
 
 if TYPE_CHECKING:

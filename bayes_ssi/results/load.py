@@ -18,21 +18,60 @@ from typing import Any, TypeVar
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.codec import from_record
+from bayes_ssi.inference.model_class.class_record import ClassRecord
 from bayes_ssi.inference.model_class.configuration import (
     choose_configuration,
     failed_data_checks,
     joint_digest,
 )
 from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.measurements.modes.modal_csv import read_modal_csv
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.draws import load_draws
-from bayes_ssi.results.json_files import check_digest, read_json, read_record
-from bayes_ssi.results.result_record import FORMAT, ResultRecord
+from bayes_ssi.results.result_files import check_digest, read_json, read_record
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.ranking.comparison import Comparison
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity
+
+# Increased whenever the format of a result's files changes.
+FORMAT = 18
+
+
+@dataclass(frozen=True)
+class ResultRecord:
+    """Everything in a result but its draws and its data.
+
+    Attributes:
+        study_file: the file that defines the study; empty where there is none.
+        prior_weights: model class → prior weight; None where all are equal.
+        command: the command that reproduces the result; empty where it was made from Python.
+    """
+
+    created: str
+    study: str
+    description: str
+    study_file: str
+    seed: int
+    settings: SamplingSettings
+    prior_weights: Mapping[str, float] | None
+    data_digest: str
+    versions: Mapping[str, str]
+    model_classes: tuple[ClassRecord, ...]
+    stands_for: Mapping[str, tuple[str, ...]]
+    posteriors: tuple[Mapping[str, Any], ...]
+    draws: Mapping[str, str]
+    data: Mapping[str, str]
+    failed_checks_accepted: bool
+    command: str
+    format: int = FORMAT
+
+    def model_class(self, name: str) -> ClassRecord:
+        """The record of the model class ``name``; KeyError if there is none."""
+        return {each.name: each for each in self.model_classes}[name]
+
 
 # The file that every result directory holds.
 MARKER = "result.json"
@@ -110,13 +149,9 @@ class StoredResult:
         Raises:
             ValueError: no class has that name.
         """
-        for posterior in self.posteriors:
-            if posterior.name == name:
-                return posterior
-        raise ValueError(
-            f"{self.directory}: no model class {name!r}; "
-            f"choose from {', '.join(repr(p.name) for p in self.posteriors)}"
-        )
+        by_name = {posterior.name: posterior for posterior in self.posteriors}
+        require_known(f"{self.directory}: no model class", [name], by_name)
+        return by_name[name]
 
 
 @checked

@@ -12,8 +12,8 @@ from typing import Any
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.codec import to_record
-from bayes_ssi.foundations.file_names import file_names
-from bayes_ssi.foundations.versions import versions
+from bayes_ssi.foundations.packages import versions
+from bayes_ssi.foundations.text_files import file_names
 from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -21,17 +21,16 @@ from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_csv import write_modal_data
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.draws import save_draws
-from bayes_ssi.results.json_files import write_digests, write_json
 from bayes_ssi.results.load import (
     COMPARISON,
     FIGURES,
     IN_THE_FILE_OF_DRAWS,
     MARKER,
+    ResultRecord,
     StoredResult,
     load_result,
 )
-from bayes_ssi.results.new_directory import new_directory
-from bayes_ssi.results.result_record import ResultRecord
+from bayes_ssi.results.result_files import new_directory, write_digests, write_json
 from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.studies.ranking.study import Ranking, Study
 

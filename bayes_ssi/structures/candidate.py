@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bayes_ssi.foundations.file_names import require_printable
+from bayes_ssi.foundations.text_files import require_printable
 from bayes_ssi.structures.geometry import Point, checked_point
 from bayes_ssi.structures.motion import Place, checked_place, place_name
 

@@ -9,9 +9,9 @@ from click.testing import CliRunner
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.studies.appendages import unmodelled_appendage as module
+from bayes_ssi.studies.appendages import ranked_study as module
 from bayes_ssi.studies.appendages.baselines import choose_baselines
-from bayes_ssi.studies.appendages.unmodelled_appendage import unmodelled_appendage
+from bayes_ssi.studies.appendages.ranked_study import unmodelled_appendage
 from bayes_ssi.studies.ranking.study_file import load_study
 
 MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"

@@ -11,7 +11,7 @@ import pytest
 from delegating import DelegatingStructure
 
 import bayes_ssi as bs
-from bayes_ssi.foundations.versions import versions
+from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.posterior.datum_terms import DatumTerms
 from bayes_ssi.inference.workers.batch import Evaluated
 from bayes_ssi.inference.workers.checkpoint import Checkpoint

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
-from bayes_ssi.inference.model_class.description import described
+from bayes_ssi.inference.model_class.class_record import described
 from bayes_ssi.structures.modal import mac
 
 MASSES, STIFFNESSES = (3.0, 2.0, 1.5), (900.0, 700.0, 400.0)

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.criticism.adequacy import PValue
-from bayes_ssi.results.hierarchy.covariate_files import read_covariate
+from bayes_ssi.results.hierarchy.populations import read_covariate
 from bayes_ssi.results.hierarchy.ranked_populations import failed_tests, unusual_tests
 from bayes_ssi.results.hierarchy.saved_hierarchy import MARKER
 from bayes_ssi.results.hierarchy.single_tests import single_tests
@@ -161,7 +161,7 @@ def test_what_is_refused(rankings):
         ("'b': no model class 'x'; Choose from 'frame', 'other'", {"b": two},
          {"class_name": "x"}),
         ("'a': which model class? Choose from", {"a": two, "b": april}, {}),
-        ("no parameter 'k3' of the structure; choose from 'k1', 'k2'", rankings,
+        ("the structure has no parameter 'k3'; choose from 'k1', 'k2'", rankings,
          {"parameters": ["k3"]}),
         ("no parameter is named", rankings, {"parameters": []}),
         ("no value of 'covariate' for test 'July'", rankings,

@@ -9,9 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from searches import place_record, places_in_space, places_of_building
 
 import bayes_ssi as bs
-from bayes_ssi.plots.appendage_places import MOST_BARS, plot_places
+from bayes_ssi.plots.appendage_places import MOST_BARS, plot_place_map, plot_places
 from bayes_ssi.plots.figure_style import figures_for_files
-from bayes_ssi.plots.place_map import plot_place_map
 from bayes_ssi.plots.space_axes import MOST_VECTORS
 
 GEOMETRY = bs.Geometry({"a": (0.0, 0.0, 0.0), "b": (9.0, 0.0, 4.0)}, (("a", "b"),), "m")

@@ -16,7 +16,7 @@ from bayes_ssi.plots.corner_plot import plot_corner
 from bayes_ssi.plots.evidence_plot import plot_evidence
 from bayes_ssi.plots.figure_style import figures_for_files, style
 from bayes_ssi.plots.model_frequencies import plot_frequencies
-from bayes_ssi.plots.result_figures import save_figures
+from bayes_ssi.plots.result_figures import result_figures
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 
@@ -156,22 +156,19 @@ def test_the_style_does_not_outlive_its_block():
 
 def test_figures_are_written_and_closed(tmp_path, data, posteriors):
     comparison = bs.compare(posteriors)
-    paths = save_figures(tmp_path / "figures", {"": data}, posteriors[::-1], comparison)
+    figures = result_figures({"": data}, posteriors[::-1], comparison)
+    paths = [figure(tmp_path) for figure in figures]
     assert sorted(path.name for path in paths) == ["corner.png", "evidence.png", "frequencies.png"]
     for path in paths:
         assert path.read_bytes()[: len(PNG)] == PNG
     assert plt.get_fignums() == []
 
 
-def test_figures_are_not_written_over_others(tmp_path, data, posteriors):
-    with pytest.raises(FileExistsError):
-        save_figures(tmp_path, {"": data}, posteriors, bs.compare(posteriors))
-
-
 @pytest.mark.parametrize("name", ["k_1 & k^2", "50 %", "cost $5 or $6", "[a]", "_hidden", "θ"])
 def test_names_are_drawn_literally(tmp_path, data, make_posterior, name):
     posteriors = [make_posterior(name, names=(name, "k2")), make_posterior("b", -2.0)]
-    save_figures(tmp_path / "figures", {"": data}, posteriors, bs.compare(posteriors))
+    for figure in result_figures({"": data}, posteriors, bs.compare(posteriors)):
+        figure(tmp_path)
     ax = plot_frequencies(data, posteriors)
     assert texts(ax.figure.legends[0]) == [name, "b", "called spurious"]
 

@@ -11,8 +11,7 @@ from bayes_ssi.plots import modes_in_space
 from bayes_ssi.plots.figure_style import figures_for_files
 from bayes_ssi.plots.modes_in_space import DrawnMode, plot_modes_in_space
 from bayes_ssi.plots.result_figures import figures_of_modes
-from bayes_ssi.plots.space_axes import draw_structure, space_axes
-from bayes_ssi.plots.surfaces import draw_faces, outline
+from bayes_ssi.plots.space_axes import draw_faces, draw_structure, outline, space_axes
 from bayes_ssi.results.predictions.nodal_modes import nodal_modes
 from bayes_ssi.structures.solver_files.input_decks import geometry_of_deck
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from bayes_ssi.inference.criticism.p_values import (
+from bayes_ssi.inference.criticism.misfit import (
     log_combined,
     log_harmonic_mean,
     log_joint,

@@ -7,7 +7,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.foundations.codec import from_record, to_record
-from bayes_ssi.inference.model_class.description import described
+from bayes_ssi.inference.model_class.class_record import described
 from bayes_ssi.inference.posterior.configuration_modes import (
     MOST_PLACES,
     UpdatedModes,

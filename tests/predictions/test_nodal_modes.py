@@ -10,8 +10,11 @@ from click.testing import CliRunner
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.results.predictions.nodal_mode_files import write_modes_csv, write_universal_file
-from bayes_ssi.results.predictions.nodal_modes import nodal_modes
+from bayes_ssi.results.predictions.nodal_modes import (
+    nodal_modes,
+    write_modes_csv,
+    write_universal_file,
+)
 
 NODES = {"1": (0.0, 0.0, 0.0), "2": (0.0, 0.0, 3.0), "7": (1.5, -2.0, 6.0)}
 GEOMETRY = bs.Geometry(NODES, (("1", "2"), ("2", "7")), unit="m")

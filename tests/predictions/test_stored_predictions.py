@@ -11,9 +11,9 @@ from searches import INFILL_01, PENDULUM_1
 
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import class_record
-from bayes_ssi.results.json_files import write_digests
 from bayes_ssi.results.predictions.posterior_draws import thinned_draws
 from bayes_ssi.results.predictions.stored_predictions import load_predictions
+from bayes_ssi.results.result_files import write_digests
 from bayes_ssi.results.save import save_result
 from bayes_ssi.structures.response.output import Output
 from bayes_ssi.studies.appendages.appendage_search import search

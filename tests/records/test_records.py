@@ -403,7 +403,7 @@ def test_a_wrong_file_of_arrays_is_explained(tmp_path):
     np.savez(path, first=SAMPLES, second=SAMPLES[:, :9], **STATED)
     with pytest.raises(ValueError, match="'first', 'second' differ in length"):
         bs.read_record(path)
-    with pytest.raises(ValueError, match="no array 'third' of samples; choose from 'first', 'sec"):
+    with pytest.raises(ValueError, match="no array of samples 'third'; choose from 'first', 'sec"):
         bs.read_record(path, keys=["third"])
     assert bs.read_record(path, keys=["first"], sensors=NAMES).sensors == NAMES
     np.savez(path, samples=SAMPLES, **STATED | {"rate_hz": [1.0, 2.0]})

@@ -17,7 +17,7 @@ from bayes_ssi.report import write_report
 from bayes_ssi.report.embedded_figure import embedded_file
 from bayes_ssi.report.page_content import _structure
 from bayes_ssi.report.report_figures import ReportFigures
-from bayes_ssi.report.template_filters import (
+from bayes_ssi.report.write import (
     error_percent,
     fixed,
     heading,
@@ -28,8 +28,8 @@ from bayes_ssi.report.template_filters import (
     prior,
     settings,
 )
-from bayes_ssi.results.json_files import write_json
-from bayes_ssi.results.predictions.saved_predictions import PredictionsRecord
+from bayes_ssi.results.predictions.prediction_files import PredictionsRecord
+from bayes_ssi.results.result_files import write_json
 from bayes_ssi.results.save import save_result
 from bayes_ssi.studies.ranking.comparison import Check
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.foundations.file_names import file_names
+from bayes_ssi.foundations.text_files import file_names
 from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
-from bayes_ssi.results.load import load_result
-from bayes_ssi.results.result_record import FORMAT
+from bayes_ssi.results.load import FORMAT, load_result
 from bayes_ssi.results.save import save_result
 from bayes_ssi.results.stored_what_if import recorded_class
 

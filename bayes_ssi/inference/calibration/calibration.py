@@ -24,6 +24,7 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.calibration.determination import Determination, determination
 from bayes_ssi.inference.calibration.fit import Fit, rms_distance
 from bayes_ssi.inference.calibration.least_squares import CalibrationProblem
@@ -183,11 +184,7 @@ def distances_from(
     Returns:
         The names of the parameters, and name of a class → its distance.
     """
-    if reference not in calibrations:
-        raise ValueError(
-            f"reference: no calibrated model class {reference!r}; choose from "
-            f"{', '.join(map(repr, calibrations))}"
-        )
+    require_known("reference: no calibrated model class", [reference], calibrations)
     known = [each for each in classes if each.name in calibrations]
     bare = [each for each in known if not any(c.structure.appendages for c in each.configurations)]
     medians: dict[str, float] = {}

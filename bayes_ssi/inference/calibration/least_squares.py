@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.calibration.fit import Fit, mode_fits, rms_distance
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.configuration import Configuration
@@ -64,12 +65,8 @@ class CalibrationProblem:
     def reference_values(self, reference: Mapping[str, float] | None) -> FloatArray:
         """Reference values (n,): those given, and prior medians for the others."""
         given = dict(reference or {})
-        unknown = [name for name in given if name not in self.names]
-        if unknown:
-            raise ValueError(
-                f"model class {self.model_class.name!r}: reference for unknown parameter "
-                f"{unknown[0]!r}; choose from {', '.join(map(repr, self.names))}"
-            )
+        what = f"model class {self.model_class.name!r}: reference for unknown parameter"
+        require_known(what, given, self.names)
         return np.array([given.get(p.name, p.prior.quantile(0.5)) for p in self.parameters])
 
     def normalised(self, values: Sequence[float]) -> dict[str, float]:

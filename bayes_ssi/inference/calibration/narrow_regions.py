@@ -29,8 +29,12 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.calibration.levenberg_marquardt import descend
-from bayes_ssi.inference.calibration.paired_residuals import NARROWING, WIDEST, PairedResiduals
-from bayes_ssi.inference.calibration.solved_modes import SolvedModes
+from bayes_ssi.inference.calibration.paired_residuals import (
+    NARROWING,
+    WIDEST,
+    PairedResiduals,
+    SolvedModes,
+)
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.target import SuggestedStarts, log_standard_normal

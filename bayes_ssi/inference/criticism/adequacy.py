@@ -32,12 +32,13 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.criticism.misfit import Misfit, misfit
-from bayes_ssi.inference.criticism.p_values import (
+from bayes_ssi.inference.criticism.misfit import (
+    Misfit,
     log_combined,
     log_harmonic_mean,
     log_joint,
     log_two_sided,
+    misfit,
     standard_deviations,
 )
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood

@@ -29,12 +29,11 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
-from bayes_ssi.inference.likelihood.joint_pairs import JointPairs, Residuals
+from bayes_ssi.inference.likelihood.joint_errors import JointPairs, Residuals
 from bayes_ssi.inference.likelihood.likelihood_terms import ComparedModes, ModalTerms, row_sums
-from bayes_ssi.inference.likelihood.pair_errors import PairErrors, prediction_sizes
+from bayes_ssi.inference.likelihood.pair_errors import PairErrors, UnpairedModes, prediction_sizes
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes, check_pairing
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser
-from bayes_ssi.inference.likelihood.unpaired_modes import UnpairedModes
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import Parameter, as_product, collect_parameters
 from bayes_ssi.structures.modal import Modes, seen_shapes

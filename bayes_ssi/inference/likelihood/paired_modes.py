@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, Places, as_slice
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.likelihood.likelihood_terms import row_sums
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -129,12 +130,8 @@ def check_pairing(pairing: Mapping[str, int], data: ModalData, n_modes: int) -> 
             f"'any', got {pairing!r}"
         )
     first: dict[int, str] = {}
+    require_known("pairing: no identified mode", pairing, data.labels)
     for label, number in pairing.items():
-        if label not in data.labels:
-            raise ValueError(
-                f"pairing: no identified mode {label!r}; choose from "
-                f"{', '.join(map(repr, data.labels))}"
-            )
         whole = isinstance(number, (int, np.integer)) and not isinstance(number, bool)
         if not whole or not 1 <= number <= n_modes:
             raise ValueError(

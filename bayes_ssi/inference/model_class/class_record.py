@@ -2,14 +2,107 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
 
 from bayes_ssi.inference.likelihood.error_model import ErrorModel
 from bayes_ssi.inference.model_class.configuration import Configuration
-from bayes_ssi.inference.model_class.description import described, in_words
 from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.parameters.parameters import Parameter, Product
 from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.structures.structure import Structure
+
+# Length of a few lines of a report; longer fields are cut.
+MOST_CHARACTERS = 300
+
+
+def described(structure: Structure) -> list[tuple[str, str]]:
+    """Names and texts: what a structure is, and its fields with their numbers and parameters.
+
+    The first line is the structure's name and the first paragraph of its docstring. A structure
+    that is not a dataclass is described by its own ``description`` and degrees of freedom.
+    """
+    first = (_words(type(structure).__name__), _first_paragraph(structure))
+    if not is_dataclass(structure):
+        own = {**structure.description(), "degrees of freedom": [*structure.degrees_of_freedom]}
+        return [first, *((name, _in_a_line(value)) for name, value in own.items())]
+    plain, items = [], []
+    for field in fields(structure):
+        name, value = field.name.replace("_", " "), getattr(structure, field.name)
+        if isinstance(value, (tuple, list)) and value and all(map(_has_fields, value)):
+            items += [(_words(type(item).__name__), _items(item)) for item in value]
+        elif _has_fields(value):
+            items.append((name, _in_a_line(value)))
+        elif text := _cut(in_words(value)):
+            plain.append((name, text))
+    return [first, *plain, *items]
+
+
+def _has_fields(value: Any) -> bool:
+    return is_dataclass(value) and not isinstance(value, (Parameter, Product))
+
+
+def _in_a_line(value: Any) -> str:
+    if _has_fields(value):
+        return f"{_words(type(value).__name__)}: {_items(value)}"
+    return _cut(in_words(value))
+
+
+def _items(item: Any) -> str:
+    """The fields of an element, its label first."""
+    values = {field.name: getattr(item, field.name) for field in fields(item)}
+    parts = [str(values.pop("label"))] if values.get("label") else []
+    parts += [
+        name.replace("_", " ")
+        + (" = " if isinstance(value, (float, Parameter, Product)) else " ")
+        + in_words(value)
+        for name, value in values.items()
+        if not (isinstance(value, (int, float)) and value == 1.0 and name.endswith("factor"))
+    ]
+    return _cut("; ".join(parts))
+
+
+def in_words(value: Any) -> str:
+    """A number, a parameter, a product of them, or a collection of these, for reports."""
+    if isinstance(value, Parameter):
+        return value.name
+    if isinstance(value, Product):
+        return repr(value).removeprefix("1 * ").replace(" * ", " · ")
+    if getattr(value, "shape", ()):  # dense or sparse
+        return f"{type(value).__name__} of {' by '.join(map(str, value.shape))}"
+    if callable(value):  # its text would contain an address in memory
+        return str(getattr(value, "__qualname__", type(value).__name__))
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return "; ".join(f"{key}: {in_words(item)}" for key, item in value.items())
+    if isinstance(value, (tuple, list)):
+        flat = not any(isinstance(item, (tuple, list)) for item in value)
+        inner = ", ".join(in_words(item) if flat else f"({in_words(item)})" for item in value)
+        same = len(value) > 3 and all(in_words(item) == in_words(value[0]) for item in value[1:])
+        return f"{len(value)} times {in_words(value[0])}" if same else inner
+    return "" if value is None else str(value)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= MOST_CHARACTERS else text[: MOST_CHARACTERS - 3] + "..."
+
+
+def _words(name: str) -> str:
+    """ShearBuilding3D → shear building 3D."""
+    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z][a-z]+|[a-z]+|[0-9A-Z]+", name)
+    return " ".join(part.lower() if part[1:].islower() else part for part in parts)
+
+
+def _first_paragraph(structure: Structure) -> str:
+    text = (inspect.getdoc(type(structure)) or "").strip().split("\n\n")[0]
+    # The docstring that a dataclass generates describes nothing.
+    own = "" if text.startswith(f"{type(structure).__name__}(") else text
+    without_roles = re.sub(r":\w+:`~?([^`]*)`", r"\1", own)
+    return " ".join(without_roles.replace("``", "").split())
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.file_names import require_printable
+from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.text_files import require_printable
 from bayes_ssi.inference.likelihood.correlated_errors import CorrelatedErrors
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
@@ -175,12 +176,8 @@ class ModelClass:
         return tuple(p for c in self.configurations for p in c.structure.parameters)
 
     def _check_priors(self) -> None:
+        require_known("priors: no parameter", self.priors, self.parameter_names)
         for name, prior in self.priors.items():
-            if name not in self.parameter_names:
-                raise ValueError(
-                    f"priors: no parameter {name!r}; choose from "
-                    f"{', '.join(map(repr, self.parameter_names))}"
-                )
             if not isinstance(prior, Prior):
                 raise TypeError(f"priors: that of {name!r} must be a prior, got {prior!r}")
 

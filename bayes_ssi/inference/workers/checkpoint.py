@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_ssi.foundations.codec import to_record
-from bayes_ssi.foundations.file_names import file_stem
-from bayes_ssi.foundations.versions import versions
+from bayes_ssi.foundations.packages import versions
+from bayes_ssi.foundations.text_files import file_stem
 from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.workers.journal import DamagedJournalError, Journal, OtherRunError

@@ -12,6 +12,7 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import require
 from bayes_ssi.foundations.arrays import FloatArray, steady_digest
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.measurements.modes.identification_record import IdentificationRecord
 from bayes_ssi.measurements.modes.identified_mode import (
     RESERVED_NAMES,
@@ -128,12 +129,9 @@ class ModalData:
         Raises:
             ValueError: there is no such mode.
         """
-        for mode in self.modes:
-            if mode.label == label:
-                return mode
-        raise ValueError(
-            f"no identified mode {label!r}; choose from {', '.join(map(repr, self.labels))}"
-        )
+        by_label = {mode.label: mode for mode in self.modes}
+        require_known("no identified mode", [label], by_label)
+        return by_label[label]
 
     def without_shapes(self) -> ModalData:
         """The same modes with their frequencies only."""

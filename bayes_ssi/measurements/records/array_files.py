@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.text_files import require_regular_file
 from bayes_ssi.measurements.records.channels import STATED, Channels, with_statements
 
@@ -35,11 +36,7 @@ def read_arrays(path: Path, keys: Sequence[str]) -> Channels:
     if not keys:
         held = ", ".join(f"{n!r} ({array.dtype}, {array.shape})" for n, array in arrays.items())
         raise ValueError(f"holds no rows or columns of real numbers; it holds {held or 'nothing'}")
-    for key in keys:
-        if key not in samples:
-            raise ValueError(
-                f"no array {key!r} of samples; choose from {', '.join(map(repr, samples))}"
-            )
+    require_known("no array of samples", keys, samples)
     blocks = [_in_rows(samples[key]) for key in keys]
     lengths = {block.shape[1] for block in blocks}
     if len(lengths) > 1:

@@ -16,8 +16,7 @@ from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.explained_band import Explained
 from bayes_ssi.measurements.records.modal_estimates import ModalEstimates
-from bayes_ssi.measurements.records.mode_candidates import Candidates
-from bayes_ssi.measurements.records.peaks import Peak
+from bayes_ssi.measurements.records.mode_candidates import Candidates, Peak
 from bayes_ssi.measurements.records.record import Record
 
 

@@ -22,8 +22,7 @@ from bayes_ssi.measurements.records.local_fit import DAMPING
 from bayes_ssi.measurements.records.local_model import Resonances
 from bayes_ssi.measurements.records.machine_lines import machine_lines, without_lines
 from bayes_ssi.measurements.records.modal_estimates import ModalEstimates, with_positive_largest
-from bayes_ssi.measurements.records.mode_candidates import Candidates, Prominence, candidates
-from bayes_ssi.measurements.records.peaks import Peak
+from bayes_ssi.measurements.records.mode_candidates import Candidates, Peak, Prominence, candidates
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.spectra import Spectra, Transforms, transforms_of
 from bayes_ssi.measurements.records.stationarity import EVERYTHING, stationary_part

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.measurements.modes.identified_mode import (
     RESERVED_NAMES,
     checked_band,
@@ -182,11 +183,7 @@ class Record:
             ValueError: a name is unknown or repeated, or there are fewer than two.
         """
         sensors = (sensors,) if isinstance(sensors, str) else tuple(sensors)
-        for name in sensors:
-            if name not in self.sensors:
-                raise ValueError(
-                    f"record: no sensor {name!r}; choose from {', '.join(map(repr, self.sensors))}"
-                )
+        require_known("record: no sensor", sensors, self.sensors)
         rows = [self.sensors.index(name) for name in sensors]
         places = tuple(self.places[row] for row in rows) if self.places else ()
         samples = _read_only(self.samples[rows])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.text_files import require_regular_file
 from bayes_ssi.foundations.universal_files import read_data_sets, response_direction
 from bayes_ssi.measurements.records.channels import Channels
@@ -67,9 +68,7 @@ def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
             f"cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
         ) from error
     groups = {group.name: group for group in file.groups()}
-    for key in keys:
-        if key not in groups:
-            raise ValueError(f"no group {key!r}; choose from {', '.join(map(repr, groups))}")
+    require_known("no group", keys, groups)
     chosen = [groups[key] for key in keys] or list(groups.values())
     channels = [channel for group in chosen for channel in group.channels() if len(channel)]
     if not channels:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.results.hierarchy.populations import Population
@@ -133,13 +134,9 @@ class Hierarchy:
         Raises:
             ValueError: there is none.
         """
-        for each in self.populations:
-            if each.name == name:
-                return each
-        raise ValueError(
-            f"hierarchy: no population {name!r}; choose from "
-            f"{', '.join(repr(each.name) for each in self.populations)}"
-        )
+        by_name = {each.name: each for each in self.populations}
+        require_known("hierarchy: no population", [name], by_name)
+        return by_name[name]
 
     def centres(self, ranked: RankedPopulation, covariate: float | None = None) -> FloatArray:
         """Draws (n_draws, k) of the population's median in the units of the parameters.

@@ -13,6 +13,7 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.criticism.adequacy import LIMIT, Adequacy
 from bayes_ssi.inference.criticism.misfit_in_words import (
     inadequacy_in_words,
@@ -154,12 +155,7 @@ def _population_names(
     of_structure = tuple(parameter.name for parameter in own if not parameter.is_error)
     if wanted is None:
         return of_structure
-    for name in wanted:
-        if name not in of_structure:
-            raise ValueError(
-                f"hierarchy: no parameter {name!r} of the structure; choose from "
-                f"{', '.join(map(repr, of_structure))}"
-            )
+    require_known("hierarchy: the structure has no parameter", wanted, of_structure)
     if not wanted:
         raise ValueError("hierarchy: no parameter is named; name one or more")
     return tuple(name for name in of_structure if name in wanted)

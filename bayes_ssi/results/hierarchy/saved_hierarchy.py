@@ -9,10 +9,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.versions import versions
+from bayes_ssi.foundations.packages import versions
 from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
-from bayes_ssi.results.json_files import read_json, read_record, write_json
-from bayes_ssi.results.new_directory import new_directory
+from bayes_ssi.results.result_files import new_directory, read_json, read_record, write_json
 
 # The file that every directory of this kind holds.
 MARKER = "hierarchy.json"

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -73,3 +77,97 @@ def _place(label: str) -> tuple[str, int] | None:
     if not node or node.startswith(f"{INTERNAL} ") or last not in DIRECTIONS:
         return None
     return node, DIRECTIONS.index(last)
+
+
+# A data set 82 holds up to 250 entries, of which a line takes two and a zero after it.
+LINES_IN_A_SET = 250 // 3
+# Codes of data set 55: structural model, normal modes, six components, displacements, real.
+STRUCTURAL, NORMAL_MODE, SIX_COMPONENTS, DISPLACEMENT, REAL = 1, 2, 3, 8, 2
+
+
+def write_modes_csv(path: Path, modes: NodalModes) -> None:
+    """A row for each node: its coordinates, and each mode in the directions in which any moves.
+
+    Columns are node, x_coord, y_coord, z_coord and, mode by mode, ``mode 1 x`` and so on; a row
+    of comment states the frequencies in Hz.
+    """
+    moving = np.flatnonzero(modes.displacements.any(axis=(0, 1)))
+    numbers = range(1, len(modes.frequencies_hz) + 1)
+    columns = [f"mode {mode} {DIRECTIONS[i]}" for mode in numbers for i in moving]
+    with path.open("x", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["# frequencies_hz", *map(repr, modes.frequencies_hz.tolist())])
+        rows.writerow(["node", "x_coord", "y_coord", "z_coord", *columns])
+        for i, node in enumerate(modes.nodes):
+            at = ["" if np.isnan(x) else repr(x) for x in modes.positions[i].tolist()]
+            shown = modes.displacements[:, i, moving].ravel().tolist()
+            rows.writerow([node, *at, *(f"{each:.9g}" for each in shown)])
+
+
+def node_numbers(modes: NodalModes) -> list[int]:
+    """Numbers of the nodes in a universal file: their own, or from 1 if some have none."""
+    if all(node.isdecimal() and int(node) > 0 for node in modes.nodes):
+        return [int(node) for node in modes.nodes]
+    return list(range(1, len(modes.nodes) + 1))
+
+
+def write_universal_file(path: Path, modes: NodalModes, title: str) -> None:
+    """Nodes (15), lines and sides of faces (82), where coordinates are known, and modes (55).
+
+    The formats are those of the Structural Dynamics Research Laboratory, University of Cincinnati,
+    "Universal File Formats for Modal Analysis Testing"; numbers have six digits.
+
+    Args:
+        modes: nodes that are not numbered are numbered from 1, in their order.
+    """
+    numbers = node_numbers(modes)
+    known = ~np.isnan(modes.positions).any(axis=1)
+    with path.open("x", encoding="ascii", errors="replace") as file:
+        if known.any():
+            file.write(_data_set(15, _node_lines(numbers, modes, known)))
+        number = dict(zip(modes.nodes, numbers, strict=True))
+        edges = modes.geometry.edges if modes.geometry is not None else ()
+        for start in range(0, len(edges), LINES_IN_A_SET):
+            lines = edges[start : start + LINES_IN_A_SET]
+            # Zero moves to the next node without drawing.
+            entries = [n for a, b in lines for n in (number[a], number[b], 0)][:-1]
+            file.write(_data_set(82, _trace_lines(start // LINES_IN_A_SET + 1, entries)))
+        for mode in range(len(modes.frequencies_hz)):
+            file.write(_data_set(55, _mode_lines(numbers, modes, mode, title)))
+
+
+def _data_set(kind: int, lines: Iterable[str]) -> str:
+    return "\n".join(["    -1", f"{kind:6d}", *lines, "    -1", ""])
+
+
+def _whole(*numbers: int) -> str:
+    return "".join(f"{each:10d}" for each in numbers)
+
+
+def _real(*numbers: float) -> str:
+    return "".join(f"{each:13.5E}" for each in numbers)
+
+
+def _node_lines(numbers: Sequence[int], modes: NodalModes, known: Any) -> Iterator[str]:
+    for i in np.flatnonzero(known).tolist():
+        yield _whole(numbers[i], 0, 0, 0) + _real(*modes.positions[i].tolist())
+
+
+def _trace_lines(trace: int, entries: Sequence[int]) -> Iterator[str]:
+    yield _whole(trace, len(entries), 1)
+    yield f"lines {trace}"
+    for i in range(0, len(entries), 8):
+        yield _whole(*entries[i : i + 8])
+
+
+def _mode_lines(numbers: Sequence[int], modes: NodalModes, mode: int, title: str) -> Iterator[str]:
+    frequency = float(modes.frequencies_hz[mode])
+    yield title[:80] or "NONE"
+    yield from ["NONE"] * 3
+    yield f"Mode {mode + 1}, {frequency:.6g} Hz"
+    yield _whole(STRUCTURAL, NORMAL_MODE, SIX_COMPONENTS, DISPLACEMENT, REAL, len(DIRECTIONS))
+    yield _whole(2, 4, 1, mode + 1)
+    yield _real(frequency, 0.0, 0.0, 0.0)  # modal mass and damping are not stated
+    for number, shape in zip(numbers, modes.displacements[mode].tolist(), strict=True):
+        yield _whole(number)
+        yield _real(*shape)

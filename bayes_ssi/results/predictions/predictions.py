@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.results.predictions.bands import Prediction
@@ -229,11 +230,8 @@ class Predictions:
                 (each, each.pairing[mode]) for each in self.classes if mode in each.pairing
             ]
             known = dict.fromkeys(label for each in self.classes for label in each.pairing)
-            if not explained:
-                raise ValueError(
-                    f"{self.name}: no model mode is paired with an identified mode {mode!r}; "
-                    f"choose from {', '.join(map(repr, known))}"
-                )
+            what = f"{self.name}: no model mode is paired with an identified mode"
+            require_known(what, [mode], known)
             return explained
         if len(self.classes) > 1:
             raise ValueError(

@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.finite_elements.affine_matrix import AffineMatrix
-from bayes_ssi.structures.finite_elements.pointwise_structure import PointwiseStructure
+from bayes_ssi.structures.finite_elements.elements_on_rows import Sensors, sensor_rows
+from bayes_ssi.structures.finite_elements.function_structure import PointwiseStructure
 from bayes_ssi.structures.finite_elements.reduced_structure import ReducedStructure
 from bayes_ssi.structures.finite_elements.reducible_structure import ReducibleStructure
-from bayes_ssi.structures.finite_elements.sensor_rows import Sensors, sensor_rows
 from bayes_ssi.structures.finite_elements.sparse_factors import count_below
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.modal import BATCHED_UP_TO, ModalModel, Modes, frequencies_hz, solve_modes

@@ -14,9 +14,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from bayes_ssi.structures.solver_files.directions import DIRECTIONS, label
+from bayes_ssi.structures.solver_files.element_faces import from_triangle
 from bayes_ssi.structures.solver_files.exported_model import Matrices
 from bayes_ssi.structures.solver_files.formats import Format, Source
-from bayes_ssi.structures.solver_files.triangles import from_triangle
 
 
 def _recognises(path: Path, head: bytes) -> bool:  # noqa: ARG001

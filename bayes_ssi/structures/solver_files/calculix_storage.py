@@ -17,11 +17,11 @@ import scipy.sparse as sp
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.solver_files.directions import INTERNAL, direction, label
+from bayes_ssi.structures.solver_files.element_faces import from_entries, rows_from_one
 from bayes_ssi.structures.solver_files.exported_model import Matrices
 from bayes_ssi.structures.solver_files.formats import Format, Source
 from bayes_ssi.structures.solver_files.input_decks import geometry_of_deck
 from bayes_ssi.structures.solver_files.number_lines import read_number_lines, require_whole_lines
-from bayes_ssi.structures.solver_files.triangles import from_entries, rows_from_one
 
 ENDINGS = (".sti", ".mas", ".dof")
 

@@ -18,9 +18,9 @@ import scipy.sparse as sp
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.solver_files.directions import label
+from bayes_ssi.structures.solver_files.element_faces import from_triangle
 from bayes_ssi.structures.solver_files.exported_model import Matrices
 from bayes_ssi.structures.solver_files.formats import Format, Source
-from bayes_ssi.structures.solver_files.triangles import from_triangle
 
 _TYPE = re.compile(rb"[RCP][SUHZR][AE]\s+\d+\s+\d+\s+\d+", re.IGNORECASE)
 # (3E26.18), (1P3D25.16), (8I10): numbers on a line, letter, and width of a number.

@@ -14,11 +14,11 @@ import scipy.sparse as sp
 
 from bayes_ssi.structures.finite_elements.matrix_files import matrix_keys, read_matrix
 from bayes_ssi.structures.solver_files.directions import label
+from bayes_ssi.structures.solver_files.element_faces import from_triangle
 from bayes_ssi.structures.solver_files.exported_model import Matrices
 from bayes_ssi.structures.solver_files.formats import Format, Source
 from bayes_ssi.structures.solver_files.named_pairs import chosen_pair
 from bayes_ssi.structures.solver_files.number_lines import require_whole_lines
-from bayes_ssi.structures.solver_files.triangles import from_triangle
 
 _LABEL = re.compile(r"(\S.*?)[\s.,;]+(\w+)")
 

@@ -19,11 +19,11 @@ import scipy.sparse as sp
 
 from bayes_ssi.structures.geometry import Geometry, Point
 from bayes_ssi.structures.solver_files.directions import DIRECTIONS, label
+from bayes_ssi.structures.solver_files.element_faces import from_triangle
 from bayes_ssi.structures.solver_files.exported_model import Matrices
 from bayes_ssi.structures.solver_files.formats import Format, Source
 from bayes_ssi.structures.solver_files.named_pairs import chosen_pair
 from bayes_ssi.structures.solver_files.number_lines import require_whole_lines
-from bayes_ssi.structures.solver_files.triangles import from_triangle
 
 SYMMETRIC = 6
 SQUARE = 1

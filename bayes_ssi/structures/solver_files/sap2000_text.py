@@ -21,10 +21,10 @@ from pathlib import Path
 import scipy.sparse as sp
 
 from bayes_ssi.structures.solver_files.directions import DIRECTIONS
+from bayes_ssi.structures.solver_files.element_faces import from_entries, rows_from_one
 from bayes_ssi.structures.solver_files.exported_model import Matrices
 from bayes_ssi.structures.solver_files.formats import Format, Source
 from bayes_ssi.structures.solver_files.number_lines import read_number_lines, require_whole_lines
-from bayes_ssi.structures.solver_files.triangles import from_entries, rows_from_one
 
 ENDINGS = (".txa", ".txe", ".txk", ".txm", ".txc")
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.criticism.adequacy import N_DRAWS, Adequacy, PValue, adequacy
 from bayes_ssi.inference.criticism.misfit_in_words import inadequacy_in_words
 from bayes_ssi.inference.model_class.configuration import choose_configuration
@@ -104,11 +105,7 @@ class ChangedSettings:
                 inferred in every class.
         """
         known = dict.fromkeys(name for each in model_classes for name in each.parameter_names)
-        for name in self.priors:
-            if name not in known:
-                raise ValueError(
-                    f"prior: no parameter {name!r}; choose from {', '.join(map(repr, known))}"
-                )
+        require_known("prior: no parameter", self.priors, known)
         for name in self._given(ERROR_SIZES):
             if not any(is_fixed(each, name) for each in model_classes):
                 size = getattr(model_classes[0].error, name)

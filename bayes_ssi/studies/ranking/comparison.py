@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.criticism.misfit_in_words import inadequacy_in_words, misfit_text
 from bayes_ssi.inference.posterior.posterior import Posterior
 
@@ -353,12 +354,7 @@ def checked_weights(
     """Name → prior weight of every model class, 1 for each where none are given."""
     if prior_weights is None:
         return dict.fromkeys(names, 1.0)
-    for name in prior_weights:
-        if name not in names:
-            raise ValueError(
-                f"prior weight for unknown model class {name!r}; "
-                f"choose from {', '.join(map(repr, names))}"
-            )
+    require_known("prior weight for unknown model class", prior_weights, names)
     for name in names:
         if not 0 < prior_weights.get(name, 0.0) < math.inf:
             raise ValueError(

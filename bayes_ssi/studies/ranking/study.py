@@ -10,7 +10,8 @@ from itertools import takewhile
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked, require
-from bayes_ssi.foundations.file_names import require_printable
+from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.text_files import require_printable
 from bayes_ssi.inference.criticism.adequacy import Hint
 from bayes_ssi.inference.model_class.configuration import failed_data_checks
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -84,12 +85,7 @@ class Study:
         Raises:
             ValueError: a name is not that of a class.
         """
-        unknown = [name for name in names if name not in self.names]
-        if unknown:
-            raise ValueError(
-                f"study {self.name!r}: no model class {unknown[0]!r}; "
-                f"choose from {', '.join(map(repr, self.names))}"
-            )
+        require_known(f"study {self.name!r}: no model class", names, self.names)
         weights = self.prior_weights
         return replace(
             self,

@@ -1,10 +1,26 @@
-"""Imports of packages without optional dependencies that take longer to import than they do."""
+"""Installed packages: their versions, and imports without parts that take long to import."""
 
 from __future__ import annotations
 
+import platform
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+PACKAGES = ("bayes_ssi", "numpy", "scipy", "emcee", "arviz")
+
+
+def versions() -> dict[str, str]:
+    """Name → version of Python, the platform and the packages that results depend on."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    installed = {"python": platform.python_version(), "platform": sys.platform}
+    for package in PACKAGES:
+        try:
+            installed[package] = version(package)
+        except PackageNotFoundError:  # run from a source tree that is not installed
+            installed[package] = "not installed"
+    return installed
 
 
 @contextmanager
