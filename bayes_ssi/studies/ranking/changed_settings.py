@@ -24,7 +24,8 @@ from bayes_ssi.measurements.modes.identified_mode import checked_band
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.studies.ranking.comparison import checked_weights, class_probabilities
-from bayes_ssi.studies.ranking.reweighting import ParameterSpread, Reweighted, reweighted
+from bayes_ssi.studies.ranking.reweighting import ParameterSpread, Reweighted
+from bayes_ssi.studies.ranking.variations import Variation, with_bands, with_priors
 
 ERROR_SIZES = ("frequency_cov", "shape_sd")
 IDENTIFICATION = ("detection_probability", "expected_spurious_modes")
@@ -76,22 +77,13 @@ class ChangedSettings:
         Raises:
             ValueError: a number is not usable, or a mode lies outside its new band.
         """
+        model_class = with_priors(self.priors, with_bands(self.bands_hz, model_class))
         changes: dict[str, Any] = {}
-        own = {p.name for p in model_class.parameters}
-        if priors := {name: prior for name, prior in self.priors.items() if name in own}:
-            changes["priors"] = {**model_class.priors, **priors}
         if sizes := {name: value for name, value in self._given(ERROR_SIZES).items()
                      if is_fixed(model_class, name)}:  # fmt: skip
             changes["error"] = replace(model_class.error, **sizes)
         if given := self._given(IDENTIFICATION):
             changes["identification"] = replace(model_class.identification, **given)
-        if self.bands_hz:
-            changes["configurations"] = tuple(
-                replace(test, data=replace(test.data, band_hz=self.bands_hz[test.name]))
-                if test.name in self.bands_hz
-                else test
-                for test in model_class.configurations
-            )
         return replace(model_class, **changes) if changes else model_class
 
     def _given(self, names: Sequence[str]) -> dict[str, float]:
@@ -207,31 +199,24 @@ def with_changed_settings(
     settings.check([known[name] for name in names])
     before = checked_weights(names, prior_weights)
     after = checked_weights(names, {**before, **settings.prior_weights})
-    changed = {name: settings.applied_to(known[name]) for name in names}
-    answers = {each.name: reweighted(each, known[each.name], changed[each.name])
-               for each in posteriors}  # fmt: skip
+    by_name = {posterior.name: posterior for posterior in posteriors}
+    answers = Variation("", settings.applied_to).reweighted(by_name, known)
     shares = class_probabilities({p.name: p.evidence.log_evidence for p in posteriors}, before)
     new_shares: Mapping[str, float | None] = dict.fromkeys(names)
     if not any(answer.problem for answer in answers.values()):
         log_evidences = {n: answer.log_evidence.log_evidence for n, answer in answers.items()}
         new_shares = class_probabilities(log_evidences, after)
-    rows = [
-        _changed_class(changed[name], answers[name], shares[name], new_shares[name])
-        for name in names
-    ]
+    rows = [_changed_class(answers[name], shares[name], new_shares[name]) for name in names]
     rows.sort(key=lambda row: -row.probability_before)
     return WhatIf(tuple(_phrases(settings, known, before)), tuple(rows))
 
 
 def _changed_class(
-    changed: ModelClass,
-    answer: Reweighted,
-    probability_before: float,
-    probability_after: float | None,
+    answer: Reweighted, probability_before: float, probability_after: float | None
 ) -> ChangedClass:
     evidence, fit = answer.posterior.evidence, answer.posterior.adequacy
     trusted = not answer.problem
-    fit_after = _adequacy(changed, answer) if trusted and fit else None
+    fit_after = _adequacy(answer) if trusted and fit else None
     if fit and fit_after:  # a mistake in the data is there whatever the settings
         fit_after = replace(fit_after, hints=fit.hints)
     after = answer.parameters if trusted else [None] * len(answer.before)
@@ -254,8 +239,9 @@ def _changed_class(
     )
 
 
-def _adequacy(changed: ModelClass, answer: Reweighted) -> Adequacy:
+def _adequacy(answer: Reweighted) -> Adequacy:
     """The adequacy of the changed class, from draws resampled by their weights."""
+    changed = answer.changed
     rng = np.random.default_rng(0)
     values = answer.values[systematic_indices(answer.weights, N_DRAWS, rng)]
     modes = [each.compared_modes(own) for _, each, own in changed.parts(values)]

@@ -51,6 +51,7 @@ class Reweighted:
     """A posterior under a changed model class.
 
     Attributes:
+        changed: that class.
         values: (m, n_parameters), its draws.
         weights: (m,), of the draws under the changed class; they add up to one.
         log_ratio: log evidence of the changed class less that of the class as sampled, in nats.
@@ -59,6 +60,7 @@ class Reweighted:
     """
 
     posterior: Posterior
+    changed: ModelClass
     values: FloatArray
     weights: FloatArray
     log_ratio: Estimate
@@ -103,7 +105,7 @@ def reweighted(posterior: Posterior, known: ModelClass, changed: ModelClass) -> 
         nothing = np.full(len(values), 1.0 / len(values))
         no_estimate = Estimate(top, math.inf)
         problem = "no draw is possible in the changed class"
-        return Reweighted(posterior, values, nothing, no_estimate, math.inf, problem)
+        return Reweighted(posterior, changed, values, nothing, no_estimate, math.inf, problem)
     ratios = np.exp(log_weights - top)
     mean, n = float(ratios.mean()), _n_independent(posterior, len(values))
     tail = pareto_tail(ratios)
@@ -114,7 +116,7 @@ def reweighted(posterior: Posterior, known: ModelClass, changed: ModelClass) -> 
     log_ratio = Estimate(top + math.log(mean), error)
     weights = ratios / ratios.sum()
     problem = _problem(known, changed, values, weights, k, n)
-    return Reweighted(posterior, values, weights, log_ratio, k, problem)
+    return Reweighted(posterior, changed, values, weights, log_ratio, k, problem)
 
 
 def spreads(

@@ -25,8 +25,14 @@ from bayes_ssi.studies.ranking.comparison import (
     RankedClass,
     class_probabilities,
 )
-from bayes_ssi.studies.ranking.reweighting import Reweighted, reaches_bound, reweighted
-from bayes_ssi.studies.ranking.variations import with_missed, with_spurious
+from bayes_ssi.studies.ranking.reweighting import Reweighted, reaches_bound
+from bayes_ssi.studies.ranking.variations import (
+    Variation,
+    with_bands,
+    with_missed,
+    with_spurious,
+    with_wider_priors,
+)
 
 # Nobody knows the end of a band to a few per cent: filters roll off and identification gets worse
 # over about this much of it.
@@ -42,14 +48,6 @@ PROBABILITY_MOVED, PARAMETER_MOVED = 0.1, 1.0
 LEVEL = math.exp(0.5 * SCALE[0][0])
 # Less probable classes than this, the least probability that is shown, are taken as unchanged.
 NEGLIGIBLE = 1e-4
-
-
-@dataclass(frozen=True)
-class MovedSetting:
-    """A setting that is moved."""
-
-    name: str
-    change: Callable[[ModelClass], ModelClass]
 
 
 @dataclass(frozen=True)
@@ -108,14 +106,11 @@ class _MovableStudy:
     posteriors: dict[str, Posterior]
     known: dict[str, ModelClass]
 
-    def effect(self, moves: Sequence[MovedSetting], row: RankedClass) -> Effect:
+    def effect(self, moves: Sequence[Variation], row: RankedClass) -> Effect:
         """What the moves do to the ranking, and to the parameters of the class of a row."""
         largest_change, largest_shift = 0.0, 0.0
         for move in moves:
-            answers = {
-                name: reweighted(self.posteriors[name], own, move.change(own))
-                for name, own in self.known.items()
-            }
+            answers = move.reweighted(self.posteriors, self.known)
             if problem := self._problem(answers):
                 return Effect(f"what {move.name} would change is not known: {problem}", True)
             after = self._probabilities(answers)
@@ -197,10 +192,10 @@ def _up(number: float) -> str:
     return f"{number + 0.005:.2f}"
 
 
-def _moves_of(edge: AtEdge, model_class: ModelClass) -> list[MovedSetting]:
+def _moves_of(edge: AtEdge, model_class: ModelClass) -> list[Variation]:
     if edge.parameter is not None:
         name = f"a prior of {edge.parameter!r} that is {FACTOR:g} times as wide"
-        return [MovedSetting(name, partial(_with_wider_prior, edge.parameter))]
+        return [Variation(name, partial(with_wider_priors, FACTOR, names={edge.parameter}))]
     test = model_class.configuration(edge.configuration)
     low, high = test.data.band_hz
     identified = test.data.frequencies_hz
@@ -213,29 +208,15 @@ def _moves_of(edge: AtEdge, model_class: ModelClass) -> list[MovedSetting]:
         name = f"the band ending at {band[edge.end]:.3g} Hz"
         if edge.end == 0:
             name = f"the band beginning at {band[0]:.3g} Hz"
-        moves.append(MovedSetting(name, partial(_with_band, test.name, band)))
+        moves.append(Variation(name, partial(with_bands, {test.name: band})))
     return moves
-
-
-def _with_wider_prior(parameter: str, candidate: ModelClass) -> ModelClass:
-    """The class with a wider prior of one parameter, if it has that parameter."""
-    wider = {p.name: p.prior.widened(FACTOR) for p in candidate.parameters if p.name == parameter}
-    return replace(candidate, priors={**candidate.priors, **wider}) if wider else candidate
-
-
-def _with_band(configuration: str, band: tuple[float, float], candidate: ModelClass) -> ModelClass:
-    tests = tuple(
-        replace(test, data=replace(test.data, band_hz=band)) if test.name == configuration else test
-        for test in candidate.configurations
-    )
-    return replace(candidate, configurations=tests)
 
 
 def _of_identification(
     subject: str, vary: Callable[[float, ModelClass], ModelClass]
-) -> list[MovedSetting]:
+) -> list[Variation]:
     return [
-        MovedSetting(f"{words} as many {subject} modes", partial(vary, factor))
+        Variation(f"{words} as many {subject} modes", partial(vary, factor))
         for words, factor in (("half", 1.0 / FACTOR), ("twice", FACTOR))
     ]
 
