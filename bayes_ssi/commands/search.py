@@ -39,13 +39,11 @@ from bayes_ssi.commands.terminal import console, say
     "given.",
 )
 @click.option(
-    "--mass-ratio",
+    "--mass",
     type=(float, float),
-    metavar="MEDIAN COV",
-    default=(0.05, 1.0),
-    show_default=True,
-    help="Lognormal prior of the mass that vibrates over the mean floor mass, or the median "
-    "modal mass where there are no floors.",
+    metavar="LIGHTEST HEAVIEST",
+    help="Range of the mass that vibrates, in the structure's unit, log-uniform. From 0.1 to 50 % "
+    "of the mean floor mass, or of the median modal mass where there are no floors, if not given.",
 )
 @click.option(
     "--frequency",
@@ -68,7 +66,7 @@ def search(
     baselines: tuple[str, ...],
     candidates_file: Path | None,
     present_in: tuple[str, ...],
-    mass_ratio: tuple[float, float],
+    mass: tuple[float, float] | None,
     frequency: tuple[float, float] | None,
     most: int,
     options: RunOptions,
@@ -80,7 +78,7 @@ def search(
     get approximate evidences; those on which the answer rests are sampled. Workers take whole
     hypotheses.
     """
-    from bayes_ssi.parameters.families import LogNormal, LogUniform
+    from bayes_ssi.parameters.families import LogUniform
     from bayes_ssi.results.load import SEARCH
     from bayes_ssi.studies.appendages.appendage_search import search as search_appendages
     from bayes_ssi.studies.appendages.baselines import choose_baselines
@@ -89,7 +87,7 @@ def search(
 
     loaded = load(study)
     search_settings = SearchSettings(
-        mass_ratio=LogNormal(*mass_ratio),
+        mass=mass,
         frequency=None if frequency is None else LogUniform(*frequency),
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
     )

@@ -5,12 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bayes_ssi.results.claims import MOST_LISTED
-from bayes_ssi.results.wording import likelihood_in_words, listed, probability_in_words, quantity
-from bayes_ssi.studies.appendages.search_result import CREDIBLE, HypothesisRecord, SearchRecord
+from bayes_ssi.results.wording import (
+    likelihood_in_words,
+    listed,
+    probability_in_words,
+    quantity,
+    shortened,
+)
+from bayes_ssi.studies.appendages.search_result import CREDIBLE, SearchRecord
 from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison
 
 # An answer rests on sampled evidences where all others together may have no more than this.
 LITTLE = 0.01
+ORDINALS = ("first", "second", "third", *(f"{n}th" for n in range(4, 21)))
 
 
 def hypothesis_in_words(search: SearchRecord, name: str) -> str:
@@ -45,7 +52,8 @@ def beaten_baselines(search: SearchRecord) -> tuple[str, ...]:
 
 def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[str]:
     """Where the appendages are, how heavy and at what frequency; the main structure with them."""
-    yield _appendages(search, search.most_probable_with_appendages)
+    yield _appendages(search)
+    yield from _determined(search)
     yield from _further(search)
     tried = [each for each in search.baselines if each.prior_probability > 0.0]
     if len(tried) > 1:
@@ -60,10 +68,10 @@ def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[s
         shown = [
             f"{hypothesis_in_words(search, name)} ({name!r}, probability "
             f"{probability_in_words(search.hypothesis(name).probability)})"
-            for name in alike[:MOST_LISTED]
+            for name in alike
         ]
-        shown += [f"{len(alike) - MOST_LISTED} others"] if len(alike) > MOST_LISTED else []
-        yield f"The data do not distinguish {comparison.best.name!r} from {listed(shown)}."
+        others = shortened(shown, MOST_LISTED)
+        yield f"The data do not distinguish {comparison.best.name!r} from {others}."
     rows_of_structure = search.averaged_parameters[:MOST_LISTED]
     if rows_of_structure:
         averaged = "; ".join(
@@ -81,16 +89,14 @@ def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[s
 def _further(search: SearchRecord) -> Iterator[str]:
     """Which places share the probability, in which tests they count, and what is approximate."""
     credible = search.credible_places
-    if len(credible) > 1:
+    if len(credible) > 1 and len(search.matched) < 2:
         shown = [
-            f"{each.place.name} ({probability_in_words(each.probability)})"
-            for each in credible[:MOST_LISTED]
+            f"{each.place.name} ({probability_in_words(each.probability)})" for each in credible
         ]
-        more = len(credible) - MOST_LISTED
         yield (
             f"{100 * CREDIBLE:g} % of the probability of an appendage, summed over all "
             f"{len(search.places)} places, rests on {len(credible)} of them: "
-            f"{listed([*shown, f'{more} others'] if more > 0 else shown)}."
+            f"{shortened(shown, MOST_LISTED)}."
         )
     if search.present_in is not None:
         tests = f"test{'s' if len(search.present_in) > 1 else ''}"
@@ -103,23 +109,54 @@ def _further(search: SearchRecord) -> Iterator[str]:
         )
 
 
-def _appendages(search: SearchRecord, hypothesis: HypothesisRecord) -> str:
-    """The appendages of a hypothesis, medians and 90 % intervals."""
-    items = []
+def _appendages(search: SearchRecord) -> str:
+    """The appendages, medians and 90 % intervals: of the most probable number if it is known."""
+    hypothesis = search.most_probable_with_appendages
     (scale,) = (
-        each.mass_scale.name
+        each.mass_scale
         for each in search.baselines
         if each.mass_scale and each.name == hypothesis.baseline
     )
-    for each in hypothesis.appendages:
-        low, middle, high = (100.0 * ratio for ratio in each.mass_ratio)
-        probability = probability_in_words(search.place_probabilities[each.place])
+    alone = [(each.place, each.mass, each.frequency_hz) for each in hypothesis.appendages]
+    matched = [(each.places[0].place, each.places[0].mass, each.frequency_hz)
+               for each in search.matched]  # fmt: skip
+    items = []
+    for place, mass, frequency in matched or alone:
+        low, middle, high = (100.0 * one / scale.mass for one in mass)
+        probability = probability_in_words(search.place_probabilities[place])
         items.append(
-            f"{each.place.description} (probability of one there: {probability}) with a vibrating "
-            f"mass of {quantity(*each.mass)}, which is {quantity(low, middle, high, '%')} of the "
-            f"{scale}, and a frequency of {quantity(*each.frequency_hz, unit='Hz')}"
+            f"{place.description} (probability of one there: {probability}) with a vibrating "
+            f"mass of {quantity(*mass)}, which is {quantity(low, middle, high, '%')} of the "
+            f"{scale.name}, and a frequency of {quantity(*frequency, unit='Hz')}"
         )
     subject = "They are" if len(items) > 1 else "It is"
     if search.probability_of_any < 0.5:
         subject = "If there are any, they are" if len(items) > 1 else "If there is one, it is"
     return f"{subject} most probably {'; and '.join(items)}: medians and 90 % intervals."
+
+
+def _determined(search: SearchRecord) -> Iterator[str]:
+    """What the data determine of every appendage: its effective mass, and the places they leave."""
+    several = len(search.matched) > 1
+    for ordinal, each in zip(ORDINALS, search.matched, strict=False):
+        whose = f"the {ordinal}" if several else "the appendage"
+        if each.effective_mass is not None and each.effective_ratio is not None:
+            low, middle, high = (100.0 * one for one in each.effective_ratio)
+            which = ", the vibrating mass times the squared motion of its place in that mode,"
+            yield (
+                f"The data determine the effective mass of {whose} in mode {each.mode} of the main "
+                f"structure{'' if ordinal != ORDINALS[0] else which} to be "
+                f"{quantity(*each.effective_mass)} where a sensor moves most, or "
+                f"{quantity(low, middle, high, '%')} of the modal mass."
+            )
+        left = {place.place.name: place.by_data for place in each.places_by_data}
+        against = [place.place.name for place in each.against_by_prior]
+        if several or against:
+            shown = [f"{name} ({probability_in_words(p)})" for name, p in left.items()]
+            yield (
+                f"Of {len(each.places)} places for {whose}, the data alone leave {len(left)}, with "
+                "a prior that is uniform in the logarithm of mass: "
+                f"{shortened(shown, MOST_LISTED)}."
+            )
+        if against:
+            yield f"Only the prior of the mass speaks against {shortened(against, MOST_LISTED)}."

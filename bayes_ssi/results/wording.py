@@ -69,6 +69,13 @@ def _rounded(value: float, width: float) -> str:
     return f"{value:.{max(2, decimals + 1 + math.floor(math.log10(abs(value))))}g}"
 
 
+def shortened(items: Sequence[str], most: int) -> str:
+    """The first of a list in a sentence, and how many others there are."""
+    n = len(items) - most
+    others = [] if n <= 0 else ["one other"] if n == 1 else [f"{n} others"]
+    return listed([*items[:most], *others])
+
+
 def listed(items: Iterable[object]) -> str:
     """A list in a sentence: a, b and c."""
     *first, last = map(str, items)

@@ -141,8 +141,10 @@ def over_error_sizes(fixed: bs.ModelClass, error: float, draws: int) -> tuple[fl
     return total + scale, float(np.sqrt(((shares * errors) ** 2).sum()))
 
 
-def searched(candidate: bs.ModelClass, economical: bool) -> tuple[float, int, bool]:
-    target = class_target(candidate, economical=economical)
+def searched(candidate: bs.ModelClass, from_residuals: bool) -> tuple[float, int, bool]:
+    target = class_target(candidate)
+    if not from_residuals:
+        target.suggest_starts = None
     result = search_maxima(target, 4, np.random.SeedSequence(0))
     found = result.maxima.laplace_estimate.log_evidence
     return found, target.n_evaluations, result.converged
@@ -168,8 +170,8 @@ def main() -> None:
             f"{sum(bool(p.failed_checks) for p in posteriors)} of {len(posteriors)}, evaluations "
             f"{np.mean([p.n_evaluations for p in posteriors]):.0f}"
         )
-        for label, economical in (("without", True), ("with", False)):
-            found, evaluations, agree = searched(candidate, economical)
+        for label, from_residuals in (("without", False), ("with", True)):
+            found, evaluations, agree = searched(candidate, from_residuals)
             print(
                 f"    searches {label} suggested starts: {found:.2f}, {evaluations} evaluations"
                 f"{'' if agree else ', they disagree'}",

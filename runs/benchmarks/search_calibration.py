@@ -3,8 +3,9 @@
     python runs/benchmarks/search_calibration.py [--sets 100] [--processes 2]
     python runs/benchmarks/search_calibration.py --on tower --sampled none [--off 0.03]
 
-Simulates ``--sets`` data sets of a structure with one appendage, whose place, mass and frequency
-are drawn from the search's own priors, and as many without: stiffnesses from their priors, modes
+Simulates ``--sets`` data sets of a structure with one appendage, whose place and frequency are
+drawn from the search's own priors and whose mass is 0.2 to 20 % of the mean floor mass, evenly in
+its logarithm, and as many without: stiffnesses from their priors, modes
 from the likelihood itself (errors of frequencies and shapes, missed and spurious modes). Each is
 searched over all hypotheses of at most one appendage. If everything is right, hypotheses with a
 stated probability p are true in a share p of the cases, and the true mass and frequency of an
@@ -43,6 +44,7 @@ from simulated import IdentificationErrors, print_bands, simulate
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior_sampling.required_accuracy import with_exact_structures
+from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.studies.appendages.appendage_search import screened_hypotheses
 from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.hypotheses import (
@@ -55,7 +57,8 @@ from bayes_ssi.studies.appendages.places import AppendagePlace, places_of
 from bayes_ssi.studies.ranking.study_file import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "bare_building.py"
-MASS_RATIO, MASS_COV = 0.05, 1.0
+# True masses over the mean floor mass, or the median modal mass; the search's prior is wider.
+LIGHTEST, HEAVIEST = 0.002, 0.2
 # Of the tower: the band has its first three modes, and the fourth is above.
 LEVELS, FACTOR_COV, N_MODES, BAND_HZ = 16, 0.1, 4, (0.0, 6.6)
 HEIGHTS, AXES = (20.0, 40.0, 60.0), "xy"
@@ -195,11 +198,11 @@ def drawn(task: Task, question: Question) -> Drawn:
     if task.with_appendage:
         places = (all_places[rng.integers(len(all_places))],)
     scale = scale_of(question.true_baseline)
-    settings = search_settings(question, 1.0, task.sampled)
+    settings = search_settings(question, bs.LogUniform(LIGHTEST, HEAVIEST), task.sampled)
     truth = hypothesis(question.true_baseline, places, settings, scale=scale)
     values, data, _ = simulate(with_exact_structures(truth), rng, question.stated)
     baseline = replace(question.baseline, data=data)
-    # The mass to which ratios refer follows from the data, and the prior of the mass must not.
+    # The mass to which ratios refer follows from the data, and the true mass must not.
     share = scale.mass / scale_of(baseline).mass
     appendage, detuning = np.empty(0), float("nan")
     if places:
@@ -207,7 +210,7 @@ def drawn(task: Task, question: Question) -> Drawn:
         bare = structure.modes(values[None, : len(structure.parameters)])
         appendage = values[columns_of(truth.parameter_names, places[0])] * (share, 1.0)
         detuning = float(np.abs(appendage[1] / bare.frequencies_hz[0] - 1.0).min())
-    settings = search_settings(question, share, task.sampled)
+    settings = search_settings(question, bs.SearchSettings().mass_ratio, task.sampled)
     return Drawn(truth.name, places, appendage, detuning, baseline, settings)
 
 
@@ -250,10 +253,10 @@ def screened(made: Drawn, question: Question, seed: int) -> Searched:
     return Searched(made.truth, probabilities, made.detuning, ranks=ranks)
 
 
-def search_settings(question: Question, share: float, sampled: str) -> bs.SearchSettings:
-    """What an appendage may be, with ``share`` of the usual mass ratio."""
+def search_settings(question: Question, masses: Prior, sampled: str) -> bs.SearchSettings:
+    """What an appendage may be, with a prior of its mass ratio."""
     return bs.SearchSettings(
-        mass_ratio=bs.LogNormal(MASS_RATIO * share, MASS_COV),
+        mass_ratio=masses,
         frequency=question.frequency,
         number_weights=(1.0, 1.0),
         most_unsampled=0.0 if sampled == "all" else question.most_unsampled,

@@ -11,7 +11,7 @@ from searches import INFILL_12, ONE, PENDULUM_1, screened
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.hypotheses import SearchSettings, hypothesis, scale_of
+from bayes_ssi.studies.appendages.hypotheses import SearchSettings, hypothesis
 from bayes_ssi.studies.appendages.sampling_choice import most_probability_unsampled, to_sample
 from bayes_ssi.studies.appendages.screening import FULL, QUICK, SCAN, ToScreen, screen, screen_all
 from bayes_ssi.studies.appendages.screening_in_steps import screen_best
@@ -148,10 +148,7 @@ def test_a_search_by_matrices_is_that_of_the_building(bare, found_in_case_c):
     candidates = [bs.Candidate(str(i), floor) for i, floor in enumerate(floors, 1)]
     ends = (0, *floors)
     candidates += [bs.Candidate(f"{i}-{i + 1}", ends[i], to=ends[i + 1]) for i in range(3)]
-    scale = scale_of(made).mass
-    settings = SearchSettings(
-        mass_ratio=bs.LogNormal(0.05 / scale, 1.0), number_weights=(1.0, 1.0), most_sampled=1
-    )
+    settings = SearchSettings(mass=(0.001, 0.5), number_weights=(1.0, 1.0), most_sampled=1)
     coarse = bs.SamplingSettings(log_evidence_error=0.2)
     record = search(made, settings, settings=coarse, candidates=candidates).record
     expected = {row.name: row for row in found_in_case_c.record.hypotheses}

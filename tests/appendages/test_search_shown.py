@@ -95,10 +95,12 @@ def test_hypotheses_with_several_appendages_have_a_table(of_a_tall_building):
 def test_the_places_that_no_row_shows_are_summed(of_a_tall_building):
     record = of_a_tall_building.record
     names, probabilities, *_ = ([*map(str, c.cells)] for c in place_table(record).columns)
-    assert len(names) == 9
-    assert names[-1] == f"{len(record.places) - 8} others"
-    rest = sorted(record.place_probabilities.values())[:-8]
-    assert probabilities[-1] == probability_text(sum(rest))
+    assert len(record.matched) == 2
+    assert len(names) == 18
+    for last, appendage in zip((8, 17), record.matched, strict=True):
+        rest = [place.probability for place in appendage.places[8:]]
+        assert names[last] == f"{len(rest)} others"
+        assert probabilities[last] == probability_text(sum(rest))
 
 
 def test_the_table_always_shows_no_appendage(of_a_tall_building):

@@ -160,7 +160,9 @@ def test_a_search_says_where_how_heavy_and_at_which_frequency(found_in_case_c, t
     low, middle, high = appendage.frequency_hz
     assert "It is most probably an infill between floors 1 and 2" in result.reasons[0]
     assert f"a frequency of {quantity(low, middle, high, 'Hz')}" in result.reasons[0]
-    assert "without appendages" in result.reasons[1]
+    effective, unit = record.matched[0].effective_mass, "where a sensor moves most"
+    assert f"{quantity(*effective)} {unit}" in result.reasons[1]
+    assert "without appendages" in result.reasons[2]
 
 
 def test_a_search_says_which_places_share_the_probability_and_in_which_tests(found_in_case_c):

@@ -73,20 +73,34 @@ def search_table(search: AppendageSearch) -> Table:
 
 
 def place_table(record: SearchRecord) -> Table:
-    """The most probable places, and the sum over the others: medians and 90 % intervals."""
+    """The most probable places, and the sum over the others: medians and 90 % intervals.
+
+    Of several appendages, one after the other, each over all hypotheses with as many.
+    """
+    several = len(record.matched) > 1
     table = new_table(
-        "Appendages by place, averaged over all hypotheses: medians and 90 % intervals",
+        "Appendages by place, averaged over all hypotheses"
+        f"{f' with {len(record.matched)}' if several else ''}: medians and 90 % intervals",
         ["place"],
         ["probability", "vibrating mass", "frequency (Hz)"],
     )
     places = record.places_by_probability
-    for each in places[:PLACES_SHOWN]:
-        mass, frequency = quantity(*each.appendage.mass), quantity(*each.appendage.frequency_hz)
-        add_row(table, each.place.name, probability_text(each.probability), mass, frequency)
-    others = places[PLACES_SHOWN:]
-    if others:
-        together = sum(each.probability for each in others)
-        add_row(table, f"{len(others)} others", probability_text(together), "", "")
+    groups = [
+        [(each.place, each.probability, each.appendage.mass, each.appendage.frequency_hz)
+         for each in places]
+    ]  # fmt: skip
+    if several:
+        groups = [
+            [(each.place, each.probability, each.mass, one.frequency_hz) for each in one.places]
+            for one in record.matched
+        ]
+    for group in groups:
+        for place, probability, mass, frequency in group[:PLACES_SHOWN]:
+            numbers = (probability_text(probability), quantity(*mass), quantity(*frequency))
+            add_row(table, place.name, *numbers)
+        if others := group[PLACES_SHOWN:]:
+            together = sum(probability for _, probability, *_ in others)
+            add_row(table, f"{len(others)} others", probability_text(together), "", "")
     return table
 
 

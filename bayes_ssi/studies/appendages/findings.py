@@ -5,21 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.studies.appendages.baselines import Baselines
 from bayes_ssi.studies.appendages.hypotheses import SearchSettings, frequency_name, mass_name
+from bayes_ssi.studies.appendages.matched_appendages import AppendageDraws, matched_appendages
 from bayes_ssi.studies.appendages.next_level import NextLevel
 from bayes_ssi.studies.appendages.places import AppendagePlace
 from bayes_ssi.studies.appendages.sampling_choice import most_probability_unsampled
 from bayes_ssi.studies.appendages.screening import Screened, ScreenedHypothesis
 from bayes_ssi.studies.appendages.search_result import (
-    AppendageSummary,
     AveragedAndNaive,
     BaselineRecord,
     HypothesisRecord,
@@ -28,31 +26,6 @@ from bayes_ssi.studies.appendages.search_result import (
 )
 from bayes_ssi.studies.ranking.averages import averaged_parameter
 from bayes_ssi.studies.ranking.study import Ranking
-
-
-class AppendageDraws(NamedTuple):
-    """Posterior draws of one appendage, (n,) each.
-
-    Attributes:
-        mass: vibrating mass, in the structure's unit.
-    """
-
-    mass_ratio: FloatArray
-    mass: FloatArray
-    frequency_hz: FloatArray
-    weights: FloatArray
-
-    def summary(self, place: AppendagePlace) -> AppendageSummary:
-        """The quantiles at 5, 50 and 95 %."""
-
-        def quantiles(values: FloatArray) -> tuple[float, float, float]:
-            low, middle, high = np.quantile(
-                values, [0.05, 0.5, 0.95], weights=self.weights, method="inverted_cdf"
-            )
-            return float(low), float(middle), float(high)
-
-        numbers = (self.mass, self.mass_ratio, self.frequency_hz)
-        return AppendageSummary(place, *map(quantiles, numbers))
 
 
 def appendage_draws(
@@ -148,6 +121,7 @@ def search_record(
         geometry=baselines.geometry,
         hypotheses=rows,
         averaged_parameters=tuple(_averaged(ranking, hypotheses)),
+        matched=matched_appendages(draws, rows, baselines, hypotheses, search_settings),
         n_not_tried=sum(level.n_not_tried for level in levels),
         expected_not_tried=float(expit(not_tried - tried)),
     )

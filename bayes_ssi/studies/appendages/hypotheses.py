@@ -11,7 +11,7 @@ import numpy as np
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.parameters.families import LogNormal, LogUniform
+from bayes_ssi.parameters.families import LogUniform
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.modal import seen_shapes
@@ -61,13 +61,16 @@ LEAST_IN_BAND = 0.01
 class SearchSettings:
     """What an appendage may be, and how many there may be.
 
-    The defaults suit buildings: parapets, chimneys, tanks and infills that move out of their
-    plane mostly weigh between 1 and 20 % of a floor, and may have any frequency in the band.
+    What modes determine is not a mass but its effective mass, the mass times the square of the
+    motion of its place in the mode beside which it vibrates. The default prior is uniform in the
+    logarithm of both, so that within its range it prefers no place to any other.
 
     Attributes:
         mass_ratio: prior of the vibrating mass over the mean floor mass, or the median modal
             mass where there are no floors
             (:func:`~bayes_ssi.studies.appendages.hypotheses.mass_scale`).
+        mass: instead of ``mass_ratio``, the lightest and the heaviest vibrating mass, in the
+            structure's unit; log-uniform between them.
         frequency: prior of the appendage's natural frequency in Hz; if None, log-uniform from
             half the lowest identified frequency to the band's upper limit.
         number_weights: prior weights of no appendage, of one, of two, ...; the weight of a
@@ -87,7 +90,8 @@ class SearchSettings:
         TypeError: a prior is not a prior distribution.
     """
 
-    mass_ratio: Prior = field(default_factory=lambda: LogNormal(0.05, 1.0))
+    mass_ratio: Prior = field(default_factory=lambda: LogUniform(0.001, 0.5))
+    mass: tuple[float, float] | None = None
     frequency: Prior | None = None
     number_weights: tuple[float, ...] = (1.0, 1.0, 0.2)
     branches: int = 2
@@ -103,6 +107,10 @@ class SearchSettings:
                 "SearchSettings: number_weights must be two or more positive numbers, got "
                 f"{self.number_weights!r}"
             )
+        if self.mass is not None:
+            lightest, heaviest = self.mass
+            LogUniform(lightest, heaviest)  # which refuses what is no range
+            object.__setattr__(self, "mass", (lightest, heaviest))
         if self.branches < 1:
             raise ValueError(f"SearchSettings: branches must be at least 1, got {self.branches!r}")
         if not 0.0 <= self.most_unsampled < 1.0:
@@ -118,6 +126,12 @@ class SearchSettings:
             prior = getattr(self, name)
             if not isinstance(prior, Prior) and not (name == "frequency" and prior is None):
                 raise TypeError(f"SearchSettings: {name} must be a prior, got {prior!r}")
+
+    def prior_of_mass_ratio(self, scale: float) -> Prior:
+        """The prior of the vibrating mass over ``scale``, a mass in the structure's unit."""
+        if self.mass is None:
+            return self.mass_ratio
+        return LogUniform(self.mass[0] / scale, self.mass[1] / scale)
 
 
 def hypothesis(
@@ -142,9 +156,10 @@ def hypothesis(
     if not places:
         return changed
     mass = (scale or scale_of(baseline, present_in)).mass
+    mass_prior = options.prior_of_mass_ratio(mass)
     elements = [
         place.element(
-            mass * Parameter(mass_name(place), options.mass_ratio),
+            mass * Parameter(mass_name(place), mass_prior),
             Parameter(frequency_name(place), prior, unit="Hz"),
         )
         for place in places

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import TypeVar
 
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.studies.appendages.hypotheses import MassScale, SearchSettings
@@ -13,8 +14,17 @@ from bayes_ssi.studies.ranking.averages import AveragedParameter
 from bayes_ssi.studies.ranking.comparison import VERY_STRONG
 from bayes_ssi.studies.ranking.study import Ranking
 
+T = TypeVar("T")
+
 # Share of the probability of appendages that the places together hold that are named.
 CREDIBLE = 0.95
+
+
+def credible(places: Sequence[T], probabilities: Sequence[float]) -> tuple[T, ...]:
+    """The fewest first places that hold 95 % of the probabilities, which fall."""
+    sums = list(accumulate(probabilities))
+    n = next((i for i, one in enumerate(sums, 1) if one >= CREDIBLE * sums[-1]), len(sums))
+    return tuple(places[:n])
 
 
 @dataclass(frozen=True)
@@ -65,6 +75,56 @@ class PlaceRecord:
     def place(self) -> AppendagePlace:
         """The place itself."""
         return self.appendage.place
+
+
+@dataclass(frozen=True)
+class PlaceOfAppendage:
+    """A place at which one of several appendages may be.
+
+    Attributes:
+        probability: that this appendage is there, if there are as many as are matched.
+        mass: the vibrating mass, if it is there: 5, 50 and 95 % quantiles, in the structure's unit.
+        by_data: the same probability if the prior of the mass were uniform in its logarithm, and so
+            in that of the effective mass, which prefers no place to any other.
+    """
+
+    place: AppendagePlace
+    probability: float
+    mass: tuple[float, float, float]
+    by_data: float
+
+
+@dataclass(frozen=True)
+class MatchedAppendage:
+    """One appendage over all hypotheses with equally many: 5, 50 and 95 % quantiles.
+
+    Attributes:
+        frequency_hz: natural frequency on a fixed structure.
+        effective_mass: vibrating mass times the square of the motion of its place in the mode of
+            the main structure next to its frequency, over the largest motion of a sensor, in the
+            structure's unit; None where motions are known at sensors alone.
+        effective_ratio: the same over the modal mass of that mode.
+        mode: number of that mode, from 1.
+        places: where it may be, the most probable first.
+    """
+
+    frequency_hz: tuple[float, float, float]
+    effective_mass: tuple[float, float, float] | None
+    effective_ratio: tuple[float, float, float] | None
+    mode: int
+    places: tuple[PlaceOfAppendage, ...]
+
+    @property
+    def places_by_data(self) -> tuple[PlaceOfAppendage, ...]:
+        """The fewest places that the data leave with 95 %, whatever the prior of the mass."""
+        ordered = sorted(self.places, key=lambda place: -place.by_data)
+        return credible(ordered, [place.by_data for place in ordered])
+
+    @property
+    def against_by_prior(self) -> tuple[PlaceOfAppendage, ...]:
+        """Places that the data leave, and only the prior of the mass makes improbable."""
+        left = credible(self.places, [place.probability for place in self.places])
+        return tuple(place for place in self.places_by_data if place not in left)
 
 
 @dataclass(frozen=True)
@@ -124,6 +184,8 @@ class SearchRecord:
         geometry: where the structure's nodes are, as far as it is known, for drawings.
         hypotheses: the most probable first.
         averaged_parameters: averaged parameters of the baselines.
+        matched: the appendages of the most probable number of them, matched by frequency over all
+            hypotheses with that number; none where all of these have probability zero.
         n_not_tried: the number of hypotheses with several appendages that were not tried though
             others with as many were.
         expected_not_tried: the probability that these would have together, if every appendage
@@ -140,6 +202,7 @@ class SearchRecord:
     geometry: Geometry | None
     hypotheses: tuple[HypothesisRecord, ...]
     averaged_parameters: tuple[AveragedAndNaive, ...]
+    matched: tuple[MatchedAppendage, ...] = ()
     n_not_tried: int = 0
     expected_not_tried: float = 0.0
 
@@ -157,9 +220,7 @@ class SearchRecord:
     def credible_places(self) -> tuple[PlaceRecord, ...]:
         """The fewest places with 95 % of the probability, summed over all; the first first."""
         ordered = self.places_by_probability
-        sums = list(accumulate(each.probability for each in ordered))
-        n = next((i for i, one in enumerate(sums, 1) if one >= CREDIBLE * sums[-1]), len(sums))
-        return ordered[:n]
+        return credible(ordered, [each.probability for each in ordered])
 
     @property
     def n_unsampled(self) -> int:

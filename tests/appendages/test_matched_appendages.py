@@ -1,0 +1,152 @@
+"""What the data determine of an appendage, whatever the prior of its mass."""
+
+import math
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.results.search_answer import search_sentences
+from bayes_ssi.studies.appendages.appendage_search import screened_hypotheses
+from bayes_ssi.studies.appendages.baselines import choose_baselines
+from bayes_ssi.studies.appendages.findings import _hypothesis_records, appendage_draws
+from bayes_ssi.studies.appendages.hypotheses import SearchSettings
+from bayes_ssi.studies.appendages.matched_appendages import (
+    AppendageDraws,
+    _by_frequency,
+    _matched,
+    matched_appendages,
+)
+
+FLOORS, MASS, FLOOR = 5, 0.01, 4
+SENSORS = tuple(f"floor {i}" for i in range(1, FLOORS + 1))
+
+
+def frame(factor):
+    stiffness = [1000.0 * factor for _ in range(FLOORS)]
+    return bs.ShearBuilding(masses=[1.0] * FLOORS, stiffnesses=stiffness)
+
+
+@pytest.fixture(scope="module")
+def main_structure():
+    """Frequencies in Hz and shapes at unit modal mass, by the closed form of a uniform chain."""
+    angles = (2.0 * np.arange(1, FLOORS + 1) - 1.0) * math.pi / (4.0 * FLOORS + 2.0)
+    frequencies = 2.0 * math.sqrt(1000.0) * np.sin(angles) / (2.0 * math.pi)
+    shapes = np.sin(2.0 * np.outer(np.arange(1, FLOORS + 1), angles))
+    return frequencies, shapes / np.sqrt((shapes**2).sum(axis=0))
+
+
+@pytest.fixture(scope="module")
+def baseline(main_structure):
+    """Data of a pendulum of a hundredth of a floor in resonance with the first mode."""
+    tuned = main_structure[0][0]
+    carrying = frame(1.0).with_element(bs.Pendulum(on=FLOOR, mass=MASS, frequency=tuned))
+    found = carrying.modes(np.empty((1, 0)))
+    rows = carrying.sensor_matrix(SENSORS).apply(found.shapes)[0]
+    modes = [
+        bs.IdentifiedMode(str(i + 1), f, rows[:, i])
+        for i, f in enumerate(found.frequencies_hz[0, :4])
+    ]
+    data = bs.ModalData(tuple(modes), (0.0, 9.0), SENSORS)
+    error = bs.ErrorModel(frequency_cov=0.003, shape_sd=0.02)
+    factor = bs.Parameter("factor", bs.LogNormal(1.0, 0.1))
+    return bs.ModelClass("frame", frame(factor), data, error, pairing="any")
+
+
+def matched(baseline, **settings):
+    options = SearchSettings(number_weights=(1.0, 1.0), **settings)
+    baselines = choose_baselines(bs.Study("frame", [baseline]))
+    pendulums = tuple(p for p in baselines.places["frame"] if p.word == "pendulum")
+    baselines.places["frame"] = pendulums
+    tried, _ = screened_hypotheses(baselines, options, 0, bs.Run())
+    scale = baselines.scales["frame"].mass
+    draws = {
+        each.model_class.name: {
+            place: appendage_draws(each, None, place, scale) for place in each.key.places
+        }
+        for each in tried.values()
+    }
+    rows = _hypothesis_records(list(tried.values()), {}, draws)
+    (found,) = matched_appendages(draws, rows, baselines, list(tried.values()), options)
+    return found
+
+
+@pytest.fixture(scope="module")
+def uniform(baseline):
+    return matched(baseline)
+
+
+@pytest.fixture(scope="module")
+def of_heavy_ones(baseline):
+    """With a prior under which a pendulum of a hundredth of a floor is far too light."""
+    return matched(baseline, mass_ratio=bs.LogNormal(0.05, 0.7))
+
+
+def test_the_effective_mass_is_that_of_the_motion_of_its_place(uniform, main_structure):
+    _, shapes = main_structure
+    ratio = MASS * shapes[FLOOR - 1, 0] ** 2
+    assert uniform.mode == 1
+    assert uniform.effective_ratio[0] < ratio < uniform.effective_ratio[2]
+    largest = np.abs(shapes[:, 0]).max()
+    assert uniform.effective_mass[1] == pytest.approx(
+        uniform.effective_ratio[1] / largest**2, rel=0.01
+    )
+
+
+def test_a_light_appendage_may_be_at_any_place_that_moves(uniform):
+    """Lighter where the structure moves more: no place is preferred, the true one is left."""
+    left = {place.place.candidate.place: place.by_data for place in uniform.places_by_data}
+    assert left.keys() == {1, 2, 3, 4, 5}
+    assert max(left.values()) < 0.5
+    masses = {place.place.candidate.place: place.mass[1] for place in uniform.places}
+    assert sorted(masses, key=masses.get) == [5, 4, 3, 2, 1]
+    assert not uniform.against_by_prior
+
+
+def test_the_data_say_the_same_under_any_prior_of_the_mass(uniform, of_heavy_ones):
+    """Under it a heavier one near the ground is the more probable, but not by the data."""
+    by_data = {place.place.name: place.by_data for place in uniform.places}
+    for place in of_heavy_ones.places:
+        assert place.by_data == pytest.approx(by_data[place.place.name], abs=0.12)
+    assert of_heavy_ones.places[0].place.candidate.place < FLOOR
+    probabilities = {p.place.candidate.place: p.probability for p in of_heavy_ones.places}
+    assert probabilities[1] > 3.0 * probabilities[5]
+
+
+def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
+    """Of one hypothesis, half of the draws have them the other way round."""
+    first, second = (place.place for place in of_heavy_ones.places[:2])
+    swapped = np.array([False, True, False, True])
+    low, high = np.array([1.0, 1.1, 1.2, 1.3]), np.array([4.0, 4.1, 4.2, 4.3])
+
+    def draws(hz, ratio):
+        return AppendageDraws(ratio, 10.0 * ratio, hz, np.full(4, 0.25))
+
+    of_first = draws(np.where(swapped, high, low), np.where(swapped, 0.2, 0.1))
+    of_second = draws(np.where(swapped, low, high), np.where(swapped, 0.1, 0.2))
+    row = type("Row", (), {"baseline": "b"})()
+    split = _by_frequency(row, {first: of_first, second: of_second}, 1.0, bs.LogUniform(0.01, 1.0))
+    lower, upper = (_matched([each], {"b": None}) for each in split)
+    assert lower.frequency_hz == (1.0, 1.1, 1.3)
+    assert upper.frequency_hz == (4.0, 4.1, 4.3)
+    for each in (lower, upper):
+        assert {p.place: p.probability for p in each.places} == {first: 0.5, second: 0.5}
+        assert [p.by_data for p in each.places] == pytest.approx([0.5, 0.5])
+        assert each.effective_mass is None
+    assert {p.mass for p in lower.places} == {(1.0, 1.0, 1.0)}
+    assert {p.mass for p in upper.places} == {(2.0, 2.0, 2.0)}
+
+
+def test_a_heaviest_mass_is_in_the_unit_of_the_structure():
+    prior = SearchSettings(mass=(0.5, 200.0)).prior_of_mass_ratio(1000.0)
+    assert prior == bs.LogUniform(0.0005, 0.2)
+    for mass in ((0.0, 1.0), (2.0, 1.0), (1.0, math.inf)):
+        with pytest.raises(ValueError, match="LogUniform"):
+            SearchSettings(mass=mass)
+
+
+def test_the_answer_states_the_effective_mass(found_in_case_c):
+    sentences = list(search_sentences(found_in_case_c.record, found_in_case_c.ranking.comparison))
+    (said,) = [one for one in sentences if "effective mass" in one]
+    assert said.startswith("The data determine the effective mass of the appendage in mode ")
+    assert said.endswith("of the modal mass.")
