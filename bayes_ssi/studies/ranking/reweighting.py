@@ -79,8 +79,7 @@ class Reweighted:
     @cached_property
     def before(self) -> tuple[ParameterSpread, ...]:
         """The parameters under the class as sampled, by the same draws."""
-        equal = np.full(len(self.values), 1.0 / len(self.values))
-        return spreads(self.posterior, self.values, equal)
+        return spreads_of(self.posterior, self.values)
 
     @cached_property
     def parameters(self) -> tuple[ParameterSpread, ...]:
@@ -117,6 +116,14 @@ def reweighted(posterior: Posterior, known: ModelClass, changed: ModelClass) -> 
     weights = ratios / ratios.sum()
     problem = _problem(known, changed, values, weights, k, n)
     return Reweighted(posterior, changed, values, weights, log_ratio, k, problem)
+
+
+def spreads_of(
+    posterior: Posterior, values: FloatArray | None = None
+) -> tuple[ParameterSpread, ...]:
+    """Every parameter of a posterior by draws (m, d) of it, all if None."""
+    draws = posterior.values if values is None else values
+    return spreads(posterior, draws, np.full(len(draws), 1.0 / len(draws)))
 
 
 def spreads(

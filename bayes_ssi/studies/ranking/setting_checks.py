@@ -2,8 +2,9 @@
 
 The end of the band, a prior at whose edge a posterior lies, and the probabilities of missed and
 spurious modes are the analyst's choice. Each is moved as far as one may be wrong about it, the
-draws of all classes are reweighted, and the ranking and the parameters are compared with those
-before. Only a setting that changes the answer fails a check; any other is worth a remark at most.
+draws of all classes are reweighted, those that do not cover the change sampled again, and the
+ranking and the parameters are compared with those before. Only a setting that changes the answer
+fails a check; any other is a remark at most.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from bayes_ssi.studies.ranking.comparison import (
     RankedClass,
     class_probabilities,
 )
-from bayes_ssi.studies.ranking.reweighting import Reweighted, reaches_bound
+from bayes_ssi.studies.ranking.reweighting import ParameterSpread, reaches_bound, spreads_of
 from bayes_ssi.studies.ranking.variations import (
     Variation,
     with_bands,
@@ -58,20 +59,34 @@ class Effect:
     fails: bool
 
 
+@dataclass(frozen=True)
+class _Moved:
+    """A class under a moved setting; ``log_ratio`` is that of its evidences, in nats."""
+
+    log_ratio: float
+    before: Sequence[ParameterSpread]
+    after: Sequence[ParameterSpread]
+    problem: str
+
+
 def with_settings_checked(
-    model_classes: Sequence[ModelClass], posteriors: Sequence[Posterior], comparison: Comparison
+    model_classes: Sequence[ModelClass],
+    posteriors: Sequence[Posterior],
+    comparison: Comparison,
+    sample: Callable[[ModelClass], Posterior],
 ) -> Comparison:
-    """The comparison, in which settings fail a check only where they change the answer."""
+    """The comparison, in which settings fail a check only where they change the answer.
+
+    Args:
+        sample: samples a class again where its draws do not cover a moved setting.
+    """
     by_name = {posterior.name: posterior for posterior in posteriors}
     if any(posterior.sensor_shapes is None for posterior in posteriors):
         return comparison
     relevant = [row for row in comparison.classes if row.probability >= NEGLIGIBLE]
-    known = {
-        each.name: known_at_draws(each, by_name[each.name])
-        for each in model_classes
-        if each.name in {row.name for row in relevant}
-    }
-    study = _MovableStudy(comparison, by_name, known)
+    classes = {each.name: each for each in model_classes}
+    known = {row.name: known_at_draws(classes[row.name], by_name[row.name]) for row in relevant}
+    study = _MovableStudy(comparison, by_name, known, classes, sample)
     rows = [_checked(row, study) for row in comparison.classes]
     if _rests_on_missed_and_spurious(comparison, by_name):
         for subject, vary in (("missed", with_missed), ("spurious", with_spurious)):
@@ -105,12 +120,14 @@ class _MovableStudy:
     comparison: Comparison
     posteriors: dict[str, Posterior]
     known: dict[str, ModelClass]
+    classes: dict[str, ModelClass]
+    sample: Callable[[ModelClass], Posterior]
 
     def effect(self, moves: Sequence[Variation], row: RankedClass) -> Effect:
         """What the moves do to the ranking, and to the parameters of the class of a row."""
         largest_change, largest_shift = 0.0, 0.0
         for move in moves:
-            answers = move.reweighted(self.posteriors, self.known)
+            answers = self._answers(move)
             if problem := self._problem(answers):
                 return Effect(f"what {move.name} would change is not known: {problem}", True)
             after = self._probabilities(answers)
@@ -152,17 +169,31 @@ class _MovableStudy:
             True,
         )
 
-    def _problem(self, answers: dict[str, Reweighted]) -> str:
+    def _answers(self, move: Variation) -> dict[str, _Moved]:
+        """The classes under a move, probable ones sampled again where draws do not cover it."""
+        probable = {row.name for row in self.comparison.classes if row.probability >= PROBABLE}
+        answers = {}
+        for name, one in move.reweighted(self.posteriors, self.known).items():
+            log_ratio, after, problem = one.log_ratio.log_evidence, one.parameters, one.problem
+            if problem and name in probable:
+                again = self.sample(move.change(self.classes[name]))
+                log_ratio = again.evidence.log_evidence - one.posterior.evidence.log_evidence
+                after = spreads_of(again)
+                problem = "; ".join(again.failed_checks)
+            answers[name] = _Moved(log_ratio, one.before, after, problem)
+        return answers
+
+    def _problem(self, answers: dict[str, _Moved]) -> str:
         for row in self.comparison.classes:
             if row.probability >= PROBABLE and answers[row.name].problem:
                 return f"{row.name!r}: {answers[row.name].problem}"
         return ""
 
-    def _probabilities(self, answers: dict[str, Reweighted]) -> dict[str, float]:
+    def _probabilities(self, answers: dict[str, _Moved]) -> dict[str, float]:
         """Probabilities after a move: odds change by the evidences' ratios."""
         rows = self.comparison.classes
         changes = {
-            row.name: answers[row.name].log_ratio.log_evidence
+            row.name: answers[row.name].log_ratio
             if row.name in answers and not answers[row.name].problem
             else 0.0
             for row in rows
@@ -173,7 +204,7 @@ class _MovableStudy:
         )
 
 
-def _largest_shift(answer: Reweighted, model_class: ModelClass) -> tuple[float, str]:
+def _largest_shift(answer: _Moved, model_class: ModelClass) -> tuple[float, str]:
     """The largest shift of a mean, in posterior standard deviations, and its parameter.
 
     Of parameters of the structure: sizes of errors are no answer.
@@ -181,7 +212,7 @@ def _largest_shift(answer: Reweighted, model_class: ModelClass) -> tuple[float, 
     of_structure = {parameter.name for parameter in model_class.structural_parameters}
     shifts = [
         (abs(new.mean - old.mean) / old.sd if old.sd > 0 else 0.0, old.name)
-        for old, new in zip(answer.before, answer.parameters, strict=True)
+        for old, new in zip(answer.before, answer.after, strict=True)
         if old.name in of_structure
     ]
     return max(shifts, default=(0.0, ""))

@@ -20,7 +20,7 @@ from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.studies.diagnosis.diagnosis import diagnose
-from bayes_ssi.studies.ranking.class_sampling import is_cheap
+from bayes_ssi.studies.ranking.class_sampling import is_cheap, sample_all
 from bayes_ssi.studies.ranking.comparison import Comparison, checked_weights, compare
 from bayes_ssi.studies.ranking.setting_checks import with_settings_checked
 
@@ -198,7 +198,11 @@ def compare_and_diagnose(
             for each in posteriors
         ]
         comparison = compare(posteriors, study.prior_weights)
-    comparison = with_settings_checked(study.model_classes, posteriors, comparison)
+
+    def sampled_again(changed: ModelClass) -> Posterior:
+        return sample_all([changed], seed, settings, Run(run.workers))[0]
+
+    comparison = with_settings_checked(study.model_classes, posteriors, comparison, sampled_again)
     tests = {each.name: each.data for each in study.model_classes[0].configurations}
     comparison = comparison.with_common("data", failed_data_checks(tests))
     return Ranking(study, tuple(posteriors), comparison, seed, settings)
