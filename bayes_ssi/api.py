@@ -53,6 +53,10 @@ from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.shear_buildings import ShearBuilding, ShearBuilding3D
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
 from bayes_ssi.structures.solver_files.model_files import read_model
+from bayes_ssi.structures.solver_files.parameter_matrices import (
+    AlteredModel,
+    parameter_matrices,
+)
 from bayes_ssi.structures.space_frame import SpaceFrame
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.appendage_search import search
@@ -66,6 +70,7 @@ from bayes_ssi.studies.ranking.study_file import load_study
 
 __all__ = [
     "AddedMass",
+    "AlteredModel",
     "Candidate",
     "ChangedSettings",
     "Configuration",
@@ -118,6 +123,7 @@ __all__ = [
     "merge_modal_data",
     "modal_data_from_pyoma2",
     "modal_sensitivities",
+    "parameter_matrices",
     "predict_frequencies",
     "rank",
     "read_candidates",

@@ -11,8 +11,9 @@ import click
 from bayes_ssi.commands.terminal import console, say
 
 if TYPE_CHECKING:
+    from bayes_ssi.structures.solver_files.exported_model import ExportedModel
     from bayes_ssi.structures.solver_files.parameter_matrices import (
-        Export,
+        AlteredModel,
         ParameterMatrices,
         Powers,
     )
@@ -20,15 +21,21 @@ if TYPE_CHECKING:
 
 @click.command("import")
 @click.argument("name", type=click.Path(path_type=Path))
-@click.option("--nominal", type=click.Path(path_type=Path), required=True, metavar="FILE",
-              help="Export with nominal properties, in any format of bs.read_model.")  # fmt: skip
-@click.option("--changed", multiple=True, metavar="PROPERTY=FACTOR:FILE",
+@click.option("--nominal", required=True, metavar="FILE[+MASS]",
+              help="Export with nominal properties, in any format of bs.read_model; where each "
+              "matrix has a file, that of the stiffness, + and that of the mass.")  # fmt: skip
+@click.option("--changed", multiple=True, metavar="PROPERTY=FACTOR:FILE[+MASS]",
               help="Export with one property altered, as in columns=1.1:frame_columns.TXK; "
               "repeatable, also with other factors of a property, and with two properties whose "
               "product matters, as in E=1.1,t=1.2:both.TXK.")  # fmt: skip
-@click.option("--check", "checks", multiple=True, metavar="PROPERTY=FACTOR,…:FILE",
+@click.option("--check", "checks", multiple=True, metavar="PROPERTY=FACTOR,…:FILE[+MASS]",
               help="Export with several properties altered, which must be predicted to 1e-8; "
               "repeatable.")  # fmt: skip
+@click.option("--keys", metavar="STIFFNESS,MASS",
+              help="Names of the two matrices in files that hold several.")  # fmt: skip
+@click.option("--labels", type=click.Path(path_type=Path), metavar="FILE",
+              help="Text file with a line such as '12 x' for every row, where the exports do not "
+              "state which degree of freedom it is.")  # fmt: skip
 @click.option("--data", "files", multiple=True, metavar="[TEST=]CSV",
               help="Identified modes; NAME.csv, to be written by you, if not given. Repeatable, "
               "with a name for each test, as in --data BC=bc.csv --data SC=sc.csv.")  # fmt: skip
@@ -56,9 +63,11 @@ if TYPE_CHECKING:
 )  # fmt: skip
 def import_model(
     name: Path,
-    nominal: Path,
+    nominal: str,
     changed: tuple[str, ...],
     checks: tuple[str, ...],
+    keys: str | None,
+    labels: Path | None,
     files: tuple[str, ...],
     sensors: tuple[str, ...],
     points: Path | None,
@@ -76,31 +85,40 @@ def import_model(
     from bayes_ssi.commands.imported_study import study_paths, write_imported_study
     from bayes_ssi.measurements.modes.modal_files import read_modal_data
     from bayes_ssi.structures.solver_files.model_files import read_model
-    from bayes_ssi.structures.solver_files.parameter_matrices import Export, parameter_matrices
+    from bayes_ssi.structures.solver_files.parameter_matrices import (
+        AlteredModel,
+        parameter_matrices,
+    )
 
     study_paths(name)  # refused before large files are read
     data = _data(files)
     tests = [read_modal_data(path, band_hz=band) for path in data.values()]
-    labels = dict(_sensor(text) for text in sensors)
+    of_sensors = dict(_sensor(text) for text in sensors)
     if not changed:
         raise ValueError("--changed: give at least one export with an altered property")
-    model = read_model(nominal, units=units, mass_kg=mass_kg)
-    measured = [name for modes in tests for name in modes.sensors] if tests else list(labels)
-    wanted = dict.fromkeys(labels.get(name, name) for name in measured)
+    names = None if keys is None else _keys(keys)
+
+    def exported(text: str, known_kg: float | None = None) -> ExportedModel:
+        path, mass = _model_files(text)
+        return read_model(path, mass, keys=names, labels=labels, units=units, mass_kg=known_kg)
+
+    model = exported(nominal, mass_kg)
+    measured = [name for modes in tests for name in modes.sensors] if tests else list(of_sensors)
+    wanted = dict.fromkeys(of_sensors.get(name, name) for name in measured)
     tied = [label for label in wanted if label in model.dependent]
     spring = float(model.stiffness.diagonal().mean())
     model = model.with_rows(tied, spring)
 
-    def read(text: str, option: str) -> Export:
-        factors, path = _factors_and_file(text, option)
-        return Export(path, factors, read_model(path, units=units).with_rows(tied, spring))
+    def read(text: str, option: str) -> AlteredModel:
+        factors, file = _factors_and_file(text, option)
+        return AlteredModel(file, factors, exported(file).with_rows(tied, spring))
 
     matrices = parameter_matrices(
         model,
         [read(text, "--changed") for text in changed],
         [read(text, "--check") for text in checks],
     )
-    placed = imported_sensors(model, tests, labels, points, points_scale)
+    placed = imported_sensors(model, tests, of_sensors, points, points_scale)
     study, modes_files = write_imported_study(name, matrices, data, band, placed.places, _command())
     to_come = "" if data else f" Put the modes into {modes_files[0]}."
     say(
@@ -117,6 +135,21 @@ def import_model(
         ),
         f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
     )
+
+
+def _keys(text: str) -> tuple[str, str]:
+    names = tuple(name.strip() for name in text.split(","))
+    if len(names) != 2 or not all(names):
+        raise ValueError(f"--keys: expected STIFFNESS,MASS, got {text!r}")
+    return names[0], names[1]
+
+
+def _model_files(text: str) -> tuple[Path, Path | None]:
+    """The file of the model or of its stiffness, and that of its mass if it is named."""
+    stiffness, plus, mass = text.partition("+")
+    if not plus or Path(text).exists():
+        return Path(text), None
+    return Path(stiffness), Path(mass)
 
 
 def _data(files: tuple[str, ...]) -> dict[str, Path]:

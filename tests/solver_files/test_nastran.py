@@ -84,8 +84,8 @@ def test_small_and_free_fields_and_scalar_points(tmp_path):
 @pytest.mark.parametrize(
     ("blocks", "message"),
     [
-        ([K], r"name its stiffness and mass, as in keys=.*; it holds 'KAAX'$"),
-        ([K, M, OTHER], r"name its stiffness and mass, as in keys=.*'MAAX', 'KGG', 'MGG'$"),
+        ([K], r"name its stiffness and mass, as in --keys .*; it holds 'KAAX'$"),
+        ([K, M, OTHER], r"name its stiffness and mass, as in --keys .*'MAAX', 'KGG', 'MGG'$"),
         ([COMPLEX, M], r"KAAX must be real \(type 1 or 2\), got 4"),
         ([RECTANGULAR, M], r"KAAX must be symmetric \(form 6\) or square \(1\), got 9"),
         ([K, K[1:3], M], r"KAAX: 1 entries are stated twice"),

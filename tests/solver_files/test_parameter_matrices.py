@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+import bayes_ssi as bs
 from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
-from bayes_ssi.structures.solver_files.parameter_matrices import Export, parameter_matrices
+from bayes_ssi.structures.solver_files.parameter_matrices import AlteredModel, parameter_matrices
 
 LABELS = [f"{node} x" for node in range(1, 9)]
 
@@ -40,7 +41,7 @@ def export(columns=1.0, thickness=1.0, labels=LABELS, digits=None, coupled=0.0):
     factors = {
         name: value for name, value in (("columns", columns), ("slab", thickness)) if value != 1.0
     }
-    return Export(f"{columns}-{thickness}.sti", factors, exported_model("test", matrices))
+    return AlteredModel(f"{columns}-{thickness}.sti", factors, exported_model("test", matrices))
 
 
 NOMINAL = export().model
@@ -95,7 +96,7 @@ def test_a_single_power():
     def powered(factor):
         stiffness = GROUND + factor**3 * BENDING
         model = exported_model("test", Matrices(stiffness, DENSITY, "K", "M", labels=LABELS))
-        return Export(f"{factor}", {"depth": factor}, model)
+        return AlteredModel(f"{factor}", {"depth": factor}, model)
 
     matrices = parameter_matrices(powered(1.0).model, [powered(1.1), powered(0.8)])
     assert formula(matrices.stiffness) == [(), (("depth", 3),)]
@@ -109,7 +110,7 @@ def shell(modulus=1.0, thickness=1.0, area=1.0):
     named = {"E": modulus, "t": thickness, "A": area}
     factors = {name: value for name, value in named.items() if value != 1.0}
     matrices = Matrices(stiffness, DENSITY, "K", "M", labels=LABELS)
-    return Export(f"{factors}", factors, exported_model("test", matrices))
+    return AlteredModel(f"{factors}", factors, exported_model("test", matrices))
 
 
 ALONE = [shell(1.1), shell(1.0, 1.2), shell(1.0, 0.8), shell(1.0, 1.4), shell(area=1.3)]
@@ -156,7 +157,7 @@ def test_the_error_of_a_product_that_is_left_out():
     def bar(modulus, area):
         factors = {n: f for n, f in (("E", modulus), ("A", area)) if f != 1.0}
         model = exported_model("test", Matrices(modulus * area * GROUND, DENSITY, "K", "M"))
-        return Export(f"{modulus}-{area}", factors, model)
+        return AlteredModel(f"{modulus}-{area}", factors, model)
 
     changed = [bar(1.1, 1.0), bar(1.0, 1.3)]
     with pytest.raises(ValueError, match=r"0.7-0.6: its stiffness is missed by 1\.2e-01 of"):
@@ -206,8 +207,16 @@ def test_rows_may_stand_in_another_order():
             [export(1.0, 1.1)],
             r"'slab' is not altered alone .* altered are 'columns'",
         ),
-        ([Export("f", {"columns": 1.1}, NOMINAL)], [], r"f: 'columns' changes neither stiffness"),
-        ([Export("f", {"columns": -1.0}, NOMINAL)], [], r"factor of 'columns' must be positive"),
+        (
+            [AlteredModel("f", {"columns": 1.1}, NOMINAL)],
+            [],
+            r"f: 'columns' changes neither stiffness",
+        ),
+        (
+            [AlteredModel("f", {"columns": -1.0}, NOMINAL)],
+            [],
+            r"factor of 'columns' must be positive",
+        ),
         (
             [export(1.1, labels=["a x", *LABELS[1:]])],
             [],
@@ -219,3 +228,20 @@ def test_what_is_refused(changed, checks, message):
     with pytest.raises(ValueError, match=message) as refused:
         parameter_matrices(NOMINAL, changed, checks)
     assert "\n" not in str(refused.value)
+
+
+def test_terms_become_a_structure_with_parameters():
+    """Frequencies of the altered model by its own export."""
+    found = parameter_matrices(NOMINAL, [export(1.1)])
+    columns = bs.Parameter("columns", bs.LogNormal(1.0, 0.2))
+    stiffness, mass = found.with_parameters({"columns": columns})
+    structure = bs.MatrixStructure(stiffness, mass, labels=NOMINAL.labels, n_modes=2)
+    other = export(1.3).model
+    expected = bs.MatrixStructure(other.stiffness, other.mass, labels=other.labels, n_modes=2)
+    np.testing.assert_allclose(
+        structure.modes(np.array([[1.3]])).frequencies_hz,
+        expected.modes(np.empty((1, 0))).frequencies_hz,
+        rtol=1e-9,
+    )
+    with pytest.raises(ValueError, match="none is given for property 'columns'; choose from 'E'"):
+        found.with_parameters({"E": columns})

@@ -6,7 +6,8 @@ matrices"; Keywords Guide, ``*MATRIX INPUT``). Each line has, separated by comma
 degree of freedom of a row, those of a column, and the entry (FORMAT=MATRIX INPUT, the default, or
 LABELS); of a symmetric matrix one triangle or both. Restrained degrees of freedom have 1e36 on the
 diagonal of the stiffness. Nodes numbered 0 or less are Abaqus's own (multipliers of constraints).
-FORMAT=COORDINATE (row, column, entry) does not say which row is which degree of freedom.
+FORMAT=COORDINATE (row, column, entry, separated by blanks) does not say which row is which degree
+of freedom.
 
 A substructure's file has, after ``*USER ELEMENT``, its nodes in comments and their degrees of
 freedom in data lines, and after ``*MATRIX, TYPE=STIFFNESS`` or ``MASS`` the entries of the lower
@@ -136,7 +137,13 @@ def _recognises(path: Path, head: bytes) -> bool:
         return False
     lines = [line for line in head.decode("ascii", "replace").splitlines() if line.strip()]
     data = next((line for line in lines if not line.startswith("*")), "")
-    return is_substructure(head) or data.count(",") in (2, 4)
+    return is_substructure(head) or data.count(",") == 4 or _is_coordinate(data)
+
+
+def _is_coordinate(line: str) -> bool:
+    """Whether a line has a row, a column and an entry."""
+    fields = line.replace(",", " ").split()
+    return len(fields) == 3 and fields[0].isdigit() and fields[1].isdigit()
 
 
 def _read(source: Source) -> Matrices:
@@ -152,15 +159,13 @@ def _read(source: Source) -> Matrices:
             f"{path}: name the file of the stiffness, job_STIFn.mtx, in whose folder job_MASSn.mtx "
             "stands, or both"
         )
-    if _columns(path) == 3:
-        return _unlabelled(path, mass)
-    return _labelled(path, mass)
+    first = _first_line(path)
+    return _unlabelled(path, mass) if _is_coordinate(first) else _labelled(path, mass)
 
 
-def _columns(path: Path) -> int:
+def _first_line(path: Path) -> str:
     with path.open(encoding="ascii", errors="replace") as file:
-        data = (line for line in file if line.strip() and not line.startswith("*"))
-        return next(data, "").count(",") + 1
+        return next((line for line in file if line.strip() and not line.startswith("*")), "")
 
 
 def _labelled(path: Path, mass: Path) -> Matrices:
@@ -218,7 +223,10 @@ def _assembled(path: Path, entries: FloatArray, places: NDArray[np.intp]) -> sp.
 def _unlabelled(path: Path, mass: Path) -> Matrices:
     columns = "row, column, entry"
     entries = {
-        each: read_number_lines(each, columns, delimiter=",", comment="*") for each in (path, mass)
+        each: read_number_lines(
+            each, columns, delimiter="," if "," in _first_line(each) else None, comment="*"
+        )
+        for each in (path, mass)
     }
     size = int(entries[path][:, :2].max())
     stiffness, inertia = (

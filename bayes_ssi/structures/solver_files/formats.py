@@ -34,7 +34,10 @@ class Source:
     def needed_mass(self) -> Path:
         """The file of the mass, where it cannot be known from the name of the stiffness."""
         if self.mass is None:
-            raise ValueError(f"{self.path}: name the file of the mass matrix as well, as mass=")
+            raise ValueError(
+                f"{self.path}: name the file of the mass matrix as well: {self.path.name}+MASS in "
+                "commands, mass= in Python"
+            )
         return self.mass
 
     def refuse_keys(self) -> None:

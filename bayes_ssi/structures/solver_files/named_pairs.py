@@ -39,8 +39,8 @@ def chosen_pair(
     ]
     if len(pairs) != 1:
         raise ValueError(
-            f'{file}: name its stiffness and mass, as in keys=("KAA", "MAA"); it holds '
-            f"{_listed(names)}"
+            f'{file}: name its stiffness and mass, as in --keys KAA,MAA, or keys=("KAA", "MAA") in '
+            f"Python; it holds {_listed(names)}"
         )
     return pairs[0]
 

@@ -26,6 +26,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.parameters.parameters import Value
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
 
 # Largest error of a prediction, relative to √(K_ii K_jj): what nine printed digits allow.
@@ -38,8 +40,14 @@ EXPONENTS = (1, 3, 2, 4, -1)
 
 
 @dataclass(frozen=True, eq=False)
-class Export:
-    """An export of the model with altered properties."""
+class AlteredModel:
+    """An export of a model with altered properties.
+
+    Attributes:
+        file: what messages call it.
+        factors: property → its factor, 1 being nominal.
+        model: as :func:`read_model` reads it.
+    """
 
     file: str
     factors: Mapping[str, float]
@@ -60,25 +68,59 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class ParameterMatrices:
-    """Stiffness and mass as sums of matrices times powers of factors and their products."""
+    """Stiffness and mass as sums of matrices times powers of factors and their products.
+
+    Attributes:
+        nominal: the model with all factors 1.
+        stiffness: the terms of K(θ), and ``mass`` those of M(θ).
+        errors: file of a check → the largest error of its entries, relative to √(K_ii K_jj).
+    """
 
     nominal: ExportedModel
     stiffness: tuple[Term, ...]
     mass: tuple[Term, ...]
     errors: Mapping[str, float]
 
+    def with_parameters(
+        self, parameters: Mapping[str, Value]
+    ) -> tuple[list[tuple[Value, sp.csc_array]], list[tuple[Value, sp.csc_array]]]:
+        """Stiffness and mass as :class:`MatrixStructure` takes them, pairs (coefficient, matrix).
+
+        Args:
+            parameters: property → the parameter, or number, that its factor is.
+
+        Raises:
+            ValueError: a property has no parameter.
+        """
+        names = {name for term in (*self.stiffness, *self.mass) for name, _ in term.powers}
+        require_known("parameters: none is given for property", names, parameters)
+
+        def pairs(terms: Sequence[Term]) -> list[tuple[Value, sp.csc_array]]:
+            return [
+                (math.prod((parameters[name] ** e for name, e in term.powers), start=1.0),
+                 term.matrix)
+                for term in terms
+            ]  # fmt: skip
+
+        return pairs(self.stiffness), pairs(self.mass)
+
 
 def parameter_matrices(
-    nominal: ExportedModel, changed: Sequence[Export], checks: Sequence[Export] = ()
+    nominal: ExportedModel, changed: Sequence[AlteredModel], checks: Sequence[AlteredModel] = ()
 ) -> ParameterMatrices:
     """Terms of stiffness and mass by differences of exports.
 
     Args:
         changed: exports with one altered property each, or with two whose product matters; several
             with other factors find powers and polynomials.
+        checks: exports with several properties altered, which must be predicted.
+
+    Raises:
+        ValueError: an export is of another model, a factor is 1 or not positive, a property changes
+            nothing, or an export is not predicted to 1e-8.
     """
-    by_name: dict[str, list[Export]] = {}
-    by_pair: dict[tuple[str, ...], list[Export]] = {}
+    by_name: dict[str, list[AlteredModel]] = {}
+    by_pair: dict[tuple[str, ...], list[AlteredModel]] = {}
     for export in changed:
         names = tuple(sorted(export.factors))
         if len(names) == 1:
@@ -126,7 +168,7 @@ def parameter_matrices(
     return ParameterMatrices(nominal, terms[0], terms[1], errors)
 
 
-def _require_other_factors(names: Sequence[str], exports: Sequence[Export]) -> None:
+def _require_other_factors(names: Sequence[str], exports: Sequence[AlteredModel]) -> None:
     for export in exports:
         for name in names:
             factor = export.factors[name]
@@ -140,7 +182,7 @@ def _require_other_factors(names: Sequence[str], exports: Sequence[Export]) -> N
         raise ValueError(f"{exports[-1].file}: another export has the same factor of {what}")
 
 
-def _difference(nominal: ExportedModel, export: Export, which: str) -> sp.csc_array:
+def _difference(nominal: ExportedModel, export: AlteredModel, which: str) -> sp.csc_array:
     """Altered minus nominal matrix, rows in the nominal order."""
     matrix = getattr(export.model, which)
     if export.model.size != nominal.size:
@@ -175,7 +217,7 @@ class _Changes:
     which: str
     scale: sp.dia_array
     differences: Mapping[int, sp.csc_array]
-    checks: Sequence[Export]
+    checks: Sequence[AlteredModel]
 
 
 # Matrices with powers; the change is the sum of the matrices times products of f^e - 1.
@@ -183,7 +225,7 @@ Fit = tuple[tuple[Powers, sp.csc_array], ...]
 
 
 def _fits(
-    changes: _Changes, possible: Sequence[Powers], exports: Sequence[Export], known: Fit
+    changes: _Changes, possible: Sequence[Powers], exports: Sequence[AlteredModel], known: Fit
 ) -> Iterator[Fit]:
     """Powers and matrices that, with those ``known``, predict exports of the same properties.
 
@@ -232,7 +274,7 @@ def _fits(
 
 def _fit(
     powers: Sequence[Powers],
-    exports: Sequence[Export],
+    exports: Sequence[AlteredModel],
     differences: Sequence[sp.csc_array],
     scale: sp.dia_array,
 ) -> tuple[Fit, float]:
@@ -262,7 +304,7 @@ def _sum(weights: Sequence[float] | FloatArray, matrices: Sequence[sp.csc_array]
 def _chosen(
     changes: _Changes,
     fits: Sequence[Sequence[Fit]],
-    by_pair: Mapping[tuple[str, ...], Sequence[Export]],
+    by_pair: Mapping[tuple[str, ...], Sequence[AlteredModel]],
 ) -> tuple[Fit, dict[str, float]]:
     """One fit of each property and pair, with which all checks are predicted, and their errors."""
     best: tuple[float, str] = (np.inf, "")
