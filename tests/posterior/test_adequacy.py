@@ -253,3 +253,27 @@ def test_a_mistake_that_inferred_errors_and_pairings_absorb(model_classes):
     misfit = ranking.comparison.best.misfit
     assert misfit.startswith("the data are explained far better without a mistake in them: ")
     assert f". Likely cause: {words}" in misfit
+
+
+@pytest.mark.parametrize(("median", "fails"), [(0.03, True), (0.08, False)])
+def test_an_inferred_error_beyond_five_per_cent_is_a_model_that_does_not_fit(median, fails):
+    """Frequencies off by ± 9 % of those of two equal storeys; unless such errors are expected."""
+    f = 2.0 * np.sin(np.array([1.0, 3.0]) * math.pi / 10.0)
+    modes = tuple(
+        bs.IdentifiedMode(str(i), off * hz)
+        for i, (off, hz) in enumerate(zip((1.09, 0.91), f, strict=True), 1)
+    )
+    k = bs.Parameter("k", bs.LogNormal((2.0 * math.pi) ** 2, 0.3))
+    error = bs.ErrorModel(bs.Parameter("frequency_cov", bs.LogNormal(median, 1.0)), 0.05)
+    candidate = bs.ModelClass(
+        "rough", bs.ShearBuilding((1.0, 1.0), (k, k)), bs.ModalData(modes, (0.0, 3.0)), error,
+        pairing={"1": 1, "2": 2},
+    )  # fmt: skip
+    coarse = bs.SamplingSettings(log_evidence_error=0.05)
+    result = bs.rank(bs.Study("s", [candidate]), settings=coarse)
+    (posterior,) = result.posteriors
+    assert not posterior.adequacy.overall.is_small
+    assert posterior.adequacy.is_adequate != fails
+    said = "the model does not fit: it infers an error of "
+    assert result.comparison.misfit.startswith(f"'rough': {said}") == fails
+    assert bool(result.comparison.failed_checks) == fails

@@ -50,6 +50,9 @@ from bayes_ssi.parameters.parameters import as_product
 # A right class is called inadequate one time in a hundred.
 LIMIT = 0.01
 LIMIT_SDS = standard_deviations(math.log(LIMIT))
+# Frequencies of a model that fits are within this: with a larger error, stiffnesses that are wrong
+# by tens of per cent fit as well.
+ROUGH = 0.05
 # A quantile of one in a hundred needs no more draws; the cost of each is the shapes' quadrature.
 N_DRAWS = 400
 
@@ -145,6 +148,8 @@ class Adequacy:
     Attributes:
         hints: mistakes without which the class would explain the data, or explain them far
             better, where they were sought.
+        frequency_error: the prediction error of frequencies that is inferred, median over the
+            draws; None where it is given, or expected to be large.
     """
 
     overall: PValue
@@ -152,11 +157,17 @@ class Adequacy:
     parameters: tuple[ParameterMisfit, ...]
     counts: tuple[CountMisfit, ...]
     hints: tuple[Hint, ...] = ()
+    frequency_error: float | None = None
 
     @property
     def is_adequate(self) -> bool:
         """Whether the data are as the class says, and not much more so without a mistake."""
-        return not (self.overall.is_small or self.hints)
+        return not (self.overall.is_small or self.hints or self.is_rough)
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether the class infers an error of its frequencies with which any model would fit."""
+        return self.frequency_error is not None and self.frequency_error > ROUGH
 
 
 def adequacy(
@@ -206,7 +217,17 @@ def adequacy(
                 model_class.parts(values), parts, of_counts, strict=True
             )
         ),
+        frequency_error=_inferred_error(model_class, values),
     )
+
+
+def _inferred_error(model_class: ModelClass, values: FloatArray) -> float | None:
+    size = as_product(model_class.error.frequency_cov)
+    if not size.parameters or size.median > ROUGH:
+        return None
+    columns = [model_class.parameter_names.index(p.name) for p in size.parameters]
+    powers = np.array([power for _, power in size.powers])
+    return float(np.median(size.scale * np.prod(values[:, columns] ** powers, axis=1)))
 
 
 def _of_correlated_errors(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bayes_ssi.inference.criticism.adequacy import (
+    ROUGH,
     Adequacy,
     CountMisfit,
     ModeMisfit,
@@ -31,7 +32,13 @@ def misfits_in_words(adequacy: Adequacy) -> list[str]:
 def inadequacy_in_words(adequacy: Adequacy, others: str = "") -> str:
     """What of the data a class that is not adequate does not explain, and why that may be."""
     what = "the data are not explained"
-    if not adequacy.overall.is_small:
+    if adequacy.is_rough and not adequacy.overall.is_small:
+        error = _percent(adequacy.frequency_error or 0.0)
+        what = (
+            f"the model does not fit: it infers an error of {error} for its frequencies, more than "
+            f"{_percent(ROUGH)}"
+        )
+    elif not adequacy.overall.is_small:
         what, others = "the data are explained far better without a mistake in them", ""
     mistakes = (f"{hint.mistake} (gain {hint.gain:.0f} nats)" for hint in adequacy.hints)
     causes = "; ".join(mistakes) or POSSIBLE_CAUSES
