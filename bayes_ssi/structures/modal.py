@@ -78,6 +78,30 @@ class NoModesError(ValueError):
     """A structure has no modes, or fewer than requested."""
 
 
+class FreeBody(NamedTuple):
+    """Rigid-body modes of a structure that nothing holds, left out of its modes.
+
+    Solvers take K + shift·M in place of K, which is positive definite and has the same shapes.
+
+    Attributes:
+        number: of rigid-body modes, which are the lowest.
+        shift: in (rad/s)², by which all (2πf)² are raised; zero where there are none.
+    """
+
+    number: int = 0
+    shift: float = 0.0
+
+    def elastic(self, raised: Modes) -> Modes:
+        """The modes above the rigid-body ones, at their own frequencies."""
+        if not self.number:
+            return raised
+        squares = (2.0 * math.pi * raised.frequencies_hz[..., self.number :]) ** 2
+        return Modes(
+            frequencies_hz(np.maximum(squares - self.shift, 0.0)),
+            raised.shapes[..., self.number :],
+        )
+
+
 class Eigenpairs(NamedTuple):
     """Modes of one structure.
 

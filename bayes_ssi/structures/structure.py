@@ -154,6 +154,11 @@ class Structure(ABC):
         return ""
 
     @property
+    def n_rigid_modes(self) -> int:
+        """Number of rigid-body modes, which are left out of :attr:`modes`."""
+        return 0
+
+    @property
     def exact(self) -> Structure:
         """The structure whose modes this one approximates; itself where it approximates none."""
         return self

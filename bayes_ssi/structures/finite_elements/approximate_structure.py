@@ -38,6 +38,10 @@ class ApproximateStructure(Structure):
         return self.exact.n_modes
 
     @property
+    def n_rigid_modes(self) -> int:
+        return self.exact.n_rigid_modes
+
+    @property
     def geometry(self) -> Geometry | None:
         return self.exact.geometry
 

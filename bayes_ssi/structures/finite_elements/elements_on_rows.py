@@ -112,6 +112,7 @@ class ElementsOnRows:
         elements: Sequence[Element],
         row_of: Callable[[SinglePlace, str], int | None],
         size: int,
+        shift: float = 0.0,
     ) -> ElementsOnRows:
         """Find the rows of elements.
 
@@ -119,6 +120,7 @@ class ElementsOnRows:
             row_of: the row of a place of the model, None for the ground; refuses others with a
                 message that begins with the element's label.
             size: number of degrees of freedom of the model.
+            shift: that of :class:`~bayes_ssi.structures.modal.FreeBody`, for the springs.
         """
         own = [e.own_degree_of_freedom for e in elements if e.own_degree_of_freedom is not None]
         added = {label: size + i for i, label in enumerate(own)}
@@ -135,6 +137,8 @@ class ElementsOnRows:
             (s.stiffness, vector(s.direction, e.label)) for e in elements for s in e.springs()
         ]
         masses = [(m.mass, vector(m.direction, e.label)) for e in elements for m in e.masses()]
+        if shift:
+            springs += [(shift * mass, motion) for mass, motion in masses]
         return cls(tuple(own), tuple(springs), tuple(masses), size)
 
     def ordered(self, rows: NDArray[np.intp]) -> ElementsOnRows:

@@ -107,8 +107,9 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
         if self._n_modes is not None:
             return self._n_modes
         assert self._up_to_hz is not None
-        shift = (2.0 * math.pi * (1.0 + MARGIN) * self._up_to_hz) ** 2
-        count = count_below(*self.matrices(self.prior_medians()[0]), shift)
+        number, shift = self.free_body
+        limit = (2.0 * math.pi * (1.0 + MARGIN) * self._up_to_hz) ** 2 + shift
+        count = count_below(*self.shifted_matrices(self.prior_medians()[0]), limit) - number
         if not count:
             raise ValueError(
                 f"MatrixStructure: up_to_hz: no mode below {1.0 + MARGIN:g} times "
@@ -120,7 +121,8 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
         if self.size > BATCHED_UP_TO:
             return super().modes(values)
         stiffness, mass = (each.evaluate(values) for each in self._dense)
-        modes = solve_modes(stiffness, mass, self.n_modes).repeated(len(values))
+        modes = self.free_body.elastic(solve_modes(stiffness, mass, self.n_solved))
+        modes = modes.repeated(len(values))
         failed = np.isnan(modes.frequencies_hz).any(axis=1)
         if failed.any():
             row = values[failed.argmax()]
@@ -151,10 +153,14 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
             "size": f"{self.size} degrees of freedom, {len(self._names)} of them observed",
             "stiffness": main._stiffness.formula("K"),
             "mass": main._mass.formula("M"),
-            "modes": f"the lowest {self.n_modes}{up_to}",
+            "modes": f"the lowest {self.n_modes}{up_to}{self._without_rigid_modes()}",
             **{element.label: element for element in self.elements},
             **self._described_sensors(),
         }
+
+    def _without_rigid_modes(self) -> str:
+        number = self.n_rigid_modes
+        return f", without {number} rigid-body mode{'s' if number > 1 else ''}" if number else ""
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         """See :meth:`Structure.modal_model`.

@@ -81,6 +81,10 @@ class ProjectedStructure(Structure):
         self._masses = [
             self._term(m.mass, m.direction, e.label) for e in elements for m in e.masses()
         ]
+        if shift := main.free_body.shift:
+            self._springs += [
+                each._replace(coefficient=shift * each.coefficient) for each in self._masses
+            ]
 
     def with_element(self, element: Element) -> ProjectedStructure:
         return ProjectedStructure(self.main, (*self.elements, element))
@@ -143,7 +147,8 @@ class ProjectedStructure(Structure):
         else:
             whole = mass[:, :, None] * np.eye(mass.shape[1]) if mass.ndim == 2 else mass
             mass = whole + _sum_of_squares(masses, vectors.masses)
-        modes = solve_modes(stiffness, mass, self.n_modes).repeated(len(values))
+        free = self.main.free_body
+        modes = solve_modes(stiffness, mass, self.n_modes + free.number).repeated(len(values))
         # One product for each row of the batch, of one layout in memory, so that no other row
         # changes its last digit.
         in_basis = np.ascontiguousarray(modes.shapes)
@@ -152,7 +157,7 @@ class ProjectedStructure(Structure):
             elongations = vectors.springs[:, i : i + 1] @ in_basis
             shapes -= vectors.at_sensors[:, i, :, None] * (springs[:, i, None, None] * elongations)
         settle(modes.frequencies_hz, shapes)  # as for a reduced structure
-        return Modes(modes.frequencies_hz, shapes)
+        return free.elastic(Modes(modes.frequencies_hz, shapes))
 
     @cached_property
     def vectors(self) -> ElementVectors:

@@ -18,6 +18,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import Product
 from bayes_ssi.structures.finite_elements.reduced_basis import SKETCH_SIZE, ReducedBasis, Reference
 from bayes_ssi.structures.finite_elements.reducible_structure import ReducibleStructure
+from bayes_ssi.structures.modal import FreeBody
 from bayes_ssi.structures.motion import SinglePlace
 from bayes_ssi.structures.sensors import Sensor
 
@@ -56,6 +57,7 @@ class Projection:
             diagonals (N,) where all terms are diagonal.
         at_sensors: (d, N), motions of the sensors.
         rows: degrees of freedom on which elements may be put.
+        free_body: by whose shift the stiffness is raised.
     """
 
     stiffness: tuple[tuple[Product, FloatArray], ...]
@@ -64,6 +66,7 @@ class Projection:
     sensors: tuple[str, ...]
     rows: Mapping[SinglePlace, BasisRow]
     n_modes: int
+    free_body: FreeBody
     combined: tuple[Sensor, ...] = ()
 
     @classmethod
@@ -97,6 +100,7 @@ class Projection:
                 for place, motion, each in zip(known, motions, residual, strict=True)
             },
             full.n_modes,
+            full.free_body,
             full.sensors,
         ).at_unit_mass()
 

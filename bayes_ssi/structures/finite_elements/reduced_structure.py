@@ -165,7 +165,7 @@ class ReducedStructure(ApproximateStructure):
         shares, directions = self._directions(values)
         # The energy that is neglected of a mode is about twice the relative error of its frequency.
         neglected = np.cumsum(shares) <= 2.0 * 0.01 * self.frequency_error
-        n_kept = max(int((~neglected).sum()), min(self.n_modes, len(shares)))
+        n_kept = max(int((~neglected).sum()), min(self.full.n_solved, len(shares)))
         basis = self._main_basis.combined(directions[:, -n_kept:])
         return ProjectedStructure(Projection.of(basis, self.full, places, self._reference))
 
@@ -192,7 +192,7 @@ class ReducedStructure(ApproximateStructure):
 
         In ascending order; shares of the modes' energy.
         """
-        shapes = self._modes_in_basis(values).shapes
+        shapes = self._shifted_modes_in_basis(values).shapes
         modes = shapes[np.isfinite(shapes).all(axis=(1, 2))].transpose(1, 0, 2)
         modes = modes.reshape(len(modes), -1)
         modes = modes / np.linalg.norm(modes, axis=0)
@@ -235,11 +235,14 @@ class ReducedStructure(ApproximateStructure):
     def bounds(self, values: FloatArray, n_modes: int | None = None) -> Bounds:
         """The certified errors at ``values`` (B, n_parameters): arrays (B, n_modes)."""
         basis, n, reference = self.basis, n_modes or self.n_modes, self._reference
-        rows = [basis.bounds(each, n, reference) for each in self.full.coefficients(values)]
-        return Bounds(
-            np.array([row.frequency for row in rows]).reshape(-1, n),
-            np.array([row.shape for row in rows]).reshape(-1, n),
+        rigid = self.full.n_rigid_modes
+        rows = [basis.bounds(each, n + rigid, reference) for each in self.full.coefficients(values)]
+        frequency, shape = (
+            np.array([getattr(row, name) for row in rows]).reshape(-1, n + rigid)[:, rigid:]
+            for name in ("frequency", "shape")
         )
+        # A shift by half of the lowest (2πf)² raises it by half, and errors are shares of it.
+        return Bounds(1.5 * frequency if rigid else frequency, shape)
 
     def accurate_at(
         self,
@@ -287,7 +290,8 @@ class ReducedStructure(ApproximateStructure):
         while self.n_full_solutions < self.most_full_solutions:
             worst = int(errors.argmax())
             while basis.size and errors[worst] > 1.0:
-                bounds = problem.bounds(of_points[worst], n_modes, self._reference)
+                n_bounded = n_modes + self.full.n_rigid_modes
+                bounds = problem.bounds(of_points[worst], n_bounded, self._reference)
                 errors[worst] = _excess(bounds, frequency_error, shape_error).max()
                 if errors[worst] >= errors.max():
                     break
@@ -295,7 +299,7 @@ class ReducedStructure(ApproximateStructure):
             if errors[worst] <= 1.0:
                 break
             try:
-                modes = self.full.full_modes(points[worst], extra=1)
+                modes = self.full.shifted_modes(points[worst], extra=1)
             except NoModesError:
                 if not basis.size:
                     raise
@@ -309,7 +313,10 @@ class ReducedStructure(ApproximateStructure):
 
     def _modes_in_basis(self, values: FloatArray) -> Modes:
         """Modes of the small problem: shapes are y (B, N, n_modes); NaN in rows without modes."""
-        n, size = self.n_modes, self.basis.size
+        return self.full.free_body.elastic(self._shifted_modes_in_basis(values))
+
+    def _shifted_modes_in_basis(self, values: FloatArray) -> Modes:
+        n, size = self.full.n_solved, self.basis.size
         frequencies_hz, y = np.empty((len(values), n)), np.empty((len(values), size, n))
         step = 64  # rows, whose matrices stay in the processor's cache
         for start in range(0, len(values), step):

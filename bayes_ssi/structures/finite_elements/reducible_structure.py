@@ -20,9 +20,13 @@ from bayes_ssi.structures.finite_elements.affine_matrix import AffineMatrix
 from bayes_ssi.structures.finite_elements.elements_on_rows import ElementsOnRows
 from bayes_ssi.structures.finite_elements.matrix_files import Matrix
 from bayes_ssi.structures.finite_elements.sparse_factors import fill_reducing_order, is_semidefinite
-from bayes_ssi.structures.finite_elements.sparse_modes import DENSE_UP_TO, lowest_modes
+from bayes_ssi.structures.finite_elements.sparse_modes import (
+    DENSE_UP_TO,
+    lowest_modes,
+    rigid_body_modes,
+)
 from bayes_ssi.structures.geometry import Geometry, Location
-from bayes_ssi.structures.modal import Eigenpairs, NoModesError, frequencies_hz
+from bayes_ssi.structures.modal import Eigenpairs, FreeBody, NoModesError, frequencies_hz
 from bayes_ssi.structures.motion import Place, SinglePlace, motion_of
 from bayes_ssi.structures.structure import listed
 
@@ -110,7 +114,8 @@ class ReducibleStructure(CombinedSensors):
             ValueError: the element's place is not on the structure, or its label is taken.
         """
         main = self._main or self
-        carried = ElementsOnRows.of((*self.elements, element), main.row_of, main.size)
+        elements, shift = (*self.elements, element), main.free_body.shift
+        carried = ElementsOnRows.of(elements, main.row_of, main.size, shift)
         names, rows = main._names, main._rows
         taken = {*names, *(main._labels or ())}
         for i, label in enumerate(carried.labels):
@@ -264,6 +269,38 @@ class ReducibleStructure(CombinedSensors):
         """
         if self._main is not None:
             return self._with_elements(self._main.system)
+        system, free = self._system_without_shift, self.free_body
+        if not free.number:
+            return system
+        stiffness = AffineMatrix(
+            (*system.stiffness.products, *system.mass.products),
+            (*system.stiffness.matrices, *(free.shift * each for each in system.mass.matrices)),
+        )
+        return system._replace(stiffness=stiffness)
+
+    @cached_property
+    def free_body(self) -> FreeBody:
+        """Its rigid-body modes at the prior medians, by which :attr:`system` is shifted."""
+        if self._main is not None:
+            return self._main.free_body
+        system, medians = self._system_without_shift, self.prior_medians()
+        stiffness, mass = (
+            each.at(each.coefficients(medians, self.parameters)[0])
+            for each in (system.stiffness, system.mass)
+        )
+        return rigid_body_modes(stiffness, mass)
+
+    @property
+    def n_rigid_modes(self) -> int:
+        return self.free_body.number
+
+    @property
+    def n_solved(self) -> int:
+        """The number of modes that are solved for, with the rigid-body ones."""
+        return self.n_modes + self.free_body.number
+
+    @cached_property
+    def _system_without_shift(self) -> System:
         pattern = self._stiffness.pattern + self._mass.pattern
         # From a diagonally dominant matrix with this pattern, which is positive definite.
         row_sums = np.asarray(pattern.sum(axis=1)).ravel()
@@ -322,6 +359,13 @@ class ReducibleStructure(CombinedSensors):
         Raises:
             NoModesError: a coefficient is not finite, or a mass on the diagonal is negative.
         """
+        stiffness, mass = self.shifted_matrices(values)
+        if self.free_body.number:
+            stiffness = stiffness - self.free_body.shift * mass
+        return stiffness, mass
+
+    def shifted_matrices(self, values: FloatArray) -> tuple[Matrix, Matrix]:
+        """As :meth:`matrices`, but K + shift·M of :attr:`free_body`, as solvers take it."""
         (coefficients,) = self.coefficients(values[None])
         for name, numbers in coefficients._asdict().items():
             if not np.isfinite(numbers).all():
@@ -334,12 +378,18 @@ class ReducibleStructure(CombinedSensors):
     def full_modes(self, values: FloatArray, extra: int = 0) -> Eigenpairs:
         """A full solution at ``values`` (n_parameters,), rows as in :attr:`system`.
 
-        It has ``extra`` modes more than :attr:`n_modes`, as far as the model has them.
+        It has ``extra`` modes more than :attr:`n_modes`, as far as the model has them, and none of
+        the rigid-body modes.
 
         Raises:
             NoModesError: there are fewer than :attr:`n_modes`, or they cannot be counted.
         """
-        return lowest_modes(*self.matrices(values), self.n_modes, extra)
+        modes, (number, shift) = self.shifted_modes(values, extra), self.free_body
+        return Eigenpairs(modes.eigenvalues[number:] - shift, modes.vectors[:, number:])
+
+    def shifted_modes(self, values: FloatArray, extra: int = 0) -> Eigenpairs:
+        """As :meth:`full_modes`, but of :meth:`shifted_matrices`, with rigid-body modes."""
+        return lowest_modes(*self.shifted_matrices(values), self.n_solved, extra)
 
     def require_influence(self) -> FloatArray:
         """Influence of ground motion (n,), rows as in :attr:`system`.

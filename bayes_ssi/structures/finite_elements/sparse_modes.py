@@ -26,6 +26,7 @@ from bayes_ssi.structures.finite_elements.sparse_factors import (
 from bayes_ssi.structures.modal import (
     ROUNDING,
     Eigenpairs,
+    FreeBody,
     NoModesError,
     lowest_eigenpairs,
     require_supported,
@@ -35,6 +36,13 @@ from bayes_ssi.structures.modal import (
 
 # Smaller problems are solved faster as dense ones.
 DENSE_UP_TO = 150
+# A body in space has six rigid-body modes.
+MOST_RIGID = 6
+# In units of the mean of diagonal stiffness over mass, so that a free model can be solved.
+SMALL_SHIFT = 1e-8
+# The standard deviation of rounding to nine digits, as a share of an entry; of squares of
+# frequencies.
+NINE_DIGITS, RIGID_SQUARE = 5e-10 / 3.0**0.5, 1e-4
 
 
 def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) -> Eigenpairs:
@@ -58,6 +66,33 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) 
         modes = _counted(stiffness, mass, factor, n_modes, n_modes + extra)
     require_supported(stiffness, modes.vectors[:, 0])
     return modes
+
+
+def rigid_body_modes(stiffness: Matrix, mass: Matrix) -> FreeBody:
+    """The rigid-body modes of a model, none where it is held.
+
+    A motion is rigid where its strain energy is no more than rounding the entries of K to nine
+    digits makes of it, and where its frequency is less than a hundredth of the next.
+    """
+    inertia = mass.diagonal()
+    with_mass = inertia > 0.0
+    shift = SMALL_SHIFT * stiffness.diagonal()[with_mass].sum() / inertia[with_mass].sum()
+    try:
+        modes = lowest_modes(sp.csc_array(stiffness + shift * mass), mass, 1, MOST_RIGID)
+    except NoModesError:
+        return FreeBody()  # whatever is wrong is said where its modes are computed
+    squares, parts = modes.eigenvalues - shift, modes.vectors**2
+    energy = np.einsum("nm,nm->m", modes.vectors, stiffness @ modes.vectors)
+    # The standard deviation of Σ φ_i φ_j ΔK_ij, whose terms are equal two by two.
+    rounding = NINE_DIGITS * np.sqrt(2.0 * np.einsum("nm,nm->m", parts, stiffness**2 @ parts))
+    without_strain = np.logical_and.accumulate(np.abs(energy) <= 4.0 * rounding)
+    steps = squares[:-1] < RIGID_SQUARE * squares[1:]
+    numbers = np.flatnonzero(without_strain[:-1] & steps) + 1
+    if not len(numbers):
+        return FreeBody()
+    number = int(numbers[-1])
+    # Of the order of the lowest frequency above, so that its digits are kept.
+    return FreeBody(number, 0.5 * float(squares[number]))
 
 
 def _counted(

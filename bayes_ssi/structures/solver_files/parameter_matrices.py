@@ -25,6 +25,7 @@ from itertools import combinations, product
 import numpy as np
 import scipy.sparse as sp
 
+from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Value
@@ -105,12 +106,14 @@ class ParameterMatrices:
         return pairs(self.stiffness), pairs(self.mass)
 
 
+@checked
 def parameter_matrices(
     nominal: ExportedModel, changed: Sequence[AlteredModel], checks: Sequence[AlteredModel] = ()
 ) -> ParameterMatrices:
     """Terms of stiffness and mass by differences of exports.
 
     Args:
+        nominal: the model with nominal properties.
         changed: exports with one altered property each, or with two whose product matters; several
             with other factors find powers and polynomials.
         checks: exports with several properties altered, which must be predicted.
