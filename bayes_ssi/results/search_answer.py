@@ -117,17 +117,22 @@ def _appendages(search: SearchRecord) -> str:
         for each in search.baselines
         if each.mass_scale and each.name == hypothesis.baseline
     )
-    alone = [(each.place, each.mass, each.frequency_hz) for each in hypothesis.appendages]
-    matched = [(each.places[0].place, each.places[0].mass, each.frequency_hz)
-               for each in search.matched]  # fmt: skip
+    alone = [(each.place, each.mass, each.frequency_hz, ()) for each in hypothesis.appendages]
+    matched = [(each.places[0].place, each.places[0].mass, each.frequency_hz,
+                each.other_frequencies_hz) for each in search.matched]  # fmt: skip
     items = []
-    for place, mass, frequency in matched or alone:
+    for place, mass, frequency, others in matched or alone:
         low, middle, high = (100.0 * one / scale.mass for one in mass)
         probability = probability_in_words(search.place_probabilities[place])
         items.append(
             f"{place.description} (probability of one there: {probability}) with a vibrating "
             f"mass of {quantity(*mass)}, which is {quantity(low, middle, high, '%')} of the "
             f"{scale.name}, and a frequency of {quantity(*frequency, unit='Hz')}"
+            + "".join(
+                f" or, with probability {probability_in_words(share)}, of "
+                f"{quantity(*other, unit='Hz')}"
+                for share, other in others
+            )
         )
     subject = "They are" if len(items) > 1 else "It is"
     if search.probability_of_any < 0.5:

@@ -137,6 +137,25 @@ def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
     assert {p.mass for p in upper.places} == {(2.0, 2.0, 2.0)}
 
 
+def test_frequencies_that_are_apart_are_two_answers(of_heavy_ones):
+    """Places whose appendage explains one mode are not averaged with those that explain another."""
+    first, second = (place.place for place in of_heavy_ones.places[:2])
+    row = type("Row", (), {"baseline": "b"})()
+
+    def split(place, hz, share):
+        draws = AppendageDraws(np.full(3, 0.1), np.full(3, 1.0), np.array(hz), np.full(3, 1.0 / 3))
+        return _by_frequency(row, {place: draws}, share, bs.LogUniform(0.01, 1.0))[0]
+
+    parts = [split(first, (3.7, 3.8, 3.9), 0.4), split(second, (17.0, 17.5, 18.0), 0.6)]
+    found = _matched(parts, {"b": None})
+    assert (found.frequency_hz, found.probability) == ((17.0, 17.5, 18.0), pytest.approx(0.6))
+    ((share, frequency),) = found.other_frequencies_hz
+    assert (frequency, share) == ((3.7, 3.8, 3.9), pytest.approx(0.4))
+    assert {each.place: each.probability for each in found.places} == {second: pytest.approx(1.0)}
+    rare = [split(first, (3.7, 3.8, 3.9), 0.02), split(second, (17.0, 17.5, 18.0), 0.98)]
+    assert _matched(rare, {"b": None}).other_frequencies_hz == ()
+
+
 def test_a_heaviest_mass_is_in_the_unit_of_the_structure():
     prior = SearchSettings(mass=(0.5, 200.0)).prior_of_mass_ratio(1000.0)
     assert prior == bs.LogUniform(0.0005, 0.2)

@@ -8,6 +8,7 @@ the draws of one hypothesis.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,10 @@ from bayes_ssi.studies.appendages.search_result import (
     MatchedAppendage,
     PlaceOfAppendage,
 )
+
+# Frequencies with nothing between them over a tenth are two answers, if each has a twentieth of the
+# probability.
+APART, SHARE_OF_A_GROUP = 1.1, 0.05
 
 
 def quantiles(values: FloatArray, weights: FloatArray) -> tuple[float, float, float]:
@@ -143,28 +148,60 @@ def _divided(weights: FloatArray, density: FloatArray) -> FloatArray:
 def _matched(
     of_hypotheses: Sequence[_One], motions: Mapping[str, _Motions | None]
 ) -> MatchedAppendage:
-    weights = np.concatenate([each.weights for each in of_hypotheses])
-    frequency = quantiles(np.concatenate([each.frequency_hz for each in of_hypotheses]), weights)
-    first = motions[of_hypotheses[0].baseline]
+    groups = _of_one_frequency(of_hypotheses)
+    weights = [np.concatenate([each.weights for each in group]) for group in groups]
+    frequencies = [
+        quantiles(np.concatenate([each.frequency_hz for each in group]), weight)
+        for group, weight in zip(groups, weights, strict=True)
+    ]
+    shares = [float(weight.sum()) for weight in weights]
+    first, *others = sorted(range(len(groups)), key=lambda number: -shares[number])
+    group, weight, frequency = groups[first], weights[first], frequencies[first]
+    moving = [motions[each.baseline] for each in group]
     nearest = 0
-    if first is not None:
-        nearest = int(np.abs(first.frequencies_hz - frequency[1]).argmin())
+    if moving[0] is not None:
+        nearest = int(np.abs(moving[0].frequencies_hz - frequency[1]).argmin())
     ratio, mass = [], []
-    for each in of_hypotheses:
-        moving = motions[each.baseline]
-        if moving is None or nearest >= len(moving.of_sensors):
+    for each, motion in zip(group, moving, strict=True):
+        if motion is None or nearest >= len(motion.of_sensors):
             break
-        at_place = np.array([moving.of_places[place][nearest] for place in each.places])
+        at_place = np.array([motion.of_places[place][nearest] for place in each.places])
         ratio.append(each.mass * at_place[each.which] ** 2)
-        mass.append(ratio[-1] / moving.of_sensors[nearest] ** 2)
-    known = len(ratio) == len(of_hypotheses)
+        mass.append(ratio[-1] / motion.of_sensors[nearest] ** 2)
+    known = len(ratio) == len(group)
     return MatchedAppendage(
         frequency,
-        quantiles(np.concatenate(mass), weights) if known else None,
-        quantiles(np.concatenate(ratio), weights) if known else None,
-        int(first.numbers[nearest]) if first is not None else 0,
-        _places(of_hypotheses),
+        shares[first],
+        tuple((shares[i], frequencies[i]) for i in others),
+        quantiles(np.concatenate(mass), weight) if known else None,
+        quantiles(np.concatenate(ratio), weight) if known else None,
+        int(moving[0].numbers[nearest]) if moving[0] is not None else 0,
+        _places(group),
     )
+
+
+def _of_one_frequency(of_hypotheses: Sequence[_One]) -> list[list[_One]]:
+    """The draws in groups of frequencies that are apart, each with a share of the probability."""
+    hz = np.concatenate([each.frequency_hz for each in of_hypotheses])
+    order = np.argsort(hz)
+    hz, weights = hz[order], np.concatenate([each.weights for each in of_hypotheses])[order]
+    ends, begin = [], 0
+    for i in np.flatnonzero(hz[1:] > APART * hz[:-1]).tolist():
+        left, right = weights[begin : i + 1].sum(), weights[i + 1 :].sum()
+        if min(left, right) >= SHARE_OF_A_GROUP * weights.sum():
+            ends.append(float(hz[i]))
+            begin = i + 1
+    edges = [-np.inf, *ends, np.inf]
+    groups = []
+    for low, high in pairwise(edges):
+        group = []
+        for each in of_hypotheses:
+            inside = (each.frequency_hz > low) & (each.frequency_hz <= high)
+            if inside.any():
+                columns = (array[inside] for array in each[2:])
+                group.append(_One(each.baseline, each.places, *columns))
+        groups.append(group)
+    return groups
 
 
 def _places(of_hypotheses: Sequence[_One]) -> tuple[PlaceOfAppendage, ...]:
@@ -174,15 +211,14 @@ def _places(of_hypotheses: Sequence[_One]) -> tuple[PlaceOfAppendage, ...]:
         columns = np.stack([each.mass, each.weights, each.weights_by_data])
         for i, place in enumerate(each.places):
             parts.setdefault(place, []).append(columns[:, each.which == i])
+    all_weights = sum(float(each.weights.sum()) for each in of_hypotheses)
     by_data = sum(float(each.weights_by_data.sum()) for each in of_hypotheses)
     places = []
     for place, part in parts.items():
         mass, weights, alone = np.concatenate(part, axis=1)
         if weights.sum() > 0.0:
-            share = float(alone.sum()) / by_data
-            places.append(
-                PlaceOfAppendage(place, float(weights.sum()), quantiles(mass, weights), share)
-            )
+            share, share_by_data = float(weights.sum()) / all_weights, float(alone.sum()) / by_data
+            places.append(PlaceOfAppendage(place, share, quantiles(mass, weights), share_by_data))
     return tuple(sorted(places, key=lambda place: -place.probability))
 
 

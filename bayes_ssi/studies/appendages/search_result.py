@@ -99,7 +99,10 @@ class MatchedAppendage:
     """One appendage over all hypotheses with equally many: 5, 50 and 95 % quantiles.
 
     Attributes:
-        frequency_hz: natural frequency on a fixed structure.
+        frequency_hz: natural frequency on a fixed structure. Where it may be one of several that
+            are apart, the most probable, to which all else refers.
+        probability: of that frequency, if there are as many appendages as are matched.
+        other_frequencies_hz: the others with their probabilities, the most probable first.
         effective_mass: vibrating mass times the square of the motion of its place in the mode of
             the main structure next to its frequency, over the largest motion of a sensor, in the
             structure's unit; None where motions are known at sensors alone.
@@ -109,6 +112,8 @@ class MatchedAppendage:
     """
 
     frequency_hz: tuple[float, float, float]
+    probability: float
+    other_frequencies_hz: tuple[tuple[float, tuple[float, float, float]], ...]
     effective_mass: tuple[float, float, float] | None
     effective_ratio: tuple[float, float, float] | None
     mode: int
