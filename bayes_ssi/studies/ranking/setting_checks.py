@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from bayes_ssi.inference.criticism.edges import AtEdge
@@ -122,6 +122,7 @@ class _MovableStudy:
     known: dict[str, ModelClass]
     classes: dict[str, ModelClass]
     sample: Callable[[ModelClass], Posterior]
+    answers: dict[str, dict[str, _Moved]] = field(default_factory=dict)
 
     def effect(self, moves: Sequence[Variation], row: RankedClass) -> Effect:
         """What the moves do to the ranking, and to the parameters of the class of a row."""
@@ -170,7 +171,12 @@ class _MovableStudy:
         )
 
     def _answers(self, move: Variation) -> dict[str, _Moved]:
-        """The classes under a move, probable ones sampled again where draws do not cover it."""
+        """The classes under a move, probable ones sampled again where draws do not cover it.
+
+        Classes at one edge share the answer: the name of a move says what is moved, and how far.
+        """
+        if move.name in self.answers:
+            return self.answers[move.name]
         probable = {row.name for row in self.comparison.classes if row.probability >= PROBABLE}
         answers = {}
         for name, one in move.reweighted(self.posteriors, self.known).items():
@@ -181,6 +187,7 @@ class _MovableStudy:
                 after = spreads_of(again)
                 problem = "; ".join(again.failed_checks)
             answers[name] = _Moved(log_ratio, one.before, after, problem)
+        self.answers[move.name] = answers
         return answers
 
     def _problem(self, answers: dict[str, _Moved]) -> str:
@@ -236,9 +243,8 @@ def _moves_of(edge: AtEdge, model_class: ModelClass) -> list[Variation]:
         ends = [low, high]
         ends[edge.end] *= factor
         band = (min(ends[0], float(identified[0])), max(ends[1], float(identified[-1])))
-        name = f"the band ending at {band[edge.end]:.3g} Hz"
-        if edge.end == 0:
-            name = f"the band beginning at {band[0]:.3g} Hz"
+        where = f" of configuration {test.name!r}" if test.name else ""
+        name = f"the band{where} {('beginning', 'ending')[edge.end]} at {band[edge.end]:.3g} Hz"
         moves.append(Variation(name, partial(with_bands, {test.name: band})))
     return moves
 
