@@ -177,7 +177,9 @@ class _MovableStudy:
         """
         if move.name in self.answers:
             return self.answers[move.name]
-        probable = {row.name for row in self.comparison.classes if row.probability >= PROBABLE}
+        # One that is less probable than this can hardly lose so much, and there may be dozens.
+        rows = self.comparison.classes
+        probable = {row.name for row in rows if row.probability > PROBABILITY_MOVED}
         answers = {}
         for name, one in move.reweighted(self.posteriors, self.known).items():
             log_ratio, after, problem = one.log_ratio.log_evidence, one.parameters, one.problem
