@@ -146,6 +146,14 @@ def test_starting_up_loads_nothing_heavy(start):
     assert HEAVY.isdisjoint(loaded)
 
 
+def test_all_public_names_load_no_sampler_and_no_plots():
+    """Nor does the guide's page of them need these, which is made where they are not installed."""
+    code = "import bayes_ssi.api, sys\nprint('loaded:', *sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    heavy = HEAVY - {"numpy", "scipy"}
+    assert heavy.isdisjoint(done.stdout.split("loaded:")[1].split())
+
+
 def test_modules_import_what_takes_long_where_they_use_it():
     slow = {"scipy.stats", "matplotlib", "arviz", "corner", "h5py", "h5netcdf"}
     imports = {

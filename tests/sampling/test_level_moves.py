@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_ssi.inference.sampling.moves import _correlation
+from bayes_ssi.inference.sampling.level_moves import _correlation
 
 
 @pytest.mark.parametrize("n", [5, 7, 50])  # for some, the mean of copies is rounded

@@ -25,8 +25,8 @@ from scipy.special import logsumexp
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.ensembles import Walkers
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
+from bayes_ssi.inference.sampling.level_moves import Level, LevelMoves
 from bayes_ssi.inference.sampling.maxima import Maxima
-from bayes_ssi.inference.sampling.moves import Level, LevelMoves
 from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
