@@ -14,7 +14,11 @@ import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.criticism.adequacy import PValue
 from bayes_ssi.results.hierarchy.populations import read_covariate
-from bayes_ssi.results.hierarchy.ranked_populations import failed_tests, unusual_tests
+from bayes_ssi.results.hierarchy.ranked_populations import (
+    failed_tests,
+    repeated_errors,
+    unusual_tests,
+)
 from bayes_ssi.results.hierarchy.saved_hierarchy import MARKER
 from bayes_ssi.results.hierarchy.single_tests import single_tests
 
@@ -142,6 +146,30 @@ def test_of_three_tests_one_has_to_be_three_times_as_unusual_to_fail(rankings, p
         in each
         for each in remarks
     )
+
+
+def wrong_tower(degrees, ratio):
+    """A tower of one stiffness, whose second frequency is ``ratio`` of what it should be."""
+    k = bs.Parameter("k", bs.LogNormal(median=1.0, cov=0.3))
+    scale = 1.0 - 0.001 * degrees
+    modes = [bs.IdentifiedMode("1", scale), bs.IdentifiedMode("2", 2.618 * ratio * scale)]
+    return bs.ModelClass(
+        "tower",
+        bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(103.4 * k, 103.4 * k)),
+        bs.ModalData(tuple(modes), band_hz=(0.0, 4.0), sensors=()),
+        pairing={"1": 1, "2": 2},
+    )
+
+
+@pytest.mark.parametrize(("ratio", "fails"), [(0.94, True), (1.0, False)])
+def test_a_class_that_errs_alike_in_all_tests_fails(ratio, fails):
+    degrees = (-10.0, 0.0, 10.0, 20.0, 30.0)
+    rankings = {str(at): ranking(wrong_tower(at, ratio)) for at in degrees}
+    _, tests = single_tests(rankings)
+    failed = list(repeated_errors("tower", tests))
+    assert len(failed) == fails
+    if fails:
+        assert re.search(r"mode 1 -\d\.\d %, mode 2 \+\d\.\d % on average", failed[0])
 
 
 def with_prior(candidate, name):

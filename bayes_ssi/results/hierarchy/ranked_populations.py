@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
+from scipy.special import betaincc
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
@@ -66,6 +67,31 @@ def unusual_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]
             )
 
 
+def repeated_errors(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
+    """A sentence if the frequency errors of the modes repeat themselves from test to test.
+
+    Of n tests, m modes and independent standardised errors, the share of the modes' mean errors in
+    the sum of squares is Beta(m/2, m(n - 1)/2).
+    """
+    seen = [{m.label: m for m in t.adequacy.modes if m.frequency_sd} for t in tests if t.adequacy]
+    labels = [label for label in seen[0] if all(label in modes for modes in seen)] if seen else []
+    if len(seen) < len(tests) or not labels:
+        return
+    n, m = len(seen), len(labels)
+    errors = np.array([[modes[label].frequency_error for label in labels] for modes in seen])
+    standardised = errors / [[modes[label].frequency_sd for label in labels] for modes in seen]
+    of_means = float((standardised.mean(axis=0) ** 2).mean())
+    share = of_means / float((standardised**2).mean())
+    if of_means > SMALL_ERROR**2 and betaincc(0.5 * m, 0.5 * m * (n - 1), share) < REPEATED:
+        means = zip(labels, errors.mean(axis=0), strict=True)
+        listed = ", ".join(f"mode {label} {100 * mean:+.1f} %" for label, mean in means)
+        yield (
+            f"{class_name!r} errs alike in all tests ({listed} on average): these errors are "
+            "counted anew in each test and hide how the parameters vary; rank classes with all "
+            "tests as configurations and ErrorModel(between_tests=...)"
+        )
+
+
 def _fails(fit: Adequacy, n_tests: int) -> bool:
     # Of many tests that a right class explains, the most unusual one is far out (Bonferroni).
     return n_tests * fit.overall.p_value < LIMIT or bool(fit.hints)
@@ -74,6 +100,11 @@ def _fails(fit: Adequacy, n_tests: int) -> bool:
 # With a larger error from the draws of the tests, two standard errors are more than a bare mention
 # on the scale of Bayes factors.
 LARGEST_ERROR = 0.5
+
+# Errors that are smaller, in their standard deviations, are those that the prior leaves.
+SMALL_ERROR = 0.3
+# Errors that agree between tests by chance are taken for repeated ones once in a thousand times.
+REPEATED = 0.001
 
 SAME, VARIES = "the same in all tests", "varies from test to test"
 
@@ -143,6 +174,7 @@ def hierarchy(
         failed_checks=(
             *(c for test in tests for c in test.failed_checks),
             *failed_tests(class_name, tests),
+            *repeated_errors(class_name, tests),
             *failed_fits(tests, fits),
         ),
         remarks=(*_remarks(tests), *unusual_tests(class_name, tests)),
