@@ -104,6 +104,27 @@ def test_a_single_power():
         parameter_matrices(powered(1.0).model, [powered(1.1)], [powered(0.8)])
 
 
+@pytest.mark.parametrize(
+    ("exponents", "factors"),
+    [((-1, 1), (1.2, 0.8, 1.4)), ((-1, 1, 2, 3), (1.2, 0.8, 1.4, 0.7, 0.6))],
+)
+def test_shells_that_a_program_expands_into_solids(exponents, factors):
+    """In a plane, and as CalculiX ties them where they meet at an angle."""
+    parts = {exponent: part([3, 4, 5, 6], exponent + 5) for exponent in exponents}
+
+    def expanded(factor):
+        stiffness = GROUND + sum(factor**e * parts[e] for e in exponents)
+        model = exported_model("test", Matrices(stiffness, DENSITY, "K", "M", labels=LABELS))
+        return AlteredModel(f"{factor}", {"t": factor}, model)
+
+    changed = [expanded(factor) for factor in factors]
+    matrices = parameter_matrices(expanded(1.0).model, changed, [expanded(1.6)])
+    assert sorted(term.powers for term in matrices.stiffness) == [
+        (), *((("t", exponent),) for exponent in exponents)
+    ]  # fmt: skip
+    assert matrices.errors["1.6"] < 1e-10
+
+
 def shell(modulus=1.0, thickness=1.0, area=1.0):
     """K = E (t K_m + t³ K_b) of shells, and E A K_c of columns, whose modulus is the same."""
     stiffness = modulus * (thickness * MEMBRANE + thickness**3 * BENDING + area * COLUMNS) + GROUND
