@@ -169,6 +169,7 @@ def make_posterior():
             "log_likelihoods": -0.5 * (draws**2).sum(-1),
             "frequencies_hz": np.array([1.0, 2.5]) * (1.0 + 0.01 * draws[..., :1]),
             "relative_spreads": (0.25,) * len(names),
+            "prior_quantiles": np.array([[-2.0, 0.0, 4.0]] * len(names)),
             "effective_sample_sizes": np.full(len(names), 400.0),
             "evidence": Evidence(
                 log_evidence, error, 1500.0, 0.2, 2000, log_evidence + 3.0, (check,)

@@ -15,7 +15,7 @@ PACKAGE = Path(bayes_ssi.__file__).parent
 # Wings, and modules outside of any, each of which may import those before it.
 ORDER = (
     "foundations", "parameters", "structures", "measurements", "inference", "studies", "results",
-    "plots", "report", "api", "commands", "cli",
+    "plots", "report", "api", "commands", "cli", "__main__",
 )  # fmt: skip
 # The same of the folders of a wing; its own modules, "", have a place among them.
 FOLDERS = {

@@ -121,7 +121,6 @@ def _square(
 
 def plot_parameters(
     posterior: Posterior,
-    prior_quantiles: Mapping[str, Sequence[float]],
     ax: Axes | None = None,
 ) -> Axes:
     """The 90 % prior and posterior intervals of every parameter.
@@ -130,14 +129,13 @@ def plot_parameters(
     90 % interval, and between them the scale is linear.
 
     Args:
-        prior_quantiles: name of a parameter → 5 %, 50 % and 95 % quantile of its prior.
         ax: axes; new ones if None.
     """
     rows = posterior.summary
     ax = rows_of(ax, [row.name for row in rows], 1.3)
     ax.axvline(0.0, color=GREY, linewidth=0.8, linestyle=":")
     for y, row in enumerate(rows):
-        low, median, high = prior_quantiles[row.name]
+        low, median, high = posterior.prior_quantiles[y]
         after = (row.quantile_05, row.median, row.quantile_95)
         bar = ax.barh(y, 2.0, left=-1.0, height=0.62, color=GREY, alpha=0.25,
                       label=None if y else "prior, 90 %")  # fmt: skip

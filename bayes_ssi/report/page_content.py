@@ -121,10 +121,10 @@ def _parameters(posterior: Posterior, record: ClassRecord) -> list[dict[str, Any
             **asdict(row),
             "unit": parameters[row.name].unit,
             "prior": parameters[row.name].prior,
-            "before": parameters[row.name].prior_quantiles,
+            "before": before,
             "after": (row.quantile_05, row.median, row.quantile_95),
         }
-        for row in posterior.summary
+        for row, before in zip(posterior.summary, posterior.prior_quantiles, strict=True)
     ]
 
 

@@ -149,9 +149,7 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
             )
     for modes in posterior.configurations:
         yield from _of_configuration(modes, stored.tests[modes.name], of)
-    parameters = stored.record.model_class(posterior.name).parameters
-    priors = {each.name: each.prior_quantiles for each in parameters}
-    yield f"Parameters {of}, prior and posterior", partial(plot_parameters, posterior, priors)
+    yield f"Parameters {of}, prior and posterior", partial(plot_parameters, posterior)
     if with_corner:
         names = _best_determined(posterior)
         few = len(names) < len(posterior.parameter_names)

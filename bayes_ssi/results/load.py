@@ -20,6 +20,7 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.codec import from_record
+from bayes_ssi.foundations.displayed import InWords
 from bayes_ssi.inference.model_class.class_record import ClassRecord
 from bayes_ssi.inference.model_class.configuration import (
     choose_configuration,
@@ -37,7 +38,7 @@ from bayes_ssi.studies.ranking.comparison import Comparison
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity
 
 # Increased whenever the format of a result's files changes.
-FORMAT = 18
+FORMAT = 19
 
 
 @dataclass(frozen=True)
@@ -89,8 +90,8 @@ IN_THE_FILE_OF_DRAWS = (
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, eq=False)
-class StoredResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class StoredResult(InWords):
     """What a result directory holds.
 
     Attributes:
@@ -152,6 +153,12 @@ class StoredResult:
         by_name = {posterior.name: posterior for posterior in self.posteriors}
         require_known(f"{self.directory}: no model class", [name], by_name)
         return by_name[name]
+
+    def _line(self) -> str:
+        return f"of {self.record.study!r} in {self.directory}: {self.comparison._line()}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return self.comparison._rows()
 
 
 @checked

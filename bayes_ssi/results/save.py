@@ -81,7 +81,7 @@ def save_result(
                 begin(_draw, (figures[1:], partial / FIGURES))
             for each in ranking.posteriors:
                 begin(_save_draws, (partial / draws[each.name], each, classes[each.name]))
-            record = _record(ranking, draws, data, study_file, command, accept_failed_checks)
+            record = result_record(ranking, draws, data, study_file, command, accept_failed_checks)
             write_json(partial / MARKER, record)
             write_json(partial / COMPARISON, ranking.comparison)
             for name, further in (extra or {}).items():
@@ -129,7 +129,7 @@ def _with_own_figures(data: ModalData, path: Path) -> ModalData:
     return replace(data, identifications=tuple(identifications))
 
 
-def _record(
+def result_record(
     ranking: Ranking,
     draws: Mapping[str, str],
     data: Mapping[str, str],

@@ -53,7 +53,6 @@ def plots(posteriors, updated, case_c, make_posterior):
     rows = [SensitivityRow(name, {}, {"3": 0.6, LONG: 0.4}) for name in ("unchanged", "σ_f × 2")]
     of_modes = {label: {i: 0.5, 0: 0.5} for i, label in enumerate(case_c.labels, 1)}
     inferred = InferredPairing((PairingShare({"1": 1}, 1.0),), of_modes)
-    quantiles = {"k1": (-2.0, 0.0, 4.0), "k2": (-2.0, 0.0, 4.0)}
     small = make_posterior("4", names=("mass ratio, infill 1-2", "E", "k"))
     small = replace(small, draws=0.9 + 1e-3 * small.draws)
     tall = bs.ShearBuilding((1.0,) * 20, (1.0,) * 20)
@@ -66,7 +65,7 @@ def plots(posteriors, updated, case_c, make_posterior):
         "components": lambda: plot_mode_shapes(replace(updated, has_floors=False), case_c),
         "change": lambda: plot_frequency_change(updated.modes, case_c),
         "MAC": lambda: plot_mac_change(updated.modes),
-        "parameters": lambda: plot_parameters(posteriors[0], quantiles),
+        "parameters": lambda: plot_parameters(posteriors[0]),
         "pairing": lambda: plot_pairing(inferred, 4),
         "sensitivity": lambda: plot_sensitivity(Sensitivity(tuple(rows))),
         "building": lambda: plot_places_on_building(

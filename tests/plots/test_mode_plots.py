@@ -110,8 +110,7 @@ def test_pairing():
 
 def test_parameters(make_posterior):
     posterior = make_posterior("a")
-    quantiles = {"k1": (-2.0, 0.0, 4.0), "k2": (-2.0, 0.0, 4.0)}
-    ax = plot_parameters(posterior, quantiles)
+    ax = plot_parameters(posterior)
     row = posterior.summary[0]
     (after,) = [at for text, at in points(ax).items() if text.startswith("k1 after")]
     expected = row.median / (4.0 if row.median > 0 else 2.0)

@@ -19,7 +19,7 @@ from bayes_ssi.results.hierarchy.populations import Population
 @pytest.fixture
 def made():
     """A spread of 0.1 exactly, a slope of 0.2 over a standard deviation of 10 °C."""
-    parameter = ParameterRecord("k", "N/m", bs.Normal(100.0, 20.0), (67.1, 100.0, 132.9), False)
+    parameter = ParameterRecord("k", "N/m", bs.Normal(100.0, 20.0), False)
     population = Population("varies", ("k",), True, True, bs.PopulationPriors())
     draws = np.tile([0.5, 0.2, 0.1], (400, 1))
     ranked = RankedPopulation(population, -3.0, 0.1, 0.05, 1.0, 0.0, 0.0, "best", draws, ("bad",))

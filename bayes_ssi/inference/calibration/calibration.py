@@ -19,12 +19,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.displayed import Displayed
 from bayes_ssi.inference.calibration.determination import Determination, determination
 from bayes_ssi.inference.calibration.fit import Fit, rms_distance
 from bayes_ssi.inference.calibration.least_squares import CalibrationProblem
@@ -35,8 +37,8 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 MOST_STARTS = 10_000
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, repr=False)
+class Calibration(Displayed):
     """All distinct minima of the objective.
 
     Attributes:
@@ -80,6 +82,21 @@ class Calibration:
     @property
     def best(self) -> Fit:
         return self.minima[0]
+
+    def _line(self) -> str:
+        minima = f"{len(self.minima)} {'minimum' if len(self.minima) == 1 else 'minima'}"
+        return f"of {self.name!r}: {minima}, best objective {100.0 * self.best.objective:.3g} %"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        fits = [
+            ("before", self.before),
+            *((f"minimum {i}", m) for i, m in enumerate(self.minima, 1)),
+        ]
+        return [
+            {"fit": name, "objective": fit.objective, "distance": fit.distance}
+            | dict(zip(self.parameter_names, fit.values, strict=True))
+            for name, fit in fits
+        ]
 
 
 @checked

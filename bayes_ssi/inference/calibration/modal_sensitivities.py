@@ -12,12 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.inference.calibration.least_squares import (
     CalibrationProblem,
     central_differences,
@@ -26,8 +28,8 @@ from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
 
 
-@dataclass(frozen=True, eq=False)
-class ModalSensitivities:
+@dataclass(frozen=True, eq=False, repr=False)
+class ModalSensitivities(Displayed):
     """How much the paired modes of a class change with its parameters, at one point.
 
     Attributes:
@@ -54,6 +56,16 @@ class ModalSensitivities:
         return tuple(
             name for name, signal in zip(self.order, self.signals, strict=True) if signal > 1.0
         )
+
+    def _line(self) -> str:
+        modes = counted(len(self.modes), "mode")
+        return f"of {self.name!r}: {modes}, {counted(len(self.parameters), 'parameter')}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return [
+            {"mode": mode} | dict(zip(self.parameters, row.tolist(), strict=True))
+            for mode, row in zip(self.modes, self.of_frequencies, strict=True)
+        ]
 
 
 @checked

@@ -107,16 +107,11 @@ def _first_paragraph(structure: Structure) -> str:
 
 @dataclass(frozen=True)
 class ParameterRecord:
-    """An inferred parameter.
-
-    Attributes:
-        prior_quantiles: 5, 50 and 95 % quantiles of its prior.
-    """
+    """An inferred parameter."""
 
     name: str
     unit: str
     prior: Prior
-    prior_quantiles: tuple[float, float, float]
     is_error: bool
 
 
@@ -178,7 +173,6 @@ def class_record(model_class: ModelClass) -> ClassRecord:
                 p.name,
                 p.unit,
                 p.prior,
-                (p.prior.quantile(0.05), p.prior.quantile(0.5), p.prior.quantile(0.95)),
                 is_error=p not in model_class.structural_parameters,
             )
             for p in model_class.parameters

@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.error_places import with_place
 from bayes_ssi.inference.likelihood.any_pairing import AnyPairing
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
@@ -22,8 +23,8 @@ from bayes_ssi.structures.structure import Structure
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, eq=False)
-class Configuration:
+@dataclass(frozen=True, eq=False, repr=False)
+class Configuration(Displayed):
     """One test: the structure in its state at the time, and the modes identified in it.
 
     A structure is often tested several times with known changes in between: bare, with masses
@@ -101,6 +102,18 @@ class Configuration:
                 f"{kind} returns frequencies and shapes of shapes {sizes[0]} and {sizes[1]} for "
                 f"one set of values, expected {(1, n_modes)} and {(1, n_dof, n_modes)}"
             )
+
+    def _line(self) -> str:
+        name = f"{self.name!r}, " if self.name else ""
+        modes = counted(len(self.data.modes), "identified mode")
+        return f"{name}{type(self.structure).__name__} and {modes}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        paired = {} if isinstance(self.pairing, str) else self.pairing
+        return [
+            columns(mode, ("label", "frequency_hz")) | {"model mode": paired.get(mode.label)}
+            for mode in self.data.modes
+        ]
 
 
 def configurations_of(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.foundations.text_files import require_printable
 from bayes_ssi.inference.likelihood.correlated_errors import CorrelatedErrors
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
@@ -33,8 +34,8 @@ from bayes_ssi.structures.structure import Structure
 Pairing = Mapping[str, int] | Literal["any"]
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class ModelClass:
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class ModelClass(Displayed):
     """One hypothesis about a structure: its model, its unknowns, and which mode is which.
 
     The structure was tested once, or in several configurations: then parameters with the same name
@@ -294,6 +295,19 @@ class ModelClass:
                 configuration.check_structure()
             except ValueError as error:
                 raise ValueError(f"model class {self.name!r}: {error}") from error
+
+    def _line(self) -> str:
+        parameters = counted(len(self.parameters), "parameter")
+        structure = type(self.configurations[0].structure).__name__
+        tests = counted(len(self.configurations), "configuration")
+        return f"{self.name!r}: {structure}, {parameters}, {tests}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return [
+            {"parameter": p.name, "unit": p.unit, "prior": str(p.prior),
+             "median": p.prior.quantile(0.5)}
+            for p in self.parameters
+        ]  # fmt: skip
 
 
 def _of_kind(kind: type, name: str, value: Any) -> Any:

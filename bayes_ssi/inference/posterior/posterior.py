@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.inference.criticism.adequacy import Adequacy
 from bayes_ssi.inference.criticism.edges import AtEdge
 from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
@@ -93,8 +94,8 @@ class ParameterSummary:
     relative_spread: float
 
 
-@dataclass(frozen=True, eq=False)
-class Posterior:
+@dataclass(frozen=True, eq=False, repr=False)
+class Posterior(Displayed):
     """The posterior of one model class.
 
     Attributes:
@@ -126,6 +127,7 @@ class Posterior:
         configurations: the model's modes and their pairing, configuration by configuration.
         relative_spreads: (n_parameters,), posterior over prior standard deviation, both in
             standard-normal coordinates: 1 where the data say nothing.
+        prior_quantiles: (n_parameters, 3), 5, 50 and 95 % quantiles of the priors.
         sensor_shapes: (m, n_components), shapes at the sensors at
             :func:`~bayes_ssi.inference.posterior.known_modes.draws_with_shapes`, as in
             :class:`~bayes_ssi.inference.posterior.datum_terms.AtDraws`; None where they are not
@@ -161,6 +163,7 @@ class Posterior:
     data_digest: str
     configurations: tuple[ConfigurationModes, ...]
     relative_spreads: FloatArray
+    prior_quantiles: FloatArray
     sensor_shapes: FloatArray | None = None
     datum_terms: DatumTerms | None = None
     adequacy: Adequacy | None = None
@@ -234,6 +237,16 @@ class Posterior:
             )
             for i, name in enumerate(self.parameter_names)
         )
+
+    def _line(self) -> str:
+        evidence = f"log evidence {self.evidence.log_evidence:.3f} ± {self.evidence.error:.3f}"
+        failed = counted(len(self.failed_checks), "failed check")
+        draws = counted(len(self.values), "draw")
+        return f"of {self.name!r}: {evidence}, {draws}, {failed}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        names = ("name", "mean", "sd", "quantile_05", "median", "quantile_95", "relative_spread")
+        return [columns(row, names) for row in self.summary]
 
 
 def check_names(posteriors: Iterable[Posterior]) -> list[str]:

@@ -91,6 +91,9 @@ def sample_as_it_is(
         data_digest=model_class.data_digest,
         configurations=configurations,
         relative_spreads=z.reshape(-1, n).std(axis=0),
+        prior_quantiles=np.array(
+            [[p.prior.quantile(q) for q in (0.05, 0.5, 0.95)] for p in model_class.parameters]
+        ),
         sensor_shapes=at_values.sensor_shapes[draws_with_shapes(len(at_values.sensor_shapes))],
         datum_terms=datum_terms(
             model_class,

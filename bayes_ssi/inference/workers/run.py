@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bayes_ssi.foundations.notebook import notebook_progress
 from bayes_ssi.inference.workers.checkpoint import Checkpoint
 from bayes_ssi.inference.workers.local_workers import LocalWorkers, as_workers
 from bayes_ssi.inference.workers.workers import Workers
@@ -32,7 +33,7 @@ class Run:
             to the same result; nothing is kept if None. The caller removes it.
         progress: called with the name of a model class, the name of the step, and the completed
             share of the step; for a class sampled in a worker of another machine, only at its
-            end.
+            end. In a notebook, lines below the cell if None.
     """
 
     workers: Workers | None
@@ -61,7 +62,7 @@ class Run:
             checkpoint = Checkpoint(Path(checkpoint))
         object.__setattr__(self, "workers", as_workers(workers))
         object.__setattr__(self, "checkpoint", checkpoint)
-        object.__setattr__(self, "progress", progress)
+        object.__setattr__(self, "progress", progress or notebook_progress())
 
     @contextmanager
     def working(self) -> Iterator[None]:

@@ -7,12 +7,14 @@ import json
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import require
 from bayes_ssi.foundations.arrays import FloatArray, steady_digest
 from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.measurements.modes.identification_record import IdentificationRecord
 from bayes_ssi.measurements.modes.identified_mode import (
     RESERVED_NAMES,
@@ -30,8 +32,8 @@ from bayes_ssi.structures.modal import mac_of_pairs
 from bayes_ssi.structures.response.output import HEAVY_DAMPING, heavy_damping_warning
 
 
-@dataclass(frozen=True, eq=False)
-class ModalData:
+@dataclass(frozen=True, eq=False, repr=False)
+class ModalData(Displayed):
     """The modes identified in one test of one structure, and the band of the search.
 
     Include every mode identified in the band, even those that a model does not explain.
@@ -238,6 +240,19 @@ class ModalData:
         criteria = mac_of_pairs(shapes[:-1], shapes[1:])
         pairs = zip(self.modes, self.modes[1:], criteria, strict=False)
         return [(low, high, float(mac)) for low, high, mac in pairs if _are_alike(low, high, mac)]
+
+    def _line(self) -> str:
+        low, high = self.band_hz
+        modes, sensors = counted(len(self.modes), "mode"), counted(len(self.sensors), "sensor")
+        return f"{modes} identified from {low:g} to {high:g} Hz, {sensors}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        rows = []
+        for mode in self.modes:
+            row = columns(mode, ("label", "frequency_hz", "frequency_cov", "damping", "shape_sd"))
+            shape = [None] * len(self.sensors) if mode.shape is None else mode.shape.tolist()
+            rows.append(row | dict(zip(self.sensors, shape, strict=True)))
+        return rows
 
 
 def _are_alike(low: IdentifiedMode, high: IdentifiedMode, criterion: float) -> bool:

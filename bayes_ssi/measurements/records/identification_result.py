@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.measurements.modes.identification_record import (
     EstimatedMode,
     EstimatedPeak,
@@ -34,8 +36,8 @@ class SingularValues(NamedTuple):
     values: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class ModalIdentification:
+@dataclass(frozen=True, eq=False, repr=False)
+class ModalIdentification(Displayed):
     """The modes identified from a record.
 
     Attributes:
@@ -136,6 +138,13 @@ class ModalIdentification:
             failed_checks=self.doubts,
             not_identified=self.not_identified,
         )  # fmt: skip
+
+    def _line(self) -> str:
+        failed = counted(len(self.failed_checks), "failed check")
+        return f"{counted(self.quoted.n_modes, 'mode')} driven by {self.loads}, {failed}"
+
+    def _rows(self) -> Iterable[dict[str, Any]]:
+        return self.modal_data()._rows()
 
 
 def measured_record(record: Record) -> MeasuredRecord:

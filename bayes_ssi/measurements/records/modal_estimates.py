@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 
@@ -40,8 +41,8 @@ class Poles(NamedTuple):
         return Poles(frequencies, dampings, shapes).at(np.argsort(frequencies).tolist())
 
 
-@dataclass(frozen=True, eq=False)
-class ModalEstimates:
+@dataclass(frozen=True, eq=False, repr=False)
+class ModalEstimates(Displayed):
     """m modes at n sensors, and the covariance of their errors.
 
     Attributes:
@@ -151,6 +152,14 @@ class ModalEstimates:
         lengths = np.sqrt(np.maximum(0.0, 2.0 - 2.0 * cosines))
         claimed = np.maximum(self.shape_sds, other.shape_sds) * math.sqrt(len(self.sensors) - 1)
         return frequencies, lengths / claimed
+
+    def _line(self) -> str:
+        modes, sensors = counted(self.n_modes, "mode"), counted(len(self.sensors), "sensor")
+        return f"{modes} at {sensors}, by {self.method}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        both = zip(self.frequencies_hz.tolist(), self.dampings.tolist(), strict=True)
+        return [{"frequency_hz": hz, "damping": damping} for hz, damping in both]
 
 
 def real_shapes(shapes: ComplexArray) -> FloatArray:

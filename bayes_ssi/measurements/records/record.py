@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.measurements.modes.identified_mode import (
     RESERVED_NAMES,
     checked_band,
@@ -32,8 +34,8 @@ PASSED = 0.8
 Place = tuple[int, str] | None
 
 
-@dataclass(frozen=True, eq=False)
-class Record:
+@dataclass(frozen=True, eq=False, repr=False)
+class Record(Displayed):
     """What n sensors measured at N equal time steps.
 
     Attributes:
@@ -245,6 +247,20 @@ class Record:
     def warnings(self) -> list[str]:
         """What looks wrong with the record, a sentence each."""
         return remarks_on(self.samples, self.rate_hz, self.sensors)
+
+    def _line(self) -> str:
+        sensors, seconds = (
+            counted(len(self.sensors), "sensor"),
+            self.samples.shape[1] / self.rate_hz,
+        )
+        return f"of {self.quantity}, {sensors}, {seconds:.5g} s at {self.rate_hz:g} Hz"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        rms = self.samples.std(axis=1)
+        return [
+            {"sensor": name, f"rms, {self.unit}": float(size)}
+            for name, size in zip(self.sensors, rms, strict=True)
+        ]
 
 
 def checked_rate(rate_hz: float) -> float:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.results.hierarchy.populations import Population
@@ -89,8 +91,8 @@ class CovariateScale:
     sd: float
 
 
-@dataclass(frozen=True, eq=False)
-class Hierarchy:
+@dataclass(frozen=True, eq=False, repr=False)
+class Hierarchy(Displayed):
     """Many tests of one structure: how its parameters vary from test to test.
 
     Attributes:
@@ -235,3 +237,11 @@ class Hierarchy:
         if self.covariate is None:
             raise ValueError(f"hierarchy: there is no covariate, got {covariate!r}")
         return (covariate - self.covariate.mean) / self.covariate.sd
+
+    def _line(self) -> str:
+        tests = counted(len(self.tests), "test")
+        return f"of {tests} of {self.model_class!r}: {self.best.name}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        names = ("name", "log_evidence", "error", "log_bayes_factor", "probability", "against")
+        return [columns(row, names) for row in self.populations]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.displayed import Displayed, counted
 
 
 class Band(NamedTuple):
@@ -18,8 +19,8 @@ class Band(NamedTuple):
     high: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction(Displayed):
     """Draws of a predicted quantity, equally weighted.
 
     Attributes:
@@ -51,3 +52,10 @@ class Prediction:
             np.quantile(part, levels, axis=0) for part in np.array_split(flat, n_parts, axis=1)
         ]
         return Band(*np.concatenate(parts, axis=1).reshape(3, *self.draws.shape[1:]))
+
+    def _line(self) -> str:
+        return f"{counted(len(self.draws), 'draw')} of shape {self.draws.shape[1:]}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        bands = zip(*(part.ravel().tolist() for part in self.band(0.9)), strict=True)
+        return [dict(zip(("5 %", "median", "95 %"), band, strict=True)) for band in bands]

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from bayes_ssi.foundations.displayed import Displayed, InWords, columns, counted
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.studies.appendages.hypotheses import MassScale, SearchSettings
 from bayes_ssi.studies.appendages.places import AppendagePlace
@@ -172,8 +173,8 @@ class BaselineRecord:
     mass_scale: MassScale | None
 
 
-@dataclass(frozen=True)
-class SearchRecord:
+@dataclass(frozen=True, repr=False)
+class SearchRecord(Displayed):
     """The findings of a search, stored in addition to its ranking.
 
     Attributes:
@@ -265,9 +266,17 @@ class SearchRecord:
         """The most probable hypothesis that has an appendage."""
         return next(each for each in self.hypotheses if each.appendages)
 
+    def _line(self) -> str:
+        places = counted(len(self.places), "place")
+        return f"of {places}: an appendage with probability {self.probability_of_any:.4f}"
 
-@dataclass(frozen=True, eq=False)
-class AppendageSearch:
+    def _rows(self) -> list[dict[str, Any]]:
+        names = ("name", "probability", "log_evidence", "is_sampled")
+        return [columns(row, names) for row in self.hypotheses]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AppendageSearch(InWords):
     """The result of a search.
 
     Attributes:
@@ -281,3 +290,9 @@ class AppendageSearch:
     def appendages(self, name: str) -> tuple[AppendageSummary, ...]:
         """The appendages of one hypothesis."""
         return self.record.hypothesis(name).appendages
+
+    def _line(self) -> str:
+        return self.record._line()
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return self.record._rows()

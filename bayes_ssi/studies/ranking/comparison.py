@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.inference.criticism.misfit_in_words import inadequacy_in_words, misfit_text
 from bayes_ssi.inference.posterior.posterior import Posterior
 
@@ -149,8 +151,8 @@ def probability_text(probability: float) -> str:
     return "> 0.9999" if probability > 0.9999 else f"{probability:.4f}"
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Displayed):
     """Model classes ranked by probability, the best first; on equal prior weights, by evidence.
 
     Attributes:
@@ -222,6 +224,16 @@ class Comparison:
     def remarks(self) -> tuple[str, ...]:
         """Every remark on every class, with the class's name."""
         return tuple(f"{row.name!r}: {remark}" for row in self.classes for remark in row.remarks)
+
+    def _line(self) -> str:
+        failed = counted(len(self.failed_checks), "failed check")
+        best = f"best {self.best.name!r}, probability {self.best.probability_text}"
+        return f"{counted(len(self.classes), 'model class')}, {best}, {failed}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        names = ("name", "log_evidence", "error", "log_bayes_factor", "probability", "misfit_sds",
+                 "against")  # fmt: skip
+        return [columns(row, names) for row in self.classes]
 
 
 @checked

@@ -6,11 +6,13 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
+from typing import Any
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked, require
 from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.displayed import Displayed, InWords, counted
 from bayes_ssi.foundations.text_files import require_printable
 from bayes_ssi.inference.criticism.adequacy import Hint
 from bayes_ssi.inference.model_class.configuration import failed_data_checks
@@ -28,8 +30,8 @@ from bayes_ssi.studies.ranking.setting_checks import with_settings_checked
 MOST_DIAGNOSED = 3
 
 
-@dataclass(frozen=True, eq=False)
-class Study:
+@dataclass(frozen=True, eq=False, repr=False)
+class Study(Displayed):
     """Model classes for one set of identified modes.
 
     Attributes:
@@ -143,6 +145,15 @@ class Study:
                     "pairing what a class does not explain"
                 )
 
+    def _line(self) -> str:
+        return f"{self.name!r}: {counted(len(self.model_classes), 'model class')}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return [
+            {"model class": c.name, "parameters": len(c.parameters), "description": c.description}
+            for c in self.model_classes
+        ]
+
 
 def _merged(descriptions: Sequence[str]) -> str:
     """One description of classes that differ in their pairing only."""
@@ -165,8 +176,8 @@ def _where_different(first: ModelClass, other: ModelClass) -> str:
     return f" in configuration {names}" if names else ""
 
 
-@dataclass(frozen=True, eq=False)
-class Ranking:
+@dataclass(frozen=True, eq=False, repr=False)
+class Ranking(InWords):
     """A study's result: the posterior of every class, and their comparison."""
 
     study: Study
@@ -174,6 +185,12 @@ class Ranking:
     comparison: Comparison
     seed: int
     settings: SamplingSettings
+
+    def _line(self) -> str:
+        return f"of {self.study.name!r}: {self.comparison._line()}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return self.comparison._rows()
 
 
 def compare_and_diagnose(
