@@ -52,14 +52,14 @@ def write_netcdf(path: Path, groups: Mapping[str, Group]) -> None:
         raise
 
 
-FREQUENCY, MODE = "frequency_hz", "model_mode"
+MODEL, FREQUENCY, MODE = "model", "frequency_hz", "model_mode"
 LOG_LIKELIHOOD, DATUM = "modes", "datum"
 IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"
 SHAPES, WITH_SHAPES = "sensor_shapes", "draw_of_all_chains"
 PRIOR_DRAWS = 1000
 # A log-likelihood that differs by no more than this between draws, in nats, is constant but for
-# rounding.
-CONSTANT = 1e-9
+# rounding; and the standard deviation, in nats, with which files hold it.
+CONSTANT, SCATTER = 1e-9, 1e-6
 # Names of dimensions and coordinates; no parameter's variable can have one of them.
 RESERVED = ("chain", "draw", FREQUENCY, MODE, DATUM, IDENTIFIED, IDENTIFIED_MODE)
 
@@ -69,38 +69,37 @@ def save_draws(path: Path, posterior: Posterior, model_class: ModelClass) -> Non
 
     ``posterior`` and ``prior`` hold a variable for each parameter, ``sample_stats`` the
     log-likelihood (``log_likelihood_total``), ``log_likelihood`` the same datum by datum
-    (``modes``), ``posterior_predictive`` the model's frequencies (``frequency_hz``) and the
-    identified ones as the class predicts them (``identified_hz``), which ``observed_data`` holds
-    as they were identified. A group of this package's own, ``sensor_shapes``, holds mode shapes at
-    the sensors at some of the draws.
+    (``modes``), ``posterior_predictive`` the identified frequencies as the class predicts them
+    (``identified_hz``), which ``observed_data`` holds as they were identified. Groups of this
+    package's own hold the model's frequencies (``model``) and mode shapes at the sensors at some of
+    the draws (``sensor_shapes``).
     """
     draw = ("chain", "draw")
     names = variable_names(posterior.parameter_names)
     z = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, len(model_class.parameters)))
     prior = model_class.values(z)
     modes = {MODE: ([MODE], _mode_labels(posterior))}
-    predictive: Group = {FREQUENCY: ([*draw, MODE], posterior.frequencies_hz), **modes}
+    frequencies: Group = {FREQUENCY: ([*draw, MODE], posterior.frequencies_hz), **modes}
     groups: dict[str, Group] = {
         "posterior": {name: (draw, posterior.draws[..., i]) for i, name in enumerate(names)},
         "prior": {name: (draw, prior[None, :, i]) for i, name in enumerate(names)},
         "sample_stats": {"log_likelihood_total": (draw, posterior.log_likelihoods)},
+        MODEL: frequencies,
     }
     if posterior.datum_terms is not None:
         terms = posterior.datum_terms
-        data, log_likelihoods = _varying_terms(terms)
         identified_hz = [c.data.frequencies_hz for c in model_class.configurations]
         labels: Group = {IDENTIFIED_MODE: ([IDENTIFIED_MODE], terms.identified)}
         groups["log_likelihood"] = {
-            LOG_LIKELIHOOD: ([*draw, DATUM], log_likelihoods),
-            DATUM: ([DATUM], data),
+            LOG_LIKELIHOOD: ([*draw, DATUM], _varying_terms(terms)),
+            DATUM: ([DATUM], terms.data),
         }
         groups["observed_data"] = {
             IDENTIFIED: ([IDENTIFIED_MODE], np.concatenate(identified_hz)),
             **labels,
         }
         predicted = ([*draw, IDENTIFIED_MODE], terms.predicted_hz)
-        predictive = {**predictive, IDENTIFIED: predicted, **labels}
-    groups["posterior_predictive"] = predictive
+        groups["posterior_predictive"] = {IDENTIFIED: predicted, **labels}
     numbered = {name: _with_numbered_draws(group) for name, group in groups.items()}
     if posterior.sensor_shapes is not None:
         numbered[SHAPES] = {
@@ -129,20 +128,22 @@ def _mode_labels(posterior: Posterior) -> list[int] | list[str]:
     ]
 
 
-def _varying_terms(terms: DatumTerms) -> tuple[list[str], FloatArray]:
-    """Names and log-likelihoods of the data; constant terms are part of the first that varies.
+def _varying_terms(terms: DatumTerms) -> FloatArray:
+    """Log-likelihoods (n_chains, n_steps, n_data) of which none is constant.
 
     A spurious mode has the same density at every draw. Leave-one-out cross-validation fits the
-    tail of each term's distribution, which a constant lacks. Adding it to another term only shifts
-    that term, so the sum over the data stays the same.
+    tail of each term's distribution, which a constant lacks: it is scattered by a millionth of a
+    nat, which the first term that varies takes back, so that the sum stays the same.
     """
-    names, constant = np.array(terms.data), np.ptp(terms.log_likelihoods, axis=(0, 1)) <= CONSTANT
-    if constant.all():
-        return names.tolist(), terms.log_likelihoods
-    log_likelihoods = terms.log_likelihoods[..., ~constant]
-    log_likelihoods[..., 0] += terms.log_likelihoods[0, 0, constant].sum()
-    first, *others = names[~constant].tolist()
-    return [" and ".join([first, *names[constant]]), *others], log_likelihoods
+    constant = np.ptp(terms.log_likelihoods, axis=(0, 1)) <= CONSTANT
+    if constant.all() or not constant.any():
+        return terms.log_likelihoods
+    varying = terms.log_likelihoods.copy()
+    shape = (*varying.shape[:2], int(constant.sum()))
+    scatter = SCATTER * np.random.default_rng(0).standard_normal(shape)
+    varying[..., constant] += scatter
+    varying[..., int(np.argmin(constant))] -= scatter.sum(axis=-1)
+    return varying
 
 
 def load_draws(path: Path, posterior: Posterior) -> Posterior:
@@ -156,7 +157,7 @@ def load_draws(path: Path, posterior: Posterior) -> Posterior:
                 posterior,
                 draws=np.stack([file["posterior"][name][...] for name in names], axis=-1),
                 log_likelihoods=file["sample_stats"]["log_likelihood_total"][...],
-                frequencies_hz=file["posterior_predictive"][FREQUENCY][...],
+                frequencies_hz=file[MODEL][FREQUENCY][...],
                 sensor_shapes=file[SHAPES][SHAPES][...] if SHAPES in file else None,
             )
     except FileNotFoundError:

@@ -184,7 +184,7 @@ def test_arviz_sees_the_names_of_modes(ranking, tmp_path):
 
     save_result(ranking, tmp_path / "r")
     with h5py.File(tmp_path / "r" / "posteriors" / "both.nc") as file:
-        labels = [label.decode() for label in file["posterior_predictive"]["model_mode"]]
+        labels = [label.decode() for label in file["model"]["model_mode"]]
     assert labels == ["bare: 1", "bare: 2", "loaded: 1", "loaded: 2"]
 
 
