@@ -166,7 +166,7 @@ def test_arviz_compares_classes_and_predicts_their_data(tmp_path):
     modes = (
         bs.IdentifiedMode("1", 1.01),
         bs.IdentifiedMode("2", 2.59),
-        bs.IdentifiedMode("3", 2.7),
+        bs.IdentifiedMode("3", 3.1),
     )
     data = bs.ModalData(modes, band_hz=(0.0, 4.0))
     classes = [
