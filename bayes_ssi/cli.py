@@ -7,6 +7,8 @@ output has closed it.
 
 from __future__ import annotations
 
+import re
+
 import click
 
 from bayes_ssi.commands.calibrate import calibrate
@@ -26,14 +28,15 @@ from bayes_ssi.commands.sensitivities import sensitivities
 from bayes_ssi.commands.terminal import QUIET_OPTION, OneLineErrors
 from bayes_ssi.commands.what_if import what_if
 
+# In the order of work.
 COMMANDS = (
-    identify,
-    merge,
-    calibrate,
-    sensitivities,
-    check,
     new,
     import_model,
+    identify,
+    merge,
+    check,
+    calibrate,
+    sensitivities,
     rank,
     search,
     what_if,
@@ -46,6 +49,8 @@ COMMANDS = (
 
 for command in COMMANDS:
     command.params.append(QUIET_OPTION)
+    # The whole first sentence, which click would cut.
+    command.short_help = " ".join(re.split(r"(?<=\.)\s", command.help or "")[0].split())
 
 
 @click.group(

@@ -45,6 +45,12 @@ def check(
     """
     from bayes_ssi.measurements.records.record_files import is_record
 
+    if data[0].suffix == ".py" or data[0].is_dir():
+        what, use = ("a directory", "report") if data[0].is_dir() else ("a study", "rank")
+        raise ValueError(
+            f"{data[0]}: {what}; check reads files of modes or records. If it is "
+            f"{'a result' if use == 'report' else 'one'}, run: bayes-ssi {use} {data[0]}"
+        )
     if len(data) > 1 or is_record(data[0]):
         _check_record(record_of(data, rate, quantity, unit, sensors, keys))
         return

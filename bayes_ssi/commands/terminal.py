@@ -47,6 +47,9 @@ STEPS = {
 class OneLineErrors(click.Group):
     """A group of commands that reports errors, also of usage, in one line with an exit code."""
 
+    def list_commands(self, _ctx: click.Context) -> list[str]:
+        return list(self.commands)  # in their own order, where click would sort them
+
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.meta[COMMAND_LINE] = shlex.join(["bayes-ssi", *args])
         return super().parse_args(ctx, args)

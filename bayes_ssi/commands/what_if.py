@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
+
 
 @click.command(name="what-if")
 @click.argument("result", type=click.Path(path_type=Path))
@@ -91,13 +93,13 @@ def what_if(
 
     settings = ChangedSettings(
         # The name may itself hold "=", but is not followed by the name of a distribution there.
-        priors=_named("--prior", priors, r"(.+?)=\s*(\w+\s*\(.*)", prior_from_text),
+        priors=_named("--prior", priors, PRIOR_FORM, r"(.+?)=\s*(\w+\s*\(.*)", prior_from_text),
         frequency_cov=frequency_cov,
         shape_sd=shape_sd,
         detection_probability=detection,
         expected_spurious_modes=spurious,
-        bands_hz=_named("--band", bands, r"(?:(.+)=)?([^=]*)", _band),
-        prior_weights=_named("--weight", weights, r"(.+)=([^=]*)", _number),
+        bands_hz=_named("--band", bands, "[NAME=]LOW,HIGH", r"(?:(.+)=)?([^=]*)", _band),
+        prior_weights=_named("--weight", weights, "NAME=WEIGHT", r"(.+)=([^=]*)", _number),
     )
     stored = load_result(result)
     answer = ask(stored, settings)
@@ -125,14 +127,14 @@ def what_if(
 
 
 def _named(
-    option: str, texts: tuple[str, ...], form: str, read: Callable[[str], T]
+    option: str, texts: tuple[str, ...], wanted: str, form: str, read: Callable[[str], T]
 ) -> dict[str, T]:
-    """Name → value, from texts NAME=VALUE of an option."""
+    """Name → value, from texts of an option, whose ``form`` is a regular expression."""
     items: dict[str, T] = {}
     for text in texts:
         match = re.fullmatch(form, text.strip())
         if match is None:
-            raise ValueError(f"{option}: must be NAME=VALUE, got {text!r}")
+            raise ValueError(f"{option}: must be {wanted}, got {text!r}")
         name, value = (match[1] or "").strip(), match[2].strip()
         if name in items:
             raise ValueError(f"{option}: {name!r} is given twice")

@@ -169,8 +169,10 @@ def _runner_up(result: StoredResult, row: RankedClass, best: Posterior) -> str:
     errors = {each.name for each in record.parameters if each.is_error}
     own = set(posterior.parameter_names) - set(best.parameter_names) - errors
     claims = [each for each in posterior.summary if each.name in own.union(different)]
+    n_sampled = len(result.comparison.classes)
+    among = f" among the {n_sampled} hypotheses that were sampled" if result.search else ""
     sentences = [
-        f"Runner-up: {_title_and_probability(result, row)}.",
+        f"Runner-up{among}: {_title_and_probability(result, row)}.",
         f"It {explained(posterior, result.tests)}.",
     ]
     if claims:

@@ -46,7 +46,7 @@ def test_a_record(run, saved):
     ("options", "words"),
     [
         ((), ("nothing is changed",)),
-        (("--prior", "k"), ("--prior: must be NAME=VALUE", "'k'")),
+        (("--prior", "k"), ("--prior: must be NAME=DISTRIBUTION", "'k'")),
         (("--prior", "k=Gamma(1, 2)"), ("--prior", "choose from Normal, LogNormal")),
         (("--prior", "k=Normal(1, -2)"), ("--prior: Normal: sd must be positive",)),
         (("--prior", "k=Normal(1, 2)", "--prior", "k=Normal(1, 3)"), ("'k' is given twice",)),

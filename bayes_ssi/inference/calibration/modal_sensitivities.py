@@ -97,7 +97,7 @@ def modal_sensitivities(
     if not values.all():
         raise ValueError(
             f"modal_sensitivities: {problem.names[int(np.argmin(np.abs(values)))]!r} is zero, and "
-            "relative changes of it are not defined; give another value as at"
+            "relative changes of it are not defined; give at={...} with another value of it"
         )
 
     def frequencies_and_shapes(by: FloatArray) -> FloatArray:

@@ -13,12 +13,11 @@
 Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
 the search, required), ``source`` (text), ``failed_check`` (a sentence; there may be several such
 rows), ``covariance`` and ``identification`` (files in the same directory, see
-:mod:`bayes_ssi.measurements.modes.companion_files` and
-:mod:`bayes_ssi.measurements.modes.companion_files`); anything else there is a comment. Then a
-row of column
-names: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd``, ``damping`` and
-``damping_sd`` (fractions) are optional, and **every other column is a sensor**, named as the
-structure's degree of freedom. An empty cell is a value not measured. Complex components are written
+:mod:`bayes_ssi.measurements.modes.companion_files`); anything else there is a comment. Then a row
+of column names, also spelled ``Frequency [Hz]``: ``label`` and ``frequency_hz`` are required,
+``frequency_cov``, ``shape_sd``, ``damping`` and ``damping_sd`` (fractions) are optional, and **every other
+column is a sensor**, named as the structure's degree of freedom. An empty cell is a value not
+measured. Complex components are written
 ``0.3+0.1j`` (or ``i``). Columns are separated by commas, semicolons or tabs, as a first line
 ``sep=;`` may say; with semicolons or tabs a decimal comma is understood.
 """
@@ -205,7 +204,7 @@ def _split(path: Path) -> list[_Line]:
     delimiters = DELIMITERS if stated is None else stated
     for delimiter in delimiters:
         lines = _lines(path, text, delimiter)
-        if any(set(REQUIRED_COLUMNS) <= set(line.cells) for line in lines):
+        if any(set(REQUIRED_COLUMNS) <= set(map(_spelled, line.cells)) for line in lines):
             return lines
     return _lines(path, text, delimiters[0])
 
@@ -224,8 +223,14 @@ def _lines(path: Path, text: str, delimiter: str) -> list[_Line]:
     return lines
 
 
+def _spelled(name: str) -> str:
+    """A name of this file's own columns as it is documented; others, of sensors, as they are."""
+    plain = re.sub(r"[\s_()\[\]]+", "_", name.lower()).strip("_")
+    return plain if plain in RESERVED_NAMES else name
+
+
 def _column_names(line: _Line) -> list[str]:
-    names = list(line.cells)
+    names = [_spelled(cell) for cell in line.cells]
     while names and not names[-1]:
         names.pop()
     for required in REQUIRED_COLUMNS:
@@ -259,10 +264,9 @@ def _read_head(head: list[_Line]) -> _Head:
     first: dict[str, int] = {}
     for line in head:
         cells = [line.cells[0].lstrip("# ").strip(), *line.cells[1:]]
-        # '# band_hz: 0, 6' and '# band_hz, 0, 6' are both what people write.
-        key, colon, rest = cells[0].partition(":")
-        if colon:
-            cells = [key.strip(), rest.strip(), *cells[1:]]
+        # '# band_hz: 0, 6', '# band_hz = 0, 6' and '# band_hz, 0, 6' are what people write.
+        if stated := re.fullmatch(r"(\w+)\s*[:=]\s*(.*)", cells[0]):
+            cells = [*stated.groups(), *cells[1:]]
         values = [cell for cell in cells[1:] if cell]
         key = cells[0].lower()
         if key in HEAD_KEYS and first.setdefault(key, line.number) != line.number:

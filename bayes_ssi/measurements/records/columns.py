@@ -22,7 +22,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from datetime import datetime
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import TextIO
 
@@ -33,8 +33,9 @@ from bayes_ssi.foundations.text_files import STATED_DELIMITER, require_regular_f
 from bayes_ssi.measurements.records.channels import STATED, Channels, step_of, with_statements
 
 KEY = re.compile(rf"\s*#\s*({'|'.join(STATED)})\s*[,;:=\t]\s*(.*?)[\s,;]*$")
-# What numpy says of a cell that is no number.
+# What numpy says of a cell that is no number, in rows from 0, and of a row of another length.
 NO_NUMBER = re.compile(r"could not convert string (.*) to float64 at row (\d+), column (\d+)")
+OTHER_LENGTH = re.compile(r"the number of columns changed from (\d+) to (\d+) at row (\d+)")
 TIME = re.compile(r"(t|time)([_ ]?s|\s*[(\[]s[)\]])?$", re.IGNORECASE)
 STAMP = re.compile(r'\s*"?(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d*)?(Z|[+-]\d\d:?\d\d)?)"?')
 
@@ -80,16 +81,23 @@ def _read(file: TextIO) -> Channels:
     try:
         table = np.loadtxt(lines, delimiter=delimiter, ndmin=2)
     except ValueError as error:
-        above = f"below line {number - (not names)}"
+        first_line = number + bool(names)
         if match := NO_NUMBER.match(str(error)):
             text, row, column = match.groups()
+            line_number = _line_of_row(file, first_line, int(row))
             hint = "a record has one of every sensor in every row"
             if column == "1" and re.search(r"\d[:/.]\d+[:/.]\d", text):
                 hint = "time stamps are read in ISO form, such as 2024-05-12T10:00:00.010"
             raise ValueError(
-                f"{above}: row {int(row) + 1}, column {column}: {text} is not a number; {hint}"
+                f"line {line_number}, column {column}: {text} is not a number; {hint}"
             ) from None
-        raise ValueError(f"{above}: {error}") from None
+        if match := OTHER_LENGTH.match(str(error)):
+            before, cells_there, row = match.groups()
+            line_number = _line_of_row(file, first_line, int(row) - 1)
+            raise ValueError(
+                f"line {line_number}: {cells_there} cells, where the rows above have {before}"
+            ) from None
+        raise ValueError(f"below line {first_line - 1}: {error}") from None
     if names and delimiter is None and table.shape[1] == 1:
         names = [first.strip()]
     if len(table) < 2:
@@ -108,6 +116,14 @@ def _read(file: TextIO) -> Channels:
             "a column for each sensor: is the table the wrong way round?"
         )
     return channels
+
+
+def _line_of_row(file: TextIO, first_line: int, row: int) -> int:
+    """The number of the line of a row of samples, from 0; others are blank or comments."""
+    file.seek(0)
+    numbered = islice(enumerate(file, 1), first_line - 1, None)
+    rows = (n for n, line in numbered if line.strip() and not line.lstrip().startswith("#"))
+    return next(islice(rows, row, None), first_line + row)
 
 
 def _in_seconds(

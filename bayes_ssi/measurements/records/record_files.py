@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -26,6 +27,8 @@ from bayes_ssi.measurements.records.strong_motion_files import STRONG_MOTION, re
 from bayes_ssi.measurements.records.tool_files import read_tdms, read_universal
 
 # Bytes at the beginning of a file, in which its rows of names are.
+# Columns of a file of modes.
+OF_MODES = re.compile(rb"frequency[\s_(\[]+hz|label", re.IGNORECASE)
 HEAD = 4096
 
 
@@ -117,7 +120,8 @@ def _require(
 def is_record(path: Path) -> bool:
     """Whether a file that exists holds a record rather than identified modes.
 
-    A file of text does where none of its first rows of names has a column ``frequency_hz``.
+    A file of text does where none of its first rows of names has a column ``frequency_hz``, in
+    any of its spellings.
     """
     suffix = path.suffix.lower()
     require_regular_file(path)
@@ -127,7 +131,7 @@ def is_record(path: Path) -> bool:
         return bool(read_data_sets(path, 58))
     with path.open("rb") as file:
         head = file.read(HEAD)
-    return bool(head.strip()) and b"frequency_hz" not in head and b"label" not in head
+    return bool(head.strip()) and OF_MODES.search(head) is None
 
 
 def _read(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:

@@ -57,13 +57,14 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
     return table
 
 
-def comparison_notes(comparison: Comparison) -> list[str]:
-    """Notes on the table of a ranking: its scales, and the mark of failed checks."""
-    notes = [
+def comparison_notes(comparison: Comparison, with_scales: bool = True) -> list[str]:
+    """Notes on the table of a ranking: the scales of its columns, and the mark of failed checks."""
+    scales = [
         f"Evidence against: scale of {comparison.scale}.",
         "Misfit: how far the data are from what the class itself expects, in standard deviations "
         f"of a normal variable; one right class in a hundred is beyond {LIMIT_SDS:.1f} sd.",
     ]
+    notes = scales if with_scales else []
     if any(row.failed_checks for row in comparison.classes):
         notes.append("(!): a check failed, as said below.")
     if comparison.remarks:

@@ -108,4 +108,7 @@ def what_if_notes(answer: WhatIf, again: str) -> Sequence[str]:
         notes.append(f"{before.name!r} is the most probable class before and after.")
     else:
         notes.append(f"The most probable class is {after.name!r}; before, it was {before.name!r}.")
+    if answer.remarks:
+        notes.append("The draws of these classes do not say, which are too improbable to matter:")
+        notes += [f"  {remark}" for remark in answer.remarks]
     return notes

@@ -23,7 +23,7 @@ from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.measurements.modes.identified_mode import checked_band
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior
-from bayes_ssi.studies.ranking.comparison import checked_weights, class_probabilities
+from bayes_ssi.studies.ranking.comparison import can_matter, checked_weights, class_probabilities
 from bayes_ssi.studies.ranking.reweighting import ParameterSpread, Reweighted
 from bayes_ssi.studies.ranking.variations import Variation, with_bands, with_priors
 
@@ -130,7 +130,7 @@ class ChangedClass:
     Attributes:
         log_evidence_before: in nats.
         log_evidence_after: None where the draws do not say.
-        probability_after: None where the draws of any class do not say.
+        probability_after: None where the draws of any class do not say, and it may matter.
         pareto_k: shape of the weights' tail; -inf where they have none.
         problem: why the draws do not say; empty where they do.
         misfit_before: how far the data are from the class; None where that is not known.
@@ -174,7 +174,16 @@ class WhatIf:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Classes whose draws do not say, a sentence each."""
+        """Classes whose draws do not say, though it matters, a sentence each."""
+        return self._unsaid if self.best_after is None else ()
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Classes whose draws do not say, but that are too improbable to matter."""
+        return () if self.best_after is None else self._unsaid
+
+    @property
+    def _unsaid(self) -> tuple[str, ...]:
         return tuple(f"{each.name!r}: {each.problem}" for each in self.classes if each.problem)
 
     @property
@@ -203,9 +212,12 @@ def with_changed_settings(
     answers = Variation("", settings.applied_to).reweighted(by_name, known)
     shares = class_probabilities({p.name: p.evidence.log_evidence for p in posteriors}, before)
     new_shares: Mapping[str, float | None] = dict.fromkeys(names)
-    if not any(answer.problem for answer in answers.values()):
-        log_evidences = {n: answer.log_evidence.log_evidence for n, answer in answers.items()}
-        new_shares = class_probabilities(log_evidences, after)
+    log_evidences = {n: answer.log_evidence.log_evidence for n, answer in answers.items()}
+    estimated = class_probabilities(log_evidences, after)
+    unsaid = [name for name in names if answers[name].problem]
+    # Of a class that neither was probable nor becomes so, the draws need not cover the change.
+    if not any(can_matter(shares[name]) or can_matter(estimated[name]) for name in unsaid):
+        new_shares = estimated
     rows = [_changed_class(answers[name], shares[name], new_shares[name]) for name in names]
     rows.sort(key=lambda row: -row.probability_before)
     return WhatIf(tuple(_phrases(settings, known, before)), tuple(rows))
