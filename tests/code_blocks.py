@@ -14,7 +14,7 @@ README = ROOT / "README.md"
 CHAPTERS = sorted((ROOT / "bayes_ssi" / "guide").glob("*.md"))
 PAGES = [README, *CHAPTERS]
 # Installing and testing is what the continuous integration does.
-ELSEWHERE = ("python3 -m venv", "pip install", "pytest")
+ELSEWHERE = ("python3 -m venv", "python3 -m pip", "pip install", "pytest")
 
 
 @dataclass(frozen=True)

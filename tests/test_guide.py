@@ -9,6 +9,7 @@ from html import unescape
 import click
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from code_blocks import CHAPTERS, PAGES, ROOT, blocks, commands, run_page
 
 import bayes_ssi as bs
@@ -106,6 +107,38 @@ CHECKS = {name.removeprefix("check_"): f for name, f in globals().items() if "ch
 def test_a_chapter_runs(page, printed):
     output = printed(page)
     CHECKS.get(page.stem, bool)(output)
+
+
+def test_first_steps_print_what_they_show(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (GUIDE / "first_steps.md").read_text("utf-8")
+    shown = " ".join(text.split())
+    for command in ("new tower", "check tower.csv", "rank tower.py", "report runs/results/tower"):
+        assert f"$ bayes-ssi {command}\n" in text
+        done = CliRunner().invoke(main, command.split(), env={"COLUMNS": "80"})
+        assert done.exit_code == 0, done.output
+        printed = " ".join(done.stdout.split())
+        if command.startswith("rank"):
+            for sentence in ("The most probable of the 2 model classes", "It explains all 3"):
+                words = re.search(rf"{sentence}.*?\. (?=[A-Z])", printed)[0]
+                assert words in shown
+            assert re.search(r"k2 = 0\.81", printed)
+        elif not command.startswith("check"):
+            assert printed in shown
+
+
+def test_the_page_of_commands_lists_all_of_them():
+    text = (GUIDE / "commands.md").read_text("utf-8")
+    assert re.search(r":commands: (.*)", text)[1].split(",") == list(main.commands)
+
+
+def test_every_plot_has_a_picture():
+    text = "".join(page.read_text("utf-8") for page in GUIDE.glob("*.md"))
+    pictures = {name: f"runs/pictures/plots/{name[5:]}.png" for name in plots.__all__}
+    for name, picture in pictures.items():
+        if name.startswith("plot_"):
+            assert f"(../../{picture})" in text, name
+            assert (ROOT / picture).is_file(), name
 
 
 def test_every_check_is_of_a_chapter():

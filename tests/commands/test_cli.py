@@ -421,3 +421,24 @@ def test_slow_structures_are_named_before_they_are_sampled(run, tmp_path, monkey
     assert "Slow" not in "".join(lines[1:])
     for option in ("--quiet", "--economical"):
         assert "Slow" not in run("rank", study, "--out", "r", option).stderr
+
+
+def test_check_says_what_to_do_with_a_study_or_a_result(run, tiny_study_file, tmp_path):
+    result = run("check", tiny_study_file)
+    assert_one_line_error(result, "a study; check reads files of modes", "bayes-ssi rank")
+    result = run("check", tmp_path)
+    assert_one_line_error(result, "a directory; check reads files of modes", "bayes-ssi report")
+
+
+def test_the_module_is_the_command():
+    command = [sys.executable, "-m", "bayes_ssi", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("bayes-ssi, version ")
+
+
+def test_help_lists_commands_whole_and_in_the_order_of_work(run):
+    lines = run("--help").stdout.split("Commands:")[1]
+    assert "…" not in lines
+    assert "..." not in lines
+    names = re.findall(r"^  (\S+)", lines, re.M)
+    assert names[:3] == ["new", "import", "identify"]

@@ -276,3 +276,12 @@ def test_a_label_that_would_read_as_a_remark_is_refused(read):
         bs.IdentifiedMode("#1", 1.0)
     with pytest.raises(ValueError, match="line 3: a row beginning with '#' below"):
         read(HEAD + "#1, 1.0, 1, 2\n2, 2.0, 1, 1\n")
+
+
+@pytest.mark.parametrize("heading", ["Frequency [Hz]", "Frequency_Hz", "frequency (Hz)"])
+@pytest.mark.parametrize("head", ["# band_hz = 0, 6.5", "# band_hz: 0, 6.5", "# Band_hz, 0, 6.5"])
+def test_spellings_that_people_use(read, heading, head):
+    data = read(f"{head}\nLabel,{heading},Floor 1\n1,0.98,0.3\n")
+    assert data.band_hz == (0.0, 6.5)
+    assert data.sensors == ("Floor 1",)
+    assert data.modes[0].frequency_hz == 0.98

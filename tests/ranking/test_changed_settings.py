@@ -124,6 +124,16 @@ def test_no_probability_is_given_where_a_class_must_be_sampled_again(stored):
     assert answer.problems == (f"'one k': {row.problem}",)
 
 
+def test_a_class_too_improbable_to_matter_need_not_be_sampled_again(tiny_ranking):
+    weights = {"one k": 1e-12, "each k": 1.0}
+    improbable = replace(tiny_ranking, study=replace(tiny_ranking.study, prior_weights=weights))
+    answer = bs.what_if(improbable, bs.ChangedSettings(priors={"k": bs.LogNormal(5.0, 0.05)}))
+    assert answer.best_after is of(answer, "each k")
+    assert answer.best_after.probability_after == pytest.approx(1.0, abs=1e-9)
+    assert answer.problems == ()
+    assert answer.remarks == (f"'one k': {of(answer, 'one k').problem}",)
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [

@@ -274,7 +274,7 @@ def test_iso_time_stamps(tmp_path, form, named, separator):
     [
         (
             ["12/05/2024 10:00:00.00"] * 3,
-            "row 1, column 1: '12/05/2024 .* ISO form, such as 2024-05",
+            "line 4, column 1: '12/05/2024 .* ISO form, such as 2024-05",
         ),
         (["2024-13-05T10:00:00"] * 3, "time stamp '2024-13-05T10:00:00': month must be in"),
         (["2024-05-05 10:00:00", "2024-05-05 10:00:01Z"], "'2024-05-05 10:00:01Z': can't subtract"),
@@ -378,9 +378,13 @@ def test_several_files_of_one_setup(tmp_path):
     ("text", "message"),
     [
         ("", "holds no samples"),
-        ("a,b\n1,2\n3,x\n", "below line 1: row 2, column 2: 'x' is not a number"),
-        ("a,b\n1,2\n3,\n", "below line 1: row 2, column 2: '' is not a number"),
-        ("a,b\n1,2\n3\n", "number of columns changed"),
+        ("a,b\n1,2\n3,x\n", "line 3, column 2: 'x' is not a number"),
+        ("a,b\n1,2\n3,\n", "line 3, column 2: '' is not a number"),
+        (
+            "# a comment\na,b\n\n1,2\n# another\n3,4\n5,6,7\n",
+            "line 7: 3 cells, where the rows above have 2",
+        ),
+        ("a,b\n1,2\n3\n", "line 3: 1 cell, where the rows above have 2"),
         ("a,b\n1,2,3\n4,5,6\n", "2 column names for 3 columns"),
         (
             "t,a,b\n0,1,2\n0.1,1,2\n0.2,1,3\n0.5,1,3\n0.6,2,3\n",

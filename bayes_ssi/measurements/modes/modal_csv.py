@@ -15,9 +15,9 @@ the search, required), ``source`` (text), ``failed_check`` (a sentence; there ma
 rows), ``covariance`` and ``identification`` (files in the same directory, see
 :mod:`bayes_ssi.measurements.modes.companion_files`); anything else there is a comment. Then a row
 of column names, also spelled ``Frequency [Hz]``: ``label`` and ``frequency_hz`` are required,
-``frequency_cov``, ``shape_sd``, ``damping`` and ``damping_sd`` (fractions) are optional, and **every other
-column is a sensor**, named as the structure's degree of freedom. An empty cell is a value not
-measured. Complex components are written
+``frequency_cov``, ``shape_sd``, ``damping`` and ``damping_sd`` (fractions) are optional, and
+**every other column is a sensor**, named as the structure's degree of freedom. An empty cell is a
+value not measured. Complex components are written
 ``0.3+0.1j`` (or ``i``). Columns are separated by commas, semicolons or tabs, as a first line
 ``sep=;`` may say; with semicolons or tabs a decimal comma is understood.
 """

@@ -29,6 +29,7 @@ from typing import TextIO
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.foundations.text_files import STATED_DELIMITER, require_regular_file
 from bayes_ssi.measurements.records.channels import STATED, Channels, step_of, with_statements
 
@@ -92,10 +93,11 @@ def _read(file: TextIO) -> Channels:
                 f"line {line_number}, column {column}: {text} is not a number; {hint}"
             ) from None
         if match := OTHER_LENGTH.match(str(error)):
-            before, cells_there, row = match.groups()
+            before, there, row = match.groups()
             line_number = _line_of_row(file, first_line, int(row) - 1)
             raise ValueError(
-                f"line {line_number}: {cells_there} cells, where the rows above have {before}"
+                f"line {line_number}: {counted(int(there), 'cell')}, where the rows above have "
+                f"{before}"
             ) from None
         raise ValueError(f"below line {first_line - 1}: {error}") from None
     if names and delimiter is None and table.shape[1] == 1:
