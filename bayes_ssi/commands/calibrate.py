@@ -17,6 +17,7 @@ from bayes_ssi.commands.terminal import (
     print_record,
     progress_bars,
     say,
+    say_in_paragraphs,
     say_warnings,
 )
 from bayes_ssi.foundations.choices import require_known
@@ -25,6 +26,13 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bayes_ssi.inference.calibration.calibration import Calibration
+
+
+# Of the columns and titles of the tables.
+LEGEND = (
+    "f_ob: root mean square of the residuals of frequencies and, times λ, of shapes, which is "
+    "minimised; d: root mean square change of the parameters from their prior medians."
+)
 
 
 @click.command()
@@ -88,6 +96,9 @@ def calibrate(
         of_names = {each.name: each for each in calibrations}
         parameters, distances = distances_from(reference, candidates, of_names)
         where.print(distances_table(reference, parameters, distances, of_names))
+    if calibrations:
+        say(where, LEGEND)
+        say_in_paragraphs(where, *map(_conclusion, calibrations))
     say_warnings(where, data_warnings(failed))
     print_record(
         lambda: {
@@ -149,6 +160,20 @@ def _show(where: Console, group: list[Calibration]) -> None:
     elif not calibration.with_prior and _is_not_unique(calibration):
         where.print("(!) The fit is not unique: several minima are equally good.")
     where.print()
+
+
+def _conclusion(calibration: Calibration) -> str:
+    """What the best minimum is, and that a fit alone is no proof."""
+    best, n_others = calibration.best, len(calibration.minima) - 1
+    others = "" if not n_others else f" {n_others} further minima fit less well."
+    if n_others and _is_not_unique(calibration):
+        others = f" {n_others} further minima were reached, of which some fit as well."
+    return (
+        f"{calibration.name!r}: the best fit has f_ob = {100.0 * best.objective:.3f} %, "
+        f"{100.0 * calibration.before.objective:.3f} % before, with parameters "
+        f"{100.0 * best.distance:.1f} % from the prior medians.{others} How well a class fits does "
+        "not say whether it is right; rank does."
+    )
 
 
 def _is_not_unique(calibration: Calibration) -> bool:

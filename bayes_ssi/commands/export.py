@@ -40,11 +40,13 @@ def export(
 
     parameters.csv has the parameters, by the names of the program's groups: at the most probable
     values, and means, standard deviations and quantiles. modes.csv and modes.uff (data sets 15, 82
-    and 55) have the modes at all nodes, at the most probable values.
+    and 55) have the modes at all nodes, at the most probable values; a structure without nodes,
+    such as a shear building, has no such files.
     """
     import numpy as np
 
     from bayes_ssi.results.predictions.nodal_modes import (
+        NoNodesError,
         nodal_modes,
         node_numbers,
         write_modes_csv,
@@ -60,19 +62,28 @@ def export(
     posterior = predicted.stored.posterior(chosen)
     structure = predicted.model_classes[chosen].configuration(predicted.configuration).structure
     likeliest = dict(zip(posterior.parameter_names, posterior.maxima[0].tolist(), strict=True))
-    modes = nodal_modes(structure, np.array([likeliest[p.name] for p in structure.parameters]))
+    own = np.array([likeliest[p.name] for p in structure.parameters])
+    modes, without = None, ""
+    try:
+        modes = nodal_modes(structure, own)
+    except NoNodesError as error:
+        without = f"(!) No modes at nodes are written: {error}."
     with new_directory(directory, marker=PARAMETERS, overwrite=overwrite) as partial:
         _write_parameters(partial / PARAMETERS, posterior, list(likeliest.values()))
-        write_modes_csv(partial / "modes.csv", modes)
-        write_universal_file(partial / "modes.uff", modes, f"{chosen}, updated")
+        if modes is not None:
+            write_modes_csv(partial / "modes.csv", modes)
+            write_universal_file(partial / "modes.uff", modes, f"{chosen}, updated")
     say(
         console(),
         f"Class {chosen!r}, at its most probable parameters:",
         *(f"  {key} = {value:.4g}" for key, value in likeliest.items()),
         f"Wrote parameters, and {len(modes.frequencies_hz)} modes at {len(modes.nodes)} nodes, to "
-        f"{directory}.",
+        f"{directory}."
+        if modes is not None
+        else f"Wrote parameters to {directory}.",
+        *([without] if without else []),
     )
-    if [str(number) for number in node_numbers(modes)] != list(modes.nodes):
+    if modes is not None and [str(number) for number in node_numbers(modes)] != list(modes.nodes):
         say(
             console(), "(!) Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1."
         )

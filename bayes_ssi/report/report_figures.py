@@ -33,6 +33,8 @@ from bayes_ssi.report.embedded_figure import LIMITS, EmbeddedFigure, embedded_dr
 from bayes_ssi.results.load import FIGURES, StoredResult
 from bayes_ssi.results.predictions.prediction_files import SavedPredictions
 from bayes_ssi.structures.modal import SHAPE_SCALE
+from bayes_ssi.studies.appendages.hypotheses import frequency_name, mass_name
+from bayes_ssi.studies.appendages.search_result import SearchRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -151,9 +153,11 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
         yield from _of_configuration(modes, stored.tests[modes.name], of)
     yield f"Parameters {of}, prior and posterior", partial(plot_parameters, posterior)
     if with_corner:
-        names = _best_determined(posterior)
+        names = _of_most_interest(posterior, stored.search)
         few = len(names) < len(posterior.parameter_names)
-        note = f": the {len(names)} parameters best determined by the data" if few else ""
+        first = "those of the appendages, and the best determined ones"
+        which = first if stored.search else "the best determined ones"
+        note = f": {len(names)} parameters, {which}" if few else ""
         yield (
             f"Joint posterior densities {of}{note}",
             partial(plot_corner, posterior, parameters=names),
@@ -202,11 +206,14 @@ def _saved_shapes(stored: StoredResult, i: int, name: str) -> Iterator[EmbeddedF
         )
 
 
-def _best_determined(posterior: Posterior) -> list[str]:
-    """The parameters whose spread the data reduce most, in their original order."""
+def _of_most_interest(posterior: Posterior, search: SearchRecord | None) -> list[str]:
+    """Parameters of appendages, then those whose spread the data reduce most; in their order."""
+    appendages = search.hypothesis(posterior.name).appendages if search else ()
+    of_appendages = [name(a.place) for a in appendages for name in (mass_name, frequency_name)]
     spreads = dict(zip(posterior.parameter_names, posterior.relative_spreads, strict=True))
-    best = sorted(spreads, key=spreads.__getitem__)[: LIMITS.parameters_in_corner]
-    return [name for name in spreads if name in best]
+    ordered = sorted(spreads, key=lambda name: (name not in of_appendages, spreads[name]))
+    chosen = ordered[: LIMITS.parameters_in_corner]
+    return [name for name in spreads if name in chosen]
 
 
 def _of_predictions(predictions: SavedPredictions | None) -> Iterator[EmbeddedFigure]:

@@ -153,10 +153,13 @@ def _common_claims(result: StoredResult, alike: Sequence[RankedClass]) -> Iterat
         )
     for row, posterior in zip(alike[:MOST_LISTED], posteriors, strict=False):
         record = result.record.model_class(row.name)
-        claimed = [each for each in posterior.summary if each.name in disputed]
+        errors = {each.name for each in record.parameters if each.is_error}
+        claimed = [each for each in posterior.summary if each.name in disputed - errors]
+        sizes = [each for each in posterior.summary if each.name in disputed & errors]
         own = [each for each in posterior.summary if each.name not in of_all | disputed]
         parts = [explained(posterior, result.tests)]
-        for verb, parameters in (("claims", claimed), ("also infers", own)):
+        verbs = ("claims", "needs sizes of errors", "also infers")
+        for verb, parameters in zip(verbs, (claimed, sizes, own), strict=True):
             if parameters:
                 parts.append(f"{verb} {quantities(best_determined(parameters), record)}")
         yield f"{row.name!r} {'; it '.join(parts)}."
@@ -168,7 +171,8 @@ def _runner_up(result: StoredResult, row: RankedClass, best: Posterior) -> str:
     different, same = differing(posterior, best)
     errors = {each.name for each in record.parameters if each.is_error}
     own = set(posterior.parameter_names) - set(best.parameter_names) - errors
-    claims = [each for each in posterior.summary if each.name in own.union(different)]
+    claims = [each for each in posterior.summary if each.name in own.union(different) - errors]
+    sizes = [each for each in posterior.summary if each.name in errors.intersection(different)]
     n_sampled = len(result.comparison.classes)
     among = f" among the {n_sampled} hypotheses that were sampled" if result.search else ""
     sentences = [
@@ -177,8 +181,10 @@ def _runner_up(result: StoredResult, row: RankedClass, best: Posterior) -> str:
     ]
     if claims:
         sentences.append(f"It claims {quantities(best_determined(claims), record)}.")
+    if sizes:
+        sentences.append(f"It needs other sizes of errors: {quantities(sizes, record)}.")
     if same:
-        other = "other " if claims else ""
+        other = "other " if claims or sizes else ""
         sentences.append(f"On the {other}parameters that both infer it agrees.")
     return " ".join([*sentences, why_it_loses(row, result.comparison.best)])
 

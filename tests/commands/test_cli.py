@@ -205,6 +205,9 @@ def test_calibrate(run, tiny_study_file):
     assert "Minima of 'one k'" in result.stdout
     assert "Modes of 'each k'" in result.stdout
     assert "not unique" not in result.stdout
+    words = " ".join(result.stdout.split())
+    assert re.search(r"'one k': the best fit has f_ob = [\d.e-]+ %, [\d.]+ % before", words)
+    assert words.count("How well a class fits does not say whether it is right; rank does.") == 2
     assert result.stderr == ""
 
 
@@ -442,3 +445,13 @@ def test_help_lists_commands_whole_and_in_the_order_of_work(run):
     assert "..." not in lines
     names = re.findall(r"^  (\S+)", lines, re.M)
     assert names[:3] == ["new", "import", "identify"]
+
+
+def test_export_of_a_structure_without_nodes_writes_its_parameters(run, tiny_study_file, tmp_path):
+    assert run("rank", tiny_study_file, "--seed", 7, "--out", tmp_path / "r").exit_code == 0
+    result = run("export", tmp_path / "r")
+    assert result.exit_code == 0
+    assert "No modes at nodes are written: no degree of freedom is labelled" in result.stdout
+    written = tmp_path / "r" / "updated"
+    assert [path.name for path in written.iterdir()] == ["parameters.csv"]
+    assert (written / "parameters.csv").read_text("utf-8").startswith("name,most_probable,mean")

@@ -16,6 +16,10 @@ from bayes_ssi.structures.solver_files.directions import DIRECTIONS, INTERNAL
 from bayes_ssi.structures.structure import Structure
 
 
+class NoNodesError(ValueError):
+    """No degree of freedom is of a node."""
+
+
 @dataclass(frozen=True, eq=False)
 class NodalModes:
     """Modes at nodes.
@@ -49,7 +53,7 @@ def nodal_modes(structure: Structure, values: FloatArray) -> NodalModes:
     places = [_place(label) for label in labels]
     moving = dict.fromkeys(place[0] for place in places if place is not None)
     if not moving:
-        raise ValueError(
+        raise NoNodesError(
             f"no degree of freedom is labelled 'node direction', such as '12 x'; labels are "
             f"{', '.join(map(repr, labels[:3]))}, …"
         )
