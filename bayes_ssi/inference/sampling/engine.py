@@ -137,10 +137,9 @@ class _Sampling:
             return None
         best = first
         for _ in range(MAX_REFITS):
+            if not serves(best):  # more draws that matter give a better fit
+                best = self.sampler.extended(self.sampler.refined(best, math.inf), 4.0)
             halves = best.split_in_two(self.rng)
-            if min(half.effective_sample_size for half in halves) < enough:
-                best = self.sampler.refined(best, math.inf)
-                halves = best.split_in_two(self.rng)
             if min(half.effective_sample_size for half in halves) < enough:
                 return None
             starts = [half.resampled(self.rng) for half in halves]
@@ -149,8 +148,6 @@ class _Sampling:
             if gain * WORTH_REFITTING > 1.0:
                 best = trial
             in_vain = gain < WORTH_REFITTING
-            if in_vain and not serves(best):  # more draws that matter give a better fit
-                best = self.sampler.extended(self.sampler.refined(best, math.inf), 4.0)
             if serves(best) and (in_vain or not is_worth_refitting(best, self.settings, fitting)):
                 break
         # Twice as many walkers make half as many steps for a check of equal size.
