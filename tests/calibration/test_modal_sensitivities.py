@@ -96,6 +96,22 @@ def test_at_other_values_and_what_is_refused():
         bs.modal_sensitivities(model_class(pairing="any"))
 
 
+@pytest.mark.parametrize("with_shapes", [True, False], ids=["shapes", "frequencies alone"])
+def test_a_test_of_which_no_mode_is_paired_adds_nothing(with_shapes):
+    one = model_class()
+    data = one.data if with_shapes else one.data.without_shapes()
+    alone, nothing = (
+        bs.Configuration(name, one.structure, data, pairing=pairing)
+        for name, pairing in (("a", one.pairing), ("b", {}))
+    )
+    whole = bs.modal_sensitivities(one)
+    for tests in ([alone], [alone, nothing], [nothing, alone]):
+        found = bs.modal_sensitivities(bs.ModelClass("x", configurations=tests, error=one.error))
+        assert found.modes == ("a: 1", "a: 2", "a: 3")
+        np.testing.assert_array_equal(found.of_frequencies, whole.of_frequencies)
+        np.testing.assert_array_equal(found.of_shapes, whole.of_shapes if with_shapes else 0.0)
+
+
 def test_the_heat_map_has_a_cell_for_each_and_the_proposed_in_bold():
     found = bs.modal_sensitivities(model_class())
     ax = plot_modal_sensitivities(found)

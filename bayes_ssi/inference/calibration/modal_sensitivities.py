@@ -111,7 +111,7 @@ def modal_sensitivities(
             signs = np.where((shapes * shapes[:1]).sum(1, keepdims=True) < 0.0, -1.0, 1.0)
             shapes = shapes * signs / np.maximum(lengths, np.finfo(float).tiny)
             parts.append(np.log(modes.frequencies_hz[:, pairs.model_modes]))
-            parts.append(shapes.reshape(len(by), -1))
+            parts.append(shapes.reshape(len(by), shapes.shape[1] * shapes.shape[2]))
         return np.concatenate(parts, axis=1)
 
     slopes = central_differences(frequencies_and_shapes, np.zeros(len(values)))
@@ -126,7 +126,7 @@ def modal_sensitivities(
         first += m * (1 + n)
         labels += [label_in(configuration.name, mode.label) for mode in paired]
         frequencies.append(own[:m])
-        changes.append(np.linalg.norm(own[m:].reshape(n, m, -1), axis=0))
+        changes.append(np.linalg.norm(own[m:].reshape(n, m, slopes.shape[1]), axis=0))
     # In prior standard deviations, at the same point.
     known = zip(problem.parameters, values, strict=True)
     z = np.array([float(parameter.prior.to_normal(value)) for parameter, value in known])
