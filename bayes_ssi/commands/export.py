@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from dataclasses import astuple, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -90,14 +89,17 @@ def export(
 
 
 PARAMETERS = "parameters.csv"
+# Fields of a parameter's summary, the columns after its name and its most probable value.
+SUMMARY_COLUMNS = (
+    "mean", "sd", "mean_error", "sd_error", "quantile_05", "median", "quantile_95",
+    "relative_spread",
+)  # fmt: skip
 
 
 def _write_parameters(path: Path, posterior: Posterior, likeliest: Sequence[float]) -> None:
-    summary = posterior.summary
     with path.open("x", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
-        name, *others = (field.name for field in fields(summary[0]))
-        rows.writerow([name, "most_probable", *others])
-        for each, value in zip(summary, likeliest, strict=True):
-            first, *numbers = astuple(each)
-            rows.writerow([first, repr(value), *map(repr, numbers)])
+        rows.writerow(["name", "most_probable", *SUMMARY_COLUMNS])
+        for row, value in zip(posterior.summary, likeliest, strict=True):
+            numbers = (getattr(row, column) for column in SUMMARY_COLUMNS)
+            rows.writerow([row.name, repr(value), *map(repr, numbers)])

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
+from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.model_class.class_record import ClassRecord
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import ParameterSummary, Posterior
@@ -23,19 +23,6 @@ MOST_LISTED = 8
 UNDETERMINED = 0.9
 # A difference that is not worth more than a bare mention, in nats.
 BARE_MENTION = SCALE[0][0] / 2.0
-
-
-class Interval(Protocol):
-    """A named median and the ends of the central 90 %."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def quantile_05(self) -> float: ...
-    @property
-    def median(self) -> float: ...
-    @property
-    def quantile_95(self) -> float: ...
 
 
 def parameters_in_words(posterior: Posterior, record: ClassRecord) -> list[str]:
@@ -68,7 +55,7 @@ def best_determined(rows: Sequence[ParameterSummary]) -> list[ParameterSummary]:
     return [row for row in rows if row in best]
 
 
-def quantities(rows: Sequence[Interval], record: ClassRecord) -> str:
+def quantities(rows: Sequence[Summary], record: ClassRecord) -> str:
     """Names, medians and 90 % intervals."""
     units = {each.name: each.unit for each in record.parameters}
     return "; ".join(
@@ -77,7 +64,7 @@ def quantities(rows: Sequence[Interval], record: ClassRecord) -> str:
     )
 
 
-def differ(one: Interval, other: Interval) -> bool:
+def differ(one: Summary, other: Summary) -> bool:
     """Whether each median lies outside the other's 90 % interval."""
     return not (
         one.quantile_05 <= other.median <= one.quantile_95

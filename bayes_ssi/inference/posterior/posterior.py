@@ -11,6 +11,7 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
+from bayes_ssi.foundations.summaries import LEVELS, Summary
 from bayes_ssi.inference.criticism.adequacy import Adequacy
 from bayes_ssi.inference.criticism.edges import AtEdge
 from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
@@ -76,21 +77,15 @@ class Region:
 
 
 @dataclass(frozen=True)
-class ParameterSummary:
+class ParameterSummary(Summary):
     """Posterior of one parameter.
 
     ``mean_error`` and ``sd_error`` are Monte Carlo errors; ``relative_spread`` is as in
     :class:`Posterior`.
     """
 
-    name: str
-    mean: float
-    sd: float
     mean_error: float
     sd_error: float
-    quantile_05: float
-    median: float
-    quantile_95: float
     relative_spread: float
 
 
@@ -222,7 +217,7 @@ class Posterior(Displayed):
         mean_errors = np.sqrt(sds**2 / self.effective_sample_sizes + between**2)
         fourth = ((self.values - means) ** 4).mean(0)
         sd_errors = np.sqrt(np.maximum(fourth - sds**4, 0.0) / self.effective_sample_sizes)
-        quantiles = np.quantile(self.values, [0.05, 0.5, 0.95], axis=0)
+        quantiles = np.quantile(self.values, LEVELS, axis=0)
         return tuple(
             ParameterSummary(
                 name=name,

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.summaries import weighted_quantiles
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.studies.appendages.baselines import Baselines
@@ -33,14 +34,6 @@ from bayes_ssi.studies.appendages.search_result import (
 APART, SHARE_OF_A_GROUP = 1.1, 0.05
 
 
-def quantiles(values: FloatArray, weights: FloatArray) -> tuple[float, float, float]:
-    """The 5, 50 and 95 % quantiles of weighted ``values``."""
-    low, middle, high = np.quantile(
-        values, [0.05, 0.5, 0.95], weights=weights, method="inverted_cdf"
-    )
-    return float(low), float(middle), float(high)
-
-
 class AppendageDraws(NamedTuple):
     """Posterior draws of one appendage, (n,) each.
 
@@ -57,7 +50,9 @@ class AppendageDraws(NamedTuple):
         """The quantiles at 5, 50 and 95 %."""
 
         numbers = (self.mass, self.mass_ratio, self.frequency_hz)
-        return AppendageSummary(place, *(quantiles(each, self.weights) for each in numbers))
+        return AppendageSummary(
+            place, *(weighted_quantiles(each, self.weights) for each in numbers)
+        )
 
 
 class _Motions(NamedTuple):
@@ -151,7 +146,7 @@ def _matched(
     groups = _of_one_frequency(of_hypotheses)
     weights = [np.concatenate([each.weights for each in group]) for group in groups]
     frequencies = [
-        quantiles(np.concatenate([each.frequency_hz for each in group]), weight)
+        weighted_quantiles(np.concatenate([each.frequency_hz for each in group]), weight)
         for group, weight in zip(groups, weights, strict=True)
     ]
     shares = [float(weight.sum()) for weight in weights]
@@ -173,8 +168,8 @@ def _matched(
         frequency,
         shares[first],
         tuple((shares[i], frequencies[i]) for i in others),
-        quantiles(np.concatenate(mass), weight) if known else None,
-        quantiles(np.concatenate(ratio), weight) if known else None,
+        weighted_quantiles(np.concatenate(mass), weight) if known else None,
+        weighted_quantiles(np.concatenate(ratio), weight) if known else None,
         int(moving[0].numbers[nearest]) if moving[0] is not None else 0,
         _places(group),
     )
@@ -218,7 +213,9 @@ def _places(of_hypotheses: Sequence[_One]) -> tuple[PlaceOfAppendage, ...]:
         mass, weights, alone = np.concatenate(part, axis=1)
         if weights.sum() > 0.0:
             share, share_by_data = float(weights.sum()) / all_weights, float(alone.sum()) / by_data
-            places.append(PlaceOfAppendage(place, share, quantiles(mass, weights), share_by_data))
+            places.append(
+                PlaceOfAppendage(place, share, weighted_quantiles(mass, weights), share_by_data)
+            )
     return tuple(sorted(places, key=lambda place: -place.probability))
 
 

@@ -2,36 +2,29 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.studies.ranking.comparison import Comparison
 
 
 @dataclass(frozen=True)
-class AveragedParameter:
-    """A parameter averaged over the model classes that infer it.
+class AveragedParameter(Summary):
+    """A parameter averaged over the model classes that infer it, weighted by their probabilities.
 
     Classes in which it has a fixed value, or does not occur, are left out.
 
     Attributes:
         n_classes: number of classes that infer it.
-        mean, sd, quantile_05, median, quantile_95: over the draws of these classes, weighted by
-            their probabilities.
+        probability: of these classes together.
     """
 
-    name: str
     n_classes: int
     probability: float
-    mean: float
-    sd: float
-    quantile_05: float
-    median: float
-    quantile_95: float
 
 
 def averaged_parameters(
@@ -65,15 +58,6 @@ def averaged_parameter(
         draws.append(own)
         weights.append(np.full(len(own), probability / total / len(own)))
     x, w = np.concatenate(draws), np.concatenate(weights)
-    mean = float((w * x).sum())
-    low, median, high = np.quantile(x, (0.05, 0.5, 0.95), weights=w, method="inverted_cdf")
-    return AveragedParameter(
-        name=name,
-        n_classes=len(posteriors),
-        probability=min(total, 1.0),
-        mean=mean,
-        sd=math.sqrt(float((w * (x - mean) ** 2).sum())),
-        quantile_05=float(low),
-        median=float(median),
-        quantile_95=float(high),
+    return AveragedParameter.weighted(
+        name, x, w, n_classes=len(posteriors), probability=min(total, 1.0)
     )

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -31,19 +32,10 @@ SHARE_AT_BOUND = 0.02
 
 
 @dataclass(frozen=True)
-class ParameterSpread:
-    """Mean, standard deviation, median and 90 % interval of a parameter.
+class ParameterSpread(Summary):
+    """Summary of a parameter with the standard error of the mean."""
 
-    ``mean_error`` is the standard error of the mean.
-    """
-
-    name: str
-    mean: float
     mean_error: float
-    sd: float
-    quantile_05: float
-    median: float
-    quantile_95: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,20 +127,8 @@ def spreads(
     rows = []
     for name, x in zip(posterior.parameter_names, values.T, strict=True):
         mean = float((weights * x).sum())
-        low, median, high = np.quantile(
-            x, (0.05, 0.5, 0.95), weights=weights, method="inverted_cdf"
-        )
-        rows.append(
-            ParameterSpread(
-                name=name,
-                mean=mean,
-                mean_error=math.sqrt(inflation * float((weights**2 * (x - mean) ** 2).sum())),
-                sd=math.sqrt(float((weights * (x - mean) ** 2).sum())),
-                quantile_05=float(low),
-                median=float(median),
-                quantile_95=float(high),
-            )
-        )
+        error = math.sqrt(inflation * float((weights**2 * (x - mean) ** 2).sum()))
+        rows.append(ParameterSpread.weighted(name, x, weights, mean_error=error))
     return tuple(rows)
 
 

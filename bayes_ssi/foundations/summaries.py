@@ -1,0 +1,39 @@
+"""Mean, standard deviation and quantiles of the draws of a quantity."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+
+# Of a median and the central 90 %.
+LEVELS = (0.05, 0.5, 0.95)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Mean, standard deviation, median and central 90 % of a named quantity."""
+
+    name: str
+    mean: float
+    sd: float
+    quantile_05: float
+    median: float
+    quantile_95: float
+
+    @classmethod
+    def weighted(cls, name: str, values: FloatArray, weights: FloatArray, **further: Any) -> Self:
+        """The summary of draws ``values`` (n,) whose ``weights`` (n,) add up to one."""
+        mean = float((weights * values).sum())
+        sd = math.sqrt(float((weights * (values - mean) ** 2).sum()))
+        return cls(name, mean, sd, *weighted_quantiles(values, weights), **further)
+
+
+def weighted_quantiles(values: FloatArray, weights: FloatArray) -> tuple[float, float, float]:
+    """The 5, 50 and 95 % quantiles of weighted ``values`` (n,)."""
+    low, median, high = np.quantile(values, LEVELS, weights=weights, method="inverted_cdf")
+    return float(low), float(median), float(high)
