@@ -6,7 +6,8 @@ import errno
 import os
 import re
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 # File systems allow 255 bytes, of which directories being written and endings take some.
@@ -51,6 +52,20 @@ def require_regular_file(path: Path) -> None:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(mode):
         raise ValueError(f"{path}: not a regular file, but a pipe or a device")
+
+
+@contextmanager
+def damage_named(path: Path) -> Iterator[None]:
+    """Turn whatever a library raises of a damaged file into one line that names the file."""
+    try:
+        yield
+    except MemoryError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or "no reason given"
+        raise ValueError(
+            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
+        ) from error
 
 
 def read_columns(path: Path) -> tuple[str, str | None]:

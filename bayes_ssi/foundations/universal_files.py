@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.foundations.text_files import require_regular_file
+from bayes_ssi.foundations.text_files import damage_named, require_regular_file
 
 
 def is_universal_file(path: Path) -> bool:
@@ -40,12 +40,7 @@ def read_data_sets(path: Path, *numbers: int) -> list[dict[str, Any]]:
         raise ValueError(
             'pyuff is not installed; install it with pip install "bayes_ssi[uff]"'
         ) from None
-    try:
+    with damage_named(path):
         file = pyuff.UFF(str(path))
         kinds = np.atleast_1d(file.get_set_types()).astype(int)
         return [file.read_sets(i) for i, kind in enumerate(kinds) if kind in numbers]
-    except Exception as error:  # a damaged file may raise anything there
-        reason = " ".join(str(error).split())
-        raise ValueError(
-            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
-        ) from error

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.named_arrays import ARRAY_FILES
 from bayes_ssi.foundations.text_files import require_regular_file
 from bayes_ssi.foundations.universal_files import is_universal_file, read_data_sets
-from bayes_ssi.measurements.records.array_files import READERS, read_arrays
+from bayes_ssi.measurements.records.array_files import read_channels
 from bayes_ssi.measurements.records.channels import Channels
 from bayes_ssi.measurements.records.columns import read_columns_of_record
 from bayes_ssi.measurements.records.record import (
@@ -125,7 +126,7 @@ def is_record(path: Path) -> bool:
     """
     suffix = path.suffix.lower()
     require_regular_file(path)
-    if suffix in READERS or suffix in (".tdms", *STRONG_MOTION):
+    if suffix in ARRAY_FILES or suffix in (".tdms", *STRONG_MOTION):
         return True
     if is_universal_file(path):
         return bool(read_data_sets(path, 58))
@@ -136,8 +137,8 @@ def is_record(path: Path) -> bool:
 
 def _read(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:
     suffix = path.suffix.lower()
-    if suffix in READERS:
-        return read_arrays(path, keys)
+    if suffix in ARRAY_FILES:
+        return read_channels(path, keys)
     if suffix == ".tdms":
         return read_tdms(path, keys)
     if keys:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.named_arrays import array_names, read_arrays
+from bayes_ssi.foundations.text_files import damage_named
 
 Matrix = sp.csc_array
+# Endings of files that hold one matrix, and of those that hold several.
+SINGLE = (".mtx", ".mtx.gz", ".npy")
+SEVERAL = (".npz", ".mat")
 
 # Relative error, to the largest entry, of matrices that other programs wrote, perhaps with nine
 # digits.
@@ -42,42 +48,48 @@ def read_matrix(path: str | Path, key: str | None = None) -> Any:
     with path.open("rb") as file:  # raises where there is no file, before any library is called
         is_matrix_market = file.read(14) == b"%%MatrixMarket"
     name = path.name.lower()
-    readers = {
-        ".mtx": _read_single,
-        ".mtx.gz": _read_single,
-        ".npy": _read_single,
-        ".npz": _read_npz,
-        ".mat": _read_mat,
-    }
-    read = next((read for suffix, read in readers.items() if name.endswith(suffix)), None)
-    if read is None and is_matrix_market:  # programs give such files other endings
-        read = _read_single
-    if read is None:
-        raise ValueError(f"{path}: unknown format; choose a file ending in {', '.join(readers)}")
-    try:
-        return read(path, key)
-    except _KeyNotFoundError as error:
-        raise ValueError(f"{path}: {error}") from None
-    except MemoryError:
-        raise
-    except Exception as error:  # a damaged file may raise anything in the libraries
-        raise _damaged(path, error) from error
+    if name.endswith(SEVERAL):
+        names = array_names(path)
+        if key is None and _is_one_sparse(path, names):
+            with damage_named(path):
+                return sp.load_npz(path)
+        chosen = _chosen(path, key, names)
+        return read_arrays(path, [chosen])[chosen]
+    # Programs give Matrix Market files other endings, too.
+    if not (is_matrix_market or name.endswith(SINGLE)):
+        endings = ", ".join((*SINGLE, *SEVERAL))
+        raise ValueError(f"{path}: unknown format; choose a file ending in {endings}")
+    if key is not None:
+        raise ValueError(f"{path}: it holds a single matrix, without a key, got {key!r}")
+    from scipy.io import mmread
+
+    with damage_named(path):
+        if name.endswith(".npy"):
+            return np.load(path, allow_pickle=False)
+        return mmread(path, spmatrix=False)
 
 
 def matrix_keys(path: Path) -> tuple[str, ...] | None:
     """Keys of the arrays in a file that holds several; None for a file of one array."""
-    suffix = path.suffix.lower()
-    if suffix not in (".npz", ".mat"):
+    if path.suffix.lower() not in SEVERAL:
         return None
-    try:
-        if suffix == ".npz":
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-                return None if "format" in arrays.files else tuple(arrays.files)
-        return _keys_of_mat(path)
-    except OSError:
-        raise
-    except Exception as error:  # a damaged file may raise anything in the libraries
-        raise _damaged(path, error) from error
+    names = array_names(path)
+    return None if _is_one_sparse(path, names) else names
+
+
+def _is_one_sparse(path: Path, names: Sequence[str]) -> bool:
+    """Whether a file is one of :func:`scipy.sparse.save_npz`, which holds the parts of a matrix."""
+    return path.suffix.lower() == ".npz" and "format" in names
+
+
+def _chosen(path: Path, key: str | None, names: Sequence[str]) -> str:
+    if key is None and len(names) == 1:
+        return names[0]
+    if key is None:
+        listed = ", ".join(map(repr, names)) or "nothing"
+        raise ValueError(f"{path}: several arrays, and no key says which; choose from {listed}")
+    require_known(f"{path}: no array", [key], names)
+    return key
 
 
 def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Any:
@@ -111,82 +123,3 @@ def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Any:
             f"{asymmetry:.3g}, the largest entry being {largest:.3g}; was only one triangle stored?"
         )
     return 0.5 * (matrix + matrix.T)
-
-
-def _damaged(path: Path, error: Exception) -> ValueError:
-    reason = " ".join(str(error).split()) or "no reason given"
-    return ValueError(
-        f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
-    )
-
-
-class _KeyNotFoundError(Exception):
-    """The file can be read, but does not hold the requested array."""
-
-
-def _chosen(key: str | None, keys: list[str]) -> str:
-    if key is None and len(keys) == 1:
-        return keys[0]
-    if key is None or key not in keys:
-        problem = "several arrays, and no key says which" if key is None else f"no array {key!r}"
-        raise _KeyNotFoundError(f"{problem}; choose from {', '.join(map(repr, keys)) or 'nothing'}")
-    return key
-
-
-def _read_single(path: Path, key: str | None) -> Any:
-    """An array from a file that holds only one: Matrix Market, or a single numpy array."""
-    from scipy.io import mmread
-
-    if key is not None:
-        raise _KeyNotFoundError(f"it holds a single matrix, without a key, got {key!r}")
-    if path.suffix.lower() == ".npy":
-        return np.load(path, allow_pickle=False)
-    return mmread(path, spmatrix=False)
-
-
-def _read_npz(path: Path, key: str | None) -> Any:
-    # Opened here: numpy leaves a damaged archive open.
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-        if "format" in arrays.files and key is None:
-            return sp.load_npz(path)
-        return arrays[_chosen(key, arrays.files)]
-
-
-def _read_mat(path: Path, key: str | None) -> Any:
-    from scipy.io import loadmat
-
-    chosen = _chosen(key, list(_keys_of_mat(path)))
-    try:
-        return loadmat(path, spmatrix=False, variable_names=[chosen])[chosen]
-    except NotImplementedError:  # version 7.3 is another format altogether
-        return _read_hdf5(path, chosen)
-
-
-def _keys_of_mat(path: Path) -> tuple[str, ...]:
-    from scipy.io import whosmat
-
-    try:
-        return tuple(name for name, *_ in whosmat(path))
-    except NotImplementedError:  # version 7.3 is another format altogether
-        import h5py
-
-        with h5py.File(path, "r") as file:
-            return tuple(name for name in file if not name.startswith("#"))
-
-
-def _read_hdf5(path: Path, chosen: str) -> Any:
-    import h5py
-
-    with h5py.File(path, "r") as file:
-        item = file[chosen]
-        if not isinstance(item, h5py.Group):
-            dense: FloatArray = np.asarray(item[()]).T  # MATLAB's order of dimensions
-            return dense
-        if "jc" not in item:
-            raise _KeyNotFoundError(f"{chosen!r} is not a matrix")
-        columns = np.asarray(item["jc"][()]).ravel()
-        rows = int(item.attrs["MATLAB_sparse"])
-        if "data" not in item:
-            return sp.csc_array((rows, len(columns) - 1))
-        parts = (item["data"][()].ravel(), item["ir"][()].ravel(), columns)
-        return sp.csc_array(parts, shape=(rows, len(columns) - 1))

@@ -1,0 +1,103 @@
+"""Files of named arrays: numpy's .npz, MATLAB's .mat (version 7.3, which is HDF5, too) and HDF5."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from bayes_ssi.foundations.text_files import damage_named, require_regular_file
+
+ARRAY_FILES = (".npz", ".mat", ".h5", ".hdf5")
+
+
+def array_names(path: Path) -> tuple[str, ...]:
+    """Names of the arrays in a file."""
+    from scipy.io import whosmat
+
+    require_regular_file(path)
+    with damage_named(path), path.open("rb") as file:
+        if path.suffix.lower() == ".npz":
+            with np.load(file, allow_pickle=False) as arrays:
+                return tuple(arrays.files)
+        if _is_hdf5(path):
+            import h5py
+
+            with h5py.File(path, "r") as opened:
+                return tuple(name for name, _ in _items(opened))
+        return tuple(name for name, *_ in whosmat(path))
+
+
+def read_arrays(
+    path: Path, names: Collection[str] | None = None, attributes: Collection[str] = ()
+) -> dict[str, Any]:
+    """Name → array of a file, in its order; of MATLAB, also sparse ones and cells.
+
+    Args:
+        names: those to read; all if None.
+        attributes: of HDF5, of the file and of its arrays, that count as arrays where they are.
+    """
+    from scipy.io import loadmat
+
+    require_regular_file(path)
+    # Opened here: numpy leaves a damaged archive open.
+    with damage_named(path), path.open("rb") as file:
+        if path.suffix.lower() == ".npz":
+            with np.load(file, allow_pickle=False) as arrays:
+                return {n: arrays[n] for n in arrays.files if names is None or n in names}
+        if _is_hdf5(path):
+            return _read_hdf5(path, names, attributes)
+        read = loadmat(path, spmatrix=False, variable_names=None if names is None else list(names))
+        return {name: array for name, array in read.items() if not name.startswith("__")}
+
+
+def _is_hdf5(path: Path) -> bool:
+    from scipy.io.matlab import matfile_version
+
+    return path.suffix.lower() != ".mat" or matfile_version(path)[0] == 2
+
+
+def _items(file: Any) -> Iterator[tuple[str, Any]]:
+    """Arrays in HDF5, in groups too, and groups that MATLAB makes of a sparse matrix."""
+    found: dict[str, Any] = {}
+    file.visititems(found.__setitem__)
+    sparse = [f"{name}/" for name, item in found.items() if "MATLAB_sparse" in item.attrs]
+    for name, item in found.items():
+        # MATLAB keeps what cells hold in groups that begin so.
+        if not name.startswith(("#", *sparse)) and (hasattr(item, "dtype") or f"{name}/" in sparse):
+            yield name, item
+
+
+def _read_hdf5(
+    path: Path, names: Collection[str] | None, attributes: Collection[str]
+) -> dict[str, Any]:
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        arrays: dict[str, Any] = {}
+        arrays |= {key: np.asarray(file.attrs[key]) for key in attributes if key in file.attrs}
+        for name, item in _items(file):
+            if names is not None and name not in names:
+                continue
+            if isinstance(item, h5py.Group):
+                arrays[name] = _sparse(item)
+                continue
+            if h5py.check_string_dtype(item.dtype) is not None:
+                arrays[name] = np.asarray(item.asstr()[()])
+            elif item.dtype.kind in "biufcS":
+                array = np.asarray(item[()])
+                # MATLAB's order of dimensions is the other one.
+                arrays[name] = array.T if path.suffix.lower() == ".mat" else array
+            arrays |= {key: np.asarray(item.attrs[key]) for key in attributes if key in item.attrs}
+    return arrays
+
+
+def _sparse(group: Any) -> sp.csc_array:
+    columns = np.asarray(group["jc"][()]).ravel()
+    shape = (int(group.attrs["MATLAB_sparse"]), len(columns) - 1)
+    if "data" not in group:
+        return sp.csc_array(shape)
+    return sp.csc_array((group["data"][()].ravel(), group["ir"][()].ravel(), columns), shape=shape)
