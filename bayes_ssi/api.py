@@ -29,15 +29,13 @@ from bayes_ssi.parameters.families import (
 )
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.report.write import write_report
-from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
+from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy, load_hierarchy, save_hierarchy
 from bayes_ssi.results.hierarchy.populations import PopulationPriors
 from bayes_ssi.results.hierarchy.ranked_populations import hierarchy
-from bayes_ssi.results.hierarchy.saved_hierarchy import load_hierarchy, save_hierarchy
-from bayes_ssi.results.load import load_result
 from bayes_ssi.results.predictions.predicted_frequencies import predict_frequencies
 from bayes_ssi.results.predictions.stored_predictions import load_predictions
-from bayes_ssi.results.save import save_result
-from bayes_ssi.results.stored_what_if import what_if
+from bayes_ssi.results.stored_result import load_result, save_result
+from bayes_ssi.results.what_if import what_if
 from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.elements import AddedMass, InPlaneInfill, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.finite_elements.function_structure import FunctionStructure

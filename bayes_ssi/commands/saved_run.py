@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from bayes_ssi.inference.workers.run import Run
     from bayes_ssi.inference.workers.workers import Workers
     from bayes_ssi.plots.result_figures import ResultFigure
-    from bayes_ssi.results.load import StoredResult
+    from bayes_ssi.results.stored_result import StoredResult
     from bayes_ssi.studies.ranking.sensitivity import Sensitivity
     from bayes_ssi.studies.ranking.study import Ranking, Study
 
@@ -74,8 +74,8 @@ class RunOptions:
     def place(self, study: Study, study_file: Path, name: str, *options: object) -> ResultPlace:
         """Where the result of a study goes; no other run may write there until the command ends."""
         from bayes_ssi.inference.workers.checkpoint import Checkpoint, name_of_run
-        from bayes_ssi.results.load import MARKER
         from bayes_ssi.results.result_files import require_new, sibling
+        from bayes_ssi.results.stored_result import MARKER
 
         directory = RESULTS / name if self.out is None else self.out
         checkpoint = Checkpoint(
@@ -134,7 +134,7 @@ class RunOptions:
 
     def sensitivity_record(self, ranking: Ranking, run: Run) -> dict[str, Sensitivity]:
         """File name → sensitivity of the ranking to settings, if requested."""
-        from bayes_ssi.results.load import SENSITIVITY
+        from bayes_ssi.results.stored_result import SENSITIVITY
         from bayes_ssi.studies.ranking.sensitivity import sensitivity
 
         return {SENSITIVITY: sensitivity(ranking, run=run)} if self.sensitivity else {}
@@ -143,9 +143,8 @@ class RunOptions:
         self, ranking: Ranking, records: Mapping[str, Any], place: ResultPlace, run: Run
     ) -> StoredResult:
         """Save a ranking, further records by file name, and figures; remove the checkpoint."""
-        from bayes_ssi.results.load import MARKER
         from bayes_ssi.results.result_files import require_new
-        from bayes_ssi.results.save import save_result
+        from bayes_ssi.results.stored_result import MARKER, save_result
 
         # Another result may have appeared since the run began.
         require_new(place.directory, marker=MARKER, overwrite=place.overwrite)
@@ -173,7 +172,7 @@ class RunOptions:
         """
         from bayes_ssi.report.tables import sensitivity_notes, sensitivity_table
         from bayes_ssi.results.answer import answer
-        from bayes_ssi.results.load import FIGURES
+        from bayes_ssi.results.stored_result import FIGURES
 
         if result.sensitivity is not None:
             console().print(sensitivity_table(result.sensitivity))
@@ -234,7 +233,7 @@ def _prepare_the_end() -> None:
 def _figures(ranking: Ranking, records: Mapping[str, Any]) -> list[ResultFigure]:
     """The figures of a ranking, and of a search if the records hold one."""
     from bayes_ssi.plots import result_figures
-    from bayes_ssi.results.load import SEARCH
+    from bayes_ssi.results.stored_result import SEARCH
 
     by_name = {posterior.name: posterior for posterior in ranking.posteriors}
     ranked = [by_name[row.name] for row in ranking.comparison.classes]

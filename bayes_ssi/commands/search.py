@@ -79,7 +79,7 @@ def search(
     hypotheses.
     """
     from bayes_ssi.parameters.families import LogUniform
-    from bayes_ssi.results.load import SEARCH
+    from bayes_ssi.results.stored_result import SEARCH
     from bayes_ssi.studies.appendages.appendage_search import search as search_appendages
     from bayes_ssi.studies.appendages.baselines import choose_baselines
     from bayes_ssi.studies.appendages.candidates import read_candidates

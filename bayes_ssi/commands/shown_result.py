@@ -12,7 +12,7 @@ from bayes_ssi.commands.terminal import say_in_paragraphs
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bayes_ssi.results.load import StoredResult
+    from bayes_ssi.results.stored_result import StoredResult
 
 
 def json_record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 # The module whose ``first_screen`` puts results into words; it stands above those of the results.
-WORDS = "bayes_ssi.results.first_screen"
+WORDS = "bayes_ssi.results.answer"
 
 
 class Displayed(ABC):

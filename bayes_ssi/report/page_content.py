@@ -29,8 +29,8 @@ from bayes_ssi.report.tables import (
     unseen_note,
 )
 from bayes_ssi.results.answer import answer
-from bayes_ssi.results.load import ResultRecord, StoredResult
 from bayes_ssi.results.predictions.prediction_files import SavedPredictions
+from bayes_ssi.results.stored_result import ResultRecord, StoredResult
 from bayes_ssi.studies.ranking.averages import averaged_parameters
 from bayes_ssi.studies.ranking.comparison import RankedClass
 

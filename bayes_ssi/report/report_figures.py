@@ -30,8 +30,8 @@ from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.plots.result_figures import IDENTIFIED_SHAPES, MODES, MOST_CLASSES
 from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
 from bayes_ssi.report.embedded_figure import LIMITS, EmbeddedFigure, embedded_drawing, embedded_file
-from bayes_ssi.results.load import FIGURES, StoredResult
 from bayes_ssi.results.predictions.prediction_files import SavedPredictions
+from bayes_ssi.results.stored_result import FIGURES, StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.appendages.hypotheses import frequency_name, mass_name
 from bayes_ssi.studies.appendages.search_result import SearchRecord

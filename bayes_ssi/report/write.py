@@ -13,8 +13,8 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.parameters.prior import Prior
-from bayes_ssi.results.load import load_result
 from bayes_ssi.results.result_files import new_directory, require_new
+from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.results.wording import listed
 from bayes_ssi.studies.ranking.comparison import probability_text
 

@@ -1,6 +1,1 @@
-"""Result directories: written at once or not at all, and read back without sampling."""
-
-from bayes_ssi.results.load import StoredResult, load_result
-from bayes_ssi.results.save import save_result
-
-__all__ = ["StoredResult", "load_result", "save_result"]
+"""What is stored of rankings, searches and series of tests, and what follows from it."""

@@ -1,36 +1,41 @@
-"""The answer of a result in sentences: which structure, which parameters, how sure."""
+"""The answer of a result in sentences: which structure, which parameters, how sure.
+
+What a model class claims, the modes it explains, and why it loses; medians and 90 % intervals
+throughout.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.results.claims import (
-    MOST_LISTED,
-    best_determined,
-    differing,
-    explained,
-    parameters_in_words,
-    quantities,
-    why_it_loses,
-)
-from bayes_ssi.results.load import StoredResult
+from bayes_ssi.foundations.summaries import Summary
+from bayes_ssi.inference.model_class.class_record import ClassRecord
+from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.inference.posterior.posterior import ParameterSummary, Posterior
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.search_answer import (
     beaten_baselines,
     hypothesis_in_words,
     search_sentences,
     search_verdict,
 )
+from bayes_ssi.results.stored_result import StoredResult, result_record
 from bayes_ssi.results.wording import (
+    WORDING,
     data_warnings,
     likelihood_in_words,
     listed,
     probability_in_words,
+    quantity,
     with_error,
 )
+from bayes_ssi.studies.appendages.search_result import AppendageSearch
 from bayes_ssi.studies.ranking.averages import averaged_parameters
-from bayes_ssi.studies.ranking.comparison import RankedClass
+from bayes_ssi.studies.ranking.comparison import SCALE, RankedClass
+from bayes_ssi.studies.ranking.study import Ranking
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,22 @@ def answer(result: StoredResult) -> Answer:
     return Answer(
         tuple(_warnings(result)), verdict, tuple(_reasons(result)), tuple(_figures(result))
     )
+
+
+def first_screen(result: StoredResult | Ranking | AppendageSearch) -> str:
+    """Warnings, then the answer, a paragraph each."""
+    words = answer(result if isinstance(result, StoredResult) else _as_if_stored(result))
+    warnings = ["\n".join([f"(!) {text}", *items]) for text, items in words.warnings]
+    return "\n\n".join([*warnings, *words.paragraphs])
+
+
+def _as_if_stored(result: Ranking | AppendageSearch) -> StoredResult:
+    ranking = result.ranking if isinstance(result, AppendageSearch) else result
+    tests = {test.name: test.data for test in ranking.study.model_classes[0].configurations}
+    record = result_record(ranking, {}, {}, "", "", accept_failed_checks=False)
+    made = StoredResult(Path(), record, tests, ranking.posteriors, ranking.comparison)
+    vars(made)["search"] = result.record if isinstance(result, AppendageSearch) else None
+    return made
 
 
 def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -103,8 +124,8 @@ def _verdict(result: StoredResult) -> str:
     alike = _alike(result)
     if alike:
         tied = [best, *alike]
-        shown = [_title_and_probability(result, row) for row in tied[:MOST_LISTED]]
-        shown += [f"{len(tied) - MOST_LISTED} others"] if len(tied) > MOST_LISTED else []
+        shown = [_title_and_probability(result, row) for row in tied[: WORDING.most_listed]]
+        shown += [f"{len(tied) - len(shown)} others"] if len(tied) > len(shown) else []
         together = probability_in_words(min(1.0, sum(row.probability for row in tied)))
         return (
             f"Among {len(rows)} model classes the data do not distinguish between "
@@ -121,8 +142,7 @@ def _verdict(result: StoredResult) -> str:
 
 
 def _reasons(result: StoredResult) -> Iterator[str]:
-    rows, best = result.comparison.classes, result.comparison.best
-    alike = _alike(result)
+    best, alike = result.comparison.best, _alike(result)
     posterior = result.posterior(best.name)
     if result.search is not None:
         yield from search_sentences(result.search, result.comparison)
@@ -131,9 +151,9 @@ def _reasons(result: StoredResult) -> Iterator[str]:
     else:
         parameters = parameters_in_words(posterior, result.record.model_class(best.name))
         yield " ".join([f"It {explained(posterior, result.tests)}.", *parameters])
-    others = [row for row in rows[1:] if row.distinguishable]
-    if others:
-        yield _runner_up(result, others[0], posterior)
+    runner_up = _distinguishable(result)
+    if runner_up is not None:
+        yield _in_words(result, runner_up, posterior)
 
 
 def _common_claims(result: StoredResult, alike: Sequence[RankedClass]) -> Iterator[str]:
@@ -151,7 +171,7 @@ def _common_claims(result: StoredResult, alike: Sequence[RankedClass]) -> Iterat
             f"They agree on {quantities(shown, record)}{f' and {more} others' if more else ''} "
             "(medians and 90 % intervals of their average)."
         )
-    for row, posterior in zip(alike[:MOST_LISTED], posteriors, strict=False):
+    for row, posterior in zip(alike[: WORDING.most_listed], posteriors, strict=False):
         record = result.record.model_class(row.name)
         errors = {each.name for each in record.parameters if each.is_error}
         claimed = [each for each in posterior.summary if each.name in disputed - errors]
@@ -165,7 +185,7 @@ def _common_claims(result: StoredResult, alike: Sequence[RankedClass]) -> Iterat
         yield f"{row.name!r} {'; it '.join(parts)}."
 
 
-def _runner_up(result: StoredResult, row: RankedClass, best: Posterior) -> str:
+def _in_words(result: StoredResult, row: RankedClass, best: Posterior) -> str:
     posterior = result.posterior(row.name)
     record = result.record.model_class(row.name)
     different, same = differing(posterior, best)
@@ -190,22 +210,22 @@ def _runner_up(result: StoredResult, row: RankedClass, best: Posterior) -> str:
 
 
 def _figures(result: StoredResult) -> Iterator[str]:
-    comparison = result.comparison
-    for row in comparison.classes[1:]:
-        if row.distinguishable:
-            fit = row.mean_log_likelihood - comparison.best.mean_log_likelihood
-            information = row.information_gained - comparison.best.information_gained
-            yield (
-                f"In figures: ln B of {row.name!r} against {comparison.best.name!r} is "
-                f"{with_error(row.log_bayes_factor, row.log_bayes_factor_error)} nats "
-                f"({_strength(row)}): {fit:+.2f} from its fit and {-information:+.2f} from the "
-                "information that its parameters gain."
-            )
-            return
+    row, best = _distinguishable(result), result.comparison.best
+    if row is not None:
+        fit = row.mean_log_likelihood - best.mean_log_likelihood
+        information = row.information_gained - best.information_gained
+        against = "" if row.log_bayes_factor > 0.0 else "evidence against it: "
+        yield (
+            f"In figures: ln B of {row.name!r} against {best.name!r} is "
+            f"{with_error(row.log_bayes_factor, row.log_bayes_factor_error)} nats "
+            f"({against}{row.against}): {fit:+.2f} from its fit and {-information:+.2f} from the "
+            "information that its parameters gain."
+        )
 
 
-def _strength(row: RankedClass) -> str:
-    return row.against if row.log_bayes_factor > 0.0 else f"evidence against it: {row.against}"
+def _distinguishable(result: StoredResult) -> RankedClass | None:
+    """The first class that is distinguishable from the best."""
+    return next((row for row in result.comparison.classes[1:] if row.distinguishable), None)
 
 
 def _alike(result: StoredResult) -> list[RankedClass]:
@@ -228,3 +248,110 @@ def _title(result: StoredResult, row: RankedClass, *further: str) -> str:
         name, description = repr(row.name), hypothesis_in_words(result.search, row.name)
     first, *others = (description, name, *further) if description else (name, *further)
     return f"{first} ({', '.join(others)})" if others else first
+
+
+def parameters_in_words(posterior: Posterior, record: ClassRecord) -> list[str]:
+    """The parameters of a class: structural ones, errors, and what the data say nothing about."""
+    errors = {each.name for each in record.parameters if each.is_error}
+    structural = [row for row in posterior.summary if row.name not in errors]
+    sentences = []
+    if structural:
+        shown = best_determined(structural)
+        what = "Its parameters"
+        if len(shown) < len(structural):
+            what = f"The {len(shown)} best determined of its {len(structural)} parameters"
+        sentences.append(f"{what}, medians and 90 % intervals: {quantities(shown, record)}.")
+    if errors:
+        rows = [row for row in posterior.summary if row.name in errors]
+        inferred = [p for product in record.error.correlations for p in product.parameters]
+        what = "sizes and correlations" if inferred else "sizes"
+        sentences.append(f"Inferred {what} of prediction errors: {quantities(rows, record)}.")
+    vague = [
+        row.name for row in posterior.summary if row.relative_spread >= WORDING.undetermined_spread
+    ]
+    if vague:
+        shown_names = vague[: WORDING.most_listed]
+        more = f" and {len(vague) - len(shown_names)} others" if vague[len(shown_names) :] else ""
+        names = ", ".join(shown_names) if more else listed(vague)
+        sentences.append(f"The data say next to nothing about {names}{more}.")
+    return sentences
+
+
+def best_determined(rows: Sequence[ParameterSummary]) -> list[ParameterSummary]:
+    """The parameters that the data determine best, as many as a sentence lists, in their order."""
+    best = sorted(rows, key=lambda row: row.relative_spread)[: WORDING.most_listed]
+    return [row for row in rows if row in best]
+
+
+def quantities(rows: Sequence[Summary], record: ClassRecord) -> str:
+    """Names, medians and 90 % intervals."""
+    units = {each.name: each.unit for each in record.parameters}
+    return "; ".join(
+        f"{row.name} = {quantity(row.quantile_05, row.median, row.quantile_95, units[row.name])}"
+        for row in rows
+    )
+
+
+def differing(one: Posterior, other: Posterior) -> tuple[list[str], list[str]]:
+    """Names of the parameters of both classes: those on which they disagree, and the others.
+
+    They disagree where each median lies outside the other's 90 % interval.
+    """
+    theirs = {row.name: row for row in other.summary}
+    different, same = [], []
+    for ours in one.summary:
+        if (row := theirs.get(ours.name)) is not None:
+            is_same = (
+                ours.quantile_05 <= row.median <= ours.quantile_95
+                or row.quantile_05 <= ours.median <= row.quantile_95
+            )
+            (same if is_same else different).append(ours.name)
+    return different, same
+
+
+def explained(posterior: Posterior, tests: Mapping[str, ModalData]) -> str:
+    """Which identified modes a class explains, and how closely: "explains …"."""
+    labels: list[str] = []
+    missed: list[str] = []
+    errors: list[float] = []
+    macs: list[float] = []
+    for modes in posterior.configurations:
+        data = tests[modes.name]
+        for label in data.labels:
+            (labels if label in modes.pairing else missed).append(label_in(modes.name, label))
+        for mode in modes.updated.modes:
+            errors.append(abs(mode.after_hz[1] / data.mode(mode.label).frequency_hz - 1.0))
+            macs += [mode.mac_after[1]] if mode.mac_after is not None else []
+    if not labels:
+        return "explains none of the identified modes and takes all for spurious"
+    closeness = [f"frequencies within {100.0 * max(errors):.2g} %"] if errors else []
+    # Rounded down, and below the 1 that no MAC exceeds.
+    closeness += [f"MAC above {min(math.floor(1e3 * min(macs)), 999) / 1e3:.3f}"] if macs else []
+    how = f" ({', '.join(closeness)})" if closeness else ""
+    if not missed:
+        return f"explains all {len(labels)} identified modes{how}"
+    n = len(labels) + len(missed)
+    spurious = f"takes {listed(map(repr, missed))} for spurious"
+    return f"explains {len(labels)} of {n} identified modes{how} and {spurious}"
+
+
+def why_it_loses(row: RankedClass, best: RankedClass) -> str:
+    """Fit against complexity, in plain words."""
+    if row.log_bayes_factor > 0.0:
+        return "The data favour it, but its prior probability is too low."
+    fit = best.mean_log_likelihood - row.mean_log_likelihood
+    tuning = row.information_gained - best.information_gained
+    bare_mention = SCALE[0][0] / 2.0  # in nats; the scale is of 2 ln B
+    if fit > bare_mention:
+        if tuning < -bare_mention:
+            return "It loses because it fits the data worse, though its parameters are tuned less."
+        also = ", even with its parameters tuned more" if tuning > bare_mention else ""
+        return f"It loses because it fits the data worse{also}."
+    if tuning > bare_mention:
+        if fit < -bare_mention:
+            return (
+                "It loses because its better fit takes more tuning of its parameters than it "
+                "justifies."
+            )
+        return "It loses because its parameters must be tuned more to fit equally well."
+    return "It loses by a little in fit and by a little in the tuning that its parameters need."

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,6 +30,30 @@ def read_record(kind: type[T], path: Path) -> T:
         return from_record(kind, record)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def read_current(kind: type[T], path: Path, *, what: str, again: str) -> T:
+    """Read a record whose ``format`` must be the one that this version of the package writes.
+
+    Args:
+        kind: a dataclass with the current format as default of its field ``format``.
+        what: is stored, such as "a result", and ``again``, how to make it again, for messages.
+    """
+    current, stored = vars(kind)["format"], read_json(path).get("format")
+    if stored != current:
+        raise ValueError(
+            f"{path.parent}: {what} of format {stored!r}, this version reads format {current}; "
+            f"{again}"
+        )
+    return read_record(kind, path)
+
+
+def write_csv(path: Path, heading: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a new CSV file."""
+    with path.open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(heading)
+        writer.writerows(rows)
 
 
 def read_json(path: Path) -> dict[str, Any]:

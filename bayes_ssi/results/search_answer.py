@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bayes_ssi.results.claims import MOST_LISTED
 from bayes_ssi.results.wording import (
+    WORDING,
     likelihood_in_words,
     listed,
     probability_in_words,
@@ -15,8 +15,6 @@ from bayes_ssi.results.wording import (
 from bayes_ssi.studies.appendages.search_result import CREDIBLE, SearchRecord
 from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison
 
-# An answer rests on sampled evidences where all others together may have no more than this.
-LITTLE = 0.01
 ORDINALS = ("first", "second", "third", *(f"{n}th" for n in range(4, 21)))
 
 
@@ -59,7 +57,7 @@ def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[s
     if len(tried) > 1:
         shown = [
             f"{each.name!r} ({probability_in_words(each.probability)})"
-            for each in tried[:MOST_LISTED]
+            for each in tried[: WORDING.most_listed]
         ]
         yield f"The probabilities of the {len(tried)} baselines are: {listed(shown)}."
     best = search.most_probable_with_appendages
@@ -70,19 +68,19 @@ def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[s
             f"{probability_in_words(search.hypothesis(name).probability)})"
             for name in alike
         ]
-        others = shortened(shown, MOST_LISTED)
+        others = shortened(shown)
         yield f"The data do not distinguish {comparison.best.name!r} from {others}."
-    rows_of_structure = search.averaged_parameters[:MOST_LISTED]
-    if rows_of_structure:
+    averages = search.averaged_parameters
+    if averages:
         averaged = "; ".join(
             f"{row.name} = {quantity(row.quantile_05, row.median, row.quantile_95)}, without "
             f"appendages {row.naive_mean:.3g}"
-            for row in rows_of_structure
+            for row in averages[: WORDING.most_listed]
         )
-        many = len(search.averaged_parameters) > MOST_LISTED
+        more = " The others are in the tables." if len(averages) > WORDING.most_listed else ""
         yield (
             "The main structure, averaged over all hypotheses (medians and 90 % intervals): "
-            f"{averaged}.{' The others are in the tables.' if many else ''}"
+            f"{averaged}.{more}"
         )
 
 
@@ -96,12 +94,12 @@ def _further(search: SearchRecord) -> Iterator[str]:
         yield (
             f"{100 * CREDIBLE:g} % of the probability of an appendage, summed over all "
             f"{len(search.places)} places, rests on {len(credible)} of them: "
-            f"{shortened(shown, MOST_LISTED)}."
+            f"{shortened(shown)}."
         )
     if search.present_in is not None:
         tests = f"test{'s' if len(search.present_in) > 1 else ''}"
         yield f"Appendages were tried in the {tests} {listed(map(repr, search.present_in))} only."
-    if search.most_probability_unsampled > LITTLE:
+    if search.most_probability_unsampled > WORDING.negligible_unsampled:
         most = probability_in_words(search.most_probability_unsampled)
         yield (
             f"Hypotheses that were not sampled, whose evidences are approximate, may have up to "
@@ -161,7 +159,7 @@ def _determined(search: SearchRecord) -> Iterator[str]:
             yield (
                 f"Of {len(each.places)} places for {whose}, the data alone leave {len(left)}, with "
                 "a prior that is uniform in the logarithm of mass: "
-                f"{shortened(shown, MOST_LISTED)}."
+                f"{shortened(shown)}."
             )
         if against:
-            yield f"Only the prior of the mass speaks against {shortened(against, MOST_LISTED)}."
+            yield f"Only the prior of the mass speaks against {shortened(against)}."

@@ -4,8 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from bayes_ssi.studies.ranking.comparison import probability_text
+
+
+@dataclass(frozen=True)
+class WordingSettings:
+    """What sentences list, and what they pass over.
+
+    Attributes:
+        most_listed: items of a list, about as many as one reads; tables hold all.
+        undetermined_spread: posterior over prior spread of a parameter about which the data say
+            next to nothing: they take away less than a fifth of its variance.
+        negligible_unsampled: probability of all hypotheses that were not sampled, together, that
+            needs no sentence.
+    """
+
+    most_listed: int = 8
+    undetermined_spread: float = 0.9
+    negligible_unsampled: float = 0.01
+
+
+WORDING = WordingSettings()
 
 # The calibrated language of the IPCC (Mastrandrea et al. 2010), by the least probability.
 LIKELIHOOD = (
@@ -69,11 +90,11 @@ def _rounded(value: float, width: float) -> str:
     return f"{value:.{max(2, decimals + 1 + math.floor(math.log10(abs(value))))}g}"
 
 
-def shortened(items: Sequence[str], most: int) -> str:
+def shortened(items: Sequence[str]) -> str:
     """The first of a list in a sentence, and how many others there are."""
-    n = len(items) - most
+    n = len(items) - WORDING.most_listed
     others = [] if n <= 0 else ["one other"] if n == 1 else [f"{n} others"]
-    return listed([*items[:most], *others])
+    return listed([*items[: WORDING.most_listed], *others])
 
 
 def listed(items: Iterable[object]) -> str:

@@ -36,7 +36,8 @@ from bayes_ssi.results.hierarchy.population_sampling import (
     fit_tests,
 )
 from bayes_ssi.results.hierarchy.populations import Population
-from bayes_ssi.results.hierarchy.single_tests import MOST_DRAWS, SingleTest
+from bayes_ssi.results.hierarchy.settings import SETTINGS
+from bayes_ssi.results.hierarchy.single_tests import SingleTest
 
 PRIORS = bs.PopulationPriors(spread=bs.HalfNormal(0.5), slope=bs.Normal(0.0, 0.5))
 KINDS = tuple(product((False, True), repeat=2))
@@ -48,6 +49,7 @@ COARSE = bs.SamplingSettings(log_evidence_error=0.05, particles=200, searches=2,
 N_BINS = 10
 # What sampling leaves of the error of a test's log evidence.
 EVIDENCE_ERROR = 0.005
+MOST_DRAWS = SETTINGS.most_draws
 
 
 def single_test(

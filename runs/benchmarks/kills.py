@@ -25,7 +25,7 @@ from time import perf_counter, sleep
 import numpy as np
 
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.results.load import load_result
+from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.studies.appendages.ranked_study import rank
 from bayes_ssi.studies.ranking.study_file import load_study
 

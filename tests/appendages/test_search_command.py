@@ -9,7 +9,7 @@ from searches import INFILL_01, INFILL_12, PENDULUM_1, by_count
 
 import bayes_ssi as bs
 from bayes_ssi.foundations.codec import to_record
-from bayes_ssi.results.load import load_result
+from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.studies.appendages.next_level import NextLevel
 from bayes_ssi.studies.appendages.screening import Key
 

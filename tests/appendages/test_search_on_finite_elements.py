@@ -7,7 +7,7 @@ from code_blocks import ROOT
 
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.figure_style import figures_for_files
-from bayes_ssi.results.load import load_result
+from bayes_ssi.results.stored_result import load_result
 
 STUDY = ROOT / "model_classes" / "finite_elements" / "footbridge.py"
 TRUE_PLACE, TRUE_MASS, TRUE_HZ = "pendulum bottom left 8 z", 607.7, 2.2648

@@ -10,7 +10,7 @@ import pytest
 from conftest import assert_one_line_error
 
 from bayes_ssi.inference.workers.checkpoint import Checkpoint
-from bayes_ssi.results.load import load_result
+from bayes_ssi.results.stored_result import load_result
 
 CSV = """\
 # source, test of May

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from conftest import TINY_STUDY, assert_one_line_error
 
-from bayes_ssi.results.load import load_result
 from bayes_ssi.results.predictions.stored_predictions import load_predictions
-from bayes_ssi.results.save import save_result
+from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.structures.response.ground_motion_files import read_ground_motion
 from bayes_ssi.structures.response.output import Output
 

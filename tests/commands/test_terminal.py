@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import assert_one_line_error
 
-from bayes_ssi.results.load import load_result
+from bayes_ssi.results.stored_result import load_result
 
 pytestmark = pytest.mark.usefixtures("no_figures")
 COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()"]

@@ -5,7 +5,7 @@ import json
 import pytest
 from conftest import assert_one_line_error
 
-from bayes_ssi.results.save import save_result
+from bayes_ssi.results.stored_result import save_result
 
 
 @pytest.fixture(scope="module")

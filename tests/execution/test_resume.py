@@ -14,8 +14,7 @@ from conftest import TINY_STUDY
 
 from bayes_ssi.cli import main
 from bayes_ssi.inference.workers.journal import Journal
-from bayes_ssi.results.load import load_result
-from bayes_ssi.results.save import save_result
+from bayes_ssi.results.stored_result import load_result, save_result
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals of Unix")
 
@@ -101,11 +100,11 @@ ALL_IS_SAMPLED = {
     "all is sampled": instead_of("bayes_ssi.inference.workers.checkpoint.Checkpoint.begin_saving")
 }
 SAVING = {
-    "some files are written": instead_of("bayes_ssi.results.save.save_draws"),
-    "most files are written": instead_of("bayes_ssi.results.save._write_comparison_csv"),
+    "some files are written": instead_of("bayes_ssi.results.stored_result.save_draws"),
+    "most files are written": instead_of("bayes_ssi.results.stored_result._write_comparison_csv"),
     "a figure is drawn": instead_of("matplotlib.figure.Figure.savefig"),
     "all files are written": instead_of("pathlib.Path.rename"),
-    "the result is in its place": instead_of("bayes_ssi.results.save.load_result"),
+    "the result is in its place": instead_of("bayes_ssi.results.stored_result.load_result"),
     "everything is done": instead_of("bayes_ssi.inference.workers.checkpoint.Checkpoint.remove"),
     "the journal is removed": after_the_first_unlink,
 }
@@ -129,7 +128,7 @@ forks.set_forkserver_preload(
     ["pytest", "arviz", "dask.array", "distributed", "emcee", "h5netcdf.legacyapi",
      "matplotlib.backends.backend_agg", "matplotlib.pyplot", "rich.progress",
      "bayes_ssi.inference.sampling.moves", "bayes_ssi.plots.result_figures",
-     "bayes_ssi.results.load", "bayes_ssi.report.tables"]
+     "bayes_ssi.results.stored_result", "bayes_ssi.report.tables"]
 )  # fmt: skip
 
 

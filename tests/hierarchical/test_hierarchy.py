@@ -13,14 +13,14 @@ from click.testing import CliRunner
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.criticism.adequacy import PValue
+from bayes_ssi.results.hierarchy.hierarchy_record import MARKER
 from bayes_ssi.results.hierarchy.populations import read_covariate
-from bayes_ssi.results.hierarchy.ranked_populations import (
+from bayes_ssi.results.hierarchy.single_tests import (
     failed_tests,
     repeated_errors,
+    single_tests,
     unusual_tests,
 )
-from bayes_ssi.results.hierarchy.saved_hierarchy import MARKER
-from bayes_ssi.results.hierarchy.single_tests import single_tests
 
 FREQUENCIES = {"January": (1.02, 2.66), "April": (1.0, 2.62), "July": (0.98, 2.57)}
 TEMPERATURES = {"January": -4.0, "April": 10.0, "July": 27.0}

@@ -6,9 +6,9 @@ from linear_tests import exact_log_evidence, linear_tests, log_normal
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.estimates import Estimate
-from bayes_ssi.results.hierarchy.coverage import coverage
 from bayes_ssi.results.hierarchy.population_sampling import (
     PopulationSampler,
+    coverage,
     failed_fits,
     fit_tests,
 )

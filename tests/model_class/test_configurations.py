@@ -15,8 +15,7 @@ from bayes_ssi.cli import main
 from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
 from bayes_ssi.inference.criticism.edges import edges
 from bayes_ssi.report.tables import calibration_modes_table, pairing_notes
-from bayes_ssi.results.load import load_result
-from bayes_ssi.results.save import save_result
+from bayes_ssi.results.stored_result import load_result, save_result
 
 STIFFNESS = (2.0 * math.pi) ** 2  # of a mass of 1, for 1 Hz
 k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))

@@ -13,8 +13,8 @@ import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
 from bayes_ssi.inference.workers.checkpoint import Checkpoint
-from bayes_ssi.results.load import load_result
 from bayes_ssi.results.predictions.posterior_draws import thinned_draws
+from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.studies.diagnosis.diagnosis import diagnose
 

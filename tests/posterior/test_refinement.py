@@ -9,8 +9,7 @@ import bayes_ssi as bs
 from bayes_ssi.inference.posterior_sampling.confirmation import _differences
 from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
 from bayes_ssi.inference.posterior_sampling.to_posterior import sample_as_it_is
-from bayes_ssi.results.load import load_result
-from bayes_ssi.results.save import save_result
+from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.structures.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Accuracy, Structure

@@ -19,7 +19,7 @@ from bayes_ssi.results.predictions.default_request import (
 from bayes_ssi.results.predictions.prediction_files import save_predictions
 from bayes_ssi.results.predictions.response_bands import ResponseRequest, predict_responses
 from bayes_ssi.results.predictions.stored_predictions import load_predictions
-from bayes_ssi.results.save import save_result
+from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.output import Output
 

@@ -14,7 +14,7 @@ from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.results.predictions.posterior_draws import thinned_draws
 from bayes_ssi.results.predictions.stored_predictions import load_predictions
 from bayes_ssi.results.result_files import write_digests
-from bayes_ssi.results.save import save_result
+from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.structures.response.output import Output
 from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.hypotheses import SearchSettings

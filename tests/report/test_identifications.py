@@ -12,8 +12,7 @@ import bayes_ssi as bs
 from bayes_ssi.measurements.modes.identification_record import EstimatedMode, EstimatedPeak
 from bayes_ssi.report import write_report
 from bayes_ssi.report.report_figures import ReportFigures
-from bayes_ssi.results.load import load_result
-from bayes_ssi.results.save import save_result
+from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.studies.ranking.study import Ranking
 
 RECORD = identified(

@@ -30,7 +30,7 @@ from bayes_ssi.report.write import (
 )
 from bayes_ssi.results.predictions.prediction_files import PredictionsRecord
 from bayes_ssi.results.result_files import write_json
-from bayes_ssi.results.save import save_result
+from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.studies.ranking.comparison import Check
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow
 

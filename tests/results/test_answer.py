@@ -8,10 +8,9 @@ from scipy.special import ndtri
 
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import class_record
-from bayes_ssi.results.answer import answer
-from bayes_ssi.results.claims import parameters_in_words, why_it_loses
-from bayes_ssi.results.save import save_result
+from bayes_ssi.results.answer import answer, parameters_in_words, why_it_loses
 from bayes_ssi.results.search_answer import search_sentences
+from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.results.wording import likelihood_in_words, quantity, with_error
 from bayes_ssi.studies.ranking.comparison import Check
 from bayes_ssi.studies.ranking.study import Ranking

@@ -74,7 +74,7 @@ def test_a_file_that_is_read_is_closed(tmp_path, save):
 
 
 def test_arviz_finds_prior_data_and_likelihoods(tiny_ranking, tmp_path):
-    from bayes_ssi.results.save import save_result
+    from bayes_ssi.results.stored_result import save_result
 
     save_result(tiny_ranking, tmp_path / "r")
     tree = open_with_arviz(tmp_path / "r" / "posteriors" / "each_k.nc")
@@ -95,7 +95,7 @@ def test_arviz_finds_prior_data_and_likelihoods(tiny_ranking, tmp_path):
 
 
 def test_arviz_judges_by_leaving_data_out(tiny_ranking, tmp_path):
-    from bayes_ssi.results.save import save_result
+    from bayes_ssi.results.stored_result import save_result
 
     save_result(tiny_ranking, tmp_path / "r")
     tree = open_with_arviz(tmp_path / "r" / "posteriors" / "one_k.nc")
@@ -132,7 +132,7 @@ def r_hat_by_arviz(path):
 
 def test_r_hat_is_that_of_arviz_from_the_same_file(tiny_ranking, tmp_path):
     """Also where draws were resampled to the shares of separate regions."""
-    from bayes_ssi.results.save import save_result
+    from bayes_ssi.results.stored_result import save_result
 
     save_result(tiny_ranking, tmp_path / "r")
     exchange = bs.rank(bs.Study("Two regions", [two_stiffnesses_or_their_exchange()]))
@@ -159,7 +159,7 @@ def test_a_term_that_is_constant_but_for_rounding_is_scattered_beside_one_that_v
 
 def test_arviz_compares_classes_and_predicts_their_data(tmp_path):
     """Also where they call different modes spurious."""
-    from bayes_ssi.results.save import save_result
+    from bayes_ssi.results.stored_result import save_result
 
     k = bs.Parameter("k", bs.LogNormal(median=1.0, cov=0.3))
     building = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(103.4 * k, 103.4 * k))

@@ -11,9 +11,8 @@ import pytest
 import bayes_ssi as bs
 from bayes_ssi.foundations.text_files import file_names
 from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
-from bayes_ssi.results.load import FORMAT, load_result
-from bayes_ssi.results.save import save_result
-from bayes_ssi.results.stored_what_if import recorded_class
+from bayes_ssi.results.stored_result import ResultRecord, load_result, save_result
+from bayes_ssi.results.what_if import recorded_class
 
 
 @pytest.fixture
@@ -117,7 +116,7 @@ def test_nothing_is_left_behind_when_writing_fails(tiny_ranking, tmp_path, monke
     def disk_full(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr("bayes_ssi.results.save._write_comparison_csv", disk_full)
+    monkeypatch.setattr("bayes_ssi.results.stored_result._write_comparison_csv", disk_full)
     with pytest.raises(OSError, match="no space left"):
         save_result(tiny_ranking, directory, overwrite=overwrite)
     assert {p: p.read_bytes() for p in tmp_path.rglob("*.*") if p.is_file()} == before
@@ -208,7 +207,8 @@ EVIDENCE = ("posteriors", 0, "evidence")
         (RESULT, cut, "result.json: damaged: "),
         (RESULT, lambda path: path.write_bytes(b"\xff\xfe\0"), "result.json: damaged: "),
         (RESULT, lambda path: path.write_text("[1, 2]"), "result.json: damaged: not a record"),
-        (RESULT, edited("format", value=99), f"of format 99, this version reads format {FORMAT}"),
+        (RESULT, edited("format", value=99),
+         f"of format 99, this version reads format {ResultRecord.format}"),
         (RESULT, edited("posteriors"), "result.json: posteriors: missing"),
         (RESULT, edited("posteriors", value=["one k"]), "posteriors[0]: expected a record, got"),
         (RESULT, edited("posteriors", value=[]), "not of the same model classes"),

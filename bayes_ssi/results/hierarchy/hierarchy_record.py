@@ -1,21 +1,29 @@
-"""The result of a hierarchical model: ranked populations, and what follows from them."""
+"""The result of a hierarchical model: ranked populations, what follows from them, and its files."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
+from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.results.hierarchy.populations import Population
+from bayes_ssi.results.hierarchy.settings import SETTINGS
+from bayes_ssi.results.result_files import new_directory, read_current, write_csv, write_json
 
 AVERAGE = "average"
+# The file that every directory of this kind holds.
+MARKER = "hierarchy.json"
 
 
 @dataclass(frozen=True)
@@ -245,3 +253,65 @@ class Hierarchy(Displayed):
     def _rows(self) -> list[dict[str, Any]]:
         names = ("name", "log_evidence", "error", "log_bayes_factor", "probability", "against")
         return [columns(row, names) for row in self.populations]
+
+
+@dataclass(frozen=True)
+class HierarchyRecord:
+    """What ``hierarchy.json`` holds.
+
+    Attributes:
+        results: name of a test → directory of its result; empty where they were not read from
+            files.
+        command: the command that reproduces it; empty where it was made from Python.
+    """
+
+    hierarchy: Hierarchy
+    results: Mapping[str, str]
+    command: str
+    created: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
+    versions: Mapping[str, str] = field(default_factory=versions)
+    format: int = 1  # increased whenever the format of the files changes
+
+
+@checked
+def save_hierarchy(
+    hierarchy: Hierarchy,
+    directory: str | Path,
+    *,
+    covariate: float | None = None,
+    results: Mapping[str, str] | None = None,
+    overwrite: bool = False,
+    command: str = "",
+) -> None:
+    """Write a hierarchy, and draws of the parameters in the next test, to a new directory.
+
+    Args:
+        hierarchy: the result.
+        directory: where it goes.
+        covariate: its value in the next test; the mean of the tests if None.
+        results: name of a test → directory of its result, for the record.
+        overwrite: replace a hierarchy that exists.
+        command: the command that reproduces the result, for the record.
+
+    Raises:
+        FileExistsError: the directory exists and ``overwrite`` is false, or holds something else.
+        ValueError: there is no covariate.
+    """
+    draws = hierarchy.next_test(SETTINGS.next_tests, covariate)
+    with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
+        write_json(partial / MARKER, HierarchyRecord(hierarchy, results or {}, command))
+        names = [parameter.name for parameter in hierarchy.parameters]
+        rows = ([f"{value:.7g}" for value in row] for row in draws)
+        write_csv(partial / "next_test.csv", names, rows)
+
+
+@checked
+def load_hierarchy(directory: str | Path) -> Hierarchy:
+    """Read a directory that :func:`save_hierarchy` wrote.
+
+    Raises:
+        ValueError: it does not exist, is damaged, or was written by another version.
+    """
+    path = Path(directory) / MARKER
+    stored = read_current(HierarchyRecord, path, what="a hierarchy", again="compute it again")
+    return stored.hierarchy

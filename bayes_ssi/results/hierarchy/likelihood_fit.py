@@ -8,6 +8,7 @@ form.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,24 +19,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.mixture import LIGHT_TAILS
 from bayes_ssi.inference.sampling.mixture_fitting import fit_mixture
 from bayes_ssi.inference.sampling.target import log_standard_normal
-
-# With this root mean square error of the log-likelihood of each of a hundred tests, their sum is
-# off by a fifth of a nat, before the draws correct it: no more bumps are needed.
-CLOSE = 0.02
-# With this one a likelihood is normal in form, but for rounding.
-EXACT = 1e-6
-# Numbers of bumps that are tried, until they no longer lower the error by the factor.
-NUMBERS, LEAST_GAIN = (2, 4, 8), 0.8
-# Likelihoods at draws have no noise: a few for each number that is fitted pin it down, where draws
-# alone would need many.
-DRAWS_PER_NUMBER = 4
-# The stored evidence is known to about a hundredth of a nat: counted by a tenth, its error is that
-# of a likelihood known to a thousandth.
-EVIDENCE_WEIGHT = 0.1
-# A residual in nats at points that a search must not stay at.
-FAR_OFF = 1e6
-# Most evaluations in one search for the least squares.
-MOST_EVALUATIONS = 60
+from bayes_ssi.results.hierarchy.settings import SETTINGS
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +61,8 @@ class Bumps:
         by_slopes = shares[:, :, None] * z[:, None]
         rows, columns = np.triu_indices(z.shape[1])
         by_roots = -rooted[..., rows] * by_slopes[..., columns]
-        parts = (part.reshape(len(z), -1) for part in (shares, by_slopes, by_roots))
-        return np.concatenate(list(parts), axis=1)
+        parts = [part.reshape(len(z), -1) for part in (shares, by_slopes, by_roots)]
+        return np.concatenate(parts, axis=1)
 
     @property
     def flat(self) -> FloatArray:
@@ -115,6 +99,15 @@ class Bumps:
         squares = np.einsum("ki,ki->k", rooted, rooted)
         constants = values - np.einsum("ki,ki->k", slopes, points) + 0.5 * squares
         return cls(constants, slopes, roots)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Bumps]) -> Bumps:
+        """The bumps of several sums in one."""
+        return cls(
+            np.concatenate([bumps.constants for bumps in parts]),
+            np.concatenate([bumps.slopes for bumps in parts]),
+            np.concatenate([bumps.roots for bumps in parts]),
+        )
 
     def in_coordinates(self, origin: FloatArray, unit: FloatArray) -> Bumps:
         """The same functions of z, where they now are of (z - ``origin``) / ``unit``, each (d,)."""
@@ -178,6 +171,8 @@ class LikelihoodFit:
     """Bumps fitted to the likelihood of one test.
 
     Attributes:
+        bumps: the best fit.
+        second: the second best, which tells how uncertain it is.
         log_ratios: (n,), log of the likelihood over that of the bumps, at the draws.
     """
 
@@ -203,15 +198,16 @@ def fit_likelihood(
     fitting = _Fitting.of(z, log_likelihoods, log_evidence)
     n, d = z.shape
     fits = [fitting.least_squares(fitting.one_bump)]
-    for count in NUMBERS:
+    for count in SETTINGS.numbers_of_bumps:
         errors = [error for _, error in fits]
-        in_vain = len(fits) > 1 and errors[-1] > LEAST_GAIN * errors[-2]
-        few = count * (1 + d + d * (d + 1) // 2) > n / DRAWS_PER_NUMBER
-        if min(errors) < (CLOSE if len(fits) > 1 else EXACT) or few or in_vain:
+        enough = SETTINGS.fit_error if len(fits) > 1 else SETTINGS.exact_fit_error
+        in_vain = len(fits) > 1 and errors[-1] > SETTINGS.least_gain * errors[-2]
+        few = count * (1 + d + d * (d + 1) // 2) > n / SETTINGS.draws_per_number
+        if min(errors) < enough or few or in_vain:
             break
         fits.append(fitting.least_squares(fitting.mixture(count, rng)))
     fits.sort(key=lambda fit: fit[1])
-    best, second = (fit for fit, _ in (fits[0], fits[min(1, len(fits) - 1)]))
+    best, second = fits[0][0], fits[min(1, len(fits) - 1)][0]
     return LikelihoodFit(
         best.in_coordinates(fitting.origin, fitting.unit),
         second.in_coordinates(fitting.origin, fitting.unit),
@@ -255,16 +251,17 @@ class _Fitting:
 
         n, d = self.x.shape
         off = float(np.sqrt(np.mean((start.log_sum(self.x) - self.log_likelihoods) ** 2)))
-        if off < EXACT:
+        if off < SETTINGS.exact_fit_error:
             return start, off
-        weight = EVIDENCE_WEIGHT * np.sqrt(n)
+        weight = SETTINGS.evidence_weight * np.sqrt(n)
 
         def residuals(numbers: FloatArray) -> FloatArray:
             bumps = Bumps.from_flat(numbers, d)
             try:
                 off = bumps.log_integral(self.prior)[0] - self.log_evidence
-            except np.linalg.LinAlgError:  # a step so far that precisions are rounded to singular
-                return np.full(n + 1, FAR_OFF)
+            except np.linalg.LinAlgError:
+                # A step so far that precisions are rounded to singular: no search may stay there.
+                return np.full(n + 1, 1e6)
             return np.append(bumps.log_sum(self.x) - self.log_likelihoods, weight * off)
 
         def derivatives(numbers: FloatArray) -> FloatArray:
@@ -273,7 +270,7 @@ class _Fitting:
             return np.vstack([bumps.derivatives(self.x), of_integral])
 
         search = least_squares(
-            residuals, start.flat, derivatives, method="lm", max_nfev=MOST_EVALUATIONS
+            residuals, start.flat, derivatives, method="lm", max_nfev=SETTINGS.most_evaluations
         )
         return Bumps.from_flat(search.x, d), float(np.sqrt(2.0 * search.cost / n))
 

@@ -1,4 +1,9 @@
-"""Sampling the parameters of a population from the posteriors of the single tests."""
+"""Sampling the parameters of a population from the posteriors of the single tests.
+
+At given parameters of a population, the likelihood of a test is that of its bumps times the mean
+of r = likelihood/bumps over the distribution that bumps, prior and population give together. Its
+posterior draws, at which r is known, are weighted to that distribution.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +23,79 @@ from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
 from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.inference.sampling.settings import SamplingSettings, StepProgress
 from bayes_ssi.inference.sampling.target import Target
-from bayes_ssi.results.hierarchy.coverage import Coverage, coverage
 from bayes_ssi.results.hierarchy.likelihood_fit import Bumps, LikelihoodFit, fit_likelihood
 from bayes_ssi.results.hierarchy.populations import Population, PopulationLikelihood
+from bayes_ssi.results.hierarchy.settings import SETTINGS
 from bayes_ssi.results.hierarchy.single_tests import SingleTest
 
-# Posterior draws of a population's parameters at which the draws of the tests are asked, and which
-# are kept: enough for 90 % intervals.
-KEPT = 500
-# The stored evidence of a test and that of its bumps may differ by this much, in nats: so far may
-# full solutions have corrected the evidence of an approximate structure.
-EVIDENCE_TOLERANCE = 0.5
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """Corrections of the log-likelihoods of the tests, at S points of a population's parameters.
+
+    Attributes:
+        corrections: (S, n_tests), log of the mean of r, to be added to the log-likelihoods.
+        errors: (S, n_tests), their standard errors.
+        effective_sample_sizes: (S, n_tests), of the weighted draws.
+    """
+
+    corrections: FloatArray
+    errors: FloatArray
+    effective_sample_sizes: FloatArray
+
+    @property
+    def error(self) -> float:
+        """Standard error of the sum over the tests, averaged over the points."""
+        return float(np.sqrt(np.mean(np.sum(self.errors**2, axis=1))))
+
+
+def coverage(
+    likelihood: PopulationLikelihood,
+    second: PopulationLikelihood,
+    fits: Sequence[LikelihoodFit],
+    z: Sequence[FloatArray],
+    values: FloatArray,
+) -> Coverage:
+    """How far the draws of the tests confirm the bumps.
+
+    Args:
+        second: the same by the second best fits.
+        z: of each test, the (n, k) coordinates of its draws that the population describes.
+        values: (S, n_parameters), of the population.
+    """
+    means, slopes, spreads = likelihood.population.split(values)
+    # Where the draws are few, what two fits differ by is what is unknown.
+    differences = second.of_tests(values) - likelihood.of_tests(values)
+    columns = []
+    for i, (fit, draws) in enumerate(zip(fits, z, strict=True)):
+        log_weights = _log_densities(draws, means + slopes * likelihood.covariates[i], spreads)
+        log_weights += 0.5 * np.einsum("nk,nk->n", draws, draws) - fit.log_ratios
+        weights = np.exp(log_weights - logsumexp(log_weights, axis=1, keepdims=True))
+        ratios = np.exp(fit.log_ratios)
+        sizes = 1.0 / np.einsum("sn,sn->s", weights, weights)
+        squares = (ratios - 1.0) ** 2
+        # The weighted draws alone would underestimate it where they are few.
+        variances = np.maximum(weights @ squares, squares.mean()) + differences[:, i] ** 2
+        columns.append((np.log(weights @ ratios), np.sqrt(variances / sizes), sizes))
+    corrections, errors, sizes_of_all = (
+        np.stack(each, axis=1) for each in zip(*columns, strict=True)
+    )
+    return Coverage(corrections, errors, sizes_of_all)
+
+
+def _log_densities(draws: FloatArray, centres: FloatArray, spreads: FloatArray) -> FloatArray:
+    """Log density (S, n) of a population at draws (n, k), up to a constant of each of S points.
+
+    A population much narrower than the posterior would leave no draw any weight: it is widened by
+    the posterior's covariance times the squared bandwidth of a kernel estimate (Scott 1992).
+    """
+    n, k = draws.shape
+    bandwidth = n ** (-1.0 / (k + 4))
+    kernel = bandwidth**2 * np.atleast_2d(np.cov(draws, rowvar=False))
+    covariances = kernel + np.eye(k) * spreads[:, None] ** 2
+    roots = np.linalg.inv(np.linalg.cholesky(covariances))
+    away = np.einsum("sij,nj->sni", roots, draws) - np.einsum("sij,sj->si", roots, centres)[:, None]
+    return -0.5 * np.einsum("sni,sni->sn", away, away)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +134,7 @@ def failed_fits(tests: Sequence[SingleTest], fits: Sequence[LikelihoodFit]) -> l
         everything = np.arange(test.z.shape[1])
         integral = float(logsumexp(fit.bumps.integrated_over(everything).constants))
         by_draws = integral - float(np.log(np.mean(np.exp(-fit.log_ratios))))
-        estimate = EvidenceEstimate("draws", by_draws, fit.error, EVIDENCE_TOLERANCE)
+        estimate = EvidenceEstimate("draws", by_draws, fit.error, SETTINGS.evidence_tolerance)
         if not estimate.agrees_with(test.evidence):
             failed.append(
                 f"test {test.name!r}: its log evidence is {test.evidence}, but the likelihoods at "
@@ -112,32 +179,28 @@ class PopulationSampler:
         target = Target(likelihood.log_likelihood_at, len(population.parameters))
         seed = np.random.SeedSequence(index)
         result = sample_target(target, seed, self.settings, progress)
-        failed = failed_checks(result)
+        failed = [*failed_checks(result)]
         rng = np.random.default_rng(index)
-        importance = result.importance
-        chosen = rng.permutation(systematic_indices(importance.weights, KEPT, rng))
+        importance, n_draws = result.importance, SETTINGS.population_draws
+        chosen = rng.permutation(systematic_indices(importance.weights, n_draws, rng))
         values = population.values(importance.z[chosen])
         z = [test.z[:, self.columns] for test in self.tests]
         covered = coverage(likelihood, second, self.fits, z, values)
         log_weights = covered.corrections.sum(axis=1)
         weights = np.exp(log_weights - log_weights.max())
+        largest = float(weights.max() / weights.sum())
+        if largest > LARGEST_WEIGHT:
+            failed.append(
+                "the draws of the tests change the posterior of the population so much that one of "
+                f"{n_draws} draws carries {100 * largest:.0f} % of it"
+            )
         correction = float(log_weights.max() + np.log(weights.mean()))
-        error = float(weights.std(ddof=1) / weights.mean() / math.sqrt(KEPT))
+        error = float(weights.std(ddof=1) / weights.mean() / math.sqrt(n_draws))
         return SampledPopulation(
             population=population,
             log_evidence=result.evidence.log_evidence + correction,
             error=math.hypot(result.evidence.error, error, covered.error),
             coverage=covered,
-            draws=values[rng.permutation(systematic_indices(weights, KEPT, rng))],
-            failed_checks=(*failed, *_failed_correction(weights)),
+            draws=values[rng.permutation(systematic_indices(weights, n_draws, rng))],
+            failed_checks=tuple(failed),
         )
-
-
-def _failed_correction(weights: FloatArray) -> list[str]:
-    largest = float(weights.max() / weights.sum())
-    if largest <= LARGEST_WEIGHT:
-        return []
-    return [
-        "the draws of the tests change the posterior of the population so much that one of "
-        f"{KEPT} draws carries {100 * largest:.0f} % of it"
-    ]

@@ -22,6 +22,7 @@ from bayes_ssi.parameters.families import HalfNormal, Normal
 from bayes_ssi.parameters.parameters import Parameter, values_at
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.results.hierarchy.likelihood_fit import Bumps
+from bayes_ssi.results.hierarchy.settings import SETTINGS
 
 
 def read_covariate(path: str | Path) -> tuple[str, dict[str, float]]:
@@ -60,10 +61,6 @@ def read_covariate(path: str | Path) -> tuple[str, dict[str, float]]:
         except ValueError:
             raise ValueError(f"{where}: {name} must be a number, got {row[1]!r}") from None
     return name, values
-
-
-# Most numbers in an array of a batch, so that it stays in the processor's cache.
-BATCH_SIZE = 200_000
 
 
 @dataclass(frozen=True)
@@ -139,8 +136,7 @@ class PopulationLikelihood:
 
     def of_tests(self, values: FloatArray) -> FloatArray:
         """The log-likelihood of every test (B, n_tests) at ``values`` (B, n_parameters)."""
-        size = self._slopes.size * self._slopes.shape[1]
-        rows = max(1, BATCH_SIZE // size)
+        rows = max(1, SETTINGS.array_size // self._joined.roots.size)
         parts = [self._of_tests(values[i : i + rows]) for i in range(0, len(values), rows)]
         return np.concatenate(parts)
 
@@ -150,50 +146,33 @@ class PopulationLikelihood:
         With z = mean + spread·e and e ~ N(0, I), the exponent of a bump is quadratic in e, and its
         expectation is a normal integral.
         """
+        joined = self._joined
         means, slopes, spreads = self.population.split(values)
-        means = means[:, None] + slopes[:, None] * self._covariates[:, None]
-        rooted = np.einsum("tij,btj->bti", self._roots, means)
-        log_parts = self._constants + np.einsum("tj,btj->bt", self._slopes, means)
+        covariates = np.repeat(self.covariates, self._counts)
+        means = means[:, None] + slopes[:, None] * covariates[:, None]
+        rooted = np.einsum("tij,btj->bti", joined.roots, means)
+        log_parts = joined.constants + np.einsum("tj,btj->bt", joined.slopes, means)
         log_parts -= 0.5 * np.einsum("bti,bti->bt", rooted, rooted)
         if self.population.varies:
-            linear = self._slopes - np.einsum("tij,bti->btj", self._roots, rooted)
+            linear = joined.slopes - np.einsum("tij,bti->btj", joined.roots, rooted)
             linear *= spreads[:, None]
             scales = spreads[:, :, None] * spreads[:, None]
-            matrices = self._precisions * scales[:, None] + np.eye(spreads.shape[1])
+            matrices = joined.precisions * scales[:, None] + np.eye(spreads.shape[1])
             choleskys: FloatArray = np.linalg.cholesky(matrices).astype(float, copy=False)
             solved = _forward_substituted(choleskys, linear)
             log_parts += 0.5 * np.einsum("bti,bti->bt", solved, solved)
             log_parts -= np.log(np.diagonal(choleskys, axis1=2, axis2=3)).sum(axis=-1)
-        return np.logaddexp.reduceat(log_parts, self._first, axis=1)
+        first = np.cumsum(self._counts) - self._counts
+        return np.logaddexp.reduceat(log_parts, first, axis=1)
+
+    @cached_property
+    def _joined(self) -> Bumps:
+        """The bumps of all tests in turn, and :attr:`_counts`, how many each test has."""
+        return Bumps.joined(self.bumps)
 
     @cached_property
     def _counts(self) -> NDArray[np.intp]:
-        return np.array([len(each.constants) for each in self.bumps])
-
-    @cached_property
-    def _first(self) -> NDArray[np.intp]:
-        """The first bump of every test among those of all."""
-        return np.cumsum(self._counts) - self._counts
-
-    @cached_property
-    def _covariates(self) -> FloatArray:
-        return np.repeat(self.covariates, self._counts)
-
-    @cached_property
-    def _constants(self) -> FloatArray:
-        return np.concatenate([each.constants for each in self.bumps])
-
-    @cached_property
-    def _slopes(self) -> FloatArray:
-        return np.concatenate([each.slopes for each in self.bumps])
-
-    @cached_property
-    def _roots(self) -> FloatArray:
-        return np.concatenate([each.roots for each in self.bumps])
-
-    @cached_property
-    def _precisions(self) -> FloatArray:
-        return np.concatenate([each.precisions for each in self.bumps])
+        return np.array([len(bumps.constants) for bumps in self.bumps])
 
 
 def _forward_substituted(lower: FloatArray, right: FloatArray) -> FloatArray:

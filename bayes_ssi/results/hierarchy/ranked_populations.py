@@ -1,29 +1,18 @@
-"""Many tests of one structure, from the stored posteriors of each: no test is sampled again.
-
-Tests that the model class does not explain: what they say of a population means nothing.
-"""
+"""Many tests of one structure, from the stored posteriors of each: no test is sampled again."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from scipy.special import betaincc
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
-from bayes_ssi.inference.criticism.adequacy import LIMIT, Adequacy
-from bayes_ssi.inference.criticism.misfit_in_words import (
-    inadequacy_in_words,
-    misfit_text,
-    misfits_in_words,
-)
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.results.hierarchy.coverage import Coverage
 from bayes_ssi.results.hierarchy.hierarchy_record import (
     CovariateScale,
     Hierarchy,
@@ -31,13 +20,22 @@ from bayes_ssi.results.hierarchy.hierarchy_record import (
     SingleTestSummary,
 )
 from bayes_ssi.results.hierarchy.population_sampling import (
+    Coverage,
     PopulationSampler,
     SampledPopulation,
     failed_fits,
     fit_tests,
 )
 from bayes_ssi.results.hierarchy.populations import Population, PopulationPriors
-from bayes_ssi.results.hierarchy.single_tests import SingleTest, TestResult, single_tests
+from bayes_ssi.results.hierarchy.settings import SETTINGS
+from bayes_ssi.results.hierarchy.single_tests import (
+    SingleTest,
+    TestResult,
+    failed_tests,
+    repeated_errors,
+    single_tests,
+    unusual_tests,
+)
 from bayes_ssi.studies.ranking.comparison import (
     PROBABLE,
     STANDARD_ERRORS,
@@ -45,66 +43,6 @@ from bayes_ssi.studies.ranking.comparison import (
     class_probabilities,
     is_distinguishable,
 )
-
-
-def failed_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
-    """Tests that the class does not explain, a sentence each."""
-    for test in tests:
-        fit = test.adequacy
-        if fit is not None and _fails(fit, len(tests)):
-            yield f"test {test.name!r}, {class_name!r}: {inadequacy_in_words(fit)}"
-
-
-def unusual_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
-    """Tests that would fail by themselves, but not among so many, a sentence each."""
-    for test in tests:
-        fit = test.adequacy
-        if fit is not None and fit.overall.is_small and not _fails(fit, len(tests)):
-            how_far = misfit_text(fit.overall.sds)
-            yield (
-                f"test {test.name!r}, {class_name!r}: the data are as unusual as in one right test "
-                f"of {1.0 / LIMIT:.0f}, {how_far}: {'; '.join(misfits_in_words(fit))}"
-            )
-
-
-def repeated_errors(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
-    """A sentence if the frequency errors of the modes repeat themselves from test to test.
-
-    Of n tests, m modes and independent standardised errors, the share of the modes' mean errors in
-    the sum of squares is Beta(m/2, m(n - 1)/2).
-    """
-    seen = [{m.label: m for m in t.adequacy.modes if m.frequency_sd} for t in tests if t.adequacy]
-    labels = [label for label in seen[0] if all(label in modes for modes in seen)] if seen else []
-    if len(seen) < len(tests) or not labels:
-        return
-    n, m = len(seen), len(labels)
-    errors = np.array([[modes[label].frequency_error for label in labels] for modes in seen])
-    standardised = errors / [[modes[label].frequency_sd for label in labels] for modes in seen]
-    of_means = float((standardised.mean(axis=0) ** 2).mean())
-    share = of_means / float((standardised**2).mean())
-    if of_means > SMALL_ERROR**2 and betaincc(0.5 * m, 0.5 * m * (n - 1), share) < REPEATED:
-        means = zip(labels, errors.mean(axis=0), strict=True)
-        listed = ", ".join(f"mode {label} {100 * mean:+.1f} %" for label, mean in means)
-        yield (
-            f"{class_name!r} errs alike in all tests ({listed} on average): these errors are "
-            "counted anew in each test and hide how the parameters vary; rank classes with all "
-            "tests as configurations and ErrorModel(between_tests=...)"
-        )
-
-
-def _fails(fit: Adequacy, n_tests: int) -> bool:
-    # Of many tests that a right class explains, the most unusual one is far out (Bonferroni).
-    return n_tests * fit.overall.p_value < LIMIT or bool(fit.hints)
-
-
-# With a larger error from the draws of the tests, two standard errors are more than a bare mention
-# on the scale of Bayes factors.
-LARGEST_ERROR = 0.5
-
-# Errors that are smaller, in their standard deviations, are those that the prior leaves.
-SMALL_ERROR = 0.3
-# Errors that agree between tests by chance are taken for repeated ones once in a thousand times.
-REPEATED = 0.001
 
 SAME, VARIES = "the same in all tests", "varies from test to test"
 
@@ -263,8 +201,14 @@ def _ranked(sampled: Sequence[SampledPopulation]) -> list[RankedPopulation]:
         error = 0.0 if each is best else math.hypot(each.error, best.error)
         failed = each.failed_checks
         # Where a population has no chance, it does not matter how little.
-        if difference + STANDARD_ERRORS * error > math.log(PROBABLE):
-            failed = (*failed, *_failed_coverage(each.coverage))
+        has_chance = difference + STANDARD_ERRORS * error > math.log(PROBABLE)
+        if has_chance and each.coverage.error > SETTINGS.largest_error:
+            failed = (
+                *failed,
+                f"the draws of the tests leave an error of {each.coverage.error:.2f} nats, more "
+                f"than {SETTINGS.largest_error}: they hardly reach where the population has the "
+                "tests' parameters",
+            )
         against = "best" if each is best else "not distinguishable"
         if each is not best and is_distinguishable(difference, error):
             against = bayes_factor_scale(difference)
@@ -283,12 +227,3 @@ def _ranked(sampled: Sequence[SampledPopulation]) -> list[RankedPopulation]:
             )
         )
     return rows
-
-
-def _failed_coverage(covered: Coverage) -> list[str]:
-    if covered.error <= LARGEST_ERROR:
-        return []
-    return [
-        f"the draws of the tests leave an error of {covered.error:.2f} nats, more than "
-        f"{LARGEST_ERROR}: they hardly reach where the population has the tests' parameters"
-    ]

@@ -1,27 +1,32 @@
-"""One test of many: its posterior in standard-normal coordinates, from a ranking or its files."""
+"""One test of many: its posterior in standard-normal coordinates, from a ranking or its files.
+
+What tests that the model class does not explain say of a population means nothing.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
+from scipy.special import betaincc
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.criticism.adequacy import Adequacy
+from bayes_ssi.inference.criticism.adequacy import LIMIT, Adequacy
+from bayes_ssi.inference.criticism.misfit_in_words import (
+    inadequacy_in_words,
+    misfit_text,
+    misfits_in_words,
+)
 from bayes_ssi.inference.model_class.class_record import ClassRecord, ParameterRecord, class_record
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
-from bayes_ssi.results.load import StoredResult, load_result
+from bayes_ssi.results.hierarchy.settings import SETTINGS
+from bayes_ssi.results.stored_result import StoredResult, load_result
 from bayes_ssi.studies.ranking.study import Ranking
-
-# Most draws of each test that are used: their likelihoods are known, so that more say little more.
-MOST_DRAWS = 1000
-# Fewer tests say nothing of how parameters vary.
-FEWEST_TESTS = 2
 
 # A ranking of one test, as it was made or read, or the directory that holds it.
 TestResult = Ranking | StoredResult | str | PathLike[str]
@@ -58,8 +63,10 @@ def single_tests(
     results: Mapping[str, TestResult], class_name: str | None = None
 ) -> tuple[str, tuple[SingleTest, ...]]:
     """The name of the model class, and its posterior in every test."""
-    if len(results) < FEWEST_TESTS:
-        raise ValueError(f"hierarchy: at least {FEWEST_TESTS} tests are needed, got {len(results)}")
+    if len(results) < SETTINGS.fewest_tests:
+        raise ValueError(
+            f"hierarchy: at least {SETTINGS.fewest_tests} tests are needed, got {len(results)}"
+        )
     tests: list[SingleTest] = []
     for name, result in results.items():
         found, posterior, record, failed = _chosen(name, result, class_name)
@@ -101,7 +108,7 @@ def _single_test(
     values = posterior.values
     independent = int(posterior.effective_sample_sizes.min())
     # Draws of successive steps, walker by walker: evenly spaced ones are far apart in a chain.
-    some = evenly_spaced_indices(len(values), max(1, min(MOST_DRAWS, independent)))
+    some = evenly_spaced_indices(len(values), max(1, min(SETTINGS.most_draws, independent)))
     columns = zip(record.parameters, values[some].T, strict=True)
     z = np.column_stack([parameter.prior.to_normal(column) for parameter, column in columns])
     if not np.isfinite(z).all():
@@ -144,3 +151,55 @@ def _check_alike(tests: Sequence[SingleTest], class_name: str) -> None:
             raise ValueError(
                 f"{where}: {len(first.parameters)} and {len(test.parameters)} parameters"
             )
+
+
+def failed_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
+    """Tests that the class does not explain, a sentence each."""
+    for test in tests:
+        fit = test.adequacy
+        if fit is not None and _fails(fit, len(tests)):
+            yield f"test {test.name!r}, {class_name!r}: {inadequacy_in_words(fit)}"
+
+
+def unusual_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
+    """Tests that would fail by themselves, but not among so many, a sentence each."""
+    for test in tests:
+        fit = test.adequacy
+        if fit is not None and fit.overall.is_small and not _fails(fit, len(tests)):
+            how_far = misfit_text(fit.overall.sds)
+            yield (
+                f"test {test.name!r}, {class_name!r}: the data are as unusual as in one right test "
+                f"of {1.0 / LIMIT:.0f}, {how_far}: {'; '.join(misfits_in_words(fit))}"
+            )
+
+
+def repeated_errors(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
+    """A sentence if the frequency errors of the modes repeat themselves from test to test.
+
+    Of n tests, m modes and independent standardised errors, the share of the modes' mean errors in
+    the sum of squares is Beta(m/2, m(n - 1)/2).
+    """
+    seen = [{m.label: m for m in t.adequacy.modes if m.frequency_sd} for t in tests if t.adequacy]
+    labels = [label for label in seen[0] if all(label in modes for modes in seen)] if seen else []
+    if len(seen) < len(tests) or not labels:
+        return
+    n, m = len(seen), len(labels)
+    errors = np.array([[modes[label].frequency_error for label in labels] for modes in seen])
+    standardised = errors / [[modes[label].frequency_sd for label in labels] for modes in seen]
+    of_means = float((standardised.mean(axis=0) ** 2).mean())
+    share = of_means / float((standardised**2).mean())
+    by_chance = betaincc(0.5 * m, 0.5 * m * (n - 1), share)
+    is_large = of_means > SETTINGS.smallest_repeated_error**2
+    if is_large and by_chance < SETTINGS.repeated_by_chance:
+        means = zip(labels, errors.mean(axis=0), strict=True)
+        listed = ", ".join(f"mode {label} {100 * mean:+.1f} %" for label, mean in means)
+        yield (
+            f"{class_name!r} errs alike in all tests ({listed} on average): these errors are "
+            "counted anew in each test and hide how the parameters vary; rank classes with all "
+            "tests as configurations and ErrorModel(between_tests=...)"
+        )
+
+
+def _fails(fit: Adequacy, n_tests: int) -> bool:
+    # Of many tests that a right class explains, the most unusual one is far out (Bonferroni).
+    return n_tests * fit.overall.p_value < LIMIT or bool(fit.hints)

@@ -15,7 +15,6 @@ from pathlib import Path
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.results.load import SEARCH, StoredResult, load_result
 from bayes_ssi.results.predictions.posterior_draws import DRAWS
 from bayes_ssi.results.predictions.predictions import (
     AVERAGE,
@@ -23,6 +22,7 @@ from bayes_ssi.results.predictions.predictions import (
     predict_average,
     predict_class,
 )
+from bayes_ssi.results.stored_result import SEARCH, StoredResult, load_result
 from bayes_ssi.studies.appendages.hypotheses import hypothesis
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.ranking.study_file import load_study

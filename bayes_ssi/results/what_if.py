@@ -14,7 +14,7 @@ from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.known_modes import KnownTest, known_at_draws, known_structure
 from bayes_ssi.parameters.parameters import Parameter
-from bayes_ssi.results.load import StoredResult, load_result
+from bayes_ssi.results.stored_result import StoredResult, load_result
 from bayes_ssi.studies.ranking.changed_settings import (
     ChangedSettings,
     WhatIf,

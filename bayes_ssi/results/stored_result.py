@@ -1,0 +1,355 @@
+"""Result directories: rankings saved at once or not at all, and read back without sampling.
+
+A result directory holds ``result.json`` (study, inputs, versions, seed, settings and everything
+but the draws), ``data.csv`` (the identified modes; next to it, how they were identified; where
+there are several configurations, files for each in ``data/``), ``comparison.json`` and
+``comparison.csv``, and ``posteriors/*.nc`` (draws of each class, which arviz opens). Results of
+commands have ``figures``. ``digests.json`` holds the digests of all these files.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from datetime import UTC, datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.codec import from_record, to_record
+from bayes_ssi.foundations.displayed import InWords
+from bayes_ssi.foundations.packages import versions
+from bayes_ssi.foundations.text_files import file_names
+from bayes_ssi.inference.model_class.class_record import ClassRecord, class_record
+from bayes_ssi.inference.model_class.configuration import (
+    choose_configuration,
+    failed_data_checks,
+    joint_digest,
+)
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.sampling.settings import SamplingSettings
+from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.measurements.modes.modal_csv import read_modal_csv, write_modal_data
+from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.results.draws import load_draws, save_draws
+from bayes_ssi.results.result_files import (
+    check_digest,
+    new_directory,
+    read_current,
+    read_record,
+    write_csv,
+    write_digests,
+    write_json,
+)
+from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
+from bayes_ssi.studies.ranking.sensitivity import Sensitivity
+from bayes_ssi.studies.ranking.study import Ranking, Study
+
+# The file that every result directory holds.
+MARKER = "result.json"
+COMPARISON = "comparison.json"
+FIGURES = "figures"
+SEARCH, SENSITIVITY = "search.json", "sensitivity.json"
+IN_THE_FILE_OF_DRAWS = (
+    "draws", "log_likelihoods", "frequencies_hz", "sensor_shapes", "datum_terms"
+)  # fmt: skip
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class ResultRecord:
+    """Everything in a result but its draws and its data.
+
+    Attributes:
+        study_file: the file that defines the study; empty where there is none.
+        prior_weights: model class → prior weight; None where all are equal.
+        command: the command that reproduces the result; empty where it was made from Python.
+    """
+
+    created: str
+    study: str
+    description: str
+    study_file: str
+    seed: int
+    settings: SamplingSettings
+    prior_weights: Mapping[str, float] | None
+    data_digest: str
+    versions: Mapping[str, str]
+    model_classes: tuple[ClassRecord, ...]
+    stands_for: Mapping[str, tuple[str, ...]]
+    posteriors: tuple[Mapping[str, Any], ...]
+    draws: Mapping[str, str]
+    data: Mapping[str, str]
+    failed_checks_accepted: bool
+    command: str
+    format: int = 19  # increased whenever the format of a result's files changes
+
+    def model_class(self, name: str) -> ClassRecord:
+        """The record of the model class ``name``; KeyError if there is none."""
+        return {each.name: each for each in self.model_classes}[name]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StoredResult(InWords):
+    """What a result directory holds.
+
+    Attributes:
+        directory: path of the directory.
+        record: everything but the draws and the data.
+        tests: name of a configuration → the modes identified in it.
+        posteriors: the posteriors, in the study's order.
+        comparison: the ranking.
+    """
+
+    directory: Path
+    record: ResultRecord
+    tests: Mapping[str, ModalData]
+    posteriors: tuple[Posterior, ...]
+    comparison: Comparison
+
+    @property
+    def data(self) -> ModalData:
+        """The identified modes of the only configuration; ValueError where there are several."""
+        return choose_configuration(self.tests, None, str(self.directory))
+
+    @cached_property
+    def sensitivity(self) -> Sensitivity | None:
+        """Sensitivity of the ranking to settings; None if it was not computed.
+
+        Raises:
+            ValueError: its file is damaged.
+        """
+        return self._further(Sensitivity, SENSITIVITY)
+
+    @cached_property
+    def search(self) -> SearchRecord | None:
+        """The search for appendages that gave the ranking; None if there was none.
+
+        Raises:
+            ValueError: its file is damaged.
+        """
+        return self._further(SearchRecord, SEARCH)
+
+    def _further(self, kind: type[T], file: str) -> T | None:
+        path = self.directory / file
+        if not path.is_file():
+            return None
+        record = read_record(kind, path)
+        check_digest(self.directory, file)
+        return record
+
+    @property
+    def ranked_posteriors(self) -> tuple[Posterior, ...]:
+        """The posteriors in the order of the ranking, the best first."""
+        return tuple(self.posterior(row.name) for row in self.comparison.classes)
+
+    def posterior(self, name: str) -> Posterior:
+        """The posterior of one class.
+
+        Raises:
+            ValueError: no class has that name.
+        """
+        by_name = {posterior.name: posterior for posterior in self.posteriors}
+        require_known(f"{self.directory}: no model class", [name], by_name)
+        return by_name[name]
+
+    def _line(self) -> str:
+        return f"of {self.record.study!r} in {self.directory}: {self.comparison._line()}"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return self.comparison._rows()
+
+
+@checked
+def load_result(directory: str | Path) -> StoredResult:
+    """Read a result directory.
+
+    Raises:
+        ValueError: it does not exist, is incomplete or damaged, was changed after it was saved, or
+            was written by another version.
+    """
+    directory = Path(directory)
+    record = read_current(
+        ResultRecord, directory / MARKER, what="a result", again="run the study again"
+    )
+    comparison = read_record(Comparison, directory / COMPARISON)
+    posteriors = tuple(_posterior(directory, record, i) for i in range(len(record.posteriors)))
+    try:
+        tests = {name: read_modal_csv(directory / file) for name, file in record.data.items()}
+    except OSError as error:
+        raise ValueError(f"{error.filename}: {error.strerror}") from error
+    comparison = comparison.with_common("data", failed_data_checks(tests))
+    result = StoredResult(directory, record, tests, posteriors, comparison)
+    if joint_digest(tests) != record.data_digest:
+        raise ValueError(f"{directory}: the identified modes are not those that were ranked")
+    names = {row.name for row in comparison.classes}
+    stored_names = ({stored.name for stored in kind} for kind in (posteriors, record.model_classes))
+    if not names or any(stored != names for stored in stored_names):
+        raise ValueError(f"{directory}: its files are not of the same model classes")
+    for name in (MARKER, COMPARISON, *record.draws.values()):
+        check_digest(directory, name)
+    return result
+
+
+def _posterior(directory: Path, record: ResultRecord, i: int) -> Posterior:
+    not_here: dict[str, Any] = dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0))
+    not_here |= {"datum_terms": None, "emulators": ()}
+    try:
+        posterior = from_record(Posterior, record.posteriors[i], f"posteriors[{i}]", **not_here)
+        if posterior.name not in record.draws:
+            raise ValueError(f"draws.{posterior.name}: missing")
+    except ValueError as error:
+        raise ValueError(f"{directory / MARKER}: {error}") from error
+    return load_draws(directory / record.draws[posterior.name], posterior)
+
+
+@checked
+def save_result(
+    ranking: Ranking,
+    directory: str | Path,
+    *,
+    study_file: str = "",
+    overwrite: bool = False,
+    accept_failed_checks: bool = False,
+    command: str = "",
+    extra: Mapping[str, Any] | None = None,
+    figures: Sequence[Callable[[Path], object]] = (),
+    run: Run | None = None,
+) -> StoredResult:
+    """Write a ranking to a new directory; nothing is left there if writing fails.
+
+    Args:
+        ranking: the result.
+        directory: where the result goes.
+        study_file: the file that defines the study, for the record.
+        overwrite: replace a result that exists.
+        accept_failed_checks: record that failed checks were accepted.
+        command: the command that reproduces the result, for the record.
+        extra: name of a further JSON file → the object whose record it holds.
+        figures: functions that write figures into the directory that they are called with, which
+            becomes ``figures`` of the result; this process draws the first one, which should be
+            the one that takes longest.
+        run: processes that write files side by side.
+
+    Raises:
+        FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
+            than a result.
+        OSError: a file cannot be written.
+    """
+    with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
+        (partial / "posteriors").mkdir()
+        data = _save_tests(ranking.study, partial)
+        files = file_names([row.name for row in ranking.posteriors], "nc")
+        draws = {name: f"posteriors/{file}" for name, file in files.items()}
+        classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
+        with (run or Run()).side_by_side() as begin:
+            if figures:
+                (partial / FIGURES).mkdir()
+                # By one process: to import matplotlib takes longer than to draw most of them.
+                begin(_draw, (figures[1:], partial / FIGURES))
+            for posterior in ranking.posteriors:
+                name = posterior.name
+                begin(_save_draws, (partial / draws[name], posterior, classes[name]))
+            record = result_record(ranking, draws, data, study_file, command, accept_failed_checks)
+            write_json(partial / MARKER, record)
+            write_json(partial / COMPARISON, ranking.comparison)
+            for name, further in (extra or {}).items():
+                write_json(partial / name, further)
+            _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
+            _draw((figures[:1], partial / FIGURES))
+        write_digests(partial)
+    return load_result(directory)
+
+
+def _draw(arguments: tuple[Sequence[Callable[[Path], object]], Path]) -> None:
+    figures, directory = arguments
+    for figure in figures:
+        figure(directory)
+
+
+def _save_draws(arguments: tuple[Path, Posterior, ModelClass]) -> None:
+    save_draws(*arguments)
+
+
+def _save_tests(study: Study, directory: Path) -> dict[str, str]:
+    """Write the identified modes of every configuration: its name → its file."""
+    configurations = study.model_classes[0].configurations
+    files = {"": "data.csv"}
+    if [configuration.name for configuration in configurations] != [""]:
+        (directory / "data").mkdir()
+        names = file_names([configuration.name for configuration in configurations], "csv")
+        files = {name: f"data/{file}" for name, file in names.items()}
+    for configuration in configurations:
+        path = directory / files[configuration.name]
+        write_modal_data(_with_own_figures(configuration.data, path), path)
+    return files
+
+
+def _with_own_figures(data: ModalData, path: Path) -> ModalData:
+    """The modes, the figures of their identification copied to a directory next to their file."""
+    own = path.with_suffix(".figures")
+    identifications = []
+    for i, each in enumerate(data.identifications, 1):
+        copies = []
+        for file in filter(Path.is_file, map(Path, each.figures)):
+            own.mkdir(exist_ok=True)
+            copies.append(str(shutil.copyfile(file, own / f"{i}_{file.name}")))
+        identifications.append(replace(each, figures=tuple(copies)))
+    return replace(data, identifications=tuple(identifications))
+
+
+def result_record(
+    ranking: Ranking,
+    draws: Mapping[str, str],
+    data: Mapping[str, str],
+    study_file: str,
+    command: str,
+    accept_failed_checks: bool,
+) -> ResultRecord:
+    study = ranking.study
+    return ResultRecord(
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        study=study.name,
+        description=study.description,
+        study_file=study_file,
+        seed=ranking.seed,
+        settings=ranking.settings,
+        prior_weights=study.prior_weights,
+        data_digest=ranking.comparison.data_digest,
+        versions=versions(),
+        model_classes=tuple(map(class_record, study.model_classes)),
+        stands_for=study.stands_for,
+        posteriors=tuple(map(_without_draws, ranking.posteriors)),
+        draws=draws,
+        data=data,
+        failed_checks_accepted=accept_failed_checks,
+        command=command,
+    )
+
+
+def _without_draws(posterior: Posterior) -> dict[str, Any]:
+    """The record of a posterior without its draws, but with its summary for other programs."""
+    record: dict[str, Any] = to_record(posterior, without=(*IN_THE_FILE_OF_DRAWS, "emulators"))
+    return record | {"summary": to_record(posterior.summary)}
+
+
+def _write_comparison_csv(path: Path, comparison: Comparison) -> None:
+    names = [item.name for item in fields(RankedClass) if item.name != "checks"]
+    rows = (
+        (
+            *(getattr(row, name) for name in names),
+            row.misfit,
+            "; ".join(row.failed_checks),
+            "; ".join(row.remarks),
+        )
+        for row in comparison.classes
+    )
+    write_csv(path, [*names, "misfit", "failed_checks", "remarks"], rows)
