@@ -298,7 +298,8 @@ def differing(one: Posterior, other: Posterior) -> tuple[list[str], list[str]]:
     They disagree where each median lies outside the other's 90 % interval.
     """
     theirs = {row.name: row for row in other.summary}
-    different, same = [], []
+    different: list[str] = []
+    same: list[str] = []
     for ours in one.summary:
         if (row := theirs.get(ours.name)) is not None:
             is_same = (
