@@ -35,7 +35,7 @@ from bayes_ssi.results.hierarchy.ranked_populations import hierarchy
 from bayes_ssi.results.predictions.predicted_frequencies import predict_frequencies
 from bayes_ssi.results.predictions.stored_predictions import load_predictions
 from bayes_ssi.results.stored_result import load_result, save_result
-from bayes_ssi.results.what_if import what_if
+from bayes_ssi.results.stored_what_if import what_if
 from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.elements import AddedMass, InPlaneInfill, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.finite_elements.function_structure import FunctionStructure

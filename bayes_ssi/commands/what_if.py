@@ -86,7 +86,7 @@ def what_if(
     from bayes_ssi.parameters.prior_text import prior_from_text
     from bayes_ssi.report.tables import changed_parameters_table, what_if_notes, what_if_table
     from bayes_ssi.results.stored_result import load_result
-    from bayes_ssi.results.what_if import what_if as ask
+    from bayes_ssi.results.stored_what_if import what_if as ask
     from bayes_ssi.results.wording import data_warnings
     from bayes_ssi.studies.ranking.changed_settings import ChangedSettings
     from bayes_ssi.studies.ranking.comparison import probability_text

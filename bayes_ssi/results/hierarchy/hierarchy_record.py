@@ -17,8 +17,8 @@ from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.resampling import systematic_indices
+from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
 from bayes_ssi.results.hierarchy.populations import Population
-from bayes_ssi.results.hierarchy.settings import SETTINGS
 from bayes_ssi.results.result_files import new_directory, read_current, write_csv, write_json
 
 AVERAGE = "average"

@@ -19,7 +19,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.mixture import LIGHT_TAILS
 from bayes_ssi.inference.sampling.mixture_fitting import fit_mixture
 from bayes_ssi.inference.sampling.target import log_standard_normal
-from bayes_ssi.results.hierarchy.settings import SETTINGS
+from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,9 @@ from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
 from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.inference.sampling.settings import SamplingSettings, StepProgress
 from bayes_ssi.inference.sampling.target import Target
+from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
 from bayes_ssi.results.hierarchy.likelihood_fit import Bumps, LikelihoodFit, fit_likelihood
 from bayes_ssi.results.hierarchy.populations import Population, PopulationLikelihood
-from bayes_ssi.results.hierarchy.settings import SETTINGS
 from bayes_ssi.results.hierarchy.single_tests import SingleTest
 
 

@@ -21,8 +21,8 @@ from bayes_ssi.foundations.text_files import require_regular_file
 from bayes_ssi.parameters.families import HalfNormal, Normal
 from bayes_ssi.parameters.parameters import Parameter, values_at
 from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
 from bayes_ssi.results.hierarchy.likelihood_fit import Bumps
-from bayes_ssi.results.hierarchy.settings import SETTINGS
 
 
 def read_covariate(path: str | Path) -> tuple[str, dict[str, float]]:

@@ -19,6 +19,7 @@ from bayes_ssi.results.hierarchy.hierarchy_record import (
     RankedPopulation,
     SingleTestSummary,
 )
+from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
 from bayes_ssi.results.hierarchy.population_sampling import (
     Coverage,
     PopulationSampler,
@@ -27,7 +28,6 @@ from bayes_ssi.results.hierarchy.population_sampling import (
     fit_tests,
 )
 from bayes_ssi.results.hierarchy.populations import Population, PopulationPriors
-from bayes_ssi.results.hierarchy.settings import SETTINGS
 from bayes_ssi.results.hierarchy.single_tests import (
     SingleTest,
     TestResult,

@@ -24,7 +24,7 @@ from bayes_ssi.inference.model_class.class_record import ClassRecord, ParameterR
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
-from bayes_ssi.results.hierarchy.settings import SETTINGS
+from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
 from bayes_ssi.results.stored_result import StoredResult, load_result
 from bayes_ssi.studies.ranking.study import Ranking
 
