@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Product, Value, as_product
 from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.elements import Element, PointMass
@@ -92,11 +93,12 @@ class RigidFloors(LumpedStructure):
         return (*on_floors, *in_storeys)
 
     def _index(self, place: SinglePlace, label: str = "element") -> int | None:
-        if place != 0 and place not in self.degrees_of_freedom:
-            raise ValueError(
-                f"{label}: the structure has no degree of freedom {place!r}; choose from "
-                f"{', '.join(map(repr, self.degrees_of_freedom))} (a floor moves in three "
-                "directions here)"
+        if place != 0:
+            require_known(
+                f"{label}: the structure has no degree of freedom",
+                [place],
+                self.degrees_of_freedom,
+                besides=" (a floor moves in three directions here)",
             )
         return super()._index(place, label)
 

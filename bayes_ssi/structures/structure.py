@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Parameter, checked_values
 from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.geometry import Geometry, Location
@@ -126,13 +127,10 @@ class Structure(ABC):
         }
         motions = [combined.get(name, {name: 1.0}) for name in sensors]
         for name, motion in zip(sensors, motions, strict=True):
-            missing = next((label for label in motion if label not in known), None)
-            if missing is not None:
+            if not known.issuperset(motion):
                 choices = labels if name in combined else (*combined, *labels)
-                raise ValueError(
-                    f"{what} {name!r}: the structure has no degree of freedom {missing!r}; "
-                    f"choose from {listed(choices)}"
-                )
+                missing = f"{what} {name!r}: the structure has no degree of freedom"
+                require_known(missing, motion, choices)
         return SensorMatrix.of(motions, labels)
 
     def _rigid_motions(self) -> dict[str, dict[str, float]]:
@@ -307,9 +305,3 @@ def _of_checked_values(method: Callable[[Any, FloatArray], T]) -> Callable[[Any,
         return method(self, checked_values(values, self.parameters, where))
 
     return call
-
-
-def listed(labels: Sequence[str], most: int = 30) -> str:
-    """Labels for a message, shortened where there are many."""
-    shown = ", ".join(map(repr, labels[:most]))
-    return shown if len(labels) <= most else f"{shown} and {len(labels) - most} more"

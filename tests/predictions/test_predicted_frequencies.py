@@ -107,7 +107,7 @@ class Unknown(Fixed):
     [
         (Fixed(), 4, "mode 'x' is model mode 4; the structure has modes 1 to 3"),
         ("roof", 1, "model class 'fixed' has no configuration 'roof'"),
-        (Unknown(), 1, "parameter 'other' is not one of model class 'fixed'; choose from 'k'"),
+        (Unknown(), 1, "model class 'fixed' has no parameter 'other'; choose from 'k'"),
     ],
 )
 def test_what_cannot_be_predicted_is_refused(sampled, state, number, message):

@@ -299,7 +299,7 @@ def test_methods_are_compared_and_one_of_them_is_used():
     data = modes_by("fdd", record, result.quoted).modal_data(BAND, SENSORS, "by FDD")
     assert data.modes[0].frequency_cov is None
     np.testing.assert_allclose(data.frequencies_hz, TRUTH.frequencies_hz, atol=0.06)
-    with pytest.raises(ValueError, match="method must be one of bayesian-fft, next-era"):
+    with pytest.raises(ValueError, match="method must be one of 'bayesian-fft', 'next-era'"):
         modes_by("efdd", record, result.quoted)
 
 

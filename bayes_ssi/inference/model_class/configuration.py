@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from bayes_ssi.foundations.choices import listed_choices, require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.error_places import with_place
 from bayes_ssi.inference.likelihood.any_pairing import AnyPairing
@@ -173,11 +174,11 @@ def choose_configuration(items: Mapping[str, T], name: str | None, owner: str) -
     """The item of one configuration, or the only item if no name is given."""
     if name is None and len(items) == 1:
         return next(iter(items.values()))
-    names = ", ".join(map(repr, items))
     if name is None:
-        raise ValueError(f"{owner} has {len(items)} configurations; choose one of {names}")
-    if name in items:
-        return items[name]
-    if list(items) == [""]:
+        raise ValueError(
+            f"{owner} has {len(items)} configurations; choose one of {listed_choices(items)}"
+        )
+    if name not in items and list(items) == [""]:
         raise ValueError(f"{owner} has one configuration, without a name; got {name!r}")
-    raise ValueError(f"{owner} has no configuration {name!r}; choose from {names}")
+    require_known(f"{owner} has no configuration", [name], items)
+    return items[name]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.summaries import LEVELS, Summary
 from bayes_ssi.inference.criticism.adequacy import Adequacy
@@ -192,15 +193,12 @@ class Posterior(Displayed):
         Raises:
             ValueError: no configuration has that name.
         """
-        begin = 0
-        for modes in self.configurations:
-            if modes.name == name:
-                return modes, self.frequencies_hz[..., begin : begin + modes.n_modes]
-            begin += modes.n_modes
-        raise ValueError(
-            f"posterior of {self.name!r}: no configuration {name!r}; "
-            f"choose from {', '.join(map(repr, self.configuration_names))}"
-        )
+        names = self.configuration_names
+        require_known(f"posterior of {self.name!r}: no configuration", [name], names)
+        place = names.index(name)
+        modes = self.configurations[place]
+        begin = sum(before.n_modes for before in self.configurations[:place])
+        return modes, self.frequencies_hz[..., begin : begin + modes.n_modes]
 
     @property
     def values(self) -> FloatArray:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_one_of
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.modal_estimates import ModalEstimates, Poles
@@ -105,8 +106,7 @@ def modes_by(method: str, record: Record, identified: ModalEstimates) -> MethodM
     """The modes of a record by one method, near those that are identified."""
     if method == BAYESIAN_FFT:
         return of_estimates(identified)
-    if method not in _OTHERS:
-        raise ValueError(f"method must be one of {', '.join(NAMES)}, got {method!r}")
+    require_one_of("method", method, NAMES)
     own = record.selected(identified.sensors)
     return _OTHERS[method](own, identified.band_hz, identified.poles)
 

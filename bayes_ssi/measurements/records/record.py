@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.choices import require_known, require_one_of
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.measurements.modes.identified_mode import (
     RESERVED_NAMES,
@@ -274,9 +274,7 @@ def checked_rate(rate_hz: float) -> float:
 
 def units_of(quantity: str) -> tuple[str, ...]:
     """The units in which a quantity may be given."""
-    if quantity not in QUANTITIES:
-        choices = ", ".join(map(repr, QUANTITIES))
-        raise ValueError(f"record: quantity must be one of {choices}, got {quantity!r}")
+    require_one_of("record: quantity", quantity, QUANTITIES)
     return QUANTITIES[quantity]
 
 
@@ -285,9 +283,7 @@ def checked_unit_of(quantity: str, unit: str) -> str:
     units = units_of(quantity)
     if quantity == "acceleration":
         return checked_unit(unit)
-    if unit not in units:
-        choices = ", ".join(map(repr, units))
-        raise ValueError(f"record: unit of {quantity} must be one of {choices}, got {unit!r}")
+    require_one_of(f"record: unit of {quantity}", unit, units)
     return unit
 
 

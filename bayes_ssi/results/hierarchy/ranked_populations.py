@@ -138,11 +138,7 @@ def _standardised(
     if covariate is None:
         return None, np.zeros(len(tests))
     for test in tests:
-        if test.name not in covariate:
-            raise ValueError(
-                f"hierarchy: no value of {name!r} for test {test.name!r}; there are values for "
-                f"{', '.join(map(repr, covariate))}"
-            )
+        require_known(f"hierarchy: no value of {name!r} for test", [test.name], covariate)
         if not math.isfinite(covariate[test.name]):
             raise ValueError(
                 f"hierarchy: {name!r} of test {test.name!r} must be a finite number, got "

@@ -9,6 +9,7 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.likelihood.error_groups import ModeOfTest
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -83,13 +84,11 @@ def predict_frequencies(
 
 def _columns_of(structure: Structure, model_class: ModelClass) -> list[int]:
     names = model_class.parameter_names
-    for parameter in structure.parameters:
-        if parameter.name not in names:
-            raise ValueError(
-                f"predict_frequencies: the structure's parameter {parameter.name!r} is not one of "
-                f"model class {model_class.name!r}; choose from {', '.join(map(repr, names))}"
-            )
-    return [names.index(parameter.name) for parameter in structure.parameters]
+    wanted = [parameter.name for parameter in structure.parameters]
+    require_known(
+        f"predict_frequencies: model class {model_class.name!r} has no parameter", wanted, names
+    )
+    return [names.index(name) for name in wanted]
 
 
 def _residuals(

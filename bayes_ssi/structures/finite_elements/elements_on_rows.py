@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import listed_choices
 from bayes_ssi.parameters.parameters import Product
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.motion import Motion, SinglePlace
-from bayes_ssi.structures.structure import listed
 
 # A larger model must name its sensors: every mode shape is kept at all of them.
 MOST_WITHOUT_SENSORS = 1000
@@ -66,7 +66,7 @@ def _row(name: str, place: object, n: int, row_of: Mapping[str, int]) -> int:
             return row_of[place]
         raise ValueError(
             f"sensor {name!r}: no degree of freedom is labelled {place!r}; labels are "
-            f"{listed(tuple(row_of)) or 'none: no labels were given'}"
+            f"{listed_choices(row_of) if row_of else 'none: no labels were given'}"
         )
     if isinstance(place, Integral) and not isinstance(place, bool):
         if 0 <= int(place) < n:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.choices import listed_choices, require_known
 from bayes_ssi.foundations.named_arrays import array_names, read_arrays
 from bayes_ssi.foundations.text_files import damage_named
 
@@ -86,8 +86,9 @@ def _chosen(path: Path, key: str | None, names: Sequence[str]) -> str:
     if key is None and len(names) == 1:
         return names[0]
     if key is None:
-        listed = ", ".join(map(repr, names)) or "nothing"
-        raise ValueError(f"{path}: several arrays, and no key says which; choose from {listed}")
+        raise ValueError(
+            f"{path}: several arrays, and no key says which; choose from {listed_choices(names)}"
+        )
     require_known(f"{path}: no array", [key], names)
     return key
 

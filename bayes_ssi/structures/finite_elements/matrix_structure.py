@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import listed_choices
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.finite_elements.affine_matrix import AffineMatrix
 from bayes_ssi.structures.finite_elements.elements_on_rows import Sensors, sensor_rows
@@ -27,7 +28,6 @@ from bayes_ssi.structures.finite_elements.sparse_factors import count_below
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.modal import BATCHED_UP_TO, ModalModel, Modes, frequencies_hz, solve_modes
 from bayes_ssi.structures.motion import motion_of
-from bayes_ssi.structures.structure import listed
 
 # Modes are computed up to this share above the highest frequency of interest, since frequencies
 # fall as parameters change: by a fifth where a stiffness is a third lower than its median.
@@ -218,6 +218,6 @@ def _require_nodes(geometry: Geometry | None, labels: Sequence[str]) -> None:
         return
     raise ValueError(
         "geometry: no degree of freedom is at any of its nodes; labels are "
-        f"{listed(labels, 3)}, nodes {listed(tuple(geometry.nodes), 3)}, and a label is the name "
-        "of a node and a direction, such as 'node 7 x'"
+        f"{listed_choices(labels, 3)}, nodes {listed_choices(geometry.nodes, 3)}, and a label is "
+        "the name of a node and a direction, such as 'node 7 x'"
     )

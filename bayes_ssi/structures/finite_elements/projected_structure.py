@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, collect_parameters
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
@@ -36,7 +37,7 @@ from bayes_ssi.structures.finite_elements.projection import BasisRow, Projection
 from bayes_ssi.structures.modal import Modes, settle, solve_modes
 from bayes_ssi.structures.motion import Motion, Place, motion_of
 from bayes_ssi.structures.sensors import Sensor
-from bayes_ssi.structures.structure import Structure, listed
+from bayes_ssi.structures.structure import Structure
 
 
 class _Term(NamedTuple):
@@ -91,9 +92,8 @@ class ProjectedStructure(Structure):
 
     def require_place(self, place: Place, label: str) -> None:
         for single, _ in motion_of(place):
-            if single != 0 and single not in (*self.main.rows, *self._own):
-                choices = listed([str(row) for row in self.main.rows])
-                raise ValueError(f"{label}: no place {single!r}; choose from {choices}")
+            if single != 0 and single not in self._own:
+                require_known(f"{label}: no place", [single], self.main.rows)
 
     def __getstate__(self) -> dict[str, Any]:
         """State without the places of the model on which it has no element.

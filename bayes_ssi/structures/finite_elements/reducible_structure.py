@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Parameter, collect_parameters
 from bayes_ssi.structures.combined_sensors import CombinedSensors
 from bayes_ssi.structures.elements import Element
@@ -28,7 +29,6 @@ from bayes_ssi.structures.finite_elements.sparse_modes import (
 from bayes_ssi.structures.geometry import Geometry, Location
 from bayes_ssi.structures.modal import Eigenpairs, FreeBody, NoModesError, frequencies_hz
 from bayes_ssi.structures.motion import Place, SinglePlace, motion_of
-from bayes_ssi.structures.structure import listed
 
 
 class Coefficients(NamedTuple):
@@ -203,10 +203,13 @@ class ReducibleStructure(CombinedSensors):
         last = f"dof {self.size - 1}"
         unnamed = ("dof 0", "...", last) if last in self._row_of_label else ()
         choices = (*self._names, *(self._labels or unnamed))
-        raise ValueError(
-            f"{label}: the structure has no degree of freedom or sensor {place!r}; choose from "
-            f"{listed(tuple(dict.fromkeys(choices)))}, or 0 for the ground"
+        require_known(
+            f"{label}: the structure has no degree of freedom or sensor",
+            [place],
+            dict.fromkeys(choices),
+            besides=", or 0 for the ground",
         )
+        return None
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
         """Motions of places in the modes (n_places, n_modes), at one row of ``values``.

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_one_of
 
 # Unit of an acceleration → its value in m/s²; standard gravity, inch and foot are exact by
 # definition.
@@ -34,9 +35,7 @@ def checked_unit(unit: str) -> str:
     plain = re.sub(r"(?:/s/s|/?s-2)$", "/s2", plain)
     plain = SPELLINGS.get(plain, plain)
     if plain not in UNITS:
-        raise ValueError(
-            f"unit of acceleration must be one of {', '.join(map(repr, UNITS))}, got {unit!r}"
-        )
+        require_one_of("unit of acceleration", unit, UNITS)
     return plain
 
 

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_one_of
 from bayes_ssi.structures.structure import Structure
 
 GROUND = "ground"
@@ -38,11 +39,7 @@ class Output:
     places: tuple[str, ...] | tuple[tuple[str, str], ...]
 
     def __post_init__(self) -> None:
-        if self.quantity not in get_args(Quantity):
-            raise ValueError(
-                f"output: quantity must be one of {', '.join(map(repr, get_args(Quantity)))}, "
-                f"got {self.quantity!r}"
-            )
+        require_one_of("output: quantity", self.quantity, get_args(Quantity))
         if isinstance(self.places, str) or not len(self.places):
             raise ValueError(f"output: places must be a list of one or more, got {self.places!r}")
         pairs = self.quantity == "drift"

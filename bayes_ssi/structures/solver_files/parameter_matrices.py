@@ -138,12 +138,7 @@ def parameter_matrices(
     for names, exports in [*(((name,), each) for name, each in by_name.items()), *by_pair.items()]:
         _require_other_factors(names, exports)
     for other in (*checks, *(export for exports in by_pair.values() for export in exports)):
-        unknown = [name for name in other.factors if name not in by_name]
-        if unknown:
-            raise ValueError(
-                f"{other.file}: {unknown[0]!r} is not altered alone by any other export; altered "
-                f"are {', '.join(map(repr, by_name))}"
-            )
+        require_known(f"{other.file}: no other export alters alone", other.factors, by_name)
     errors = {check.file: 0.0 for check in checks}
     terms = []
     for which in ("stiffness", "mass"):

@@ -14,6 +14,7 @@ from types import MappingProxyType
 import numpy as np
 import scipy.sparse as sp
 
+from bayes_ssi.foundations.choices import require_one_of
 from bayes_ssi.structures.solver_files.directions import TRANSLATIONS, direction_of
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
 
@@ -145,6 +146,5 @@ def _unit(label: str, system: Units) -> float:
 
 
 def _system(units: str) -> Units:
-    if units not in SYSTEMS:
-        raise ValueError(f"units must be one of {', '.join(map(repr, SYSTEMS))}, got {units!r}")
+    require_one_of("units", units, SYSTEMS)
     return SYSTEMS[units]
