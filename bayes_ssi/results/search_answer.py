@@ -13,7 +13,7 @@ from bayes_ssi.results.wording import (
     shortened,
 )
 from bayes_ssi.studies.appendages.search_result import CREDIBLE, SearchRecord
-from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison
+from bayes_ssi.studies.ranking.comparison import RANKING, Comparison
 
 ORDINALS = ("first", "second", "third", *(f"{n}th" for n in range(4, 21)))
 
@@ -44,7 +44,7 @@ def beaten_baselines(search: SearchRecord) -> tuple[str, ...]:
         f"{each.name!r}, with probability {probability_in_words(each.probability)}: without any "
         f"appendage, {best.name!r} beats it by {best.log_evidence - each.log_evidence:.1f} nats"
         for each in search.beaten
-        if each.probability >= PROBABLE
+        if each.probability >= RANKING.probable
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.known_modes import known_at_draws
-from bayes_ssi.studies.ranking.reweighting import reweighted
+from bayes_ssi.studies.ranking.variations import reweighted
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from bayes_ssi.studies.appendages.search_result import (
     HypothesisRecord,
     SearchRecord,
 )
-from bayes_ssi.studies.ranking.comparison import PROBABLE, probability_text
+from bayes_ssi.studies.ranking.comparison import RANKING, probability_text
 
 # Hypotheses and places listed in a terminal; the saved result has all.
 HYPOTHESES_SHOWN, PLACES_SHOWN = 8, 8
@@ -109,9 +109,8 @@ def appendage_table(search: AppendageSearch) -> Table | None:
 
     Medians and 90 % intervals.
     """
-    rows = [
-        row for row in _shown(search) if len(row.appendages) > 1 and row.probability >= PROBABLE
-    ]
+    rows = [row for row in _shown(search) if len(row.appendages) > 1]
+    rows = [row for row in rows if row.probability >= RANKING.probable]
     if not rows:
         return None
     table = new_table(

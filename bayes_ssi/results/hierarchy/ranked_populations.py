@@ -37,8 +37,7 @@ from bayes_ssi.results.hierarchy.single_tests import (
     unusual_tests,
 )
 from bayes_ssi.studies.ranking.comparison import (
-    PROBABLE,
-    STANDARD_ERRORS,
+    RANKING,
     bayes_factor_scale,
     class_probabilities,
     is_distinguishable,
@@ -197,7 +196,7 @@ def _ranked(sampled: Sequence[SampledPopulation]) -> list[RankedPopulation]:
         error = 0.0 if each is best else math.hypot(each.error, best.error)
         failed = each.failed_checks
         # Where a population has no chance, it does not matter how little.
-        has_chance = difference + STANDARD_ERRORS * error > math.log(PROBABLE)
+        has_chance = difference + RANKING.standard_errors * error > math.log(RANKING.probable)
         if has_chance and each.coverage.error > SETTINGS.largest_error:
             failed = (
                 *failed,

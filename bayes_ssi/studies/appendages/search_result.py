@@ -12,7 +12,7 @@ from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.studies.appendages.hypotheses import MassScale, SearchSettings
 from bayes_ssi.studies.appendages.places import AppendagePlace
 from bayes_ssi.studies.ranking.averages import AveragedParameter
-from bayes_ssi.studies.ranking.comparison import VERY_STRONG
+from bayes_ssi.studies.ranking.comparison import RANKING
 from bayes_ssi.studies.ranking.study import Ranking
 
 T = TypeVar("T")
@@ -249,7 +249,7 @@ class SearchRecord(Displayed):
             each
             for each in self.baselines
             if each.prior_probability > 0.0
-            and self.best_without_appendages.log_evidence - each.log_evidence > VERY_STRONG
+            and self.best_without_appendages.log_evidence - each.log_evidence > RANKING.very_strong
         )
 
     @property

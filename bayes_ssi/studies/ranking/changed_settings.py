@@ -6,7 +6,7 @@ do not cover the change, nothing is said of it: it must be sampled again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -24,8 +24,15 @@ from bayes_ssi.measurements.modes.identified_mode import checked_band
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.studies.ranking.comparison import can_matter, checked_weights, class_probabilities
-from bayes_ssi.studies.ranking.reweighting import ParameterSpread, Reweighted
-from bayes_ssi.studies.ranking.variations import Variation, with_bands, with_priors
+from bayes_ssi.studies.ranking.variations import (
+    ParameterSpread,
+    SampledClasses,
+    Variation,
+    Varied,
+    spreads_as_sampled,
+    with_bands,
+    with_priors,
+)
 
 ERROR_SIZES = ("frequency_cov", "shape_sd")
 IDENTIFICATION = ("detection_probability", "expected_spurious_modes")
@@ -78,16 +85,19 @@ class ChangedSettings:
             ValueError: a number is not usable, or a mode lies outside its new band.
         """
         model_class = with_priors(self.priors, with_bands(self.bands_hz, model_class))
+        own = _numbers(model_class)
+        given = {name: value for name, value in self._numbers.items() if name in own}
         changes: dict[str, Any] = {}
-        if sizes := {name: value for name, value in self._given(ERROR_SIZES).items()
-                     if is_fixed(model_class, name)}:  # fmt: skip
-            changes["error"] = replace(model_class.error, **sizes)
-        if given := self._given(IDENTIFICATION):
-            changes["identification"] = replace(model_class.identification, **given)
+        for part, names in (("error", ERROR_SIZES), ("identification", IDENTIFICATION)):
+            if numbers := {name: given[name] for name in names if name in given}:
+                changes[part] = replace(getattr(model_class, part), **numbers)
         return replace(model_class, **changes) if changes else model_class
 
-    def _given(self, names: Sequence[str]) -> dict[str, float]:
-        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+    @property
+    def _numbers(self) -> dict[str, float]:
+        """Those of the error sizes and probabilities that are given, by name."""
+        numbers = {name: getattr(self, name) for name in (*ERROR_SIZES, *IDENTIFICATION)}
+        return {name: number for name, number in numbers.items() if number is not None}
 
     def check(self, model_classes: Sequence[ModelClass]) -> None:
         """Refuse a setting that none of the classes has.
@@ -98,8 +108,8 @@ class ChangedSettings:
         """
         known = dict.fromkeys(name for each in model_classes for name in each.parameter_names)
         require_known("prior: no parameter", self.priors, known)
-        for name in self._given(ERROR_SIZES):
-            if not any(is_fixed(each, name) for each in model_classes):
+        for name in self._numbers:
+            if not any(name in _numbers(each) for each in model_classes):
                 size = getattr(model_classes[0].error, name)
                 inferred = ", ".join(repr(p.name) for p in as_product(size).parameters)
                 raise ValueError(
@@ -110,9 +120,47 @@ class ChangedSettings:
             choose_configuration(tests, name, "the result")
 
 
-def is_fixed(model_class: ModelClass, error_size: str) -> bool:
-    """Whether an error size is a number, rather than inferred."""
-    return not as_product(getattr(model_class.error, error_size)).parameters
+def _numbers(model_class: ModelClass) -> dict[str, float]:
+    """The error sizes of a class that are not inferred, and its probabilities, by name."""
+    sizes = {name: as_product(getattr(model_class.error, name)) for name in ERROR_SIZES}
+    fixed = {name: size.scale for name, size in sizes.items() if not size.parameters}
+    return fixed | {name: getattr(model_class.identification, name) for name in IDENTIFICATION}
+
+
+def _in_words(
+    settings: ChangedSettings,
+    model_classes: Collection[ModelClass],
+    prior_weights: Mapping[str, float],
+) -> Iterator[str]:
+    """What is changed: from what, to what, and in which classes if not in all."""
+    known = {
+        each.name: _settings_in_words(
+            {p.name: p.prior for p in each.parameters},
+            _numbers(each),
+            {test.name: test.data.band_hz for test in each.configurations},
+        )
+        for each in model_classes
+    }
+    changed = _settings_in_words(settings.priors, settings._numbers, settings.bands_hz)
+    for what, after in changed.items():
+        before = {name: words[what] for name, words in known.items() if what in words}
+        only = "" if len(before) == len(known) else f" in {', '.join(map(repr, before))}"
+        yield f"{what}: {' or '.join(dict.fromkeys(before.values()))} → {after}{only}"
+    for name, weight in settings.prior_weights.items():
+        yield f"prior weight of {name!r}: {prior_weights[name]:g} → {weight:g}"
+
+
+def _settings_in_words(
+    priors: Mapping[str, Prior],
+    numbers: Mapping[str, float],
+    bands_hz: Mapping[str, tuple[float, float]],
+) -> dict[str, str]:
+    """What a setting is called → its value."""
+    words = {f"prior of {name!r}": str(prior) for name, prior in priors.items()}
+    words |= {name: f"{number:g}" for name, number in numbers.items()}
+    for test, (low, high) in bands_hz.items():
+        words[f"band_hz of configuration {test!r}" if test else "band_hz"] = f"{low:g} to {high:g}"
+    return words
 
 
 @dataclass(frozen=True)
@@ -204,36 +252,42 @@ def with_changed_settings(
     Args:
         prior_weights: name → prior weight before; equal if None.
     """
-    names = [posterior.name for posterior in posteriors]
+    by_name = {posterior.name: posterior for posterior in posteriors}
+    names = list(by_name)
     settings.check([known[name] for name in names])
     before = checked_weights(names, prior_weights)
     after = checked_weights(names, {**before, **settings.prior_weights})
-    by_name = {posterior.name: posterior for posterior in posteriors}
-    answers = Variation("", settings.applied_to).reweighted(by_name, known)
+    answers = SampledClasses(by_name, known, known).varied(Variation("", settings.applied_to))
     shares = class_probabilities({p.name: p.evidence.log_evidence for p in posteriors}, before)
-    new_shares: Mapping[str, float | None] = dict.fromkeys(names)
-    log_evidences = {n: answer.log_evidence.log_evidence for n, answer in answers.items()}
+    log_evidences = {name: each.log_evidence.log_evidence for name, each in answers.items()}
     estimated = class_probabilities(log_evidences, after)
     unsaid = [name for name in names if answers[name].problem]
     # Of a class that neither was probable nor becomes so, the draws need not cover the change.
-    if not any(can_matter(shares[name]) or can_matter(estimated[name]) for name in unsaid):
-        new_shares = estimated
-    rows = [_changed_class(answers[name], shares[name], new_shares[name]) for name in names]
+    is_known = not any(can_matter(shares[name]) or can_matter(estimated[name]) for name in unsaid)
+    rows = [
+        _changed_class(
+            by_name[name], answers[name], shares[name], estimated[name] if is_known else None
+        )
+        for name in names
+    ]
     rows.sort(key=lambda row: -row.probability_before)
-    return WhatIf(tuple(_phrases(settings, known, before)), tuple(rows))
+    return WhatIf(tuple(_in_words(settings, known.values(), before)), tuple(rows))
 
 
 def _changed_class(
-    answer: Reweighted, probability_before: float, probability_after: float | None
+    posterior: Posterior,
+    answer: Varied,
+    probability_before: float,
+    probability_after: float | None,
 ) -> ChangedClass:
-    evidence, fit = answer.posterior.evidence, answer.posterior.adequacy
+    evidence, fit = posterior.evidence, posterior.adequacy
     trusted = not answer.problem
-    fit_after = _adequacy(answer) if trusted and fit else None
-    if fit and fit_after:  # a mistake in the data is there whatever the settings
-        fit_after = replace(fit_after, hints=fit.hints)
-    after = answer.parameters if trusted else [None] * len(answer.before)
+    # A mistake in the data is there whatever the settings.
+    fit_after = replace(_adequacy(answer), hints=fit.hints) if trusted and fit else None
+    before = spreads_as_sampled(posterior)
+    after = answer.parameters if trusted else [None] * len(before)
     return ChangedClass(
-        name=answer.posterior.name,
+        name=posterior.name,
         log_evidence_before=Estimate(evidence.log_evidence, evidence.error),
         log_evidence_after=answer.log_evidence if trusted else None,
         probability_before=probability_before,
@@ -245,50 +299,14 @@ def _changed_class(
         unexplained=(
             inadequacy_in_words(fit_after) if fit_after and not fit_after.is_adequate else ""
         ),
-        parameters=tuple(
-            ParameterChange(old, new) for old, new in zip(answer.before, after, strict=True)
-        ),
+        parameters=tuple(map(ParameterChange, before, after)),
     )
 
 
-def _adequacy(answer: Reweighted) -> Adequacy:
+def _adequacy(answer: Varied) -> Adequacy:
     """The adequacy of the changed class, from draws resampled by their weights."""
     changed = answer.changed
     rng = np.random.default_rng(0)
     values = answer.values[systematic_indices(answer.weights, N_DRAWS, rng)]
     modes = [each.compared_modes(own) for _, each, own in changed.parts(values)]
     return adequacy(changed, values, modes, rng)
-
-
-def _phrases(
-    settings: ChangedSettings, known: Mapping[str, ModelClass], weights: Mapping[str, float]
-) -> list[str]:
-    """What is changed: from what, to what, and in which classes if not in all."""
-    phrases = []
-
-    def say(what: str, before: Mapping[str, object], after: object) -> None:
-        old = list(dict.fromkeys(map(_text, before.values())))
-        where = "" if len(before) == len(known) else f" in {', '.join(map(repr, before))}"
-        phrases.append(f"{what}: {' or '.join(old)} → {_text(after)}{where}")
-
-    for name, prior in settings.priors.items():
-        own = {c.name: p.prior for c in known.values() for p in c.parameters if p.name == name}
-        say(f"prior of {name!r}", own, prior)
-    for name, value in settings._given(ERROR_SIZES).items():
-        sizes = {c.name: as_product(getattr(c.error, name)).scale for c in known.values()
-                 if is_fixed(c, name)}  # fmt: skip
-        say(name, sizes, value)
-    for name, value in settings._given(IDENTIFICATION).items():
-        say(name, {c.name: getattr(c.identification, name) for c in known.values()}, value)
-    for test, band in settings.bands_hz.items():
-        what = f"band_hz of configuration {test!r}" if test else "band_hz"
-        say(what, {c.name: c.configuration(test).data.band_hz for c in known.values()}, band)
-    for name, weight in settings.prior_weights.items():
-        phrases.append(f"prior weight of {name!r}: {weights[name]:g} → {weight:g}")
-    return phrases
-
-
-def _text(value: object) -> str:
-    if isinstance(value, tuple):
-        return " to ".join(f"{bound:g}" for bound in value)
-    return f"{value:g}" if isinstance(value, float) else str(value)

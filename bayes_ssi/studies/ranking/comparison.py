@@ -23,18 +23,66 @@ SCALE = (
     (10.0, "strong"),
     (math.inf, "very strong"),
 )
-# From this difference in ln B on, evidence is very strong on that scale.
-VERY_STRONG = 0.5 * SCALE[-2][0]
-# A class is distinguishable from the best one if their difference exceeds this multiple of its
-# standard error: about 95 % of a normal distribution lie within two.
-STANDARD_ERRORS = 2.0
-# A class less probable than this is not flagged for lying at the edge of its priors: having to do
-# so is what makes it improbable.
-PROBABLE = 0.01
-# A failed check says that an evidence may be wrong, not by how much. It fails the result where the
-# class would be probable with an evidence higher by this, twice what is very strong on the scale;
-# an improbable class that not even that would bring back changes no answer.
-WRONG_BY = 2.0 * VERY_STRONG
+
+
+@dataclass(frozen=True)
+class RankingSettings:
+    """When model classes, and rankings under other settings, count as different.
+
+    Attributes:
+        standard_errors: a class is distinguishable from the best one if their difference exceeds
+            this multiple of its standard error: about 95 % of a normal distribution lie within two.
+        probable: a class less probable than this is not flagged for lying at the edge of its
+            priors: having to do so is what makes it improbable.
+        negligible: less probable classes, the least probability that is shown, are taken as
+            unchanged by any setting.
+        most_diagnosed: classes whose misfit is diagnosed, the most probable first.
+        varied_by: a prior, and the probabilities of missed and spurious modes, may be wrong by this
+            factor in their widths and sizes.
+        band_moved: nobody knows the end of a band to a few per cent: filters roll off and
+            identification gets worse over about this much of it.
+        probability_moved: a setting that moves a class's probability by more fails a check.
+        parameter_moved: so does one that moves a parameter of the structure by more of its standard
+            deviations, which is the error it is quoted with.
+        untailed_weight: where no weight of a draw is larger than this multiple of the mean, there
+            is no tail to judge.
+        share_at_bound: draws stop at the bounds of the prior that they were sampled with. Beyond a
+            bound, a posterior that falls off by its standard deviation has about half of what it
+            has within one standard deviation of it: with this share there, one hundredth of the
+            evidence, or 0.01 nats, is not seen.
+    """
+
+    standard_errors: float = 2.0
+    probable: float = 0.01
+    negligible: float = 1e-4
+    most_diagnosed: int = 3
+    varied_by: float = 2.0
+    band_moved: float = 0.05
+    probability_moved: float = 0.1
+    parameter_moved: float = 1.0
+    untailed_weight: float = 3.0
+    share_at_bound: float = 0.02
+
+    @property
+    def bare_mention(self) -> float:
+        """A smaller difference in ln B is not worth more than a bare mention on the scale."""
+        return 0.5 * SCALE[0][0]
+
+    @property
+    def very_strong(self) -> float:
+        """From this difference in ln B on, evidence is very strong on the scale."""
+        return 0.5 * SCALE[-2][0]
+
+    @property
+    def wrong_by(self) -> float:
+        """How much too low an evidence may be whose check failed, which does not say by how much.
+
+        An improbable class that not even that would bring back changes no answer.
+        """
+        return 2.0 * self.very_strong
+
+
+RANKING = RankingSettings()
 
 
 def bayes_factor_scale(log_bayes_factor: float) -> str:
@@ -48,7 +96,7 @@ def bayes_factor_scale(log_bayes_factor: float) -> str:
 def is_distinguishable(log_bayes_factor: float, error: float) -> bool:
     """Whether it is more than a bare mention on the scale and than two of its standard errors."""
     size = abs(log_bayes_factor)
-    return 2.0 * size >= SCALE[0][0] and size > STANDARD_ERRORS * error
+    return size >= RANKING.bare_mention and size > RANKING.standard_errors * error
 
 
 @dataclass(frozen=True)
@@ -295,7 +343,7 @@ def _row(
     matters = can_matter(probability)
     for words in posterior.failed_checks:
         checks.append(Check("sampling", words if matters else _without_consequence(words), matters))
-    if probability >= PROBABLE:
+    if probability >= RANKING.probable:
         checks += [Check("edge", edge.statement) for edge in posterior.edges]
     difference = evidence.log_evidence - top.log_evidence
     error = 0.0 if posterior is best else math.hypot(evidence.error, top.error)
@@ -329,7 +377,9 @@ def _row(
 
 def can_matter(probability: float) -> bool:
     """Whether a class of this probability would be probable if its evidence were far too low."""
-    return probability > 0.0 and math.log(probability) + WRONG_BY >= math.log(PROBABLE)
+    return probability > 0.0 and math.log(probability) + RANKING.wrong_by >= math.log(
+        RANKING.probable
+    )
 
 
 def _without_consequence(failed_check: str) -> str:

@@ -11,21 +11,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.known_modes import known_at_draws
-from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.comparison import class_probabilities
-from bayes_ssi.studies.ranking.reweighting import reweighted
 from bayes_ssi.studies.ranking.study import Ranking
-from bayes_ssi.studies.ranking.variations import Variation, default_variations
-
-SETTINGS = SamplingSettings(log_evidence_error=0.03)
+from bayes_ssi.studies.ranking.variations import SampledClasses, Variation, default_variations
 
 
 @dataclass(frozen=True)
@@ -96,66 +90,42 @@ def sensitivity(
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:
         raise ValueError(f"sensitivity: two variations are named {repeated[0]!r}")
-    rows = [_row("unchanged", ranking, {p.name: _quoted(p) for p in ranking.posteriors})]
-    run, settings = run or Run(), settings or SETTINGS
-    classes = {c.name: c for c in ranking.study.model_classes}
-    known = {each.name: known_at_draws(classes[each.name], each) for each in ranking.posteriors}
+    estimates = {
+        each.name: Estimate(each.evidence.log_evidence, each.evidence.error)
+        for each in ranking.posteriors
+    }
+    rows = [SensitivityRow("unchanged", estimates, _probabilities(estimates, ranking))]
+    run, settings = run or Run(), settings or SamplingSettings(log_evidence_error=0.03)
+    error = settings.log_evidence_error
     with run.working():
-        for done, variation in enumerate(variations):
-            rows.append(_varied(ranking, known, variation, settings, Run(run.workers)))
-            run.report("sensitivity", variation.name, (done + 1) / len(variations))
+        sampled = SampledClasses.of(
+            ranking.study.model_classes,
+            ranking.posteriors,
+            lambda changed: sample_all(changed, ranking.seed, settings, Run(run.workers)),
+        )
+        for done, variation in enumerate(variations, 1):
+            answers = sampled.varied(
+                variation, lambda one: bool(one.problem) or one.log_ratio.error > error
+            )
+            again = {name: each for name, each in answers.items() if each.is_sampled_again}
+            estimates = {name: each.log_evidence for name, each in answers.items()}
+            rows.append(
+                SensitivityRow(
+                    variation.name,
+                    estimates,
+                    _probabilities(estimates, ranking),
+                    sampled=tuple(again),
+                    failed_checks=tuple(
+                        f"{name!r}: {check}"
+                        for name, each in again.items()
+                        for check in each.posterior.failed_checks
+                    ),
+                )
+            )
+            run.report("sensitivity", variation.name, done / len(variations))
     return Sensitivity(tuple(rows))
 
 
-def _varied(
-    ranking: Ranking,
-    known: Mapping[str, ModelClass],
-    variation: Variation,
-    settings: SamplingSettings,
-    run: Run,
-) -> SensitivityRow:
-    classes = {c.name: c for c in ranking.study.model_classes}
-    error = settings.log_evidence_error
-    estimates: dict[str, Estimate | None] = {
-        each.name: _estimate(each, classes[each.name], known[each.name], variation, error)
-        for each in ranking.posteriors
-    }
-    again = tuple(name for name, estimate in estimates.items() if estimate is None)
-    changed = [variation.change(classes[name]) for name in again]
-    sampled = sample_all(changed, ranking.seed, settings, run)
-    estimates.update((posterior.name, _quoted(posterior)) for posterior in sampled)
-    all_known = {name: estimate for name, estimate in estimates.items() if estimate is not None}
-    failed = tuple(f"{p.name!r}: {check}" for p in sampled for check in p.failed_checks)
-    row = _row(variation.name, ranking, all_known)
-    return replace(row, sampled=again, failed_checks=failed)
-
-
-def _estimate(
-    posterior: Posterior,
-    original: ModelClass,
-    known: ModelClass,
-    variation: Variation,
-    max_error: float,
-) -> Estimate | None:
-    """The changed class's log evidence by reweighted draws; None if they do not allow it."""
-    changed = variation.change(original)
-    if changed.parameter_names != original.parameter_names:
-        return None
-    # Where a structure changes, its modes at the draws are solved for.
-    before = [test.structure for test in original.configurations]
-    at_draws = [test.structure for test in known.configurations]
-    changed = changed.with_structures(lambda s, i: at_draws[i] if s is before[i] else s)
-    answer = reweighted(posterior, known, changed)
-    if answer.problem or answer.log_ratio.error > max_error:
-        return None
-    return answer.log_evidence
-
-
-def _quoted(posterior: Posterior) -> Estimate:
-    return Estimate(posterior.evidence.log_evidence, posterior.evidence.error)
-
-
-def _row(name: str, ranking: Ranking, estimates: Mapping[str, Estimate]) -> SensitivityRow:
-    log_evidences = {key: estimate.log_evidence for key, estimate in estimates.items()}
-    probabilities = class_probabilities(log_evidences, ranking.study.prior_weights)
-    return SensitivityRow(name, dict(estimates), probabilities)
+def _probabilities(estimates: Mapping[str, Estimate], ranking: Ranking) -> dict[str, float]:
+    log_evidences = {name: estimate.log_evidence for name, estimate in estimates.items()}
+    return class_probabilities(log_evidences, ranking.study.prior_weights)

@@ -23,11 +23,13 @@ from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.studies.diagnosis.diagnosis import diagnose
 from bayes_ssi.studies.ranking.class_sampling import is_cheap, sample_all
-from bayes_ssi.studies.ranking.comparison import Comparison, checked_weights, compare
+from bayes_ssi.studies.ranking.comparison import (
+    RANKING,
+    Comparison,
+    checked_weights,
+    compare,
+)
 from bayes_ssi.studies.ranking.setting_checks import with_settings_checked
-
-# Classes whose misfit is diagnosed, the most probable first.
-MOST_DIAGNOSED = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -216,10 +218,12 @@ def compare_and_diagnose(
         ]
         comparison = compare(posteriors, study.prior_weights)
 
-    def sampled_again(changed: ModelClass) -> Posterior:
-        return sample_all([changed], seed, settings, Run(run.workers))[0]
-
-    comparison = with_settings_checked(study.model_classes, posteriors, comparison, sampled_again)
+    comparison = with_settings_checked(
+        study.model_classes,
+        posteriors,
+        comparison,
+        lambda changed: sample_all(changed, seed, settings, Run(run.workers)),
+    )
     tests = {each.name: each.data for each in study.model_classes[0].configurations}
     comparison = comparison.with_common("data", failed_data_checks(tests))
     return Ranking(study, tuple(posteriors), comparison, seed, settings)
@@ -237,7 +241,7 @@ def _hints(
     may make a wrong class the best.
     """
     classes = dict(zip(study.names, zip(study.model_classes, posteriors, strict=True), strict=True))
-    for place, row in enumerate(comparison.classes[:MOST_DIAGNOSED]):
+    for place, row in enumerate(comparison.classes[: RANKING.most_diagnosed]):
         candidate, posterior = classes[row.name]
         if posterior.adequacy is None:
             break

@@ -1,16 +1,32 @@
-"""Settings of a model class that are varied, and the draws of classes reweighted to them."""
+"""Model classes with a setting varied, by the posterior draws that there are.
+
+The draws of a class have the density p(D|θ) p(θ) / Z. Under the varied class, each draw has the
+weight p'(D|θ) p'(θ) / (p(D|θ) p(θ)), whose mean over the draws is Z'/Z, the ratio of the evidences.
+The shape k of the weights' tail says whether they can be trusted (Vehtari, Simpson, Gelman, Yao and
+Gabry 2024, Pareto smoothed importance sampling). From k = 1/2 on their variance is not finite, and
+errors count what the tail holds beyond the largest weight drawn. Where they cannot be trusted, the
+varied class can be sampled.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.known_modes import draws_with_shapes, known_at_draws
 from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.sampling.diagnostics import PARETO_K_LIMIT, pareto_tail
+from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior
-from bayes_ssi.studies.ranking.reweighting import Reweighted, reweighted
+from bayes_ssi.studies.ranking.comparison import RANKING
 
 
 @dataclass(frozen=True)
@@ -19,15 +35,6 @@ class Variation:
 
     name: str
     change: Callable[[ModelClass], ModelClass]
-
-    def reweighted(
-        self, posteriors: Mapping[str, Posterior], known: Mapping[str, ModelClass]
-    ) -> dict[str, Reweighted]:
-        """The posteriors of all classes under it; ``known`` has their modes at the draws."""
-        return {
-            name: reweighted(posteriors[name], candidate, self.change(candidate))
-            for name, candidate in known.items()
-        }
 
 
 def default_variations() -> tuple[Variation, ...]:
@@ -50,10 +57,8 @@ def with_missed(factor: float, candidate: ModelClass) -> ModelClass:
     The probability of detection is at most halved.
     """
     missed = 1.0 - candidate.identification.detection_probability
-    changed = replace(
-        candidate.identification,
-        detection_probability=1.0 - min(factor * missed, 0.5 * (1.0 + missed)),
-    )
+    detection = 1.0 - min(factor * missed, 0.5 * (1.0 + missed))
+    changed = replace(candidate.identification, detection_probability=detection)
     return replace(candidate, identification=changed)
 
 
@@ -99,3 +104,222 @@ def with_bands(bands_hz: Mapping[str, tuple[float, float]], candidate: ModelClas
         for test in candidate.configurations
     )
     return replace(candidate, configurations=tests) if bands_hz else candidate
+
+
+@dataclass(frozen=True)
+class ParameterSpread(Summary):
+    """Summary of a parameter with the standard error of the mean."""
+
+    mean_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Varied:
+    """What a varied class is known by: draws of the class as sampled, or as sampled again.
+
+    Attributes:
+        posterior: whose draws these are.
+        changed: the varied class.
+        values: (m, n_parameters), draws.
+        weights: (m,), of the draws under the varied class; they add up to one.
+        log_evidence: of the varied class, in nats.
+        log_ratio: the same less that of the class as sampled at first.
+        pareto_k: shape of the weights' tail; -inf where they have none.
+        problem: why this cannot be trusted; empty where it can.
+        is_sampled_again: whether the draws are of the varied class itself.
+    """
+
+    posterior: Posterior
+    changed: ModelClass
+    values: FloatArray
+    weights: FloatArray
+    log_evidence: Estimate
+    log_ratio: Estimate
+    pareto_k: float
+    problem: str
+    is_sampled_again: bool = False
+
+    @cached_property
+    def parameters(self) -> tuple[ParameterSpread, ...]:
+        """The parameters under the varied class."""
+        return _spreads(self.posterior, self.values, self.weights)
+
+
+@dataclass(frozen=True, eq=False)
+class SampledClasses:
+    """Model classes that were sampled, and can be varied.
+
+    Attributes:
+        posteriors: by the names of the classes.
+        classes: as they were sampled; those of a stored result are known at its draws alone.
+        known: the same with modes known at draws, from
+            :func:`~bayes_ssi.inference.posterior.known_modes.known_at_draws`.
+        sample: samples varied classes, where draws of the given ones do not cover them.
+    """
+
+    posteriors: Mapping[str, Posterior]
+    classes: Mapping[str, ModelClass]
+    known: Mapping[str, ModelClass]
+    sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]] = lambda _: ()
+
+    @classmethod
+    def of(
+        cls,
+        classes: Sequence[ModelClass],
+        posteriors: Sequence[Posterior],
+        sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]],
+    ) -> SampledClasses:
+        """Those of the classes that have a posterior."""
+        by_name = {each.name: each for each in classes}
+        known = {each.name: known_at_draws(by_name[each.name], each) for each in posteriors}
+        return cls({each.name: each for each in posteriors}, by_name, known, sample)
+
+    def varied(
+        self, variation: Variation, must_sample: Callable[[Varied], bool] = lambda _: False
+    ) -> dict[str, Varied]:
+        """Every class under a variation; ``must_sample`` says which ones are sampled again."""
+        answers = {}
+        for name, known in self.known.items():
+            original = self.classes[name]
+            changed = _known_where_same(variation.change(original), original, known)
+            answers[name] = reweighted(self.posteriors[name], known, changed)
+        again = [name for name, answer in answers.items() if must_sample(answer)]
+        sampled = self.sample([variation.change(self.classes[name]) for name in again])
+        for name, posterior in zip(again, sampled, strict=True):
+            answers[name] = _sampled_again(answers[name], self.posteriors[name], posterior)
+        return answers
+
+
+def _known_where_same(changed: ModelClass, original: ModelClass, known: ModelClass) -> ModelClass:
+    """The changed class with modes known at draws; those of another structure are solved for."""
+    before = [test.structure for test in original.configurations]
+    at_draws = [test.structure for test in known.configurations]
+    return changed.with_structures(lambda s, i: at_draws[i] if s is before[i] else s)
+
+
+def _sampled_again(answer: Varied, before: Posterior, again: Posterior) -> Varied:
+    old, new = before.evidence, again.evidence
+    error = math.hypot(old.error, new.error)
+    return Varied(
+        again,
+        answer.changed,
+        again.values,
+        np.full(len(again.values), 1.0 / len(again.values)),
+        Estimate(new.log_evidence, new.error),
+        Estimate(new.log_evidence - old.log_evidence, error),
+        -math.inf,
+        "; ".join(again.failed_checks),
+        is_sampled_again=True,
+    )
+
+
+def reweighted(posterior: Posterior, known: ModelClass, changed: ModelClass) -> Varied:
+    """The posterior of a class that differs from the sampled one in priors or likelihood.
+
+    Args:
+        known: the sampled class, with modes known at draws.
+        changed: ``known`` with something changed.
+    """
+    draws = draws_with_shapes(len(posterior.values))
+    values = posterior.values[draws]
+    evidence, n_draws = posterior.evidence, len(values)
+
+    def answer(weights: FloatArray, log_ratio: Estimate, k: float, problem: str) -> Varied:
+        error = math.hypot(evidence.error, log_ratio.error)
+        log_evidence = Estimate(evidence.log_evidence + log_ratio.log_evidence, error)
+        return Varied(posterior, changed, values, weights, log_evidence, log_ratio, k, problem)
+
+    def no_answer(problem: str) -> Varied:
+        equal = np.full(n_draws, 1.0 / n_draws)
+        return answer(equal, Estimate(-math.inf, math.inf), math.inf, problem)
+
+    if changed.parameter_names != known.parameter_names:
+        return no_answer("the changed class has other parameters")
+    log_weights = changed.log_likelihood(values) - posterior.log_likelihoods.ravel()[draws]
+    log_weights = log_weights + _log_prior_ratios(known, changed, values)
+    top = float(log_weights.max())
+    if not math.isfinite(top):
+        return no_answer("no draw is possible in the changed class")
+    ratios = np.exp(log_weights - top)
+    mean, n = float(ratios.mean()), _n_independent(posterior, n_draws)
+    tail = pareto_tail(ratios)
+    k, unseen = tail.k, tail.beyond_the_largest(n)
+    if ratios.max() <= RANKING.untailed_weight * mean:
+        k, unseen = -math.inf, 0.0
+    error = math.hypot(float(ratios.std()) / math.sqrt(n), unseen) / mean
+    weights = ratios / ratios.sum()
+    problem = _problem(known, changed, values, weights, k, n)
+    return answer(weights, Estimate(top + math.log(mean), error), k, problem)
+
+
+def spreads_as_sampled(posterior: Posterior) -> tuple[ParameterSpread, ...]:
+    """The parameters of a posterior, by the draws that are reweighted."""
+    values = posterior.values[draws_with_shapes(len(posterior.values))]
+    return _spreads(posterior, values, np.full(len(values), 1.0 / len(values)))
+
+
+def _spreads(
+    posterior: Posterior, values: FloatArray, weights: FloatArray
+) -> tuple[ParameterSpread, ...]:
+    """Every parameter of a posterior by draws ``values`` (m, d) of it, weighted (m,)."""
+    # Of m draws that depend on one another, n count.
+    inflation = len(values) / _n_independent(posterior, len(values))
+    rows = []
+    for name, x in zip(posterior.parameter_names, values.T, strict=True):
+        mean = float((weights * x).sum())
+        error = math.sqrt(inflation * float((weights**2 * (x - mean) ** 2).sum()))
+        rows.append(ParameterSpread.weighted(name, x, weights, mean_error=error))
+    return tuple(rows)
+
+
+def _n_independent(posterior: Posterior, m: int) -> float:
+    """The number of independent draws that ``m`` evenly spaced ones of a posterior amount to."""
+    return min(float(posterior.effective_sample_sizes.min()), float(m))
+
+
+def _log_prior_ratios(known: ModelClass, changed: ModelClass, values: FloatArray) -> FloatArray:
+    """Log of the new prior density over the old one, (m,), at ``values`` (m, d)."""
+    total = np.zeros(len(values))
+    for before, after, x in zip(known.parameters, changed.parameters, values.T, strict=True):
+        if after.prior != before.prior:
+            total += after.prior.log_density(x) - before.prior.log_density(x)
+    return total
+
+
+def _problem(
+    known: ModelClass,
+    changed: ModelClass,
+    values: FloatArray,
+    weights: FloatArray,
+    k: float,
+    n_independent: float,
+) -> str:
+    # Few draws allow less (Vehtari et al. 2024, section 3.2.4).
+    limit = min(PARETO_K_LIMIT, 1.0 - 1.0 / math.log10(max(n_independent, 2.0)))
+    if not k <= limit:
+        return f"the draws do not cover the changed class: Pareto k is {k:.2f}, above {limit:.2g}"
+    for before, after, x in zip(known.parameters, changed.parameters, values.T, strict=True):
+        for end, (old, new) in enumerate(
+            zip(before.prior.support, after.prior.support, strict=True)
+        ):
+            beyond = new < old if end == 0 else new > old
+            if beyond and reaches_bound(x, old, end, weights):
+                return (
+                    f"the prior of {before.name!r} now reaches beyond {old:g}, where the posterior "
+                    "had not died out and nothing was sampled"
+                )
+    return ""
+
+
+def reaches_bound(x: FloatArray, bound: float, end: int, weights: FloatArray | None = None) -> bool:
+    """Whether a posterior has not died out at a bound of its prior.
+
+    Args:
+        x: (m,), draws of the parameter.
+        bound: may be infinite.
+        weights: (m,), of the draws, which add up to one; equal if None.
+    """
+    w = np.full(len(x), 1.0 / len(x)) if weights is None else weights
+    sd = math.sqrt(float((w * (x - (w * x).sum()) ** 2).sum()))
+    near = x < bound + sd if end == 0 else x > bound - sd
+    return float(w[near].sum()) > RANKING.share_at_bound
