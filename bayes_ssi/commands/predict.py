@@ -122,7 +122,7 @@ def predict(
     of the study file. The exit code is 3 where a failed check of RESULT was not accepted.
     """
     from bayes_ssi.foundations.codec import to_record
-    from bayes_ssi.plots.prediction_figures import save_prediction_figures
+    from bayes_ssi.plots.prediction_plots import save_prediction_figures
     from bayes_ssi.results.answer import answer
     from bayes_ssi.results.predictions.posterior_draws import ARRAY_SIZE
     from bayes_ssi.results.predictions.prediction_files import MARKER, save_predictions

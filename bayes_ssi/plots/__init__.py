@@ -10,22 +10,19 @@ from bayes_ssi.plots.before_and_after import (
     plot_parameters,
 )
 from bayes_ssi.plots.corner_plot import plot_corner
-from bayes_ssi.plots.evidence_plot import plot_evidence
 from bayes_ssi.plots.figure_style import style
-from bayes_ssi.plots.identified_modes import plot_identified_modes
-from bayes_ssi.plots.identified_shapes import plot_identified_shapes, plot_mode_shapes
+from bayes_ssi.plots.identified_modes import plot_identified_modes, plot_identified_shapes
 from bayes_ssi.plots.matrix_plots import plot_mac, plot_modal_sensitivities, plot_pairing
-from bayes_ssi.plots.model_frequencies import plot_frequencies
 from bayes_ssi.plots.population_plot import plot_population
+from bayes_ssi.plots.prediction_plots import plot_time_history, plot_transfer_functions
+from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
 from bayes_ssi.plots.record_plots import (
     plot_complexity,
     plot_singular_values,
     plot_stabilisation,
     plot_whitened_residuals,
 )
-from bayes_ssi.plots.response_plots import plot_time_history, plot_transfer_functions
-from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
-from bayes_ssi.plots.shape_plots import plot_building_shape, plot_shape_components
+from bayes_ssi.plots.shape_plots import plot_building_shape, plot_mode_shapes, plot_shape_components
 
 __all__ = [
     "plot_building_shape",

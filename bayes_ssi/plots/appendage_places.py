@@ -12,6 +12,7 @@ from bayes_ssi.plots.figure_style import (
     BLUE,
     GREY,
     SMALL,
+    STYLE,
     WIDTH,
     axes_of,
     colour_bar,
@@ -22,12 +23,7 @@ from bayes_ssi.plots.figure_style import (
     name_rows,
     rows_of,
 )
-from bayes_ssi.plots.space_axes import (
-    MOST_VECTORS,
-    colour_bar_axes,
-    draw_structure,
-    space_axes,
-)
+from bayes_ssi.plots.space import colour_bar_axes, draw_structure, space_axes
 from bayes_ssi.structures.geometry import Geometry, Point, direction_name
 from bayes_ssi.studies.appendages.places import AppendagePlace
 from bayes_ssi.studies.appendages.search_result import PlaceRecord, SearchRecord
@@ -35,13 +31,6 @@ from bayes_ssi.studies.ranking.comparison import probability_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-
-# The length of an arrow, of the longest side of the structure.
-ARROW = 0.13
-# Less than this share of the highest probability cannot be told from zero by its colour: such
-# places are dots without directions.
-LEAST_SHARE = 0.01
 
 
 class _Located(NamedTuple):
@@ -57,12 +46,12 @@ def plot_place_map(
 ) -> Axes:
     """Places in space, the probability of an appendage in colour, and directions as arrows.
 
-    Args:
-        ax: axes in three dimensions; those of a new figure if None.
+    Places that are improbable by comparison are dots without directions.
     """
     located = _located(places, geometry)
     best = located[-1].record
-    shown = [one for one in located if one.record.probability >= LEAST_SHARE * best.probability]
+    least = STYLE.least_share * best.probability
+    shown = [one for one in located if one.record.probability >= least]
     points = [
         *(one.at for one in located),
         *(one.end for one in shown if one.end is not None),
@@ -78,10 +67,10 @@ def plot_place_map(
     if dots:
         drawn.scatter(*np.transpose(dots), s=4.0, color=[scale.to_rgba(0.0)], edgecolors=GREY,
                       linewidths=0.4, depthshade=False, label="improbable place",
-                      rasterized=len(dots) > MOST_VECTORS)  # fmt: skip
+                      rasterized=len(dots) > STYLE.most_vectors)  # fmt: skip
     for one in shown:
         artist = _draw(drawn, one, scale.to_rgba(one.record.probability))
-        if len(shown) <= MOST_VECTORS:
+        if len(shown) <= STYLE.most_vectors:
             text = probability_text(one.record.probability)
             hover(artist, f"{one.record.place.name}: probability {text}")
         else:
@@ -97,7 +86,8 @@ def _located(places: Sequence[PlaceRecord], geometry: Geometry | None) -> list[_
     if not known:
         raise ValueError("a map needs places with coordinates")
     nodes = geometry.nodes.values() if geometry else ()
-    length = ARROW * float(np.ptp([*(at for _, at in known), *nodes], axis=0).max() or 1.0)
+    # Of an arrow, of the longest side of the structure.
+    length = 0.13 * float(np.ptp([*(at for _, at in known), *nodes], axis=0).max() or 1.0)
     located = []
     for record, at in sorted(known, key=lambda pair: pair[0].probability):
         direction = record.place.direction
@@ -118,15 +108,6 @@ def _draw(ax: Any, place: _Located, colour: Any) -> Any:
                      label="place and direction")  # fmt: skip
 
 
-# Inches of a floor: at most, and at least, where the probabilities of floors still keep apart.
-HIGHEST, LOWEST = 0.7, 0.2
-# Inches: of a building with more than a few floors; and for what is above and below it.
-BUILDING, AROUND = 4.0, 1.6
-# Taller figures would not fit a page.
-MOST_FLOORS = 40
-# Distance of columns of places, in half of which their probabilities are written.
-COLUMN = 1.1
-
 # A kind of appendage in one direction has a column of its own.
 Kind = tuple[type[AppendagePlace], Point | None]
 
@@ -136,15 +117,13 @@ def plot_places_on_building(places: Sequence[PlaceRecord], ax: Axes | None = Non
 
     Each kind of appendage has its own marker, next to its floor or in its storey, and the
     probability is written next to it.
-
-    Args:
-        ax: axes; those of a new figure if None.
     """
     heights = [each.place.height or 0.0 for each in places]
     n_floors = math.ceil(max(heights))
     columns, width = _columns(each.place for each in places)
-    tall = n_floors * min(HIGHEST, max(LOWEST, BUILDING / n_floors))
-    ax = axes_of(ax, (max(WIDTH, 1.0 + 0.75 * len(columns)), AROUND + tall))
+    # In the least height of a floor, probabilities of floors still keep apart.
+    tall = n_floors * min(0.7, max(0.2, 4.0 / n_floors))
+    ax = axes_of(ax, (max(WIDTH, 1.0 + 0.75 * len(columns)), 1.6 + tall))
     ax.plot([-0.5, width + 0.5], [0, 0], color="black", linewidth=2.0)
     for side in (0.0, width):
         ax.plot([side, side], [0, n_floors], color=GREY, linewidth=1.5)
@@ -188,23 +167,16 @@ def _columns(places: Iterable[AppendagePlace]) -> tuple[dict[Kind, float], float
     kinds = dict.fromkeys(_kind(place) for place in places)
     inside = [kind for kind in kinds if not kind[0].is_outside]
     outside = [kind for kind in kinds if kind[0].is_outside]
-    width = COLUMN * max(1, len(inside))
-    columns = {kind: COLUMN * (i + 0.15) for i, kind in enumerate(inside)}
-    columns |= {kind: width + COLUMN * (i + 0.5) for i, kind in enumerate(outside)}
+    apart = 1.1  # in half of which probabilities are written
+    width = apart * max(1, len(inside))
+    columns = {kind: apart * (i + 0.15) for i, kind in enumerate(inside)}
+    columns |= {kind: width + apart * (i + 0.5) for i, kind in enumerate(outside)}
     return columns, width
 
 
-# Places with a bar of their own, as many as fit on the first screen of a report.
-MOST_BARS = 12
-
-
 def plot_place_bars(places: Sequence[PlaceRecord], ax: Axes | None = None) -> Axes:
-    """The probability of an appendage at the most probable places, and at all others together.
-
-    Args:
-        ax: axes; those of a new figure if None.
-    """
-    first, others = places[:MOST_BARS], places[MOST_BARS:]
+    """The probability of an appendage at the most probable places, and at all others together."""
+    first, others = places[: STYLE.most_bars], places[STYLE.most_bars :]
     bars = [(each.place.name, each.probability, BLUE) for each in first]
     if others:
         together = sum(each.probability for each in others)
@@ -231,7 +203,7 @@ def plot_places(search: SearchRecord, ax: Axes | None = None) -> Axes:
     bars. Axes that are given must have three dimensions for a drawing in space.
     """
     heights = [each.place.height for each in search.places]
-    if all(height is not None and height <= MOST_FLOORS for height in heights):
+    if all(height is not None and height <= STYLE.most_floors for height in heights):
         return plot_places_on_building(search.places, ax)
     if any(each.place.coordinates is not None for each in search.places):
         return plot_place_map(search.places, search.geometry, ax)

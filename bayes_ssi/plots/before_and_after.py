@@ -47,6 +47,7 @@ def plot_frequency_change(
 
     Args:
         ax: axes; new ones if None.
+        level: probability of the intervals.
     """
     rows = []
     for mode in modes:
@@ -119,17 +120,11 @@ def _square(
     hover(square, text)
 
 
-def plot_parameters(
-    posterior: Posterior,
-    ax: Axes | None = None,
-) -> Axes:
+def plot_parameters(posterior: Posterior, ax: Axes | None = None) -> Axes:
     """The 90 % prior and posterior intervals of every parameter.
 
     Each row has a scale of its own: 0 is the prior median, -1 and 1 are the ends of the prior's
     90 % interval, and between them the scale is linear.
-
-    Args:
-        ax: axes; new ones if None.
     """
     rows = posterior.summary
     ax = rows_of(ax, [row.name for row in rows], 1.3)

@@ -11,18 +11,12 @@ import numpy as np
 
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.packages import importing_without
+from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.plots.figure_style import BLUE, SMALL, figure_of, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-QUANTILES = (0.05, 0.5, 0.95)
-# Share of the draws within three standard deviations of a normal density: panels extend as far, so
-# that a single draw far away does not shrink all others to a point.
-SHOWN = 0.9973
-# Probability within one and within two standard deviations of a normal density of two variables.
-CONTOURS = 1.0 - np.exp(-0.5 * np.array([1.0, 2.0]) ** 2)
 
 
 def plot_corner(
@@ -42,6 +36,10 @@ def plot_corner(
     require_known("plot_corner: no parameter", names, posterior.parameter_names)
     values = posterior.values[:, [posterior.parameter_names.index(name) for name in names]]
     n = len(names)
+    # Of the draws: those within three standard deviations of a normal density, so that a single
+    # draw far away does not shrink all others to a point; and within one and two of a density of
+    # two variables.
+    shown, contours = 0.9973, 1.0 - np.exp(-0.5 * np.array([1.0, 2.0]) ** 2)
     figure = figure_of(figure, (0.8 + 1.5 * n, 1.4 + 1.5 * n))
     corner = import_corner()
     from matplotlib.ticker import MaxNLocator
@@ -50,8 +48,8 @@ def plot_corner(
         # Constrained layout replaces corner's own.
         warnings.filterwarnings("ignore", "This figure was using a layout engine", UserWarning)
         corner.corner(
-            values, bins=30, range=[SHOWN] * n, fig=figure, color=BLUE, quantiles=QUANTILES,
-            smooth=1.0, levels=CONTOURS, plot_datapoints=False, plot_density=False,
+            values, bins=30, range=[shown] * n, fig=figure, color=BLUE, quantiles=LEVELS,
+            smooth=1.0, levels=contours, plot_datapoints=False, plot_density=False,
             fill_contours=True, no_fill_contours=True, max_n_ticks=3,
         )  # fmt: skip
     panels = np.array(figure.axes, dtype=object).reshape(n, n)
@@ -59,7 +57,7 @@ def plot_corner(
     for empty in panels[np.triu_indices(n, 1)]:
         empty.set(visible=False, in_layout=False)
     for i, (name, draws) in enumerate(zip(names, values.T, strict=True)):
-        low, median, high = np.quantile(draws, QUANTILES)
+        low, median, high = np.quantile(draws, LEVELS)
         # In a panel of 1.5 in, a name may take 1.3 in.
         label = wrapped(name, 1.3, SMALL)
         title = f"{label}\n{median:.4g}\n({low:.4g} to {high:.4g})"

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,11 +29,44 @@ LINES = ("-", "--", "-.", ":")
 WIDTH = 4.3
 # Points: text of axes and legends, and of ticks and notes, the smallest.
 TEXT, SMALL = 9.0, 8.0
-# Inches: most that the names of rows may take, and the height of a line of them.
-NAMES, LINE = 1.65, 0.14
-# Panels of mode shapes next to one another: as many as WIDTH holds, or, of many modes, twice that.
-PANELS_ACROSS = 3
-PANEL = 1.13  # inches
+
+
+@dataclass(frozen=True)
+class FigureStyle:
+    """Sizes of figures in inches, and how much a figure can show.
+
+    Attributes:
+        row_names: most that the names of rows may take.
+        row_line: height of a line of such a name.
+        panel: width of a panel of a mode shape.
+        panels_across: next to one another, as many as a width holds; of many modes, twice that.
+        tallest: height of a structure in space.
+        sds_of_90_percent: standard deviations to either side that hold 90 %.
+        most_classes: model classes that one figure can show legibly.
+        most_rows: whose labels fit a panel; with more, panels grow no taller and labels smaller.
+        most_floors: of a building; taller figures would not fit a page.
+        most_bars: places with a bar of their own, as many as fit on the first screen of a report.
+        most_named_tests: whose names fit next to one another.
+        most_vectors: lines or markers above which they are one picture within a drawing.
+        least_share: of the highest probability; less cannot be told from zero by its colour.
+    """
+
+    row_names: float = 1.65
+    row_line: float = 0.14
+    panel: float = 1.13
+    panels_across: int = 3
+    tallest: float = 4.0
+    sds_of_90_percent: float = 1.645
+    most_classes: int = 12
+    most_rows: int = 40
+    most_floors: int = 40
+    most_bars: int = 12
+    most_named_tests: int = 12
+    most_vectors: int = 300
+    least_share: float = 0.01
+
+
+STYLE = FigureStyle()
 # Prefix of the SVG id of a point with a hover text.
 HOVER = "hover: "
 
@@ -138,19 +172,17 @@ def without_math(*texts: Any) -> None:
 
 def name_rows(ax: Axes, names: Sequence[str]) -> None:
     """Name the rows of axes, the first one at the top."""
-    ax.set_yticks(range(len(names)), [wrapped(name, NAMES, SMALL) for name in names])
+    ax.set_yticks(range(len(names)), [wrapped(name, STYLE.row_names, SMALL) for name in names])
     without_math(*ax.get_yticklabels())
     ax.set_ylim(len(names) - 0.5, -0.5)
 
 
 def rows_of(ax: Axes | None, names: Sequence[str], extra: float) -> Axes:
-    """The axes given, or those of a new figure with room for named rows.
-
-    Args:
-        ax: axes; new ones if None.
-    """
-    lines = max((wrapped(name, NAMES, SMALL).count("\n") + 1 for name in names), default=1)
-    return axes_of(ax, (WIDTH, extra + LINE * (1 + lines) * len(names)))
+    """The axes given, or those of a new figure with room for named rows and ``extra`` inches."""
+    lines = max(
+        (wrapped(name, STYLE.row_names, SMALL).count("\n") + 1 for name in names), default=1
+    )
+    return axes_of(ax, (WIDTH, extra + STYLE.row_line * (1 + lines) * len(names)))
 
 
 def letters_across(inches: float, points: float = TEXT) -> float:
@@ -180,13 +212,29 @@ def width_of_modes(n_modes: int) -> float:
 
 def panels_across(n_panels: int) -> int:
     """Number of panels of mode shapes next to one another, with rows of about the same length."""
-    most = PANELS_ACROSS if n_panels <= 2 * PANELS_ACROSS else 2 * PANELS_ACROSS
+    most = STYLE.panels_across * (1 if n_panels <= 2 * STYLE.panels_across else 2)
     return -(-n_panels // -(-n_panels // most))
 
 
 def width_of_panels(across: int) -> float:
     """Inches: the width of a figure with so many panels next to one another."""
-    return WIDTH + PANEL * max(0, across - PANELS_ACROSS)
+    return WIDTH + STYLE.panel * max(0, across - STYLE.panels_across)
+
+
+def panels_of(
+    figure: Figure | None, n_panels: int, extra: float, row_height: float, **options: Any
+) -> tuple[Figure, list[Any]]:
+    """The figure given, or a new one of the height of its rows and ``extra`` inches, with panels.
+
+    ``options`` are those of matplotlib's ``subplots``.
+    """
+    across = panels_across(n_panels)
+    down = -(-n_panels // across)
+    figure = figure_of(figure, (width_of_panels(across), extra + down * row_height))
+    axes = figure.subplots(down, across, squeeze=False, **options).ravel()
+    for ax in axes[n_panels:]:
+        ax.remove()
+    return figure, list(axes[:n_panels])
 
 
 def legend_below(ax: Axes, columns: int) -> None:

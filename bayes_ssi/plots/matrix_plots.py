@@ -53,10 +53,9 @@ def plot_pairing(inferred: InferredPairing, n_modes: int, ax: Axes | None = None
 
 
 def plot_modal_sensitivities(sensitivities: ModalSensitivities, ax: Axes | None = None) -> Axes:
-    """How many percent each frequency rises where a parameter rises by one; proposed ones in bold.
+    """How many percent each frequency rises where a parameter rises by one.
 
-    Args:
-        ax: axes; new ones if None.
+    Parameters proposed for updating are in bold.
     """
     modes, names = sensitivities.modes, sensitivities.parameters
     ax = axes_of(ax, (2.4 + 0.55 * len(names), 1.3 + 0.3 * len(modes)))

@@ -10,6 +10,7 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.plots.figure_style import (
     BLUE,
+    STYLE,
     VERMILION,
     WIDTH,
     figure_of,
@@ -22,11 +23,6 @@ from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-# Names of more tests do not fit next to one another.
-MOST_NAMED = 12
-# Points at which bands along a covariate are drawn.
-POINTS = 25
 
 
 def plot_population(hierarchy: Hierarchy, figure: Figure | None = None) -> Figure:
@@ -45,7 +41,7 @@ def plot_population(hierarchy: Hierarchy, figure: Figure | None = None) -> Figur
     if scale is not None:
         at = np.array([test.covariate for test in tests], dtype=float)
         margin = 0.03 * np.ptp(at)
-        grid = np.linspace(at.min() - margin, at.max() + margin, POINTS)
+        grid = np.linspace(at.min() - margin, at.max() + margin, 25)
         values = grid.tolist()
     centres, nexts = (np.stack(each) for each in zip(*_bands(hierarchy, values), strict=True))
     for i, (ax, parameter) in enumerate(zip(panels, hierarchy.of_population, strict=True)):
@@ -61,7 +57,7 @@ def plot_population(hierarchy: Hierarchy, figure: Figure | None = None) -> Figur
         without_math(ax.yaxis.label)
     panels[-1].set_xlabel("test" if scale is None else scale.name)
     without_math(panels[-1].xaxis.label)
-    if scale is None and len(tests) <= MOST_NAMED:
+    if scale is None and len(tests) <= STYLE.most_named_tests:
         panels[-1].set_xticks(at, [test.name for test in tests], rotation=30, ha="right")
         without_math(*panels[-1].get_xticklabels())
     title = f"{hierarchy.model_class!r}: {hierarchy.best.name}"
@@ -75,10 +71,8 @@ def _bands(
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Quantiles (3, k) of the centre and of the next test, at each value of the covariate."""
     best, probabilities = hierarchy.best, [0.05, 0.5, 0.95]
-    own = [parameter.name for parameter in hierarchy.parameters]
-    columns = [own.index(name) for name in hierarchy.names]
     for value in values:
-        drawn = hierarchy.next_test(4000, value)[:, columns]
+        drawn = hierarchy.next_test(4000, value)[:, hierarchy.population_columns]
         centre = np.quantile(hierarchy.centres(best, value), probabilities, axis=0)
         yield centre, np.quantile(drawn, probabilities, axis=0)
 

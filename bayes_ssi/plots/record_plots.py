@@ -13,24 +13,22 @@ from bayes_ssi.plots.figure_style import (
     GREY,
     ORANGE,
     SMALL,
+    STYLE,
     VERMILION,
     axes_of,
-    figure_of,
     figures_for_files,
     hover,
     legend_below,
-    panels_across,
+    panels_of,
     save_figure,
     title_of,
-    width_of_panels,
 )
-from bayes_ssi.plots.identified_shapes import WITHIN_90, plot_identified_shapes
+from bayes_ssi.plots.identified_modes import plot_identified_shapes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SIZE = (6.3, 3.2)
 # The figures of an identification by the names of their files.
 CAPTIONS = {
     "singular_values": "Singular values of the record's spectral matrices and of the fit's; modes "
@@ -44,12 +42,8 @@ CAPTIONS = {
 
 
 def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> Axes:
-    """Singular values of the spectral matrices, those of the fit, and the modes with 90 % widths.
-
-    Args:
-        ax: axes; new ones if None.
-    """
-    ax = axes_of(ax, SIZE)
+    """Singular values of the spectral matrices and of the fit's, and the modes with 90 % widths."""
+    ax = _axes(ax)
     frequencies, measured = found.spectrum
     for k in range(measured.shape[1]):
         ax.semilogy(frequencies, measured[:, k], color=BLUE, linewidth=0.6, alpha=0.6,
@@ -59,14 +53,12 @@ def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> 
                     linewidth=1.0)  # fmt: skip
         if i == 0:
             ax.lines[-1].set_label(f"fit, {found.loads}")
-    _modes(ax, found)
+    _draw_modes(ax, found)
     for i, (frequency, _) in enumerate(found.not_identified):
         ax.axvline(frequency, color=GREY, linewidth=0.8, linestyle=":",
                    label=None if i else "peak not identified")  # fmt: skip
-    ax.set_xlim(*found.quoted.band_hz)
     # What is far below the noise is of no interest.
     ax.set_ylim(bottom=0.3 * float(np.quantile(measured[:, min(3, measured.shape[1]) - 1], 0.02)))
-    ax.set_xlabel("frequency (Hz)")
     of = f"over those of {found.ground!r}" if found.ground else f"(({_unit(found)})²/Hz)"
     ax.set_ylabel(f"singular values {of}")
     title_of(ax, "Singular values of the spectral matrices")
@@ -82,17 +74,11 @@ def _unit(found: ModalIdentification) -> str:
 
 
 def plot_stabilisation(found: ModalIdentification, ax: Axes | None = None) -> Axes:
-    """Poles of every order of each octave, and the modes with 90 % widths.
-
-    Args:
-        ax: axes; new ones if None.
-    """
-    ax = axes_of(ax, SIZE)
+    """Poles of every order of each octave, and the modes with 90 % widths."""
+    ax = _axes(ax)
     frequencies, orders = found.candidates.stabilisation
     ax.plot(frequencies, orders, "o", color=BLUE, markersize=2, label="pole")
-    _modes(ax, found)
-    ax.set_xlim(*found.quoted.band_hz)
-    ax.set_xlabel("frequency (Hz)")
+    _draw_modes(ax, found)
     ax.set_ylabel("order")
     title_of(ax, "Stabilisation of poles, octave by octave")
     legend_below(ax, columns=3)
@@ -103,13 +89,10 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     """What is left of each spectral matrix when it is divided by the fit's.
 
     Squared deviations from the unit matrix, over their number: 1 on average where the fit is right.
-
-    Args:
-        ax: axes; new ones if None.
     """
     from matplotlib.ticker import LogLocator, NullLocator
 
-    ax = axes_of(ax, SIZE)
+    ax = _axes(ax)
     parts = [band.fit.residuals() for band in found.bands if band.is_wanted]
     frequencies, left = (np.concatenate(each) for each in zip(*parts, strict=True))
     ax.semilogy(frequencies, left, ".", color=BLUE, markersize=3, label="block of lines")
@@ -119,7 +102,6 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     middle = np.convolve(frequencies, np.full(n_near, 1.0 / n_near), "valid")
     ax.plot(middle, smooth, color=ORANGE, linewidth=1.2, label=f"mean of {n_near} blocks")
     ax.set_xlim(frequencies[0], frequencies[-1])
-    ax.set_xlabel("frequency (Hz)")
     ax.set_ylabel("chi-square over its number")
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_major_formatter("{x:g}")
@@ -138,20 +120,15 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
 
     Components of the first singular vector of the nearest spectral matrix, one for each sensor; the
     outer circle is 1.
-
-    Args:
-        figure: an empty figure; a new one if None.
     """
     frequencies = found.quoted.frequencies_hz
     # All but the ground, where that is measured.
     channels = [i for i, name in enumerate(found.record.sensors) if name != found.ground]
-    across = panels_across(len(frequencies))
-    rows = -(-len(frequencies) // across)
-    figure = figure_of(figure, (width_of_panels(across), 1.9 * rows))
-    for i, frequency in enumerate(frequencies):
+    polar = {"projection": "polar"}
+    figure, axes = panels_of(figure, len(frequencies), 0.0, 1.9, subplot_kw=polar)
+    for frequency, ax in zip(frequencies, axes, strict=True):
         band = min(found.bands, key=lambda each: each.distance_to(frequency))
         data = band.fit.data
-        ax = figure.add_subplot(rows, across, i + 1, projection="polar")
         nearest = np.abs(data.frequencies_hz - frequency).argmin()
         leading = np.linalg.eigh(data.matrices[nearest])[1][:, -1]
         motion = data.to_channels[channels] @ leading
@@ -186,12 +163,20 @@ def save_record_figures(directory: Path, found: ModalIdentification) -> list[Pat
         return [save_figure(each, directory / f"{name}.png") for name, each in drawn.items()]
 
 
-def _modes(ax: Axes, found: ModalIdentification) -> None:
+def _axes(ax: Axes | None) -> Axes:
+    ax = axes_of(ax, (6.3, 3.2))
+    ax.set_xlabel("frequency (Hz)")
+    return ax
+
+
+def _draw_modes(ax: Axes, found: ModalIdentification) -> None:
+    """The modes in their band, with 90 % widths."""
     modes = found.quoted
+    ax.set_xlim(*modes.band_hz)
     for i, (frequency, cov) in enumerate(
         zip(modes.frequencies_hz, modes.frequency_covs, strict=True)
     ):
-        half = WITHIN_90 * cov * frequency
+        half = STYLE.sds_of_90_percent * cov * frequency
         ax.axvspan(frequency - half, frequency + half, color=ORANGE, alpha=0.6, linewidth=0)
         line = ax.axvline(frequency, color=ORANGE, linewidth=0.8,
                           label=None if i else f"mode by {modes.method}, 90 %")  # fmt: skip

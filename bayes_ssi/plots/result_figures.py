@@ -15,17 +15,14 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.corner_plot import import_corner, plot_corner
-from bayes_ssi.plots.evidence_plot import plot_evidence
-from bayes_ssi.plots.figure_style import figures_for_files, save_figure
-from bayes_ssi.plots.identified_shapes import has_errors_on, plot_identified_shapes
-from bayes_ssi.plots.model_frequencies import plot_frequencies
-from bayes_ssi.plots.modes_in_space import DrawnMode, can_be_drawn, plot_modes_in_space
+from bayes_ssi.plots.figure_style import STYLE, figures_for_files, save_figure
+from bayes_ssi.plots.identified_modes import has_errors_on, plot_identified_shapes
+from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
+from bayes_ssi.plots.space import DrawnMode, can_be_drawn, plot_modes_in_space
 from bayes_ssi.results.predictions.nodal_modes import nodal_modes
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.ranking.comparison import Comparison
 
-# Classes that one figure can show legibly.
-MOST_CLASSES = 12
 # Name of the files of modes in space, or its beginning.
 MODES = "modes"
 # The beginning of the names of the files of identified shapes, before a configuration's number.
@@ -53,14 +50,15 @@ def result_figures(
     """The figures of a result, the one that takes longest first.
 
     Args:
-        comparison: the ranking; the best ``MOST_CLASSES`` are drawn.
+        comparison: the ranking, of which the best classes are drawn.
     """
     figures = [ResultFigure("corner", partial(plot_corner, ranked[0]))]
+    most = STYLE.most_classes
     for i, (configuration, modes) in enumerate(tests.items(), 1):
         name = f"frequencies_{i}" if len(tests) > 1 else "frequencies"
-        draw = partial(plot_frequencies, modes, ranked[:MOST_CLASSES], configuration=configuration)
+        draw = partial(plot_frequencies, modes, ranked[:most], configuration=configuration)
         figures.append(ResultFigure(name, draw))
-    figures.append(ResultFigure("evidence", partial(plot_evidence, comparison, most=MOST_CLASSES)))
+    figures.append(ResultFigure("evidence", partial(plot_evidence, comparison, most=most)))
     if search is not None:
         figures.append(ResultFigure("places", partial(plot_places, search)))
     return figures

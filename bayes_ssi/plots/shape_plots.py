@@ -1,4 +1,7 @@
-"""Mode shapes with their bands, on the building or component by component."""
+"""Mode shapes with their bands, on the building or component by component.
+
+Shapes in the plane; those in three dimensions are in :mod:`~bayes_ssi.plots.space`.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +13,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.posterior.configuration_modes import UpdatedModes
+from bayes_ssi.inference.posterior.configuration_modes import UpdatedMode, UpdatedModes
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
     BLUE,
     GREEN,
     GREY,
     ORANGE,
-    PANEL,
     SMALL,
+    STYLE,
     VERMILION,
     axes_of,
-    figure_of,
     legend_of_figure,
-    panels_across,
+    panels_of,
     title_of,
-    width_of_panels,
     without_math,
     wrapped,
 )
@@ -35,16 +37,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Half the width of a building, in the unit of the shapes drawn on it, and the largest distance from
-# its axis that is drawn, where appendages are marked that move further: they may move many times as
-# far as floors. The rest is room for half of their mark.
-HALF_WIDTH, REACH, MARGIN = 0.7, 1.8, 0.3
 APPENDAGES = "appendage"
 BEYOND = "appendage beyond the scale, its component below"
-# Rows whose labels fit a panel; with more, panels grow no taller and labels become smaller.
-MOST_ROWS = 40
-# A point has three displacements and three rotations.
-MOST_DIRECTIONS = 6
 # Before the direction in the label of a group of places.
 MODEL = "model, "
 
@@ -77,28 +71,61 @@ def plot_shapes(
 
     Args:
         places: degrees of freedom of the shapes.
-        figure: to draw on; a new one if None.
         sideways: whether the places are floors that move sideways, to be drawn as a building; if
             not, shapes are drawn component by component.
     """
-    across = panels_across(len(shapes))
-    down = -(-len(shapes) // across)
-    height = 2.6 if sideways else 1.0 + 0.18 * min(MOST_ROWS, len(places))
-    figure = figure_of(figure, (width_of_panels(across), 0.6 + down * height))
-    axes = figure.subplots(down, across, squeeze=False).ravel()
-    for i, (each, ax) in enumerate(zip(shapes, axes, strict=False)):
+    height = 2.6 if sideways else 1.0 + 0.18 * min(STYLE.most_rows, len(places))
+    figure, axes = panels_of(figure, len(shapes), 0.6, height)
+    for drawn, ax in zip(shapes, axes, strict=True):
         if sideways:
-            plot_building_shape(structure, places, each.shape, ax, reference=each.reference,
-                                before=each.before, title=each.title, name=name)  # fmt: skip
+            plot_building_shape(structure, places, drawn.shape, ax, reference=drawn.reference,
+                                before=drawn.before, title=drawn.title, name=name)  # fmt: skip
         else:
-            plot_shape_components(structure, places, each.shape, ax, reference=each.reference,
-                                  title=each.title)  # fmt: skip
-        ax.tick_params("y", labelsize=SMALL * min(1.0, MOST_ROWS / len(places)),
-                       labelleft=i % across == 0)  # fmt: skip
-    for ax in axes[len(shapes) :]:
-        ax.remove()
-    legend_of_figure(figure, axes[: len(shapes)], columns=4)
+            plot_shape_components(structure, places, drawn.shape, ax, reference=drawn.reference,
+                                  title=drawn.title)  # fmt: skip
+        ax.tick_params("y", labelsize=SMALL * min(1.0, STYLE.most_rows / len(places)),
+                       labelleft=ax.get_subplotspec().is_first_col())  # fmt: skip
+    legend_of_figure(figure, axes, columns=4)
     return figure
+
+
+def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None = None) -> Figure:
+    """The paired modes' shapes, with 95 % bands and the identified components.
+
+    A structure of floors that move sideways is drawn deformed, with the shape before updating
+    dashed; of any other, components are bars. Shapes are scaled by
+    :func:`~bayes_ssi.structures.modal.scaled_shapes`, identified ones to the model's median.
+    """
+    if not modes.modes:
+        raise ValueError("plot_mode_shapes: no mode is paired")
+    shapes = [
+        DrawnShape(
+            f"mode {mode.label}\n{mode.after_hz[1]:.4g} Hz",
+            Band(*map(np.array, mode.shape_after)),
+            _identified(modes, mode, data),
+            mode.shape_before,
+        )
+        for mode in modes.modes
+    ]
+    return plot_shapes(modes, modes.places, shapes, figure, sideways=modes.has_floors)
+
+
+def _identified(modes: UpdatedModes, mode: UpdatedMode, data: ModalData) -> Reference | None:
+    """The identified shape at the places, scaled to the model's median."""
+    shape = data.mode(mode.label).unit_shape
+    if shape is None:
+        return None
+    identified = {
+        place: component
+        for place, component in zip(data.sensors, np.asarray(shape), strict=True)
+        if place in modes.places and np.isfinite(component)
+    }
+    components = np.array(list(identified.values()))
+    if not components.any():
+        return None
+    model = np.array([mode.shape_after[1][modes.places.index(place)] for place in identified])
+    scale = float(model @ components / (components @ components))
+    return "identified", list(identified), scale * components
 
 
 def plot_building_shape(
@@ -124,6 +151,9 @@ def plot_building_shape(
         ax: axes; new ones if None.
         before: components (n_places,) before updating, drawn as dashed columns.
     """
+    # In the unit of the shapes: half the width of the building, and the largest distance from its
+    # axis that is drawn. Appendages may move many times as far as floors.
+    half_width, reach = 0.7, 1.8
     ax = axes_of(ax, (2.2, 3.0))
     heights = structure.heights()
     floors = [i for i, place in enumerate(places) if place not in structure.appendages]
@@ -131,8 +161,8 @@ def plot_building_shape(
     y = np.array([0.0, *(heights[places[i]] for i in floors)])
     low, median, high = (np.r_[0.0, part[floors]] for part in shape)
     ax.axvline(0.0, color=GREY, linewidth=0.6, linestyle=":")
-    ax.plot([-REACH, REACH], [0, 0], color="black", linewidth=2.0)
-    for side, labelled in ((-HALF_WIDTH, True), (HALF_WIDTH, False)):
+    ax.plot([-reach, reach], [0, 0], color="black", linewidth=2.0)
+    for side, labelled in ((-half_width, True), (half_width, False)):
         if before is not None:
             earlier = np.array([0.0, *(before[i] for i in floors)])
             ax.plot(earlier + side, y, color=GREY, linewidth=0.9, linestyle="--",
@@ -141,16 +171,16 @@ def plot_building_shape(
         ax.plot(median + side, y, color=BLUE, linewidth=1.2,
                 label=name if labelled else None)  # fmt: skip
     for x, height in zip(median[1:], y[1:], strict=True):
-        ax.plot([x - HALF_WIDTH, x + HALF_WIDTH], [height, height], color="black", linewidth=2.5)
+        ax.plot([x - half_width, x + half_width], [height, height], color="black", linewidth=2.5)
     for i, place in enumerate(places):
         if place in structure.appendages:
-            _draw_appendage(ax, heights[place], *(float(part[i]) for part in shape))
-    _write_below(ax, structure, places, shape, REACH)
+            _draw_appendage(ax, heights[place], [float(part[i]) for part in shape], reach)
+    _write_below(ax, structure, places, shape, reach)
     if reference is not None:
         other, at, components = reference
         ax.plot(components, [heights[place] for place in at], "x", color="black", markersize=7,
                 markeredgewidth=1.5, label=other)  # fmt: skip
-    ax.set_xlim(-REACH - MARGIN, REACH + MARGIN)
+    ax.set_xlim(-reach - 0.3, reach + 0.3)  # with room for half of a mark
     ax.set_ylim(-0.15, max(heights.values()) + 0.4)
     ax.set_yticks(y, ["ground", *(places[i] for i in floors)])
     ax.set_xticks([])
@@ -161,9 +191,10 @@ def plot_building_shape(
     return ax
 
 
-def _draw_appendage(ax: Axes, height: float, low: float, median: float, high: float) -> None:
-    if abs(median) >= REACH:
-        _mark_beyond(ax, median, height, REACH)
+def _draw_appendage(ax: Axes, height: float, band: Sequence[float], reach: float) -> None:
+    low, median, high = band
+    if abs(median) >= reach:
+        _mark_beyond(ax, median, height, reach)
         return
     ax.errorbar(median, height, xerr=[[median - low], [high - median]], color=VERMILION, capsize=3)
     ax.plot(median, height, "s", color=VERMILION, markeredgecolor="black", markersize=7,
@@ -184,7 +215,7 @@ def _write_below(
     # Adding zero turns a negative zero into a plain one.
     rounded = np.round(np.array(shape).T, 1) + 0.0
     far = [
-        f"{wrapped(place, PANEL, SMALL)}:\n{median:.1f}\n({low:.1f} to {high:.1f})"
+        f"{wrapped(place, STYLE.panel, SMALL)}:\n{median:.1f}\n({low:.1f} to {high:.1f})"
         for i, (place, (low, median, high)) in enumerate(zip(places, rounded, strict=True))
         if place in structure.appendages and max(-shape.low[i], shape.high[i]) >= reach
     ]
@@ -255,7 +286,8 @@ def by_direction(places: Sequence[str], appendages: Sequence[str]) -> dict[str, 
     directions: dict[str, list[str]] = {}
     for place in main:
         directions.setdefault(place.split()[-1], []).append(place)
-    few = 1 < len(directions) <= min(MOST_DIRECTIONS, len(main) - 1)
+    # A point has three displacements and three rotations.
+    few = 1 < len(directions) <= min(6, len(main) - 1)
     if few and not any(ending.isdecimal() for ending in directions):
         groups = {f"{MODEL}{ending}": group for ending, group in directions.items()}
     else:

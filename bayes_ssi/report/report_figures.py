@@ -21,14 +21,12 @@ from bayes_ssi.plots.before_and_after import (
     plot_parameters,
 )
 from bayes_ssi.plots.corner_plot import plot_corner
-from bayes_ssi.plots.evidence_plot import plot_evidence
-from bayes_ssi.plots.figure_style import figures_for_files, whole_figure
+from bayes_ssi.plots.figure_style import STYLE, figures_for_files, whole_figure
 from bayes_ssi.plots.identified_modes import plot_identified_modes
-from bayes_ssi.plots.identified_shapes import plot_mode_shapes
 from bayes_ssi.plots.matrix_plots import plot_pairing
-from bayes_ssi.plots.model_frequencies import plot_frequencies
-from bayes_ssi.plots.result_figures import IDENTIFIED_SHAPES, MODES, MOST_CLASSES
-from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
+from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
+from bayes_ssi.plots.result_figures import IDENTIFIED_SHAPES, MODES
+from bayes_ssi.plots.shape_plots import plot_mode_shapes
 from bayes_ssi.report.embedded_figure import LIMITS, EmbeddedFigure, embedded_drawing, embedded_file
 from bayes_ssi.results.predictions.prediction_files import SavedPredictions
 from bayes_ssi.results.stored_result import FIGURES, StoredResult
@@ -110,7 +108,7 @@ def _drawn_classes(stored: StoredResult) -> Iterator[tuple[str, bool]]:
 def _of_ranking(stored: StoredResult) -> Iterator[Plot]:
     yield (
         "Log evidence of every model class",
-        partial(plot_evidence, stored.comparison, most=MOST_CLASSES),
+        partial(plot_evidence, stored.comparison, most=STYLE.most_classes),
     )
 
 

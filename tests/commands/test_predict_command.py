@@ -29,9 +29,7 @@ def saved(tmp_path_factory, tiny_ranking):
 
 @pytest.fixture
 def no_figures(monkeypatch):
-    monkeypatch.setattr(
-        "bayes_ssi.plots.prediction_figures.save_prediction_figures", lambda *_: None
-    )
+    monkeypatch.setattr("bayes_ssi.plots.prediction_plots.save_prediction_figures", lambda *_: None)
 
 
 @pytest.fixture
@@ -216,7 +214,7 @@ def test_a_failure_leaves_nothing_behind(predict, tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device", "figure.png")
 
-    monkeypatch.setattr("bayes_ssi.plots.prediction_figures.save_prediction_figures", fail)
+    monkeypatch.setattr("bayes_ssi.plots.prediction_plots.save_prediction_figures", fail)
     assert_one_line_error(predict(), "figure.png: No space left on device")
     assert not (tmp_path / "out").exists()
     assert list(tmp_path.glob(".out*")) == []

@@ -19,14 +19,17 @@ from bayes_ssi.plots.before_and_after import (
     plot_parameters,
 )
 from bayes_ssi.plots.corner_plot import plot_corner
-from bayes_ssi.plots.evidence_plot import plot_evidence
 from bayes_ssi.plots.figure_style import SMALL, WIDTH, figures_for_files, whole_figure
 from bayes_ssi.plots.identified_modes import plot_identified_modes
-from bayes_ssi.plots.identified_shapes import plot_mode_shapes
 from bayes_ssi.plots.matrix_plots import plot_pairing
-from bayes_ssi.plots.model_frequencies import plot_frequencies
-from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
-from bayes_ssi.plots.shape_plots import BEYOND, DrawnShape, plot_shape_components, plot_shapes
+from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
+from bayes_ssi.plots.shape_plots import (
+    BEYOND,
+    DrawnShape,
+    plot_mode_shapes,
+    plot_shape_components,
+    plot_shapes,
+)
 from bayes_ssi.report.embedded_figure import embedded_drawing
 from bayes_ssi.results.predictions.bands import Band
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow

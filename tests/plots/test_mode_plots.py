@@ -14,9 +14,9 @@ from bayes_ssi.plots.before_and_after import (
     plot_parameters,
 )
 from bayes_ssi.plots.identified_modes import plot_identified_modes
-from bayes_ssi.plots.identified_shapes import plot_mode_shapes
 from bayes_ssi.plots.matrix_plots import plot_pairing
-from bayes_ssi.plots.sensitivity_plot import plot_sensitivity
+from bayes_ssi.plots.ranking_plots import plot_sensitivity
+from bayes_ssi.plots.shape_plots import plot_mode_shapes
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow
 
 pytestmark = pytest.mark.usefixtures("close_figures")

@@ -13,9 +13,8 @@ from bayes_ssi.inference.posterior.configuration_modes import (
     UpdatedModes,
 )
 from bayes_ssi.plots.corner_plot import plot_corner
-from bayes_ssi.plots.evidence_plot import plot_evidence
 from bayes_ssi.plots.figure_style import figures_for_files, style
-from bayes_ssi.plots.model_frequencies import plot_frequencies
+from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 from bayes_ssi.plots.result_figures import result_figures
 
 pytestmark = pytest.mark.usefixtures("close_figures")

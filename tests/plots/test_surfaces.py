@@ -7,11 +7,17 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.plots import modes_in_space
+from bayes_ssi.plots import space
 from bayes_ssi.plots.figure_style import figures_for_files
-from bayes_ssi.plots.modes_in_space import DrawnMode, plot_modes_in_space
 from bayes_ssi.plots.result_figures import figures_of_modes
-from bayes_ssi.plots.space_axes import draw_faces, draw_structure, outline, space_axes
+from bayes_ssi.plots.space import (
+    DrawnMode,
+    draw_faces,
+    draw_structure,
+    outline,
+    plot_modes_in_space,
+    space_axes,
+)
 from bayes_ssi.results.predictions.nodal_modes import nodal_modes
 from bayes_ssi.structures.solver_files.input_decks import geometry_of_deck
 
@@ -100,7 +106,7 @@ def test_modes_are_drawn_where_nodes_are(cube, monkeypatch):
         drawn.append(points)
         draw_faces(ax, points, faces, alpha, colours)
 
-    monkeypatch.setattr(modes_in_space, "draw_faces", draw)
+    monkeypatch.setattr(space, "draw_faces", draw)
     with figures_for_files():
         figure = plot_modes_in_space(modes, [DrawnMode("first", 0), DrawnMode("second", 1)])
         figure.draw_without_rendering()

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 from whole_tables import assert_every_cell_is_whole
 
-from bayes_ssi.plots.prediction_figures import save_prediction_figures
+from bayes_ssi.plots.prediction_plots import save_prediction_figures
 from bayes_ssi.report.tables import frequency_table, peak_table, shape_table
 from bayes_ssi.results.predictions.default_request import (
     default_damping,

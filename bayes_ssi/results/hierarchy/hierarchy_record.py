@@ -219,17 +219,18 @@ class Hierarchy(Displayed):
             steps = spreads * rng.standard_normal(means.shape)
             drawn.append(means + slopes * self._standardised(covariate) + steps)
         z = rng.standard_normal((n_draws, len(self.parameters)))
-        z[:, self._columns] = np.concatenate(drawn)
+        z[:, self.population_columns] = np.concatenate(drawn)
         values = [p.prior.from_normal(z[:, i]) for i, p in enumerate(self.parameters)]
         return np.stack(values, axis=1)
 
     @property
     def of_population(self) -> tuple[ParameterRecord, ...]:
         """The parameters that the populations describe."""
-        return tuple(self.parameters[column] for column in self._columns)
+        return tuple(self.parameters[column] for column in self.population_columns)
 
     @property
-    def _columns(self) -> list[int]:
+    def population_columns(self) -> list[int]:
+        """Their columns among those of all parameters, as in :meth:`next_test`."""
         own = [parameter.name for parameter in self.parameters]
         return [own.index(name) for name in self.names]
 

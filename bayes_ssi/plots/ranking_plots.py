@@ -1,4 +1,4 @@
-"""Model frequencies of several classes relative to the identified ones."""
+"""How model classes compare: evidences, frequencies, and changes with settings."""
 
 from __future__ import annotations
 
@@ -11,19 +11,63 @@ from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
+    BLUE,
     COLOURS,
     GREY,
     MARKERS,
+    VERMILION,
     axes_of,
     hover,
     legend_below,
+    name_rows,
+    rows_of,
     title_of,
     width_of_modes,
     without_math,
 )
+from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
+from bayes_ssi.studies.ranking.sensitivity import Sensitivity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+def plot_evidence(
+    comparison: Comparison, ax: Axes | None = None, *, most: int | None = None
+) -> Axes:
+    """Log evidence of every class, split into fit and information gained.
+
+    Each class has three marks on one axis in nats: how well it fits on average (mean
+    log-likelihood), the log evidence with its error bar, and between them, as a bar, the
+    information gained, by which the evidence falls short of the fit.
+
+    Args:
+        ax: axes; new ones if None.
+        most: largest number of classes drawn, the best first; all if None.
+    """
+    rows = comparison.classes[:most]
+    names = [f"{row.name}\n({row.probability_text})" for row in rows]
+    ax = rows_of(ax, names, 1.3)
+    y = np.arange(len(rows))
+    evidence = np.array([row.log_evidence for row in rows])
+    fit = np.array([row.mean_log_likelihood for row in rows])
+    ax.barh(y, fit - evidence, left=evidence, height=0.35, color=BLUE, alpha=0.25,
+            label="information gained")  # fmt: skip
+    ax.plot(fit, y, "|", color=BLUE, markersize=11, label="fit: mean log-likelihood")
+    for i, row in enumerate(rows):
+        point = ax.errorbar(row.log_evidence, i, xerr=row.error, fmt="o", color=VERMILION,
+                            capsize=3,
+                            label=None if i else "log evidence ± 1 standard error")  # fmt: skip
+        hover(point, f"{row.name}: log evidence {row.log_evidence:.3f} ± {row.error:.3f}, fit "
+              f"{row.mean_log_likelihood:.2f}, probability {row.probability_text}")  # fmt: skip
+    name_rows(ax, names)
+    ax.use_sticky_edges = False
+    ax.margins(x=0.04)
+    ax.set_xlabel("nats")
+    title_of(ax, "Model classes (probability)")
+    ax.grid(axis="x", alpha=0.3)
+    legend_below(ax, columns=2)
+    return ax
 
 
 def plot_frequencies(
@@ -96,3 +140,37 @@ def _draw_class(
         hover(point, f"{posterior.name}, mode {mode.label}: {hz[1]:.4g} Hz, "
               f"{median:+.2f} % ({low:+.2f} to {high:+.2f} %)")  # fmt: skip
         name = None
+
+
+def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
+    """Log of each class's probability over that of the first class, setting by setting.
+
+    Each row is a setting; the first row is the ranking itself. A class to the right of the line is
+    more probable than the first class of that ranking. The five best classes are drawn.
+    """
+    rows = sensitivity.rows
+    first, *others = rows[0].ranked
+    ax = rows_of(ax, [row.name for row in rows], 1.4)
+    ax.axvline(0.0, color="black", linewidth=0.8, label=f"{first}: first in the ranking")
+    looks = list(zip(others, COLOURS[:4], MARKERS, strict=False))
+    for y, row in enumerate(rows):
+        if row.best != first:
+            ax.axhspan(y - 0.5, y + 0.5, color=VERMILION, alpha=0.12, linewidth=0)
+        for name, colour, marker in looks:
+            probability, of_first = row.probabilities[name], row.probabilities[first]
+            if probability <= 0.0 or of_first <= 0.0:
+                continue
+            (point,) = ax.plot(np.log(probability / of_first), y, marker, color=colour,
+                               markersize=5, linestyle="none",
+                               label=None if y else name)  # fmt: skip
+            hover(point, f"{name}, {row.name}: probability {probability_text(probability)}")
+    # Classes further behind than 30 nats would compress the scale for those that matter.
+    if max(map(abs, ax.get_xlim())) > 30.0:
+        ax.set_xscale("symlog", linthresh=1.0)
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.margins(x=0.06)
+    name_rows(ax, [row.name for row in rows])
+    ax.set_xlabel("log of the probability over that of\nthe first class (nats)")
+    ax.grid(axis="x", alpha=0.3)
+    legend_below(ax, columns=2)
+    return ax

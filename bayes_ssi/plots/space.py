@@ -1,0 +1,317 @@
+"""Structures in three dimensions, in axes of one scale: at rest, and deformed by their modes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.plots.figure_style import (
+    GREY,
+    SMALL,
+    STYLE,
+    TEXT,
+    WIDTH,
+    figure_of,
+    panels_across,
+    title_of,
+    width_of_panels,
+    wrapped,
+)
+from bayes_ssi.results.predictions.nodal_modes import NodalModes
+from bayes_ssi.structures.geometry import Geometry
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+Corners = NDArray[np.intp]
+
+
+class DrawnMode(NamedTuple):
+    """A mode of a figure: its title, and its number in the modes, from 0."""
+
+    title: str
+    number: int
+
+
+def can_be_drawn(modes: NodalModes) -> bool:
+    """Whether any displacement is at a node with coordinates."""
+    return bool(modes.displacements[:, _located(modes), :3].any())
+
+
+def _located(modes: NodalModes) -> NDArray[np.intp]:
+    """The nodes with coordinates."""
+    return np.flatnonzero(np.isfinite(modes.positions).all(axis=1))
+
+
+def plot_modes_in_space(
+    modes: NodalModes, shown: Sequence[DrawnMode], figure: Figure | None = None
+) -> Figure:
+    """The structure deformed by each mode, its displacements in colour, and its outline at rest.
+
+    Faces of shells and solids are drawn where the geometry has them, else lines, else nodes. The
+    largest displacement of each mode is drawn with the same length.
+    """
+    if not shown or not can_be_drawn(modes):
+        raise ValueError("plot_modes_in_space: needs a mode, and coordinates of what moves")
+    known, geometry = _located(modes), modes.geometry
+    points, displacements = modes.positions[known], modes.displacements[:, known, :3]
+    number = {modes.nodes[node]: i for i, node in enumerate(known.tolist())}
+    lines = _numbered_lines(geometry, number) if geometry else np.empty((0, 2), dtype=np.intp)
+    faces = [[number[corner] for corner in face] for face in geometry.faces] if geometry else []
+    largest = np.abs(displacements).max(axis=(1, 2))
+    # The largest displacement drawn, of the longest side.
+    reach = 0.12 * (float(np.ptp(points, axis=0).max()) or 1.0)
+    figure, panels = panels_in_space([mode.title for mode in shown], points, reach, figure)
+    for mode, ax in zip(shown, panels, strict=True):
+        shape = displacements[mode.number] / (largest[mode.number] or 1.0)
+        _draw_deformed(ax, points, lines, faces, reach * shape)
+    return figure
+
+
+def _numbered_lines(geometry: Geometry, number: Mapping[str, int]) -> Corners:
+    """Lines (n, 2) by the numbers of their nodes."""
+    lines = [[number[end] for end in line] for line in geometry.lines]
+    return np.array(lines, dtype=np.intp).reshape(-1, 2)
+
+
+def _draw_deformed(
+    ax: Any, points: FloatArray, lines: Corners, faces: Sequence[Sequence[int]], moved: FloatArray
+) -> None:
+    from matplotlib import colormaps
+
+    scale = colormaps["viridis"]
+    size = np.linalg.norm(moved, axis=1)
+    size = size / (size.max() or 1.0)
+    borders = outline(points, faces)
+    _draw_lines(ax, points[np.concatenate([borders, lines])], GREY, 0.5)
+    deformed = points + moved
+    if not len(lines) and not faces:
+        ax.scatter(*points.T, s=0.6, color=GREY, depthshade=False, rasterized=True)
+        ax.scatter(*deformed.T, s=1.5, c=scale(size), depthshade=False, rasterized=True)
+    draw_faces(ax, deformed, faces, 0.9, lambda corners: scale(size[corners].mean(axis=1)))
+    _draw_lines(ax, deformed[borders], "black", 0.4)
+    _draw_lines(ax, deformed[lines], scale(size[lines].mean(axis=1)), 1.2)
+
+
+def panels_in_space(
+    titles: Sequence[str], points: FloatArray, reach: float, figure: Figure | None = None
+) -> tuple[Figure, list[Any]]:
+    """A figure with a panel in three dimensions for each title, all of one view.
+
+    Args:
+        points: (n, 3), to be drawn in every panel, with room of ``reach`` around them.
+    """
+    height, above = 2.9, 0.4  # inches: of a panel, and of the title above it
+    across = panels_across(len(titles))
+    down = -(-len(titles) // across)
+    figure = figure_of(figure, (width_of_panels(across), down * height))
+    # Without the layout of other figures, in which axes in three dimensions are too small.
+    figure.set_layout_engine("none")
+    panels: list[Any] = []
+    for i, title in enumerate(titles):
+        row, column = divmod(i, across)
+        corner = column / across, 1.0 - (row + 1.0) / down
+        size = 1.0 / across, (1.0 - above / height) / down
+        ax: Any = figure.add_axes((*corner, *size), projection="3d")
+        _parallel(ax)
+        _frame(ax, points, reach)
+        title_of(ax, title)
+        panels.append(ax)
+    return figure, panels
+
+
+def _frame(ax: Any, points: FloatArray, reach: float) -> None:
+    """Axes of one scale without ticks, and arrows that name them at the lowest corner."""
+    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    ax.set_axis_off()
+    for name, least, most in zip("xyz", low, high, strict=True):
+        getattr(ax, f"set_{name}lim")(least, most)
+    ax.set_box_aspect(tuple(high - low), zoom=1.08)
+    length = 0.16 * float((high - low).max())
+    for name, along in zip("xyz", length * np.eye(3), strict=True):
+        ax.plot(*np.stack([low, low + along]).T, color=GREY, linewidth=0.8,
+                clip_on=False)  # fmt: skip
+        ax.text(*(low + 1.25 * along), name, fontsize=SMALL, color=GREY, ha="center", va="center")
+
+
+def _parallel(ax: Any) -> None:
+    """Parallel lines stay parallel, and what is drawn later is above."""
+    ax.computed_zorder = False
+    ax.set_proj_type("ortho")
+
+
+def space_axes(points: FloatArray, unit: str, title: str, ax: Axes | None = None) -> Any:
+    """Axes in which all points fit, with the same scale in x, y and z.
+
+    Args:
+        points: (n, 3).
+        unit: of the coordinates, for the names of the axes; may be empty.
+        ax: axes in three dimensions; those of a new figure, as high as it must be, if None.
+    """
+    own = ax is None
+    if ax is None:
+        # Without the layout of other figures, in which axes in three dimensions are too small.
+        figure = figure_of(None, (WIDTH, WIDTH))
+        figure.set_layout_engine("none")
+        ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d")
+    drawn: Any = ax
+    _parallel(drawn)
+    low, high = points.min(axis=0), points.max(axis=0)
+    longest = float((high - low).max()) or 1.0
+    # A line or a plane needs some depth for its axes.
+    half = np.maximum(0.5 * (high - low), 0.1 * longest)
+    middle = 0.5 * (low + high)
+    drawn.set_box_aspect(tuple(half))
+    for i, name in enumerate("xyz"):
+        axis = getattr(drawn, f"{name}axis")
+        getattr(drawn, f"set_{name}lim")(middle[i] - half[i], middle[i] + half[i])
+        axis.set_major_locator(_ticks(name, float(half[i] / half.max()), bool(high[i] > low[i])))
+        axis.set_tick_params(pad=-2.0, labelsize=SMALL)
+        axis.pane.set_visible(False)
+    drawn.grid(visible=False)
+    _name_axes(drawn, middle, half, unit)
+    if not own:
+        title_of(drawn, title)
+        return drawn
+    text = wrapped(title, WIDTH)
+    drawn.figure.suptitle(text, x=0.02, ha="left", fontsize=TEXT, parse_math=False)
+    _fill(drawn, middle + half * np.array([*product((-1.0, 1.0), repeat=3)]))
+    return drawn
+
+
+def _name_axes(ax: Any, middle: FloatArray, half: FloatArray, unit: str) -> None:
+    """Names next to the axes; matplotlib's own lie far from those of a flat box, or on ticks."""
+    in_unit = f" ({unit})" if unit else ""
+    for text, corner, ha, va in (
+        (f"\n\nx{in_unit}       ", (0, -1, -1), "right", "top"),
+        (f"\n     y{in_unit}", (1, 0, -1), "left", "top"),
+        (f"z{in_unit}", (1, 1, 1), "center", "bottom"),
+    ):
+        ax.text(*(middle + half * corner), text, ha=ha, va=va, fontsize=SMALL)
+
+
+def _ticks(name: str, share: float, has_extent: bool) -> Any:
+    """Fewer ticks on a shorter axis, where their labels would overlap."""
+    from matplotlib.ticker import MaxNLocator, NullLocator
+
+    if not has_extent:
+        return NullLocator()
+    # The axis of z begins where that of y ends.
+    return MaxNLocator(max(1, round(4 * share)), prune="lower" if name == "z" else None)
+
+
+def _fill(ax: Any, corners: FloatArray) -> None:
+    """Make the box as large as the figure is wide, and the figure as high as the box needs."""
+    from mpl_toolkits.mplot3d.proj3d import proj_transform
+
+    x, y, _ = proj_transform(*corners.T, ax.get_proj())
+    on_page = ax.transData.transform(np.column_stack([x, y])) / ax.figure.dpi
+    across, up = np.ptp(on_page, axis=0)
+    # Inches: ticks and names of axes around it, a title above, a colour bar and a legend below.
+    around, above, below = 0.5, 0.3, 1.0
+    zoom = min((WIDTH - 2.0 * around) / across, STYLE.tallest / up)
+    ax.set_box_aspect(tuple(np.ptp(corners, axis=0)), zoom=zoom)
+    height = above + zoom * up + around + below
+    ax.figure.set_size_inches(WIDTH, height)
+    # The box is in the middle of its axes, a square as wide as the figure.
+    bottom = below + around + 0.5 * zoom * up - 0.5 * WIDTH
+    ax.set_position((0.0, bottom / height, 1.0, WIDTH / height))
+
+
+def colour_bar_axes(ax: Any) -> Axes:
+    """Axes for a colour bar in the room below those of :func:`space_axes` in their own figure."""
+    height = ax.figure.get_figheight()
+    bar: Axes = ax.figure.add_axes((0.2, 0.75 / height, 0.6, 0.12 / height))
+    return bar
+
+
+def draw_structure(ax: Any, geometry: Geometry) -> None:
+    """The faces and lines of a structure, or its nodes where neither are known."""
+    nodes = np.array(list(geometry.nodes.values()))
+    if not geometry.lines and not geometry.faces:
+        ax.scatter(*nodes.T, s=0.6, color=GREY, depthshade=False, rasterized=True)
+        return
+    number = {node: i for i, node in enumerate(geometry.nodes)}
+    faces = [[number[corner] for corner in face] for face in geometry.faces]
+    draw_faces(ax, nodes, faces, 0.08, GREY)
+    pairs = np.concatenate([outline(nodes, faces), _numbered_lines(geometry, number)])
+    _draw_lines(ax, nodes[pairs], GREY, 0.5, alpha=0.5, rasterized=len(pairs) > STYLE.most_vectors)
+
+
+def _draw_lines(
+    ax: Any, ends: FloatArray, colours: Any, width: float, *, alpha: float | None = None,
+    rasterized: bool = True,
+) -> None:  # fmt: skip
+    """Lines between pairs of points (n, 2, 3)."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+    if len(ends):
+        ax.add_collection3d(
+            Line3DCollection(
+                ends, colors=colours, linewidths=width, alpha=alpha, rasterized=rasterized
+            )
+        )
+
+
+def by_corners(faces: Sequence[Sequence[int]]) -> Iterator[Corners]:
+    """Faces with as many corners each, (n_faces, n_corners) numbers of points."""
+    for count in sorted({len(face) for face in faces}):
+        yield np.array([face for face in faces if len(face) == count], dtype=np.intp)
+
+
+def outline(points: FloatArray, faces: Sequence[Sequence[int]]) -> Corners:
+    """Sides of faces, pairs (n, 2) of points, at which a surface ends or bends.
+
+    Args:
+        points: (n_points, 3).
+    """
+    sides, normals = [], []
+    for corners in by_corners(faces):
+        at, following = points[corners], np.roll(corners, -1, axis=1)
+        normal = np.cross(at, points[following]).sum(axis=1)  # twice the area, for any polygon
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
+        sides.append(np.sort(np.stack([corners, following], axis=2).reshape(-1, 2), axis=1))
+        normals.append(np.repeat(normal, corners.shape[1], axis=0))
+    if not sides:
+        return np.empty((0, 2), dtype=np.intp)
+    sides_once, which, count = np.unique(
+        np.concatenate(sides), axis=0, return_inverse=True, return_counts=True
+    )
+    order = np.argsort(which.ravel(), kind="stable")
+    of_sides = np.concatenate(normals)[order]
+    first = np.cumsum(count) - count
+    second = np.minimum(first + 1, len(order) - 1)
+    # Elements of shells may be turned over: the sign of a normal means nothing.
+    aligned = np.abs(np.einsum("ni,ni->n", of_sides[first], of_sides[second]))
+    # Faces that meet at a larger angle have a line between them: those of a mesh on one wall do
+    # not, nor do those around a column of twelve sides.
+    kept: Corners = sides_once[(count != 2) | (aligned < math.cos(math.radians(35.0)))]
+    return kept
+
+
+def draw_faces(
+    ax: Any, points: FloatArray, faces: Sequence[Sequence[int]], alpha: float, colours: Any
+) -> None:
+    """Faces between ``points`` (n_points, 3), as one picture within a drawing."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    for corners in by_corners(faces):
+        ax.add_collection3d(
+            Poly3DCollection(
+                points[corners],
+                facecolors=colours(corners) if callable(colours) else colours,
+                edgecolors="none",
+                linewidths=0.0,
+                antialiaseds=False,
+                alpha=alpha,
+                rasterized=True,
+            )
+        )
