@@ -219,14 +219,14 @@ def test_rows_may_stand_in_another_order():
         (
             [export(1.1, 1.2)],
             [],
-            r"XX",
+            r"1.1-1.2.sti: no other export alters alone 'columns'; choose from nothing",
         ),
         ([export()], [], r"1.0-1.0.sti: must alter one property"),
         ([export(1.1), export(1.1)], [], r"another export has the same factor of 'columns'"),
         (
             [export(1.1)],
             [export(1.0, 1.1)],
-            r"'slab' is not altered alone .* altered are 'columns'",
+            r"no other export alters alone 'slab'; choose from 'columns'",
         ),
         (
             [AlteredModel("f", {"columns": 1.1}, NOMINAL)],
