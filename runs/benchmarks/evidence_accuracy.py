@@ -74,7 +74,7 @@ def ours(problem: Problem, seed: int) -> Run:
         "evaluations": sampled.n_evaluations,
         "seconds": seconds,
         "failed_checks": failed_checks(sampled),
-        "largest_unseen_mass": sampled.largest_unseen_mass,
+        "largest_unseen_mass": sampled.search.largest_unseen_mass,
     }
 
 

@@ -10,10 +10,10 @@ from scipy.special import ndtr, ndtri
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.edges import edges
-from bayes_ssi.inference.sampling import chains
 from bayes_ssi.inference.sampling.checks import failed_checks
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.regions import Regions
+from bayes_ssi.inference.sampling.settings import ChainSettings
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz
@@ -36,9 +36,8 @@ def two_bumps(z):
 @pytest.fixture(scope="module")
 def sampled():
     """A result in which all is well, to be spoilt one thing at a time; two regions, long chains."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chains, "STEPS_OF_A_CHECK", 1000)
-        return sample_target(Target(two_bumps, 2), np.random.SeedSequence(4))
+    long_chains = ChainSettings(steps_of_check=1000)
+    return sample_target(Target(two_bumps, 2), np.random.SeedSequence(4), chains=long_chains)
 
 
 def test_nothing_fails_where_all_is_well(sampled):
@@ -160,12 +159,10 @@ def in_first_region(sampled, z):
 def test_a_region_that_the_compressions_missed_is_reported(sampled):
     missing = []
     for each in sampled.compressions:
-        first = np.flatnonzero(in_first_region(sampled, each.positions))
-        kept = np.resize(first, len(each.positions))
+        first = np.flatnonzero(in_first_region(sampled, each.draws))
+        kept = np.resize(first, len(each.draws))
         missing.append(
-            replace(
-                each, positions=each.positions[kept], log_likelihoods=each.log_likelihoods[kept]
-            )
+            replace(each, draws=each.draws[kept], log_likelihoods=each.log_likelihoods[kept])
         )
     (check,) = failed_checks(replace(sampled, compressions=tuple(missing)))
     assert check.startswith(
@@ -196,10 +193,10 @@ def test_a_small_region_may_be_missed(sampled):
         sampled,
         importance=replace(sampled.importance, log_likelihoods=log_likelihoods),
         compressions=tuple(
-            replace(s, positions=np.resize(s.positions[in_first_region(sampled, s.positions)],
-                                           s.positions.shape)) for s in sampled.compressions
+            replace(c, draws=np.resize(c.draws[in_first_region(sampled, c.draws)], c.draws.shape))
+            for c in sampled.compressions
         ),
-    )  # fmt: skip
+    )
     assert small.region_shares[1] < 0.02
     assert not [check for check in failed_checks(small) if "region" in check]
 

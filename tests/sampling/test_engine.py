@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from bayes_ssi.inference.sampling import chains, engine
+from bayes_ssi.inference.sampling.chains import ProposalFitting
 from bayes_ssi.inference.sampling.checks import failed_checks
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.ensembles import Ensemble, run_ensemble
@@ -14,8 +15,7 @@ from bayes_ssi.inference.sampling.importance import ImportanceSampler
 from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.inference.sampling.multistart import MultistartSearch
-from bayes_ssi.inference.sampling.proposals import ProposalFitting
-from bayes_ssi.inference.sampling.settings import SamplingSettings
+from bayes_ssi.inference.sampling.settings import ChainSettings, SamplingSettings
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
 
 
@@ -200,13 +200,12 @@ def test_a_likelihood_that_is_zero_in_places():
     )
 
 
-def test_importance_draws_take_the_place_of_chains_that_are_too_short(monkeypatch):
+def test_importance_draws_take_the_place_of_chains_that_are_too_short():
     """N(0.9, 0.1²) from a prior N(0, 1) and one datum; chains of 20 steps never suffice."""
     variance = 1.0 / 99.0
     target = Target(lambda z: -0.5 * (z[:, 0] - 0.909) ** 2 / variance, 1)
-    monkeypatch.setattr(chains, "STEPS_OF_A_CHECK", 20)
-    monkeypatch.setattr(chains, "FEW_STEPS", 20)
-    result = sample_target(target, np.random.SeedSequence(3))
+    short = ChainSettings(steps_of_check=20, few_steps=20)
+    result = sample_target(target, np.random.SeedSequence(3), chains=short)
     assert not any(ensemble.is_long_enough for ensemble in result.ensembles)
     assert result.draws == result.resampled
     exact = 0.909 / (1.0 + variance)
@@ -324,14 +323,14 @@ def test_a_mixture_that_fits_worse_than_the_last_is_dropped(monkeypatch):
 
 def test_short_chains_check_importance_draws_that_serve(monkeypatch):
     runs = counted_ensembles(monkeypatch)
-    monkeypatch.setattr(chains, "SLOW", 0.5)  # all chains would count as slow
+    all_slow = ChainSettings(few_steps=25)
     starts = SuggestedStarts(np.array([[1.0]]), 0)
     target = Target(one_observation, 1, suggest_starts=lambda _rng: starts)
-    result = sample_target(target, np.random.SeedSequence(0))
+    result = sample_target(target, np.random.SeedSequence(0), chains=all_slow)
     assert not failed_checks(result)
     assert not result.compressions
     assert [slowest for slowest, _ in runs] == [math.inf] * 2
-    assert all(n_steps <= chains.STEPS_OF_A_CHECK for _, n_steps in runs)
+    assert all(n_steps <= all_slow.steps_of_check for _, n_steps in runs)
 
 
 def test_slow_chains_from_particles_are_refitted(monkeypatch):
@@ -339,9 +338,11 @@ def test_slow_chains_from_particles_are_refitted(monkeypatch):
         return -0.5 * ((np.linalg.norm(z, axis=1) - 2.0) / 0.2) ** 2
 
     runs = counted_ensembles(monkeypatch)
-    monkeypatch.setattr(chains, "SLOW", 2.0)
-    monkeypatch.setattr(chains, "MAX_REFITS", 1)
-    result = sample_target(Target(shell, 3), np.random.SeedSequence(0), SamplingSettings(0.05))
+    slow_above_2 = ChainSettings(few_steps=100, most_refits=1)
+    result = sample_target(
+        Target(shell, 3), np.random.SeedSequence(0), SamplingSettings(0.05), chains=slow_above_2
+    )
+    assert slow_above_2.slow == 2.0
     assert not failed_checks(result)
     assert [slowest for slowest, _ in runs] == [2.0] * 2 + [math.inf] * 2
 

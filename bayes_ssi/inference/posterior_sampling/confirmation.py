@@ -16,7 +16,7 @@ from bayes_ssi.inference.posterior_sampling.required_accuracy import (
     evenly_spaced_draws,
     with_exact_structures,
 )
-from bayes_ssi.inference.sampling.checks import REACHED
+from bayes_ssi.inference.sampling.settings import CHECKS
 from bayes_ssi.structures.modal import mac
 
 # Largest error of the correction, as a share of the wanted error of the log evidence: the rest is
@@ -46,7 +46,7 @@ class Confirmation(NamedTuple):
                 f"full solutions at draws change the log evidence by {self.correction:+.2f}: the "
                 "approximate structure is too coarse where the posterior lies",
             )
-        if self.error > REACHED * log_evidence_error:
+        if self.error > CHECKS.error_over_wanted * log_evidence_error:
             return (
                 f"{len(self.values)} full solutions at draws leave an error of {self.error:.2g} in "
                 f"the log evidence, more than the {log_evidence_error:g} wanted: the structure's "

@@ -84,7 +84,7 @@ def sample_as_it_is(
         acceptance=float(np.mean([e.acceptance for e in sampled.draws])),
         n_evaluations=sampled.n_evaluations,
         n_searches=sampled.search.n_searches,
-        largest_unseen_mass=sampled.largest_unseen_mass,
+        largest_unseen_mass=sampled.search.largest_unseen_mass,
         seconds=perf_counter() - started,
         failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
         edges=tuple(edges(model_class, z.reshape(-1, n), at_values.frequencies_hz)),
@@ -189,7 +189,7 @@ def _corrected_draws(
 def _regions(sampled: SamplingResult, z: FloatArray, values: FloatArray) -> tuple[Region, ...]:
     regions = sampled.regions
     shares, errors = sampled.region_shares, sampled.region_errors
-    of_compressions = [regions.shares(each.positions) for each in sampled.compressions]
+    of_compressions = [regions.shares(each.draws) for each in sampled.compressions]
     labels = regions.assign(z.reshape(-1, z.shape[-1]))
     flat = values.reshape(-1, values.shape[-1])
     records = [

@@ -16,12 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-
-# The polynomials' arguments end at this multiple of a component's width: hardly a draw is further
-# out, and powers of polynomials of polynomials stay finite.
-REACH = 10.0
-# Relative variance of a combination of monomials below which its coefficient is left out.
-LEAST_DISTINCT = 1e-9
+from bayes_ssi.inference.sampling.settings import MIXTURES
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,21 +84,21 @@ def fit_bend(
     Returns:
         The bend, and the width (d,) of each coordinate about its polynomial: w = u / widths.
     """
-    d = len(u)
+    d, reach = len(u), MIXTURES.bend_reach
     widths = np.ones(d)
     coefficients = np.zeros((d, n_monomials(d - 1, degree)))
     v = u[0]
     terms = np.ones((1, u.shape[1]))
     for j in range(1, d):
-        terms = _with_variable(terms, np.clip(v, -REACH, REACH), j - 1, degree)
+        terms = _with_variable(terms, np.clip(v, -reach, reach), j - 1, degree)
         weighted = terms * weights
         # Of monomials that the draws hardly distinguish the least coefficients will do.
-        fitted = np.linalg.lstsq(weighted @ terms.T, weighted @ u[j], LEAST_DISTINCT)[0]
+        fitted = np.linalg.lstsq(weighted @ terms.T, weighted @ u[j], rcond=1e-9)[0]
         residuals = u[j] - fitted @ terms
         widths[j] = math.sqrt(float(weights @ residuals**2) / total + floors[j])
         coefficients[j, : len(terms)] = fitted / widths[j]
         v = residuals / widths[j]
-    return Bend(coefficients, degree, np.full(1, REACH)), widths
+    return Bend(coefficients, degree, np.full(1, reach)), widths
 
 
 def n_monomials(n_variables: int, degree: int) -> int:

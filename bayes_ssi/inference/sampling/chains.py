@@ -1,59 +1,106 @@
-"""Two independent ensembles: the posterior's draws, or a check of importance draws that suffice."""
+"""Mixtures fitted to posterior draws, and the two ensembles whose moves these propose.
+
+The ensembles are the posterior's draws, or check importance draws that suffice.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_ssi.inference.sampling.diagnostics import LENGTH_IN_AUTOCORRELATION_TIMES, PARETO_K_LIMIT
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.ensembles import Ensemble, Walkers, run_ensemble
-from bayes_ssi.inference.sampling.importance import ImportanceSample, ScoredDraws
-from bayes_ssi.inference.sampling.proposals import ProposalFitting
-from bayes_ssi.inference.sampling.settings import SamplingSettings, StepProgress, part
-from bayes_ssi.inference.sampling.target import Target
-
-# An ensemble that needs more steps than this mixes slowly, and starts again with a better mixture.
-FEW_STEPS = 1000
-SLOW = FEW_STEPS / LENGTH_IN_AUTOCORRELATION_TIMES
-# Steps of a chain that only checks importance draws. Half of them are local moves, which go where
-# the mixture does not: as many as in 500 steps of which the mixture proposes nine tenths.
-STEPS_OF_A_CHECK, SHARE_IN_A_CHECK = 100, 0.5
-# Most refits of the mixture; they end earlier where a refit raises the efficiency of importance
-# draws by less than this factor.
-MAX_REFITS, WORTH_REFITTING = 4, 1.2
-# Below this efficiency importance draws are poor: chains are run to their full length, and the
-# mixture is finally fitted to their draws.
-LEAST_EFFICIENCY = 0.1
-# A fit of a mixture takes as long as some ten thousand evaluations of a small structure: it pays
-# only where more batches of importance draws than this would be needed without it.
-MOST_BATCHES = 8
+from bayes_ssi.inference.sampling.importance import (
+    ImportanceSample,
+    ImportanceSampler,
+    ScoredDraws,
+)
+from bayes_ssi.inference.sampling.maxima import Maxima
+from bayes_ssi.inference.sampling.mixture import Proposal, StudentMixture
+from bayes_ssi.inference.sampling.mixture_fitting import choose_mixture
+from bayes_ssi.inference.sampling.settings import (
+    CHAINS,
+    IMPORTANCE,
+    ChainSettings,
+    SamplingSettings,
+    StepProgress,
+    part,
+)
 
 
-def serves(sample: ImportanceSample) -> bool:
-    """Whether importance draws can take the place of long chains.
+@dataclass(frozen=True)
+class ProposalFitting:
+    """Fits mixtures, each of which is tried out on a batch of importance draws.
 
-    A heavy tail of few weights is left to components that are added there.
+    Attributes:
+        maxima: maxima of the posterior. Every mixture has components around them, so that regions
+            that the draws lost are still proposed.
+        wanted_error: of the log evidence.
     """
-    return sample.efficiency >= LEAST_EFFICIENCY
 
+    sampler: ImportanceSampler
+    maxima: Maxima
+    wanted_error: float = SamplingSettings.log_evidence_error
+    chains: ChainSettings = CHAINS
 
-def is_worth_refitting(
-    sample: ImportanceSample, settings: SamplingSettings, fitting: ProposalFitting
-) -> bool:
-    """Whether importance draws are poor, or need so many more that a trial of others may pay."""
-    needed = len(sample.z) * (sample.estimate.error / settings.log_evidence_error) ** 2
-    return not serves(sample) or needed - len(sample.z) > MOST_BATCHES * fitting.sampler.batch
+    def fitted(self, draws: FloatArray, held_out: FloatArray) -> ImportanceSample:
+        """Importance draws from a mixture fitted to ``draws`` and judged by ``held_out``."""
+        return self.sampler.sample(self._mixture(draws, self._thinned(held_out)))
+
+    def refitted(self, ensembles: Sequence[Ensemble], trial: ImportanceSample) -> ImportanceSample:
+        """A trial of a mixture fitted to two ensembles; ``trial`` if that suits their draws better.
+
+        The efficiency of importance draws does not decide: unlike the draws of the ensembles,
+        they do not show a region that their mixture lacks.
+        """
+        draws, held_out = (ensemble.draws for ensemble in ensembles)
+        held_out = self._thinned(held_out)
+        mixture = self._mixture(draws, held_out).with_prior_component(self.sampler.prior_share)
+        if trial.mixture.log_pdf(held_out).mean() >= mixture.log_pdf(held_out).mean():
+            return trial
+        return self.sampler.sample(mixture)
+
+    def proposal(self, trial: ImportanceSample) -> Proposal:
+        """The mixture of ``trial`` as the ensembles' proposal.
+
+        Draws that lost a region leave its component too little weight; the importance draws give
+        every component its share.
+        """
+        mixture = trial.mixture.reweighted(trial.z, trial.weights).with_prior_component()
+        # The better the mixture, the less is left for other moves to do.
+        return Proposal(mixture, min(0.7 + trial.efficiency, 0.95))
+
+    def serves(self, sample: ImportanceSample) -> bool:
+        """Whether importance draws can take the place of long chains.
+
+        A heavy tail of few weights is left to components that are added there.
+        """
+        return sample.efficiency >= self.chains.least_efficiency
+
+    def is_worth_refitting(self, sample: ImportanceSample) -> bool:
+        """Whether a refit may pay: importance draws are poor, or so many more are needed."""
+        needed = len(sample.z) * (sample.estimate.error / self.wanted_error) ** 2
+        enough = self.chains.most_batches * self.sampler.batch
+        return not self.serves(sample) or needed - len(sample.z) > enough
+
+    def _mixture(self, draws: FloatArray, held_out: FloatArray) -> StudentMixture:
+        fitted = choose_mixture(self._thinned(draws), held_out, self.sampler.rng)
+        return fitted.mixed_with(self.maxima.as_mixture()).widened()
+
+    def _thinned(self, draws: FloatArray) -> FloatArray:
+        """As many of the draws as a batch of importance draws has, at random."""
+        n = self.sampler.batch
+        return draws if len(draws) <= n else self.sampler.rng.choice(draws, n, replace=False)
 
 
 def run_ensembles(
-    target: Target,
     walkers: Sequence[Walkers],
     fitting: ProposalFitting,
     trial: ImportanceSample,
-    settings: SamplingSettings,
+    max_steps: int,
     seeds: Sequence[np.random.SeedSequence],
     progress: StepProgress,
     particles: Sequence[ScoredDraws] = (),
@@ -66,43 +113,45 @@ def run_ensembles(
     are stopped. Where chains or particles are where importance draws are not, chains continue from
     their positions with a mixture fitted to their draws.
     """
-    seeds_of_attempts = zip(*(seed.spawn(MAX_REFITS + 1) for seed in seeds), strict=True)
+    chains, wanted_error = fitting.chains, fitting.wanted_error
+    seeds_of_attempts = zip(*(seed.spawn(chains.most_refits + 1) for seed in seeds), strict=True)
     settled = False
     for attempt, attempt_seeds in enumerate(seeds_of_attempts):
-        settled = settled or attempt == MAX_REFITS
+        settled = settled or attempt == chains.most_refits
         proposal = fitting.proposal(trial)
-        efficient = serves(trial)
+        efficient = fitting.serves(trial)
         checked = efficient and not particles
         if checked:
-            proposal = proposal._replace(share=SHARE_IN_A_CHECK)
-        enough = STEPS_OF_A_CHECK if checked else FEW_STEPS if efficient else settings.max_steps
-        longest = min(settings.max_steps, enough)
-        slowest = math.inf if settled or checked else SLOW
+            proposal = proposal._replace(share=chains.mixture_share_in_check)
+        enough = chains.steps_of_check if checked else chains.few_steps if efficient else max_steps
+        slowest = math.inf if settled or checked else chains.slow
         ensembles = [
             run_ensemble(
-                target, start, proposal, longest, seed, part(progress, "ensembles", i, 2), slowest
+                fitting.sampler.target,
+                start,
+                proposal,
+                min(max_steps, enough),
+                seed,
+                part(progress, "ensembles", i, 2),
+                slowest,
             )
             for i, (start, seed) in enumerate(zip(walkers, attempt_seeds, strict=True))
         ]
-        fast = all(each.autocorrelation_times.max() <= slowest for each in ensembles)
-        if not is_worth_refitting(trial, settings, fitting):
+        fast = all(ensemble.autocorrelation_times.max() <= slowest for ensemble in ensembles)
+        if not fitting.is_worth_refitting(trial):
             # As many draws as the evidence needs, some of them where walkers went.
-            sampler = replace(fitting.sampler, max_draws=MOST_BATCHES * fitting.sampler.batch)
-            trial = sampler.refined(trial, settings.log_evidence_error, (*ensembles, *particles))
+            most_draws = chains.most_batches * fitting.sampler.batch
+            sampler = replace(fitting.sampler, max_draws=most_draws)
+            trial = sampler.refined(trial, wanted_error, (*ensembles, *particles))
         missed = trial.share_beyond((*ensembles, *particles))
-        agree = trial.pareto_k <= PARETO_K_LIMIT and missed <= settings.log_evidence_error
+        agree = trial.pareto_k <= IMPORTANCE.pareto_k_limit and missed <= wanted_error
         if settled or (fast and agree):
             break
-        walkers = [each.walkers for each in ensembles]
+        walkers = [ensemble.walkers for ensemble in ensembles]
         before = trial.efficiency
         trial = fitting.refitted(ensembles, trial)
         # Mixtures hardly fit this posterior, but well enough for importance draws.
-        settled = efficient and trial.efficiency < WORTH_REFITTING * before
-    if is_worth_refitting(trial, settings, fitting):
+        settled = efficient and trial.efficiency < chains.least_improvement * before
+    if fitting.is_worth_refitting(trial):
         trial = fitting.refitted(ensembles, trial)
     return ensembles, trial
-
-
-def are_cut_short(ensembles: Sequence[Ensemble], settings: SamplingSettings) -> bool:
-    """Whether longer chains than these were allowed, and needed."""
-    return settings.max_steps > STEPS_OF_A_CHECK and not all(e.is_long_enough for e in ensembles)

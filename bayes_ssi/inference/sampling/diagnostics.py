@@ -11,16 +11,6 @@ from scipy.special import logsumexp, ndtri
 
 from bayes_ssi.foundations.arrays import FloatArray
 
-# A chain is long enough at this many of its own estimated autocorrelation times; shorter chains
-# underestimate them (Foreman-Mackey et al. 2013).
-LENGTH_IN_AUTOCORRELATION_TIMES = 50
-# With a heavier tail of the weights, the error of an importance estimate cannot be trusted
-# (Vehtari et al. 2024).
-PARETO_K_LIMIT = 0.7
-# Largest share of the evidence that one importance draw should carry: it alone would move the log
-# evidence by twice the default wanted error.
-LARGEST_WEIGHT = 0.02
-
 
 def autocorrelation_times(chain: FloatArray) -> FloatArray:
     """Integrated autocorrelation times in steps of a chain (n_steps, n_walkers, k), (k,).
@@ -108,11 +98,6 @@ class ParetoTail(NamedTuple):
         return beyond / n
 
 
-def pareto_shape(weights: FloatArray) -> float:
-    """The shape k of the tail of positive weights (n,); see :func:`pareto_tail`."""
-    return pareto_tail(weights).k
-
-
 def pareto_tail(weights: FloatArray) -> ParetoTail:
     """The tail of positive weights (n,), by the fit of Zhang and Stephens (2009).
 
@@ -127,9 +112,8 @@ def pareto_tail(weights: FloatArray) -> ParetoTail:
     threshold, share = float(largest[0]), n_tail / n
     excess = largest[1:] - threshold
     if not excess[-1] > 1e-10 * largest[-1]:
-        return ParetoTail(
-            -math.inf, 0.0, threshold, share
-        )  # weights that are equal but for rounding
+        # Weights that are equal but for rounding.
+        return ParetoTail(-math.inf, 0.0, threshold, share)
     n_trials = 30 + int(math.sqrt(n_tail))
     quartile = excess[int(n_tail / 4 + 0.5) - 1]
     if not quartile > 1e-290 * excess[-1]:

@@ -23,46 +23,35 @@ from functools import cached_property
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.bridge import bridge_sampling
-from bayes_ssi.inference.sampling.chains import (
-    LEAST_EFFICIENCY,
-    MAX_REFITS,
-    WORTH_REFITTING,
-    are_cut_short,
-    is_worth_refitting,
-    run_ensembles,
-    serves,
-)
+from bayes_ssi.inference.sampling.chains import ProposalFitting, run_ensembles
 from bayes_ssi.inference.sampling.checks import failed_checks
 from bayes_ssi.inference.sampling.compression import (
     Compression,
     compress_prior,
     compression_estimate,
 )
-from bayes_ssi.inference.sampling.diagnostics import PARETO_K_LIMIT
 from bayes_ssi.inference.sampling.ensembles import Ensemble, Walkers
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
-from bayes_ssi.inference.sampling.importance import ImportanceSample, ImportanceSampler, ScoredDraws
+from bayes_ssi.inference.sampling.importance import (
+    ImportanceSample,
+    ImportanceSampler,
+    ScoredDraws,
+    bridge_sampling,
+)
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
-from bayes_ssi.inference.sampling.mixture_fitting import DRAWS_PER_DIMENSION
 from bayes_ssi.inference.sampling.multistart import MultistartSearch, search_maxima
-from bayes_ssi.inference.sampling.proposals import ProposalFitting
-from bayes_ssi.inference.sampling.regions import Regions, find_regions, local_maxima
-from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
+from bayes_ssi.inference.sampling.regions import Regions, find_regions
 from bayes_ssi.inference.sampling.result import SamplingResult
-from bayes_ssi.inference.sampling.settings import SamplingSettings, StepProgress, part
+from bayes_ssi.inference.sampling.settings import (
+    CHAINS,
+    IMPORTANCE,
+    MIXTURES,
+    ChainSettings,
+    SamplingSettings,
+    StepProgress,
+    part,
+)
 from bayes_ssi.inference.sampling.target import Target
-
-# Walkers of one ensemble; four per dimension if that is more (emcee's moves need two).
-WALKERS = 32
-# Effective sample size with which importance draws can replace those of the ensembles.
-SUFFICIENT = 2000
-# Wanted standard error of the regions' shares, relative to that of the log evidence.
-SHARE_ERROR = 0.3
-# Most particles from which further ascents begin, and of how many they are the local maxima: the
-# time to find neighbours in many dimensions rises with the square of that.
-MAX_CLIMBERS, MAX_COMPARED = 32, 4000
 
 
 def sample_target(
@@ -70,6 +59,7 @@ def sample_target(
     seed: np.random.SeedSequence,
     settings: SamplingSettings | None = None,
     progress: StepProgress = lambda _step, _done: None,
+    chains: ChainSettings = CHAINS,
 ) -> SamplingResult:
     """Sample the posterior of ``target`` and estimate its evidence.
 
@@ -81,7 +71,7 @@ def sample_target(
     with threadpool_limits(limits=1, user_api="blas"):
         seeds = seed.spawn(6)
         rng = np.random.default_rng(seeds[5])
-        return _Sampling(target, settings, seeds, rng, progress).result()
+        return _Sampling(target, settings, chains, seeds, rng, progress).result()
 
 
 @dataclass(frozen=True)
@@ -94,6 +84,7 @@ class _Sampling:
 
     target: Target
     settings: SamplingSettings
+    chains: ChainSettings
     seeds: Sequence[np.random.SeedSequence]
     rng: np.random.Generator
     progress: StepProgress
@@ -104,7 +95,7 @@ class _Sampling:
 
     @property
     def n_walkers(self) -> int:
-        return max(WALKERS, 4 * self.target.n_dimensions)
+        return max(self.chains.walkers, 4 * self.target.n_dimensions)
 
     def result(self) -> SamplingResult:
         search = search_maxima(
@@ -121,14 +112,17 @@ class _Sampling:
         self.progress("evidence", 1.0)
         return result
 
+    def _fitting(self, maxima: Maxima) -> ProposalFitting:
+        return ProposalFitting(self.sampler, maxima, self.settings.log_evidence_error, self.chains)
+
     def _from_maxima(self, search: MultistartSearch) -> SamplingResult | None:
         """The result without particles; None where Laplace's approximation does not suffice.
 
         Mixtures are fitted to the importance draws until these serve, and are few enough.
         """
-        fitting = ProposalFitting(self.sampler, search.maxima)
+        fitting = self._fitting(search.maxima)
         first = self.sampler.sample(search.maxima.as_mixture().widened())
-        enough = DRAWS_PER_DIMENSION * self.target.n_dimensions
+        enough = MIXTURES.draws_per_dimension * self.target.n_dimensions
         if first.effective_sample_size < enough:
             first = self.sampler.extended(first, 4.0)
         if first.effective_sample_size < enough:
@@ -136,8 +130,8 @@ class _Sampling:
             # and components added to it may end where it does.
             return None
         best = first
-        for _ in range(MAX_REFITS):
-            if not serves(best):  # more draws that matter give a better fit
+        for _ in range(self.chains.most_refits):
+            if not fitting.serves(best):  # more draws that matter give a better fit
                 best = self.sampler.extended(self.sampler.refined(best, math.inf), 4.0)
             halves = best.split_in_two(self.rng)
             if min(half.effective_sample_size for half in halves) < enough:
@@ -145,14 +139,14 @@ class _Sampling:
             starts = [half.resampled(self.rng) for half in halves]
             trial = fitting.fitted(starts[0].draws, starts[1].draws)
             gain = trial.efficiency / best.efficiency
-            if gain * WORTH_REFITTING > 1.0:
+            if gain * self.chains.least_improvement > 1.0:
                 best = trial
-            in_vain = gain < WORTH_REFITTING
-            if serves(best) and (in_vain or not is_worth_refitting(best, self.settings, fitting)):
+            in_vain = gain < self.chains.least_improvement
+            if fitting.serves(best) and (in_vain or not fitting.is_worth_refitting(best)):
                 break
         # Twice as many walkers make half as many steps for a check of equal size.
         n = 2 * self.n_walkers
-        walkers = [Walkers(each.draws[:n], each.log_posteriors[:n, 0]) for each in starts]
+        walkers = [Walkers(start.draws[:n], start.log_posteriors[:n, 0]) for start in starts]
         check = EvidenceEstimate("importance draws around maxima", *astuple(first.estimate))
         return self._sampled(search, fitting, best, walkers, [check])
 
@@ -166,13 +160,12 @@ class _Sampling:
             part(self.progress, "compression of the prior"),
         )
         # Particles may have passed through regions that no search found: climb from there, too.
-        climbers = np.concatenate([_climbers(each, search.maxima) for each in compressions])
-        maxima = find_maxima(self.target, climbers, search.maxima)
-        fitting = ProposalFitting(self.sampler, maxima)
+        climbers = np.concatenate([each.climbers(search.maxima) for each in compressions])
+        fitting = self._fitting(find_maxima(self.target, climbers, search.maxima))
         return self._sampled(
             search,
             fitting,
-            fitting.fitted(*(each.positions for each in compressions)),
+            fitting.fitted(*(each.draws for each in compressions)),
             [each.walkers(self.n_walkers, self.rng) for each in compressions],
             [compression_estimate(compressions)],
             compressions,
@@ -189,23 +182,19 @@ class _Sampling:
     ) -> SamplingResult:
         """Ensembles and importance draws."""
         ensembles, trial = run_ensembles(
-            self.target,
             walkers,
             fitting,
             trial,
-            self.settings,
+            self.settings.max_steps,
             self.seeds[2:4],
             self.progress,
             compressions,
         )
         importance, regions = self._importance(trial, (*ensembles, *compressions))
         resampled: tuple[Ensemble, ...] = ()
-        if are_cut_short(ensembles, self.settings):
-            importance = _with_enough_draws(self.sampler, importance)
-            size = importance.effective_sample_size
-            if importance.pareto_k <= PARETO_K_LIMIT and size >= SUFFICIENT:
-                halves = importance.split_in_two(self.rng)
-                resampled = tuple(half.resampled(self.rng) for half in halves)
+        longer_allowed = self.settings.max_steps > self.chains.steps_of_check
+        if longer_allowed and not all(each.is_long_enough for each in ensembles):
+            importance, resampled = self._in_place_of_chains(importance)
         return SamplingResult(
             search=search,
             compressions=compressions,
@@ -235,27 +224,27 @@ class _Sampling:
         if regions.n_regions == 1:
             return sample, regions
         errors = sample.share_errors(regions.assign(sample.z), regions.n_regions)
-        factor = float(errors.max() / (SHARE_ERROR * wanted_error)) ** 2
+        factor = float(errors.max() / (IMPORTANCE.share_error * wanted_error)) ** 2
         if factor > 1.0:
             # More draws can show a heavier tail.
             sample = self.sampler.extended(sample, factor)
             sample = self.sampler.refined(sample, wanted_error, others)
         return sample, regions
 
+    def _in_place_of_chains(
+        self, sample: ImportanceSample
+    ) -> tuple[ImportanceSample, tuple[Ensemble, ...]]:
+        """The sample, with more draws if it is efficient enough, and posterior draws from it.
 
-def _climbers(compression: Compression, maxima: Maxima) -> FloatArray:
-    """Particles (m, d) higher than all their neighbours on all levels, but at no known maximum."""
-    among = evenly_spaced_indices(len(compression.passed), MAX_COMPARED)
-    highest = local_maxima(compression.passed[among], compression.log_likelihoods_passed[among])
-    return highest[~maxima.are_at(highest).any(axis=0)][:MAX_CLIMBERS]
-
-
-def _with_enough_draws(sampler: ImportanceSampler, sample: ImportanceSample) -> ImportanceSample:
-    """The sample, extended to replace chains that were cut short, if it is efficient enough."""
-    while (
-        sample.efficiency >= LEAST_EFFICIENCY
-        and sample.effective_sample_size < SUFFICIENT
-        and len(sample.z) < sampler.max_draws
-    ):
-        sample = sampler.extended(sample, SUFFICIENT / sample.effective_sample_size)
-    return sample
+        There are none where it does not suffice.
+        """
+        sufficient = IMPORTANCE.sufficient_size
+        while (
+            sample.efficiency >= self.chains.least_efficiency
+            and sample.effective_sample_size < sufficient
+            and len(sample.z) < self.sampler.max_draws
+        ):
+            sample = self.sampler.extended(sample, sufficient / sample.effective_sample_size)
+        if sample.pareto_k > IMPORTANCE.pareto_k_limit or sample.effective_sample_size < sufficient:
+            return sample, ()
+        return sample, tuple(half.resampled(self.rng) for half in sample.split_in_two(self.rng))

@@ -10,11 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.diagnostics import (
-    LENGTH_IN_AUTOCORRELATION_TIMES,
-    autocorrelation_times,
-)
+from bayes_ssi.inference.sampling.diagnostics import autocorrelation_times
 from bayes_ssi.inference.sampling.mixture import Proposal
+from bayes_ssi.inference.sampling.settings import CHAINS
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 
@@ -67,7 +65,7 @@ class Ensemble:
     @property
     def needed_steps(self) -> int:
         """The smallest sufficient number of steps."""
-        return math.ceil(LENGTH_IN_AUTOCORRELATION_TIMES * self.autocorrelation_times.max())
+        return math.ceil(CHAINS.autocorrelation_times * self.autocorrelation_times.max())
 
     @property
     def is_long_enough(self) -> bool:
@@ -88,18 +86,16 @@ def run_ensemble(
     Most moves propose from a mixture, independently of a walker's position, so that walkers
     change between separate regions.
     """
-    from bayes_ssi.inference.sampling.moves import ensemble_sampler, initial_state
+    from bayes_ssi.inference.sampling.moves import begin
 
     def log_density(z: FloatArray) -> tuple[FloatArray, FloatArray]:
         values = target.log_likelihood(z)
         return values + log_standard_normal(z), values
 
-    positions, log_posteriors = walkers
-    log_likelihoods = log_posteriors - log_standard_normal(positions)
-    n_walkers, d = positions.shape
-    sampler = ensemble_sampler(log_density, n_walkers, d, proposal)
-    state = initial_state(positions, log_posteriors, log_likelihoods, np.random.default_rng(seed))
-    wanted = min(2 * LENGTH_IN_AUTOCORRELATION_TIMES, max_steps)
+    log_likelihoods = walkers.log_posteriors - log_standard_normal(walkers.positions)
+    rng = np.random.default_rng(seed)
+    sampler, state = begin(log_density, walkers, log_likelihoods, proposal, rng)
+    wanted = min(2 * CHAINS.autocorrelation_times, max_steps)
     while True:
         state = sampler.run_mcmc(state, wanted - sampler.iteration, skip_initial_state_check=True)
         chain = sampler.get_chain()

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-# Estimates that differ by more than this many standard errors of their difference disagree: by
-# chance once in 16,000 times.
-STANDARD_ERRORS = 4.0
+from bayes_ssi.inference.sampling.settings import CHECKS
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class EvidenceEstimate:
         """Whether the difference from the quoted value is within the errors or the tolerance."""
         if self.error is None:
             return True
-        allowed = max(STANDARD_ERRORS * math.hypot(self.error, quoted.error), self.tolerance)
+        allowed = max(CHECKS.standard_errors * math.hypot(self.error, quoted.error), self.tolerance)
         return abs(self.log_evidence - quoted.log_evidence) <= allowed
 
     def shifted(self, correction: float, error: float) -> EvidenceEstimate:

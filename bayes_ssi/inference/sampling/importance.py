@@ -1,4 +1,7 @@
-"""Mixture importance sampling: weighted posterior draws, whose mean weight is the evidence."""
+"""Mixture importance sampling: weighted posterior draws, whose mean weight is the evidence.
+
+Bridge sampling, which checks it, joins those draws with others from the posterior.
+"""
 
 from __future__ import annotations
 
@@ -6,30 +9,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.diagnostics import LARGEST_WEIGHT, PARETO_K_LIMIT, pareto_shape
+from bayes_ssi.inference.sampling.diagnostics import autocorrelation_times, pareto_tail
 from bayes_ssi.inference.sampling.ensembles import Ensemble
-from bayes_ssi.inference.sampling.estimates import Estimate
-from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
+from bayes_ssi.inference.sampling.estimates import Estimate, EvidenceEstimate
+from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.inference.sampling.resampling import systematic_indices
+from bayes_ssi.inference.sampling.settings import IMPORTANCE, MIXTURES
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
-
-# Most posterior draws resampled from one importance sample: enough for quantiles, few to store.
-MAX_RESAMPLED = 5000
-# Components are added where others show that a share of the posterior is missing which is this
-# multiple of the wanted error: what chains and particles show of a ridge's end is less than it has.
-SEEN = 0.1
-# Log densities of one draw, computed among different others, are the same within so many nats.
-ROUNDING = 1e-6
-# Each adds a sixth to the draws, all of them together a factor of six. One that shows what lies
-# beyond the end of a ridge, mostly nothing, adds a thirtieth.
-MAX_ADDED_COMPONENTS, ADDED, ADDED_AT_AN_END = 12, 1 / 6, 1 / 30
 
 
 class ScoredDraws(Protocol):
@@ -101,7 +94,7 @@ class ImportanceSample:
 
         Below one half, the mean of the weights has a finite variance.
         """
-        return pareto_shape(self.weights)
+        return pareto_tail(self.weights).k
 
     @property
     def estimate(self) -> Estimate:
@@ -142,14 +135,14 @@ class ImportanceSample:
         Of importance draws whose weights have a finite variance, hardly any share is.
         """
         # Chains begin at importance draws: one of both weighs the same but for rounding.
-        heaviest = self.log_weights.max() + ROUNDING
-        return max(float(np.mean(self._log_weights_of(each) > heaviest)) for each in others)
+        heaviest = self.log_weights.max() + 1e-6
+        return max(float(np.mean(self._log_weights_of(other) > heaviest)) for other in others)
 
     def heaviest_of(self, others: Sequence[ScoredDraws]) -> FloatArray:
         """The posterior draw (d,) that as an importance draw would weigh most."""
-        log_weights = np.concatenate([self._log_weights_of(each) for each in others])
-        heaviest: FloatArray = np.concatenate([each.draws for each in others])[log_weights.argmax()]
-        return heaviest
+        log_weights = np.concatenate([self._log_weights_of(other) for other in others])
+        draws = np.concatenate([other.draws for other in others])
+        return np.asarray(draws[log_weights.argmax()])
 
     def _log_weights_of(self, other: ScoredDraws) -> FloatArray:
         """Log weights (n,) of posterior draws, as importance draws."""
@@ -158,24 +151,28 @@ class ImportanceSample:
 
     def split_in_two(self, rng: np.random.Generator) -> list[ImportanceSample]:
         """The draws in two equal parts, at random."""
+        halves = np.array_split(rng.permutation(len(self.z)), 2)
         return [
-            ImportanceSample(
-                self.mixture,
-                self.z[part],
-                self.log_likelihoods[part],
-                self.log_proposals[part],
-                self.strata[part],
-            )
-            for part in np.array_split(rng.permutation(len(self.z)), 2)
+            ImportanceSample(self.mixture, *(values[half] for values in self._by_draw))
+            for half in halves
         ]
+
+    def with_more(self, more: ImportanceSample) -> ImportanceSample:
+        """These draws and ``more`` from the same mixture."""
+        both = zip(self._by_draw, more._by_draw, strict=True)
+        return ImportanceSample(self.mixture, *(np.concatenate(values) for values in both))
+
+    @property
+    def _by_draw(self) -> tuple[NDArray[Any], ...]:
+        return self.z, self.log_likelihoods, self.log_proposals, self.strata
 
     def resampled(self, rng: np.random.Generator) -> Ensemble:
         """As many equally weighted posterior draws as there are importance draws, shuffled.
 
-        At most ``MAX_RESAMPLED``. Instead of an autocorrelation time the ensemble has the number
-        of its draws over the effective sample size.
+        A few thousand at most. Instead of an autocorrelation time the ensemble has the number of
+        its draws over the effective sample size.
         """
-        n = min(len(self.z), MAX_RESAMPLED)
+        n = min(len(self.z), IMPORTANCE.most_resampled)
         chosen = rng.permutation(systematic_indices(self.weights, n, rng))
         positions = self.z[chosen][:, None]
         time = max(1.0, n / self.effective_sample_size)
@@ -224,13 +221,18 @@ class ImportanceSampler:
         particle that stays where no importance draw goes may be stuck, or stand for a part of the
         posterior, which the draws from such a component decide. Then all draws are new.
         """
-        left_to_add = MAX_ADDED_COMPONENTS
+        least_missing = IMPORTANCE.least_missing * wanted_error
+        left_to_add = IMPORTANCE.most_added
         while True:
             n_before, left_before = len(sample.z), left_to_add
             while left_to_add:
-                if self._is_poor(sample):
+                if (
+                    sample.pareto_k > IMPORTANCE.pareto_k_limit
+                    or sample.weights.max() > IMPORTANCE.largest_weight
+                    or sample.efficiency < self.least_efficiency
+                ):
                     centre = sample.z[sample.weights.argmax()]
-                elif others and sample.share_beyond(others) > SEEN * wanted_error:
+                elif others and sample.share_beyond(others) > least_missing:
                     centre = sample.heaviest_of(others)
                 else:
                     break
@@ -251,15 +253,16 @@ class ImportanceSampler:
         at those from them, until what lies beyond is negligible.
         """
         for sign in (1.0, -1.0):
-            for _ in range(MAX_ADDED_COMPONENTS // 2):
+            for _ in range(IMPORTANCE.most_added // 2):
                 mean = sample.weights @ sample.z
                 away = (sample.z - mean) * np.sqrt(sample.weights)[:, None]
                 axis = np.linalg.eigh(away.T @ away)[1][:, -1]
                 axis = sign * axis * np.sign(axis[np.abs(axis).argmax()])
                 typical, _ = sample.typical_draws
                 end = typical[(typical @ axis).argmax()]
-                sample = self._with_component(sample, end, ADDED_AT_AN_END)
-                if sample.weights @ (sample.z @ axis > end @ axis) < SEEN * wanted_error:
+                sample = self._with_component(sample, end, IMPORTANCE.added_draws_at_an_end)
+                beyond = sample.weights @ (sample.z @ axis > end @ axis)
+                if beyond < IMPORTANCE.least_missing * wanted_error:
                     break
         return sample
 
@@ -281,20 +284,7 @@ class ImportanceSampler:
         n = len(sample.z)
         wanted = int(min(1.1 * factor * n, 4.0 * n, self.max_draws))
         more = self._draw(sample.mixture, max(wanted - n, self.batch))
-        return ImportanceSample(
-            sample.mixture,
-            np.concatenate([sample.z, more.z]),
-            np.concatenate([sample.log_likelihoods, more.log_likelihoods]),
-            np.concatenate([sample.log_proposals, more.log_proposals]),
-            np.concatenate([sample.strata, more.strata]),
-        )
-
-    def _is_poor(self, sample: ImportanceSample) -> bool:
-        return (
-            sample.pareto_k > PARETO_K_LIMIT
-            or sample.weights.max() > LARGEST_WEIGHT
-            or sample.efficiency < self.least_efficiency
-        )
+        return sample.with_more(more)
 
     def _draw(self, mixture: StudentMixture, n: int) -> ImportanceSample:
         """``n`` draws, of every component in proportion to its weight."""
@@ -309,7 +299,7 @@ class ImportanceSampler:
         )
 
     def _with_component(
-        self, sample: ImportanceSample, centre: FloatArray, added: float = ADDED
+        self, sample: ImportanceSample, centre: FloatArray, added: float = IMPORTANCE.added_draws
     ) -> ImportanceSample:
         """The sample with one more component, and draws from it, at ``centre`` (d,).
 
@@ -346,4 +336,43 @@ def _around(centre: FloatArray, sample: ImportanceSample) -> StudentMixture:
     covariance = (away * weights[near, None]).T @ away / weights[near].sum()
     floor = 1e-6 * max(float(np.trace(covariance)) / d, 1e-300)
     cholesky = np.linalg.cholesky(covariance + floor * np.eye(d))
-    return StudentMixture(np.ones(1), centre[None], cholesky[None], np.full(1, HEAVY_TAILS))
+    return StudentMixture(
+        np.ones(1), centre[None], cholesky[None], np.full(1, MIXTURES.heavy_tails)
+    )
+
+
+def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> EvidenceEstimate:
+    """Bridge sampling between the posterior draws of an ensemble and those from a mixture.
+
+    The optimal bridge of Meng and Wong (1996); error after Frühwirth-Schnatter (2004), with the
+    chain's autocorrelation.
+
+    Args:
+        sample: draws from a mixture fitted without ``ensemble``.
+    """
+    log_proposals = sample.mixture.log_pdf(ensemble.draws)
+    posterior = ensemble.log_posteriors - log_proposals.reshape(ensemble.log_posteriors.shape)
+    proposal = sample.log_weights
+    n_posterior = posterior.size / float(ensemble.autocorrelation_times.max())
+    log_s1 = math.log(n_posterior / (n_posterior + proposal.size))
+    log_s2 = math.log(proposal.size / (n_posterior + proposal.size))
+    log_evidence = sample.estimate.log_evidence
+    for _ in range(200):
+        from_proposal = proposal - np.logaddexp(log_s1 + proposal, log_s2 + log_evidence)
+        from_posterior = -np.logaddexp(log_s1 + posterior, log_s2 + log_evidence)
+        updated = float(
+            logsumexp(from_proposal)
+            - math.log(proposal.size)
+            - logsumexp(from_posterior)
+            + math.log(posterior.size)
+        )
+        settled = abs(updated - log_evidence) < 1e-9
+        log_evidence = updated
+        if settled:
+            break
+    f1, f2 = (np.exp(terms - terms.max()) for terms in (from_proposal, from_posterior))
+    time = float(autocorrelation_times(f2[..., None])[0])
+    relative_variance = f1.var() / (f1.mean() ** 2 * f1.size) + time * f2.var() / (
+        f2.mean() ** 2 * f2.size
+    )
+    return EvidenceEstimate("bridge sampling", log_evidence, float(np.sqrt(relative_variance)))

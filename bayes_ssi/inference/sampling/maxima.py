@@ -16,31 +16,10 @@ from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
-from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
+from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.regions import lowest_between
+from bayes_ssi.inference.sampling.settings import MAXIMA, MIXTURES, REGIONS
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
-
-# Steps of forward first and central second differences: truncation and rounding errors balance
-# for log-likelihoods of some thousand nats.
-GRADIENT_STEP, HESSIAN_STEP = 1e-6, 1e-3
-# Steps over which the log posterior falls by more than this, in nats, are shortened: further away a
-# narrow maximum may have given way to what surrounds it.
-MOST_FALL = 0.1
-# An ascent along a curved ridge may need more steps: it is continued once.
-MAX_ASCENT_STEPS = 60
-LONGEST_STEP = 2.0  # prior standard deviations
-# Step lengths tried together, as shares of the BFGS step.
-STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])
-RISE_TO_GO_ON = 1e-3  # nats
-# Two ends of ascents are different maxima where the straight path between them falls this many nats
-# below the lower one at one of so many points: at an edge of where the likelihood is positive there
-# is no curvature to tell how far a maximum reaches.
-VALLEY_DEPTH, POINTS_BETWEEN = 2.0, 3
-# Ascents end within so many standard deviations per coordinate of a maximum: see RISE_TO_GO_ON.
-NEAR = 0.1
-# A maximum no more than this many nats above a level is at it, but for rounding.
-AT_LEVEL = 1e-6
-# A maximum with less than e^-12, 6 in a million, of the mass is left out.
-NEGLIGIBLE_LOG_MASS = -12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +38,9 @@ class Maxima:
 
     @property
     def covariances(self) -> FloatArray:
-        """Inverses of the precisions, (m, d, d)."""
-        return _inverse(self.precisions)
+        """Inverses of the precisions, (m, d, d), symmetric to the last digit."""
+        inverses = np.linalg.inv(self.precisions)
+        return np.asarray(0.5 * (inverses + inverses.transpose(0, 2, 1)), dtype=float)
 
     def are_at(self, z: FloatArray, within: float = 1.0) -> NDArray[np.bool_]:
         """Whether ``z`` (n, d) lie within so many standard deviations per coordinate, (m, n)."""
@@ -94,7 +74,7 @@ class Maxima:
         the prior is accounted for as for the posterior.
         """
         heights = self.log_posteriors - log_standard_normal(self.z) - log_likelihood
-        above = heights > AT_LEVEL
+        above = heights > 1e-6  # less is rounding
         if not above.any():
             return None
         z = self.z[above]
@@ -117,22 +97,20 @@ def reached(
     Returns:
         (m, n).
     """
-    same = maxima.are_at(z)
-    m, n = np.nonzero(same & ~maxima.are_at(z, NEAR))
-    fractions = np.arange(1, POINTS_BETWEEN + 1)[:, None, None] / (POINTS_BETWEEN + 1)
-    between = maxima.z[m] + fractions * (z[n] - maxima.z[m])
-    values = target.log_posterior(between.reshape(-1, z.shape[1])).reshape(POINTS_BETWEEN, -1)
-    lower_end = np.minimum(maxima.log_posteriors[m], log_posteriors[n])
-    same[m, n] = (values >= lower_end - VALLEY_DEPTH).all(axis=0)
-    return same
+    are_at = maxima.are_at(z)
+    m, n = np.nonzero(are_at & ~maxima.are_at(z, MAXIMA.within))
+    lower_ends = np.minimum(maxima.log_posteriors[m], log_posteriors[n])
+    lowest = lowest_between(target, maxima.z[m], z[n], lower_ends)
+    are_at[m, n] = lowest >= lower_ends - REGIONS.valley_depth
+    return are_at
 
 
 def _mixture(means: FloatArray, factors: FloatArray, log_masses: FloatArray) -> StudentMixture:
     """A component for each mean (m, d) and factor (m, d, d), but those of negligible mass."""
     log_weights = log_masses - logsumexp(log_masses)
-    kept = log_weights > NEGLIGIBLE_LOG_MASS
+    kept = log_weights > MAXIMA.negligible_log_mass
     weights = np.asarray(np.exp(log_weights[kept]), dtype=float)
-    dof = np.full(len(weights), HEAVY_TAILS)
+    dof = np.full(len(weights), MIXTURES.heavy_tails)
     return StudentMixture(weights / weights.sum(), means[kept], factors[kept], dof)
 
 
@@ -153,17 +131,16 @@ def find_maxima(target: Target, starts: FloatArray, known: Maxima | None = None)
     rough = _distinct(target, *ascend(target, starts, unit), known)
     # Ascents along a curved ridge can stop short of its top: continue with the curvature known.
     new = _distinct(target, *ascend(target, rough.z, rough.covariances), known)
-    log_posteriors = np.concatenate([known.log_posteriors, new.log_posteriors])
-    if not len(log_posteriors):
-        raise ValueError("find_maxima: the likelihood is zero at every start")
-    order = np.argsort(-log_posteriors, kind="stable")
     maxima = Maxima(
-        np.concatenate([known.z, new.z])[order],
-        log_posteriors[order],
-        np.concatenate([known.precisions, new.precisions])[order],
+        np.concatenate([known.z, new.z]),
+        np.concatenate([known.log_posteriors, new.log_posteriors]),
+        np.concatenate([known.precisions, new.precisions]),
     )
-    log_masses = maxima.log_masses
-    kept = np.flatnonzero(log_masses > log_masses.max() + NEGLIGIBLE_LOG_MASS)
+    if not len(maxima.z):
+        raise ValueError("find_maxima: the likelihood is zero at every start")
+    order = np.argsort(-maxima.log_posteriors, kind="stable")
+    log_masses = maxima.log_masses[order]
+    kept = order[log_masses > log_masses.max() + MAXIMA.negligible_log_mass]
     return Maxima(maxima.z[kept], maxima.log_posteriors[kept], maxima.precisions[kept])
 
 
@@ -184,7 +161,7 @@ def _distinct(
     precisions: list[FloatArray] = []
     while len(left):
         top, left = left[0], left[1:]
-        if log_posteriors[top] + widest < largest + NEGLIGIBLE_LOG_MASS:
+        if log_posteriors[top] + widest < largest + MAXIMA.negligible_log_mass:
             break
         precision = _precision(target, ends[top], float(log_posteriors[top]))
         maximum = Maxima(ends[[top]], log_posteriors[[top]], precision[None])
@@ -211,22 +188,23 @@ def ascend(
     active = np.flatnonzero(np.isfinite(value))
     gradient[active] = _gradient(target, z[active], value[active])
     reach = np.full(n, 1.0)
-    for _ in range(MAX_ASCENT_STEPS):
+    step_lengths = np.array(MAXIMA.step_lengths)
+    for _ in range(MAXIMA.steps_of_ascent):
         if not len(active):
             break
         slope = gradient[active]
         direction = np.einsum("nij,nj->ni", inverse[active], slope)
         expected = np.einsum("nd,nd->n", direction, slope)
         lengths = np.linalg.norm(direction, axis=1)
-        direction *= np.minimum(1.0, LONGEST_STEP / np.maximum(lengths, 1e-300))[:, None]
-        tried = z[active][None] + (STEP_LENGTHS[:, None] * reach[active])[..., None] * direction
-        values = target.log_posterior(tried.reshape(-1, d)).reshape(len(STEP_LENGTHS), -1)
+        direction *= np.minimum(1.0, MAXIMA.longest_step / np.maximum(lengths, 1e-300))[:, None]
+        tried = z[active][None] + (step_lengths[:, None] * reach[active])[..., None] * direction
+        values = target.log_posterior(tried.reshape(-1, d)).reshape(len(step_lengths), -1)
         best = values.argmax(0)
         rows = np.arange(len(active))
         rise = values[best, rows] - value[active]
         better = rise > 0
         # An ascent without a rise tries shorter steps; after a rise it returns to full steps.
-        reach[active] = np.where(better, 1.0, reach[active] * STEP_LENGTHS[-1])
+        reach[active] = np.where(better, 1.0, reach[active] * step_lengths[-1])
         moved = active[better]
         step = tried[best, rows][better] - z[moved]
         z[moved] += step
@@ -234,7 +212,7 @@ def ascend(
         new_gradient = _gradient(target, z[moved], value[moved])
         _update_inverse(inverse, moved, step, gradient[moved] - new_gradient)
         gradient[moved] = new_gradient
-        finished = (better & (rise < RISE_TO_GO_ON) & (expected < 10 * RISE_TO_GO_ON)) | (
+        finished = (better & (rise < MAXIMA.least_rise) & (expected < 10 * MAXIMA.least_rise)) | (
             reach[active] < 1e-5
         )
         active = active[~finished]
@@ -244,9 +222,9 @@ def ascend(
 def _gradient(target: Target, z: FloatArray, value: FloatArray) -> FloatArray:
     """Forward differences, (n, d), all in one batch."""
     n, d = z.shape
-    ahead = z[:, None, :] + GRADIENT_STEP * np.eye(d)
+    ahead = z[:, None, :] + MAXIMA.gradient_step * np.eye(d)
     rise = target.log_posterior(ahead.reshape(-1, d)).reshape(n, d) - value[:, None]
-    return np.nan_to_num(rise / GRADIENT_STEP, nan=0.0, posinf=0.0, neginf=0.0)
+    return np.nan_to_num(rise / MAXIMA.gradient_step, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def _update_inverse(
@@ -290,7 +268,7 @@ def _precision(target: Target, z: FloatArray, value: float) -> FloatArray:
 def _step_lengths(target: Target, z: FloatArray, value: float) -> tuple[FloatArray, FloatArray]:
     """Step lengths (d,) for second differences, and the log posteriors (2, d) one step away."""
     d = len(z)
-    lengths = np.full(d, HESSIAN_STEP)
+    lengths = np.full(d, MAXIMA.hessian_step)
     beside = np.empty((2, d))
     steep = np.arange(d)
     while len(steep):
@@ -299,14 +277,8 @@ def _step_lengths(target: Target, z: FloatArray, value: float) -> tuple[FloatArr
         beside[:, steep] = target.log_posterior(points).reshape(2, -1)
         fall = value - beside[:, steep].min(axis=0)
         with np.errstate(invalid="ignore"):
-            too_far = np.isfinite(fall) & (fall > MOST_FALL)
-        too_far &= lengths[steep] > GRADIENT_STEP
-        lengths[steep[too_far]] *= np.sqrt(0.5 * MOST_FALL / fall[too_far])
+            too_far = np.isfinite(fall) & (fall > MAXIMA.largest_fall)
+        too_far &= lengths[steep] > MAXIMA.gradient_step
+        lengths[steep[too_far]] *= np.sqrt(0.5 * MAXIMA.largest_fall / fall[too_far])
         steep = steep[too_far]
     return lengths, beside
-
-
-def _inverse(precisions: FloatArray) -> FloatArray:
-    """Inverses (m, d, d) of positive definite matrices, symmetric to the last digit."""
-    inverses = np.linalg.inv(precisions)
-    return np.asarray(0.5 * (inverses + inverses.transpose(0, 2, 1)), dtype=float)

@@ -13,15 +13,7 @@ from scipy.special import gammaln
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.bends import Bend
-
-# Degrees of freedom: the variance of importance weights stays finite where a posterior has tails
-# as heavy as those of five; thirty are nearly normal; two serve tails like those of Cauchy's.
-LIGHT_TAILS, HEAVY_TAILS, HEAVIEST_TAILS = 30.0, 5.0, 2.0
-# Weight of components added in case a mixture misses a part of the posterior: the importance
-# weights of the other draws rise by a ninth at most.
-DEFENSIVE_SHARE = 0.1
-# Densities of more points than this are computed in parts, which stay in the processor's cache.
-PART = 2048
+from bayes_ssi.inference.sampling.settings import MIXTURES
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +27,8 @@ class StudentMixture:
         dof: (K,), degrees of freedom.
         prior_share: weight of N(0, I), the defensive component: it bounds every importance
             weight by the greatest likelihood over ``prior_share``.
-        bends: of the components that follow a curved ridge, None for straight ones; empty where
-            all are straight.
+        bends: of the components that follow a curved ridge, all of one degree, None for straight
+            ones; empty where all are straight.
     """
 
     weights: FloatArray
@@ -74,8 +66,8 @@ class StudentMixture:
         whitened = factors @ z.T
         whitened -= means
         whitened = whitened.reshape(*self.means.shape, len(z))
-        for components, bends in self._bends_by_degree:
-            whitened[components] = bends.straightened(whitened[components])
+        if self._bent:
+            whitened[self._bent] = self._stacked_bends.straightened(whitened[self._bent])
         whitened *= whitened
         squares: FloatArray = whitened.sum(axis=1)
         return squares
@@ -89,8 +81,9 @@ class StudentMixture:
 
     def log_pdf(self, z: FloatArray) -> FloatArray:
         """The log density (n,) at ``z`` (n, d), the defensive component included."""
-        if len(z) > PART:
-            return np.concatenate([self.log_pdf(z[i : i + PART]) for i in range(0, len(z), PART)])
+        part = 2048  # densities of so many points stay in the processor's cache
+        if len(z) > part:
+            return np.concatenate([self.log_pdf(z[i : i + part]) for i in range(0, len(z), part)])
         total = log_sum(self.log_components(self.squared_distances(z)))
         if self.prior_share == 0.0:
             return total
@@ -98,7 +91,7 @@ class StudentMixture:
         prior = -0.5 * (np.einsum("nd,nd->n", z, z) + d * math.log(2.0 * math.pi))
         return np.logaddexp(total, prior + math.log(self.prior_share))
 
-    def with_prior_component(self, prior_share: float = DEFENSIVE_SHARE) -> StudentMixture:
+    def with_prior_component(self, prior_share: float = MIXTURES.defensive_share) -> StudentMixture:
         """This mixture with ``prior_share`` of its weight given to the prior N(0, I)."""
         weights = self.weights * ((1.0 - prior_share) / self.weights.sum())
         return replace(self, weights=weights, prior_share=prior_share)
@@ -115,11 +108,13 @@ class StudentMixture:
                 self,
                 factors=2.0 * self.factors,
                 bends=bends,
-                dof=np.minimum(self.dof, HEAVIEST_TAILS),
+                dof=np.minimum(self.dof, MIXTURES.heaviest_tails),
             )
         )
 
-    def mixed_with(self, other: StudentMixture, share: float = DEFENSIVE_SHARE) -> StudentMixture:
+    def mixed_with(
+        self, other: StudentMixture, share: float = MIXTURES.defensive_share
+    ) -> StudentMixture:
         """This mixture with ``share`` of its weight given to the components of another."""
         return StudentMixture(
             np.concatenate([self.weights * (1.0 - share), other.weights * share]),
@@ -137,7 +132,8 @@ class StudentMixture:
         """
         log_parts = self.log_components(self.squared_distances(z))
         shares = np.exp(log_parts - log_sum(log_parts)) @ weights
-        shares = (1.0 - DEFENSIVE_SHARE) * shares / shares.sum() + DEFENSIVE_SHARE / len(shares)
+        defensive = MIXTURES.defensive_share
+        shares = (1.0 - defensive) * shares / shares.sum() + defensive / len(shares)
         return replace(self, weights=shares)
 
     def draw(self, counts: NDArray[np.intp], rng: np.random.Generator) -> FloatArray:
@@ -168,17 +164,13 @@ class StudentMixture:
         return self.bends or (None,) * self.n_components
 
     @cached_property
-    def _bends_by_degree(self) -> list[tuple[list[int], Bend]]:
-        """Components with bends of each degree, and those bends."""
-        degrees = {bend.degree for bend in self.bends if bend is not None}
-        groups = [
-            [k for k, bend in enumerate(self.bends) if bend is not None and bend.degree == degree]
-            for degree in sorted(degrees)
-        ]
-        return [
-            (group, Bend.stacked([bend for k in group if (bend := self.bends[k]) is not None]))
-            for group in groups
-        ]
+    def _bent(self) -> list[int]:
+        """The bent components, whose bends are of one degree."""
+        return [k for k, bend in enumerate(self.bends) if bend is not None]
+
+    @cached_property
+    def _stacked_bends(self) -> Bend:
+        return Bend.stacked([bend for bend in self.bends if bend is not None])
 
     @property
     def all_weights(self) -> FloatArray:

@@ -10,24 +10,8 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.bends import Bend, fit_bend, n_monomials
-from bayes_ssi.inference.sampling.mixture import (
-    HEAVIEST_TAILS,
-    HEAVY_TAILS,
-    LIGHT_TAILS,
-    StudentMixture,
-    log_sum,
-)
-
-# More components or bends must raise the mean log density of held-out draws by this
-# much, in nats.
-LEAST_GAIN = 0.01
-# A component needs this many draws for each dimension, or each monomial of a bend.
-DRAWS_PER_DIMENSION = 10
-COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
-# Numbers of straight components, without those that only a curved ridge needs.
-STRAIGHT_COUNTS = COUNTS[:8]
-# A thin ridge of constant curvature needs half as many components for each degree more.
-HIGHEST_DEGREE = 4
+from bayes_ssi.inference.sampling.mixture import StudentMixture, log_sum
+from bayes_ssi.inference.sampling.settings import MIXTURES
 
 
 def fit_mixture(
@@ -48,7 +32,7 @@ def fit_mixture(
     least = min(n, _n_regressors(d, degree) + 1.0)
     last = -math.inf
     bends: tuple[Bend, ...] = ()
-    for _ in range(50):  # or until a step gains less than a tenth of LEAST_GAIN
+    for _ in range(50):  # or until a step gains less than a tenth of what a component must
         totals = responsibilities.sum(1)
         kept = totals >= least
         if not kept.all() and kept.any():
@@ -73,7 +57,7 @@ def fit_mixture(
         responsibilities = np.exp(log_parts - log_total)
         scale_weights = (dof + d) / (dof + squared_distances)
         mean_log_density = float(log_total.mean())
-        if mean_log_density - last < 0.1 * LEAST_GAIN:
+        if mean_log_density - last < 0.1 * MIXTURES.least_gain:
             break
         last = mean_log_density
     return mixture
@@ -111,18 +95,19 @@ def choose_mixture(
     last.
     """
     fitting = _Fitting(draws, held_out, rng)
-    best = fitting.of(1)
+    best = fitting.fitted(1)
     in_vain = 0
-    for count in STRAIGHT_COUNTS[1:]:
+    for count in MIXTURES.straight_counts[1:]:
         if in_vain == 2 or not fitting.affords(count):
             break
-        candidate = fitting.of(count)
+        candidate = fitting.fitted(count)
         in_vain += 1
         if candidate.improves_on(best):
             best, in_vain = candidate, 0
-    best = _with_bends(fitting, best)
-    for dof in (HEAVY_TAILS, HEAVIEST_TAILS):
-        candidate = fitting.of(best.n_components, best.degree, dof)
+    if draws.shape[1] > 1:
+        best = _with_bends(fitting, best)
+    for dof in (MIXTURES.heavy_tails, MIXTURES.heaviest_tails):
+        candidate = fitting.fitted(best.n_components, best.degree, dof)
         if candidate.log_densities.mean() <= best.log_densities.mean():
             break
         best = candidate
@@ -141,7 +126,7 @@ class _Fitted(NamedTuple):
         """Whether held-out draws are more probable by enough, and not by chance."""
         gains = self.log_densities - other.log_densities
         by_chance = 3.0 * float(gains.std()) / math.sqrt(len(gains))
-        return bool(gains.mean() > max(LEAST_GAIN, by_chance))
+        return bool(gains.mean() > max(MIXTURES.least_gain, by_chance))
 
 
 class _Fitting(NamedTuple):
@@ -152,29 +137,28 @@ class _Fitting(NamedTuple):
     def affords(self, count: int, degree: int = 1) -> bool:
         """Whether there are enough draws for so many components."""
         n, d = self.draws.shape
-        return count * _n_regressors(d, degree) * DRAWS_PER_DIMENSION <= n
+        return count * _n_regressors(d, degree) * MIXTURES.draws_per_dimension <= n
 
-    def of(self, count: int, degree: int = 1, dof: float = LIGHT_TAILS) -> _Fitted:
+    def fitted(self, count: int, degree: int = 1, dof: float = MIXTURES.light_tails) -> _Fitted:
         mixture = fit_mixture(self.draws, count, dof, self.rng, degree)
         return _Fitted(mixture, count, degree, mixture.log_pdf(self.held_out))
 
 
 def _with_bends(fitting: _Fitting, straight: _Fitted) -> _Fitted:
     """Bent components in place of straight ones, if they do better."""
-    if fitting.draws.shape[1] == 1:
-        return straight
+    counts = MIXTURES.bent_counts
     best, tried = straight, {(straight.n_components, 1)}
     while True:
-        place = COUNTS.index(best.n_components)
-        twice, half = COUNTS[place + 2 : place + 3], COUNTS[max(place - 2, 0) : place][:1]
-        neighbours = [(best.n_components, min(best.degree + 1, HIGHEST_DEGREE))]
+        place = counts.index(best.n_components)
+        twice, half = counts[place + 2 : place + 3], counts[max(place - 2, 0) : place][:1]
+        neighbours = [(best.n_components, min(best.degree + 1, MIXTURES.highest_degree))]
         if best.degree > 1:
             neighbours += [(count, best.degree) for count in (*twice, *half)]
         for count, degree in neighbours:
             if (count, degree) in tried or not fitting.affords(count, degree):
                 continue
             tried.add((count, degree))
-            candidate = fitting.of(count, degree)
+            candidate = fitting.fitted(count, degree)
             if candidate.improves_on(best):
                 best = candidate
                 break

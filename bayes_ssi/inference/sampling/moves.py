@@ -13,14 +13,13 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.packages import importing_without
+from bayes_ssi.inference.sampling.ensembles import Walkers
 from bayes_ssi.inference.sampling.mixture import Proposal, StudentMixture
 
 with importing_without("scipy.stats", package="emcee"):  # of which it has a move not used here
     import emcee
     from emcee.moves.red_blue import RedBlueMove
 
-# Proposals that need not wait for one another are evaluated in batches of this size.
-DRAWN_AT_ONCE = 512
 # Positions (n, d) → log density and log-likelihood, (n,) each.
 LogDensity = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
@@ -82,13 +81,13 @@ class _FromMixture(emcee.moves.Move):
 
     def _drawn(self, model: Any, n_walkers: int) -> list[tuple[FloatArray, ...]]:
         rng = np.random.default_rng(model.random.randint(0, 2**32, size=4, dtype=np.uint32))
-        n_steps = max(1, DRAWN_AT_ONCE // n_walkers)
+        n_steps = max(1, 512 // n_walkers)  # as many draws as make a batch pay
         counts = rng.multinomial(n_steps * n_walkers, self.mixture.all_weights)
         proposed = rng.permutation(self.mixture.draw(counts, rng))
         log_density, log_likelihoods = model.compute_log_prob_fn(proposed)
         log_weights = log_density - self.mixture.log_pdf(proposed)
         drawn = (proposed, log_density, log_likelihoods, log_weights)
-        return list(zip(*(np.split(each, n_steps) for each in drawn), strict=True))
+        return list(zip(*(np.split(values, n_steps) for values in drawn), strict=True))
 
 
 class _BatchSampler(emcee.EnsembleSampler):
@@ -105,43 +104,33 @@ class _BatchSampler(emcee.EnsembleSampler):
         return self.log_density(coords)
 
 
-def ensemble_sampler(
+def begin(
     log_density: LogDensity,
-    n_walkers: int,
-    n_dimensions: int,
+    walkers: Walkers,
+    log_likelihoods: FloatArray,
     proposal: Proposal,
+    rng: np.random.Generator,
     others: FloatArray | None = None,
-) -> emcee.EnsembleSampler:
-    """A vectorised emcee sampler, whose blobs are log-likelihoods.
+) -> tuple[emcee.EnsembleSampler, emcee.State]:
+    """A vectorised emcee sampler, whose blobs are log-likelihoods, and the state it begins in.
 
     Differential evolution and the stretch move take their directions from one half of the walkers
-    for the other, or from ``others`` (m, d) for all of them.
-
-    emcee's snooker move is not used: it divides by zero on the duplicate walkers that resampling
-    makes.
+    for the other, or from ``others`` (m, d) for all of them. emcee's snooker move is not used: it
+    divides by zero on the duplicate walkers that resampling makes.
     """
     local = (_DifferentialEvolution(), _Stretch())
     for move in local:
         move.others = others
     shares = np.array([2 / 3, 1 / 3]) * (1.0 - proposal.share)
     moves = [(_FromMixture(proposal.mixture), proposal.share), *zip(local, shares, strict=True)]
-    return _BatchSampler(n_walkers, n_dimensions, log_density, moves)
-
-
-def initial_state(
-    positions: FloatArray,
-    log_density: FloatArray,
-    log_likelihoods: FloatArray,
-    rng: np.random.Generator,
-) -> emcee.State:
-    """Walkers at ``positions`` (n, d) with a random state that follows from ``rng``."""
     # Assigning a RandomState object to a sampler does nothing; its state tuple does.
     seeds = rng.integers(0, 2**32, size=8, dtype=np.uint32)
-    random_state = np.random.RandomState(seeds).get_state()
-    return emcee.State(
-        positions,
-        log_prob=log_density,
+    state = emcee.State(
+        walkers.positions,
+        log_prob=walkers.log_posteriors,
         blobs=log_likelihoods,
-        random_state=random_state,
+        random_state=np.random.RandomState(seeds).get_state(),
         copy=True,
     )
+    n_walkers, d = walkers.positions.shape
+    return _BatchSampler(n_walkers, d, log_density, moves), state

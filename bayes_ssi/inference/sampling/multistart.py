@@ -23,22 +23,8 @@ from scipy.special import logsumexp
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima, no_maxima, reached
 from bayes_ssi.inference.sampling.regions import local_maxima
+from bayes_ssi.inference.sampling.settings import MAXIMA
 from bayes_ssi.inference.sampling.target import Target
-
-# Searches are repeated, up to this multiple of the wanted number, while a maximum with more than
-# this share of the posterior, by Laplace's approximation, was found by only one of them.
-PATIENCE = 3
-SHARE_THAT_MATTERS = 1e-3
-# Prior draws of one search, of 4000 of which a basin with a thousandth of the prior holds four, and
-# ascents at once from the highest local maxima among them. Where starts are suggested, which lead
-# to narrow basins, fewer find the wide ones.
-DRAWS, ASCENTS = 4000, 40
-DRAWS_BESIDE_STARTS, ASCENTS_BESIDE_STARTS = 1000, 10
-# A search climbs on while so many maxima, or more, are expected beyond those that it has reached,
-# but no more than so many times: of a rough posterior, each draw may be near a maximum of its own.
-EXPECTED_UNSEEN, MOST_TIMES = 0.5, 5
-# A region counts as excluded where draws would have missed it with no more than this probability.
-MISSED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +51,7 @@ class MultistartSearch:
         A larger region in which the likelihood is higher than around it was climbed to; a smaller
         one can only have been found by a slope that leads there, or by a suggested start.
         """
-        return float(-np.expm1(np.log(MISSED) / self.n_draws))
+        return float(-np.expm1(np.log(MAXIMA.missed_by_chance) / self.n_draws))
 
     @property
     def converged(self) -> bool:
@@ -76,7 +62,7 @@ class MultistartSearch:
 def _matter(maxima: Maxima) -> NDArray[np.bool_]:
     """Which of the maxima have more than a negligible share of the posterior, (m,)."""
     masses = maxima.log_masses
-    return np.asarray(masses - logsumexp(masses) > np.log(SHARE_THAT_MATTERS))
+    return np.asarray(masses - logsumexp(masses) > np.log(MAXIMA.least_share))
 
 
 def search_maxima(
@@ -94,15 +80,19 @@ def search_maxima(
         n_searches: the least number, the target's earlier one included; more follow while they do
             not agree.
         progress: called with the completed share of ``n_searches``.
-        n_draws: prior draws per search; by default :data:`DRAWS`, or fewer where the target
-            suggests starts.
+        n_draws: prior draws per search; :class:`MaximaSettings` has the default.
+        n_ascents: at once from the highest of them.
     """
     alone = target.suggest_starts is None
-    n_draws = n_draws or (DRAWS if alone else DRAWS_BESIDE_STARTS)
-    n_ascents = n_ascents or (ASCENTS if alone else ASCENTS_BESIDE_STARTS)
-    searches = _earlier_search(target)
+    n_draws = n_draws or (MAXIMA.draws if alone else MAXIMA.draws_beside_starts)
+    n_ascents = n_ascents or (MAXIMA.ascents if alone else MAXIMA.ascents_beside_starts)
+    searches: list[Maxima] = []
+    if target.known_starts is not None:
+        possible = np.isfinite(target.log_likelihood(target.known_starts))
+        if possible.any():
+            searches.append(find_maxima(target, target.known_starts[possible]))
     n_earlier = len(searches)
-    seeds = seed.spawn(max(PATIENCE * n_searches, 2))
+    seeds = seed.spawn(max(MAXIMA.most_times_wanted * n_searches, 2))
     for n_own, own_seed in enumerate(seeds, start=1):
         n = n_earlier + n_own
         searches.append(_search(target, n_draws, n_ascents, np.random.default_rng(own_seed)))
@@ -126,26 +116,18 @@ def search_maxima(
     return result
 
 
-def _earlier_search(target: Target) -> list[Maxima]:
-    """What an earlier search found, if there was one that found anything."""
-    if target.known_starts is None:
-        return []
-    possible = np.isfinite(target.log_likelihood(target.known_starts))
-    return [find_maxima(target, target.known_starts[possible])] if possible.any() else []
-
-
 def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator) -> Maxima:
     """The maxima that one search finds; none if the likelihood is zero at all its starts.
 
     As many further ascents follow, from lower and lower draws, while maxima are likely to be left.
     """
-    highest, suggested = _starts(target, n_draws, rng)
+    highest, suggested = search_starts(target, n_draws, rng)
     maxima, n_climbed = no_maxima(target.n_dimensions), 0
-    for n in range(0, MOST_TIMES * n_ascents, n_ascents):
+    for n in range(0, MAXIMA.most_rounds * n_ascents, n_ascents):
         starts = highest[n : n + n_ascents]
         if n == 0:
             starts = np.concatenate([starts, suggested])
-        if not len(starts) or _expected_unseen(maxima, n_climbed) < EXPECTED_UNSEEN:
+        if not len(starts) or _expected_unseen(maxima, n_climbed) < MAXIMA.expected_unseen:
             break
         maxima = find_maxima(target, starts, maxima)
         n_climbed += len(starts)
@@ -164,17 +146,9 @@ def _expected_unseen(maxima: Maxima, n_climbed: int) -> float:
 
 
 def search_starts(
-    target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator
-) -> FloatArray:
-    """Starts (m, d) of one search: what the target suggests, and the best of prior draws."""
-    highest, suggested = _starts(target, n_draws, rng)
-    return np.concatenate([highest[:n_ascents], suggested])
-
-
-def _starts(
     target: Target, n_draws: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Prior draws (m, d) that are higher than their neighbours, and suggested starts (n, d)."""
+    """Draws (m, d) higher than their neighbours, the highest first; suggested starts (n, d)."""
     draws = rng.standard_normal((n_draws, target.n_dimensions))
     log_likelihoods = target.log_likelihood(draws)
     possible = np.isfinite(log_likelihoods)

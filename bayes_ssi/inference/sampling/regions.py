@@ -10,34 +10,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
+from bayes_ssi.inference.sampling.settings import REGIONS
 from bayes_ssi.inference.sampling.target import Target
-
-# Neighbours per draw: enough to connect the draws of one region, in a few dimensions.
-NEIGHBOURS = 8
-# Two groups of draws are separate when every path between them leads this many nats below the
-# typical draw of the lower one.
-VALLEY_DEPTH = 2.0
-MAX_DRAWS = 1500
-# Points between two draws at which the posterior is evaluated.
-POINTS_BETWEEN = 3
-# Pairs of draws between which two groups are tested; a group of no more draws than that has most
-# of its neighbours outside, and is no region of its own.
-PAIRS = NEIGHBOURS // 2
-# Points are assigned to regions so many at a time: their distances to all draws stay in a cache.
-ROWS = 32
 
 
 def nearest_neighbours(points: FloatArray) -> NDArray[np.intp]:
     """The nearest of ``points`` (n, d) to each, (n, k), beginning with itself."""
     from scipy.spatial import cKDTree
 
-    k = min(NEIGHBOURS + 1, len(points))
+    k = min(REGIONS.neighbours + 1, len(points))
     _, nearest = cKDTree(points).query(points, k=k)
     return np.reshape(nearest, (len(points), -1)).astype(np.intp)
 
@@ -46,6 +34,17 @@ def local_maxima(draws: FloatArray, heights: FloatArray) -> FloatArray:
     """The draws (k, d) higher than all their neighbours, the highest first."""
     chosen = np.flatnonzero(heights >= heights[nearest_neighbours(draws)].max(axis=1))
     return draws[chosen[np.argsort(-heights[chosen], kind="stable")]]
+
+
+def lowest_between(
+    target: Target, a: FloatArray, b: FloatArray, lower_ends: FloatArray
+) -> FloatArray:
+    """The lowest log posterior (m,) on straight paths from ``a`` to ``b`` (m, d), ends included."""
+    n = REGIONS.points_between
+    fractions = np.arange(1, n + 1)[:, None, None] / (n + 1)
+    between = a + fractions * (b - a)
+    inside = target.log_posterior(between.reshape(-1, a.shape[1])).reshape(n, -1)
+    return np.minimum(inside.min(axis=0), lower_ends)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +68,12 @@ class Regions:
         if self.n_regions == 1:
             return np.zeros(len(z), dtype=np.intp)
         # The squared distance is |z|² - 2 (z·x - |x|²/2). All distances in one product are faster
-        # than a tree, which in ten dimensions looks into nearly all its branches.
+        # than a tree, which in ten dimensions looks into nearly all its branches; those of 32
+        # points at a time stay in a cache.
         points = np.column_stack([z @ self._whitening, np.ones(len(z))])
         nearest = np.empty(len(z), dtype=np.intp)
-        for start in range(0, len(z), ROWS):
-            rows = slice(start, start + ROWS)
+        for start in range(0, len(z), 32):
+            rows = slice(start, start + 32)
             nearest[rows] = (points[rows] @ self._whitened).argmax(axis=1)
         return self.labels[nearest]
 
@@ -93,18 +93,15 @@ class Regions:
         return np.vstack([whitened.T, -0.5 * (whitened**2).sum(axis=1)])
 
 
-def find_regions(
-    target: Target, draws: FloatArray, log_posteriors: FloatArray, max_draws: int = MAX_DRAWS
-) -> Regions:
+def find_regions(target: Target, draws: FloatArray, log_posteriors: FloatArray) -> Regions:
     """Group draws into regions.
 
     Args:
         draws: (n, d), posterior draws.
         log_posteriors: (n,), up to a constant.
     """
-    if len(draws) > max_draws:
-        chosen = evenly_spaced_indices(len(draws), max_draws)
-        draws, log_posteriors = draws[chosen], log_posteriors[chosen]
+    chosen = evenly_spaced_indices(len(draws), REGIONS.most_draws)
+    draws, log_posteriors = draws[chosen], log_posteriors[chosen]
     paths = _Paths(target, draws, log_posteriors)
     whitened = draws @ _local_whitening(draws)
     nearest = nearest_neighbours(whitened)
@@ -125,12 +122,8 @@ class _Paths:
 
     def lowest(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> FloatArray:
         """The lowest log posterior (m,) on the straight path between two draws, ends included."""
-        a, b = self.draws[first], self.draws[second]
-        fractions = np.arange(1, POINTS_BETWEEN + 1)[:, None, None] / (POINTS_BETWEEN + 1)
-        between = a + fractions * (b - a)
-        inside = self.target.log_posterior(between.reshape(-1, a.shape[1]))
-        lower_end = np.minimum(self.log_posteriors[first], self.log_posteriors[second])
-        return np.minimum(inside.reshape(POINTS_BETWEEN, -1).min(axis=0), lower_end)
+        lower_ends = np.minimum(self.log_posteriors[first], self.log_posteriors[second])
+        return lowest_between(self.target, self.draws[first], self.draws[second], lower_ends)
 
     def highest_draws(self, groups: NDArray[np.intp]) -> dict[int, int]:
         """Group → its highest draw, given the group (n,) of each draw."""
@@ -141,7 +134,7 @@ class _Paths:
 def _local_whitening(draws: FloatArray) -> FloatArray:
     """(d, d): differences between neighbouring draws, times it, have a unit covariance."""
     whitening = _whitening(draws - draws.mean(axis=0))
-    if len(draws) > NEIGHBOURS:
+    if len(draws) > REGIONS.neighbours:
         for _ in range(3):
             nearest = nearest_neighbours(draws @ whitening)
             differences = draws[nearest[:, 1:]] - draws[:, None]
@@ -166,7 +159,7 @@ def _groups(nearest: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
     leads_to = nearest[np.arange(n), rank[nearest].argmax(axis=1)]
     higher = np.flatnonzero(rank[leads_to] > rank)
     lowest = paths.lowest(higher, leads_to[higher])
-    led = higher[lowest > paths.log_posteriors[higher] - VALLEY_DEPTH]
+    led = higher[lowest > paths.log_posteriors[higher] - REGIONS.valley_depth]
     leads_to = np.arange(n)
     leads_to[led] = nearest[led, rank[nearest[led]].argmax(axis=1)]
     while True:
@@ -174,7 +167,7 @@ def _groups(nearest: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
         if np.array_equal(further, leads_to):
             break
         leads_to = further
-    return np.unique(leads_to, return_inverse=True)[1].astype(np.intp)
+    return _numbered(leads_to)
 
 
 def _joined(groups: NDArray[np.intp], pairs: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
@@ -189,9 +182,14 @@ def _joined(groups: NDArray[np.intp], pairs: NDArray[np.intp], paths: _Paths) ->
     for pair in np.argsort(-levels, kind="stable"):
         a, b = groups[pairs[pair]]
         typical = min(np.median(paths.log_posteriors[groups == group]) for group in (a, b))
-        if levels[pair] > typical - VALLEY_DEPTH:
+        if levels[pair] > typical - REGIONS.valley_depth:
             groups[groups == b] = a
-    return groups
+    return _numbered(groups)
+
+
+def _numbered(groups: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The same groups (n,), numbered from 0."""
+    return np.unique(groups, return_inverse=True)[1].astype(np.intp)
 
 
 def _neighbouring_pairs(
@@ -209,23 +207,21 @@ def _neighbouring_pairs(
     kept: dict[tuple[int, int], list[list[int]]] = {}
     for i, j in pairs[order].tolist():
         a, b = sorted((int(groups[i]), int(groups[j])))
-        of_groups = kept.setdefault((a, b), [[highest[a], highest[b]]])
-        if len(of_groups) <= PAIRS:
-            of_groups.append([i, j])
-    return np.array(
-        [pair for of_groups in kept.values() for pair in of_groups], dtype=np.intp
-    ).reshape(-1, 2)
+        between = kept.setdefault((a, b), [[highest[a], highest[b]]])
+        if len(between) <= REGIONS.pairs:
+            between.append([i, j])
+    return np.array(list(chain.from_iterable(kept.values())), dtype=np.intp).reshape(-1, 2)
 
 
 def _without_the_smallest(groups: NDArray[np.intp], whitened: FloatArray) -> NDArray[np.intp]:
     """Groups (n,) after merging those with too few draws into the nearest other group."""
     from scipy.spatial import cKDTree
 
-    large = np.bincount(groups)[groups] >= min(PAIRS + 1, np.bincount(groups).max())
+    large = np.bincount(groups)[groups] >= min(REGIONS.pairs + 1, np.bincount(groups).max())
     _, nearest = cKDTree(whitened[large]).query(whitened[~large])
     kept = groups.copy()
     kept[~large] = groups[large][np.asarray(nearest, dtype=np.intp)]
-    return np.unique(kept, return_inverse=True)[1].astype(np.intp)
+    return _numbered(kept)
 
 
 def _between_groups(
@@ -234,14 +230,14 @@ def _between_groups(
     """The nearest pairs of draws (m, 2) of every two groups, and their highest draws."""
     from scipy.spatial import cKDTree
 
-    members = [np.flatnonzero(groups == group) for group in np.unique(groups)]
+    members = [np.flatnonzero(groups == group) for group in range(groups.max() + 1)]
     highest = paths.highest_draws(groups)
     pairs: list[list[int]] = []
-    for j, of_j in enumerate(members[1:], start=1):
-        tree = cKDTree(whitened[of_j])
-        for of_i in members[:j]:
-            distances, nearest = (np.asarray(part) for part in tree.query(whitened[of_i]))
-            closest = np.argsort(distances, kind="stable")[:PAIRS]
-            pairs.extend([int(of_i[c]), int(of_j[nearest[c]])] for c in closest)
-            pairs.append([highest[int(groups[of_i[0]])], highest[int(groups[of_j[0]])]])
+    for j, second in enumerate(members[1:], start=1):
+        tree = cKDTree(whitened[second])
+        for i, first in enumerate(members[:j]):
+            distances, nearest = (np.asarray(part) for part in tree.query(whitened[first]))
+            closest = np.argsort(distances, kind="stable")[: REGIONS.pairs]
+            pairs.extend([int(first[c]), int(second[nearest[c]])] for c in closest)
+            pairs.append([highest[i], highest[j]])
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)

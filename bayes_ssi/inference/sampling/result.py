@@ -66,11 +66,6 @@ class SamplingResult:
         return self.importance.estimate
 
     @property
-    def largest_unseen_mass(self) -> float:
-        """Of the search."""
-        return self.search.largest_unseen_mass
-
-    @property
     def region_shares(self) -> FloatArray:
         """Share of the posterior in each region, (n_regions,)."""
         return self.regions.shares(self.importance.z, self.importance.weights)

@@ -17,11 +17,10 @@ from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.checks import failed_checks
-from bayes_ssi.inference.sampling.diagnostics import LARGEST_WEIGHT
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
 from bayes_ssi.inference.sampling.resampling import systematic_indices
-from bayes_ssi.inference.sampling.settings import SamplingSettings, StepProgress
+from bayes_ssi.inference.sampling.settings import IMPORTANCE, SamplingSettings, StepProgress
 from bayes_ssi.inference.sampling.target import Target
 from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
 from bayes_ssi.results.hierarchy.likelihood_fit import Bumps, LikelihoodFit, fit_likelihood
@@ -189,7 +188,7 @@ class PopulationSampler:
         log_weights = covered.corrections.sum(axis=1)
         weights = np.exp(log_weights - log_weights.max())
         largest = float(weights.max() / weights.sum())
-        if largest > LARGEST_WEIGHT:
+        if largest > IMPORTANCE.largest_weight:
             failed.append(
                 "the draws of the tests change the posterior of the population so much that one of "
                 f"{n_draws} draws carries {100 * largest:.0f} % of it"

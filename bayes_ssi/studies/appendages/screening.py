@@ -30,10 +30,11 @@ from bayes_ssi.inference.posterior_sampling.to_posterior import seed_of
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.inference.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
-from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
+from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.inference.sampling.multistart import search_maxima, search_starts
 from bayes_ssi.inference.sampling.regions import local_maxima
 from bayes_ssi.inference.sampling.resampling import systematic_indices
+from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
 from bayes_ssi.inference.workers.batch import evaluate
 from bayes_ssi.inference.workers.run import Run
@@ -204,7 +205,8 @@ def _maxima(
         target.suggest_starts = _scan(model_class, simpler, effort)
     if not effort.is_full:
         rng = np.random.default_rng(seeds[1])
-        return find_maxima(target, search_starts(target, effort.n_draws, effort.n_ascents, rng))
+        highest, suggested = search_starts(target, effort.n_draws, rng)
+        return find_maxima(target, np.concatenate([highest[: effort.n_ascents], suggested]))
     search = search_maxima(target, 1, seeds[1], n_draws=effort.n_draws, n_ascents=effort.n_ascents)
     return find_maxima(target, narrow, search.maxima) if len(narrow) else search.maxima
 
@@ -268,7 +270,7 @@ def _extended(model_class: ModelClass, simpler: Screened) -> StudentMixture:
         weights=weights,
         means=means,
         factors=factors,
-        dof=np.full(k, HEAVY_TAILS),
+        dof=np.full(k, MIXTURES.heavy_tails),
         prior_share=0.0,
     )
 
