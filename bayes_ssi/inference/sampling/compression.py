@@ -302,8 +302,8 @@ def _moved(
     from bayes_ssi.inference.sampling.moves import begin
 
     ranks = _ranks(log_likelihoods, rng)
-    walkers = Walkers(positions, log_standard_normal(positions))
-    sampler, start = begin(log_density, walkers, log_likelihoods, proposal, rng, others)
+    values = log_standard_normal(positions), log_likelihoods
+    sampler, start = begin(log_density, positions, values, proposal, rng, others)
     left = 1.0
     states = sampler.sample(
         start, iterations=COMPRESSION.most_moves, store=False, skip_initial_state_check=True

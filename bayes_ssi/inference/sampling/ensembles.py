@@ -92,9 +92,10 @@ def run_ensemble(
         values = target.log_likelihood(z)
         return values + log_standard_normal(z), values
 
-    log_likelihoods = walkers.log_posteriors - log_standard_normal(walkers.positions)
+    positions, log_posteriors = walkers
+    values = log_posteriors, log_posteriors - log_standard_normal(positions)
     rng = np.random.default_rng(seed)
-    sampler, state = begin(log_density, walkers, log_likelihoods, proposal, rng)
+    sampler, state = begin(log_density, positions, values, proposal, rng)
     wanted = min(2 * CHAINS.autocorrelation_times, max_steps)
     while True:
         state = sampler.run_mcmc(state, wanted - sampler.iteration, skip_initial_state_check=True)

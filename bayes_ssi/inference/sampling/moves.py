@@ -13,7 +13,6 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.packages import importing_without
-from bayes_ssi.inference.sampling.ensembles import Walkers
 from bayes_ssi.inference.sampling.mixture import Proposal, StudentMixture
 
 with importing_without("scipy.stats", package="emcee"):  # of which it has a move not used here
@@ -106,13 +105,15 @@ class _BatchSampler(emcee.EnsembleSampler):
 
 def begin(
     log_density: LogDensity,
-    walkers: Walkers,
-    log_likelihoods: FloatArray,
+    positions: FloatArray,
+    values: tuple[FloatArray, FloatArray],
     proposal: Proposal,
     rng: np.random.Generator,
     others: FloatArray | None = None,
 ) -> tuple[emcee.EnsembleSampler, emcee.State]:
     """A vectorised emcee sampler, whose blobs are log-likelihoods, and the state it begins in.
+
+    ``values`` are the log density and log-likelihood at ``positions`` (n, d), (n,) each.
 
     Differential evolution and the stretch move take their directions from one half of the walkers
     for the other, or from ``others`` (m, d) for all of them. emcee's snooker move is not used: it
@@ -126,11 +127,11 @@ def begin(
     # Assigning a RandomState object to a sampler does nothing; its state tuple does.
     seeds = rng.integers(0, 2**32, size=8, dtype=np.uint32)
     state = emcee.State(
-        walkers.positions,
-        log_prob=walkers.log_posteriors,
-        blobs=log_likelihoods,
+        positions,
+        log_prob=values[0],
+        blobs=values[1],
         random_state=np.random.RandomState(seeds).get_state(),
         copy=True,
     )
-    n_walkers, d = walkers.positions.shape
+    n_walkers, d = positions.shape
     return _BatchSampler(n_walkers, d, log_density, moves), state
