@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 import bayes_ssi as bs
-from bayes_ssi.report.tables import parameter_table, ranking_table
+from bayes_ssi.report.tables.ranking_tables import parameter_table, ranking_table
 from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.studies.ranking.study_file import load_study
 

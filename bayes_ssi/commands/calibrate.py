@@ -120,7 +120,7 @@ def _same_to_the_reader(calibrations: list[Calibration]) -> list[list[Calibratio
 
 
 def _show(where: Console, group: list[Calibration]) -> None:
-    from bayes_ssi.report.tables import (
+    from bayes_ssi.report.tables.calibration_tables import (
         calibration_modes_table,
         calibration_table,
         determination_tables,

@@ -94,7 +94,7 @@ def _check_record(record: Record) -> None:
 
 def _check_modes(path: Path) -> None:
     from bayes_ssi.measurements.modes.modal_files import read_modal_data
-    from bayes_ssi.report.tables import modes_table
+    from bayes_ssi.report.tables.mode_tables import modes_table
     from bayes_ssi.results.wording import data_warnings
 
     modes = read_modal_data(path)

@@ -62,7 +62,11 @@ def hierarchy(
     from bayes_ssi.parameters.families import HalfNormal, Normal
     from bayes_ssi.plots.figure_style import figures_for_files, save_figure
     from bayes_ssi.plots.population_plot import plot_population
-    from bayes_ssi.report.tables import hierarchy_notes, population_table, populations_table
+    from bayes_ssi.report.tables.prediction_tables import (
+        hierarchy_notes,
+        population_table,
+        populations_table,
+    )
     from bayes_ssi.results.hierarchy.hierarchy_record import MARKER, save_hierarchy
     from bayes_ssi.results.hierarchy.populations import PopulationPriors, read_covariate
     from bayes_ssi.results.hierarchy.ranked_populations import hierarchy as rank_populations

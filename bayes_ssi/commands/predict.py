@@ -156,7 +156,7 @@ def predict(
         save_predictions(partial, predicted.data, responses)
         save_prediction_figures(partial / "figures", predicted.data, responses)
 
-    from bayes_ssi.report.tables import frequency_table, peak_table, shape_table
+    from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table, shape_table
 
     where = console()
     title = predicted.stored.record.study

@@ -42,7 +42,7 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
         result = options.save(ranking, records, place, run)
 
     # Imported by now if there are workers, while they were sampling.
-    from bayes_ssi.report.tables import (
+    from bayes_ssi.report.tables.ranking_tables import (
         averages_table,
         evidence_table,
         parameter_table,

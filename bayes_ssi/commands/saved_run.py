@@ -170,7 +170,7 @@ class RunOptions:
 
         The exit code says whether a check failed that was not accepted.
         """
-        from bayes_ssi.report.tables import sensitivity_notes, sensitivity_table
+        from bayes_ssi.report.tables.ranking_tables import sensitivity_notes, sensitivity_table
         from bayes_ssi.results.answer import answer
         from bayes_ssi.results.stored_result import FIGURES
 

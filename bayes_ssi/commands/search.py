@@ -120,7 +120,7 @@ def search(
     place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
 
     # Imported by now if there are workers, while they were sampling.
-    from bayes_ssi.report.tables import (
+    from bayes_ssi.report.tables.search_tables import (
         appendage_table,
         averaged_table,
         baseline_notes,

@@ -51,7 +51,7 @@ def say_misfit(where: Console, result: StoredResult) -> None:
 
 def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:
     """Notes below the tables of a ranking."""
-    from bayes_ssi.report.tables import comparison_notes, pairing_notes, region_notes
+    from bayes_ssi.report.tables.ranking_tables import comparison_notes, pairing_notes, region_notes
 
     notes = comparison_notes(result.comparison, with_scales=result.search is None)
     for posterior in result.ranked_posteriors[: 1 if best_only else None]:

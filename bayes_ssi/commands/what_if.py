@@ -84,7 +84,11 @@ def what_if(
     and where a failed check of the data was not accepted when RESULT was saved.
     """
     from bayes_ssi.parameters.prior_text import prior_from_text
-    from bayes_ssi.report.tables import changed_parameters_table, what_if_notes, what_if_table
+    from bayes_ssi.report.tables.ranking_tables import (
+        changed_parameters_table,
+        what_if_notes,
+        what_if_table,
+    )
     from bayes_ssi.results.stored_result import load_result
     from bayes_ssi.results.stored_what_if import what_if as ask
     from bayes_ssi.results.wording import data_warnings

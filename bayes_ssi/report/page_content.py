@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,16 +17,20 @@ from bayes_ssi.inference.model_class.class_record import ClassRecord, Configurat
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
+from bayes_ssi.measurements.modes.identification_record import EstimatedPeak, IdentificationRecord
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.modal_identification import SHORTEST
-from bayes_ssi.report.embedded_figure import LIMITS
-from bayes_ssi.report.identifications import identifications
-from bayes_ssi.report.report_figures import ReportFigures
-from bayes_ssi.report.tables import (
+from bayes_ssi.plots.record_plots import CAPTIONS
+from bayes_ssi.report.report_figures import (
+    LIMITS,
+    EmbeddedFigure,
+    ReportFigures,
+    embedded_file,
+)
+from bayes_ssi.report.tables.ranking_tables import pairing_notes, region_notes
+from bayes_ssi.report.tables.search_tables import (
     baseline_notes,
     mass_scales,
-    pairing_notes,
-    region_notes,
     unsampled_notes,
     unseen_note,
 )
@@ -68,7 +74,7 @@ def page_content(
             for name, data in stored.tests.items()
         ],
         "several": len(stored.tests) > 1,
-        "identifications": identifications(stored.tests, classes),
+        "identifications": _identifications(stored.tests, classes),
         "shortest": SHORTEST,
         "classes": classes,
         "n_more": max(0, len(ranked) - LIMITS.classes),
@@ -104,7 +110,7 @@ def _class(
         "parameters": _parameters(posterior, record),
         "configurations": [
             {
-                **_configuration(modes, stored.tests[modes.name], posterior),
+                **_of_configuration(modes, stored.tests[modes.name], posterior),
                 "structure": _structure(records[modes.name], record.configurations[0]),
             }
             for modes in posterior.configurations
@@ -148,7 +154,7 @@ def _grouped(lines: Counter[tuple[str, str]]) -> list[tuple[str, list[str]]]:
     ]
 
 
-def _configuration(
+def _of_configuration(
     modes: ConfigurationModes, data: ModalData, posterior: Posterior
 ) -> dict[str, Any]:
     _, frequencies_hz = posterior.configuration(modes.name)
@@ -195,3 +201,78 @@ def _command(record: ResultRecord) -> str:
     """The command that reproduces a result, as far as its record says."""
     error = record.settings.log_evidence_error
     return f"bayes-ssi rank {record.study_file} --seed {record.seed} --error {error:g}"
+
+
+def _identifications(
+    tests: Mapping[str, ModalData], classes: Sequence[Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """How modes were identified from records, and what classes make of their peaks."""
+    shown = classes[: LIMITS.classes_in_frequencies]
+    return [
+        {
+            "test": name,
+            "of": record,
+            "labels": (labels := _labels(record, data)),
+            "class_names": [own["row"].name for own in shown],
+            "has_phases": any(peak.probability_of_phases is not None for peak in record.peaks),
+            "peaks": [
+                {
+                    "peak": peak,
+                    "explained": [
+                        "; ".join(_explained(peak, record, labels, _configuration(own, name)))
+                        for own in shown
+                    ],
+                }
+                for peak in record.peaks
+            ],
+            "figures": list(_figures(record)),
+        }
+        for name, data in tests.items()
+        for record in data.identifications
+    ]
+
+
+def _labels(record: IdentificationRecord, data: ModalData) -> list[str | None]:
+    """The label of each identified mode in the data; None where it was left out of them.
+
+    Modes may have been renamed or merged since: two are the same where each is the nearest to the
+    other.
+    """
+    own = np.array([mode.frequency_hz for mode in record.modes])
+    apart = np.abs(np.log(own[:, None] / data.frequencies_hz))
+    nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
+    return [data.labels[k] if back[k] == i else None for i, k in enumerate(nearest)]
+
+
+def _configuration(of_class: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    return next(each for each in of_class["configurations"] if each["name"] == name)
+
+
+def _explained(
+    peak: EstimatedPeak,
+    record: IdentificationRecord,
+    labels: Sequence[str | None],
+    configuration: Mapping[str, Any],
+) -> Iterator[str]:
+    """What the modes at a peak are in a model class."""
+    model_modes = {mode["label"]: mode["model_mode"] for mode in configuration["modes"]}
+    for i in peak.modes:
+        label = labels[i]
+        if label is None:
+            yield f"{record.modes[i].frequency_hz:.4g} Hz left out"
+        elif model_modes[label] is None:
+            yield f"{label} spurious"
+        else:
+            yield f"{label} → mode {model_modes[label]}"
+    for mode in configuration["not_identified"]:
+        nearest = min(abs(mode["hz"] - record.modes[i].frequency_hz) for i in peak.modes)
+        if nearest < peak.resolution_hz:
+            yield f"mode {mode['number']} ({mode['hz']:.4g} Hz) missed"
+
+
+def _figures(record: IdentificationRecord) -> Iterator[EmbeddedFigure]:
+    """Those of its figures that are still there."""
+    for path in filter(Path.is_file, map(Path, record.figures)):
+        # A result numbers the figures by their records.
+        name = path.stem.lstrip("0123456789_")
+        yield embedded_file(path, CAPTIONS.get(name, name.replace("_", " ")))

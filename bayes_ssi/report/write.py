@@ -97,22 +97,13 @@ def of_numbers(name: str) -> bool:
     return name in NUMBERS or any(name.endswith(ending) for ending in UNITS)
 
 
-FILTERS = {
-    "number": number,
-    "fixed": fixed,
-    "interval": interval,
-    "percent": percent,
-    "error_percent": error_percent,
+FORMATS: tuple[Callable[..., Any], ...] = (
+    number, fixed, interval, percent, error_percent, prior, replaced, settings, heading
+)  # fmt: skip
+FILTERS = {form.__name__: form for form in FORMATS} | {
     "probability": probability_text,
-    "prior": prior,
     "names": listed,
-    "replaced": replaced,
-    "settings": settings,
-    "heading": heading,
 }
-TESTS = {"of_numbers": of_numbers}
-
-
 PAGE = "report.html"
 
 
@@ -166,7 +157,7 @@ def write_report(
         lstrip_blocks=True,
     )
     environment.filters.update(FILTERS)
-    environment.tests.update(TESTS)
+    environment.tests["of_numbers"] = of_numbers
     try:
         report("figures", 0.1)
         figures = draw_figures(

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import bayes_ssi as bs
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.result_figures import result_figures
-from bayes_ssi.report.tables import (
+from bayes_ssi.report.tables.search_tables import (
     appendage_table,
     averaged_table,
     place_table,

@@ -12,7 +12,7 @@ import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.inferred_pairing import LEAST_PROBABILITY, MAX_DRAWS
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.class_record import class_record
-from bayes_ssi.report.tables import pairing_notes
+from bayes_ssi.report.tables.ranking_tables import pairing_notes
 from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure

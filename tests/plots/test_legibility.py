@@ -30,7 +30,7 @@ from bayes_ssi.plots.shape_plots import (
     plot_shape_components,
     plot_shapes,
 )
-from bayes_ssi.report.embedded_figure import embedded_drawing
+from bayes_ssi.report.report_figures import embedded_drawing
 from bayes_ssi.results.predictions.bands import Band
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow
 

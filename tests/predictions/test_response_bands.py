@@ -10,7 +10,7 @@ from rich.console import Console
 from whole_tables import assert_every_cell_is_whole
 
 from bayes_ssi.plots.prediction_plots import save_prediction_figures
-from bayes_ssi.report.tables import frequency_table, peak_table, shape_table
+from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table, shape_table
 from bayes_ssi.results.predictions.default_request import (
     default_damping,
     default_frequencies,

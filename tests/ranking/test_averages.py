@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 import bayes_ssi as bs
-from bayes_ssi.report.tables import averages_table
+from bayes_ssi.report.tables.ranking_tables import averages_table
 from bayes_ssi.studies.ranking.averages import averaged_parameters
 
 

@@ -12,7 +12,7 @@ import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.inference.sampling.estimates import Estimate
-from bayes_ssi.report.tables import sensitivity_notes, sensitivity_table
+from bayes_ssi.report.tables.ranking_tables import sensitivity_notes, sensitivity_table
 from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.studies.ranking.sensitivity import (
     Sensitivity,

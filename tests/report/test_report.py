@@ -14,9 +14,8 @@ from matplotlib.figure import Figure
 import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.report import write_report
-from bayes_ssi.report.embedded_figure import embedded_file
 from bayes_ssi.report.page_content import _structure
-from bayes_ssi.report.report_figures import ReportFigures
+from bayes_ssi.report.report_figures import ReportFigures, embedded_file
 from bayes_ssi.report.write import (
     error_percent,
     fixed,

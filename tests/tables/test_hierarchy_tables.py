@@ -7,7 +7,11 @@ from whole_tables import assert_every_cell_is_whole
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.plots import plot_population
-from bayes_ssi.report.tables import hierarchy_notes, population_table, populations_table
+from bayes_ssi.report.tables.prediction_tables import (
+    hierarchy_notes,
+    population_table,
+    populations_table,
+)
 from bayes_ssi.results.hierarchy.hierarchy_record import (
     CovariateScale,
     RankedPopulation,

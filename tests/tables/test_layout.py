@@ -4,21 +4,21 @@ import pytest
 from whole_tables import assert_every_cell_is_whole, printed
 
 import bayes_ssi as bs
-from bayes_ssi.report.tables import (
-    averaged_table,
-    averages_table,
+from bayes_ssi.report.tables.calibration_tables import (
     calibration_modes_table,
     calibration_table,
     determination_tables,
-    evidence_table,
-    modes_table,
-    parameter_table,
-    place_table,
-    ranking_table,
-    search_table,
-    sensitivity_table,
 )
 from bayes_ssi.report.tables.layout import add_row, new_table
+from bayes_ssi.report.tables.mode_tables import modes_table
+from bayes_ssi.report.tables.ranking_tables import (
+    averages_table,
+    evidence_table,
+    parameter_table,
+    ranking_table,
+    sensitivity_table,
+)
+from bayes_ssi.report.tables.search_tables import averaged_table, place_table, search_table
 from bayes_ssi.studies.ranking.averages import averaged_parameters
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow
 

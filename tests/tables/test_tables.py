@@ -12,12 +12,11 @@ from scipy.stats import norm
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue
 from bayes_ssi.inference.posterior.posterior import Region
-from bayes_ssi.report.tables import (
-    calibration_modes_table,
-    calibration_table,
+from bayes_ssi.report.tables.calibration_tables import calibration_modes_table, calibration_table
+from bayes_ssi.report.tables.mode_tables import modes_table
+from bayes_ssi.report.tables.ranking_tables import (
     comparison_notes,
     evidence_table,
-    modes_table,
     parameter_table,
     ranking_table,
     region_notes,

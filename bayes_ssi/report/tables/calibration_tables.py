@@ -10,12 +10,7 @@ from rich.table import Table
 from bayes_ssi.inference.calibration.calibration import Calibration
 from bayes_ssi.inference.calibration.modal_sensitivities import ModalSensitivities
 from bayes_ssi.inference.model_class.configuration import label_in
-from bayes_ssi.report.tables.layout import add_row, new_table, number
-
-# Columns of numbers that a terminal of 80 characters has room for.
-MOST_COLUMNS = 8
-# Two lines of a terminal: further components of a combination are left to the record.
-MOST_COMPONENTS = 6
+from bayes_ssi.report.tables.layout import TABLES, add_row, new_table, number
 
 
 def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Table:
@@ -41,12 +36,12 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
     what = "Minima with the prior's pull" if calibration.with_prior else "Minima"
     classes = ", ".join(map(repr, (calibration.name, *same)))
     title = f"{what} of {classes}, λ = {calibration.shape_weight:g}"
-    if len(names) <= MOST_COLUMNS:
+    if len(names) <= TABLES.most_columns:
         table = new_table(title, [""], names)
         for label, row in cells.items():
             add_row(table, label, *row)
         return table
-    shown = list(cells)[:MOST_COLUMNS]
+    shown = list(cells)[: TABLES.most_columns]
     if len(shown) < len(cells):
         n_others = len(cells) - len(calibration.minima)
         title += f": the best {len(shown) - n_others} of {len(calibration.minima)}"
@@ -144,7 +139,7 @@ def _largest(components: Mapping[str, float]) -> tuple[list[tuple[str, float]], 
     # Below half a hundredth, they are zero to the digits shown.
     seen = [(name, component) for name, component in components.items() if abs(component) >= 5e-3]
     seen.sort(key=lambda each: -abs(each[1]))
-    return seen[:MOST_COMPONENTS], len(seen) > MOST_COMPONENTS
+    return seen[: TABLES.most_components], len(seen) > TABLES.most_components
 
 
 def distances_table(

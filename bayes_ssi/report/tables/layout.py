@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import takewhile
 
 from rich import box
@@ -13,10 +13,28 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Column, Table
 from rich.text import Text
 
-# Spaces between columns, where there is room and where there is not.
-WIDE_GAP, NARROW_GAP = 3, 2
-# Narrowest column for names; below it, a line holds less than a syllable.
-NARROWEST = 5
+
+@dataclass(frozen=True)
+class TableSettings:
+    """How tables fit a terminal; the saved result has what they leave out.
+
+    Attributes:
+        gaps: spaces between columns, where there is room and where there is not.
+        narrowest: width of a column for names; below it, a line holds less than a syllable.
+        most_columns: of numbers, for which a terminal of 80 characters has room.
+        most_components: of a combination of parameters, which take two lines of a terminal.
+        most_hypotheses: of a search that are listed, and ``most_places``.
+    """
+
+    gaps: tuple[int, int] = (3, 2)
+    narrowest: int = 5
+    most_columns: int = 8
+    most_components: int = 6
+    most_hypotheses: int = 8
+    most_places: int = 8
+
+
+TABLES = TableSettings()
 
 
 class WholeTable(Table):
@@ -44,7 +62,7 @@ class WholeTable(Table):
         """The columns of each part of the table with their widths, and the gap between them."""
         names = list(takewhile(lambda column: column.justify == "left", self.columns))
         others = self.columns[len(names) :]
-        for gap in (WIDE_GAP, NARROW_GAP):
+        for gap in TABLES.gaps:
             if _needed(self.columns, width, gap) <= width:
                 yield _fitted(self.columns, len(names), width, gap), gap
                 return
@@ -65,7 +83,7 @@ def _fitted(columns: Sequence[Column], n_names: int, width: int, gap: int) -> li
         while room > 0 and (wrapped := [i for i in growing if widths[i] < enough[i]]):
             widths[min(wrapped, key=lambda i: widths[i])] += 1
             room -= 1
-    for shrinking, least in ((range(n_names), NARROWEST), (range(len(columns)), 1)):
+    for shrinking, least in ((range(n_names), TABLES.narrowest), (range(len(columns)), 1)):
         while room < 0 and max((widths[i] for i in shrinking), default=0) > least:
             widths[max(shrinking, key=lambda i: widths[i])] -= 1
             room += 1
@@ -87,7 +105,7 @@ def _least_width(column: Column, width: int) -> int:
     if column.justify == "right":
         return max(heading, _longest(line for cell in cells for line in cell.splitlines()))
     longest = max(heading, _longest(word for cell in cells for word in cell.split()))
-    return min(longest, max(width // 4, NARROWEST))
+    return min(longest, max(width // 4, TABLES.narrowest))
 
 
 def _width_on_one_line(column: Column) -> int:
@@ -117,6 +135,11 @@ def add_columns(table: Table, texts: Sequence[str] = (), numbers: Sequence[str] 
 def add_row(table: Table, *cells: str) -> None:
     """Add cells literally: names may hold square brackets, which rich takes for markup."""
     table.add_row(*(Text(cell) for cell in cells))
+
+
+def marked(name: str, failed: object) -> str:
+    """A name, with a sign where something failed."""
+    return f"{name} (!)" if failed else name
 
 
 def number(value: float | None, form: str) -> str:

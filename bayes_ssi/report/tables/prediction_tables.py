@@ -1,13 +1,23 @@
-"""Predictions from a stored result."""
+"""What follows from stored results: predictions, and populations of many tests."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from rich.table import Table
 
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.report.tables.layout import add_columns, add_row, interval, new_table, number
+from bayes_ssi.report.tables.layout import (
+    add_columns,
+    add_row,
+    interval,
+    marked,
+    new_table,
+    number,
+)
+from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
 from bayes_ssi.results.predictions.predicted_modes import (
     predicted_modes,
     predicted_shapes,
@@ -15,6 +25,7 @@ from bayes_ssi.results.predictions.predicted_modes import (
 )
 from bayes_ssi.results.predictions.response_bands import ResponseBands
 from bayes_ssi.structures.modal import SHAPE_SCALE
+from bayes_ssi.studies.ranking.comparison import SCALE_NAME, probability_text
 
 
 def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Table:
@@ -24,18 +35,16 @@ def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Tabl
     """
     level = responses[0].request.level
     rows = [
-        (each.name, mode)
-        for each in responses
-        for mode in predicted_modes(data, each.predictions, level)
+        (response.name, mode)
+        for response in responses
+        for mode in predicted_modes(data, response.predictions, level)
     ]
+    with_fractions = any(mode.share < 1.0 for _, mode in rows)
     table = new_table(
         f"Natural frequencies (Hz) before and after updating, {100 * level:g} % band",
         ("model class", "mode"),
-        ("identified", "before", "median", "band"),
+        ("identified", "before", "median", "band", *(["of draws"] if with_fractions else [])),
     )
-    with_fractions = any(mode.share < 1.0 for _, mode in rows)
-    if with_fractions:
-        add_columns(table, numbers=["of draws"])
     for name, mode in rows:
         low, median, high = mode.after_hz
         add_row(
@@ -51,13 +60,13 @@ def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Tabl
     return table
 
 
-def shape_table(data: ModalData, each: ResponseBands) -> Table | None:
+def shape_table(data: ModalData, response: ResponseBands) -> Table | None:
     """Medians of the shapes of identified modes; None where there are none."""
-    places = shown_places(each.predictions, data)
-    shapes = list(predicted_shapes(data, each.predictions, each.request.level))
+    places = shown_places(response.predictions, data)
+    shapes = list(predicted_shapes(data, response.predictions, response.request.level))
     if not shapes:
         return None
-    title = f"Mode shapes of {each.name!r}, medians, {SHAPE_SCALE}"
+    title = f"Mode shapes of {response.name!r}, medians, {SHAPE_SCALE}"
     table = new_table(title, ["place"], [label for label, _ in shapes])
     for i, place in enumerate(places):
         add_row(table, place, *(number(shape.median[i], ".3f") for _, shape in shapes))
@@ -72,8 +81,71 @@ def peak_table(responses: Sequence[ResponseBands]) -> Table:
         ("model class", "of", "place"),
         ("median", "band", "unit"),
     )
-    for each in responses:
-        for motion, unit, place, low, median, high in each.peak_rows():
+    for response in responses:
+        for motion, unit, place, low, median, high in response.peak_rows():
             of = motion or "transfer"
-            add_row(table, each.name, of, place, f"{median:.4g}", interval(low, high), unit)
+            add_row(table, response.name, of, place, f"{median:.4g}", interval(low, high), unit)
     return table
+
+
+def populations_table(hierarchy: Hierarchy) -> Table:
+    """Populations ranked by log evidence, the best first."""
+    table = new_table(
+        f"{hierarchy.model_class!r} in {len(hierarchy.tests)} tests: its parameters are or vary",
+        ["parameters"],
+        ["log evidence", "ln B", "probability"],
+    )
+    add_columns(table, ["evidence against"])
+    for row in hierarchy.populations:
+        add_row(
+            table,
+            marked(row.name, row.failed_checks),
+            f"{row.log_evidence:.2f} ± {row.error:.2f}",
+            f"{row.log_bayes_factor:.2f}",
+            probability_text(row.probability),
+            row.against,
+        )
+    return table
+
+
+def population_table(hierarchy: Hierarchy, covariate: float | None = None) -> Table:
+    """The most probable population, and what the next test will give, parameter by parameter.
+
+    Args:
+        covariate: its value in the next test; the mean of the tests if None.
+    """
+    best, scale = hierarchy.best, hierarchy.covariate
+    columns: dict[str, FloatArray] = {"centre": hierarchy.centres(best)}
+    if best.population.follows and scale is not None:
+        columns[f"change per unit of\n{scale.name}"] = hierarchy.slopes(best)
+    if best.population.varies:
+        columns["sd from\ntest to test"] = hierarchy.spreads(best)
+    drawn = hierarchy.next_test(covariate=covariate)
+    columns["next test"] = drawn[:, hierarchy.population_columns]
+    table = new_table(
+        f"Population {best.name!r}; next test, all populations averaged: 90 % intervals",
+        ["parameter"],
+        list(columns),
+    )
+    for i, name in enumerate(hierarchy.names):
+        quantiles = (np.quantile(draws[:, i], [0.05, 0.95]) for draws in columns.values())
+        add_row(table, name, *(interval(low, high) for low, high in quantiles))
+    return table
+
+
+def hierarchy_notes(hierarchy: Hierarchy, covariate: float | None = None) -> list[str]:
+    """Notes below the tables: the scale, the covariate, remarks, failed checks."""
+    notes = [f"Evidence against: scale of {SCALE_NAME}."]
+    scale = hierarchy.covariate
+    if scale is not None:
+        value = scale.mean if covariate is None else covariate
+        notes.append(
+            f"{scale.name}: {scale.mean:.4g} on average over the tests, standard deviation "
+            f"{scale.sd:.3g}; centre at the average, next test at {value:.4g}."
+        )
+    notes += [f"Remark: {remark}." for remark in hierarchy.remarks]
+    failed = hierarchy.all_failed_checks
+    if failed:
+        notes.append("Failed checks; do not trust the ranking until they are understood:")
+        notes += [f"  (!) {check}" for check in failed]
+    return notes

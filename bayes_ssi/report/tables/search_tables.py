@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from bayes_ssi.report.tables.layout import add_row, new_table
+from bayes_ssi.report.tables.layout import TABLES, add_row, marked, new_table
 from bayes_ssi.results.wording import quantity
 from bayes_ssi.studies.appendages.search_result import (
     AppendageSearch,
@@ -13,8 +13,6 @@ from bayes_ssi.studies.appendages.search_result import (
 )
 from bayes_ssi.studies.ranking.comparison import RANKING, probability_text
 
-# Hypotheses and places listed in a terminal; the saved result has all.
-HYPOTHESES_SHOWN, PLACES_SHOWN = 8, 8
 APPROXIMATELY = "≈ "
 
 
@@ -30,7 +28,7 @@ def baseline_table(record: SearchRecord) -> Table:
         tried = each.prior_probability > 0.0
         add_row(
             table,
-            f"{each.name} (!)" if each in record.beaten else each.name,
+            marked(each.name, each in record.beaten),
             probability_text(each.prior_probability) if tried else "-",
             probability_text(each.probability) if tried else "-",
             f"{each.log_evidence:.2f}",
@@ -63,7 +61,7 @@ def search_table(search: AppendageSearch) -> Table:
         sign = "" if row.is_sampled else APPROXIMATELY
         add_row(
             table,
-            f"{row.name} (!)" if row.name in failed else row.name,
+            marked(row.name, row.name in failed),
             probability_text(row.prior_probability),
             f"{sign}{probability_text(row.probability)}".replace(f"{sign}<", "<"),
             f"{sign}{row.log_evidence:.2f}",
@@ -95,10 +93,10 @@ def place_table(record: SearchRecord) -> Table:
             for one in record.matched
         ]
     for group in groups:
-        for place, probability, mass, frequency in group[:PLACES_SHOWN]:
+        for place, probability, mass, frequency in group[: TABLES.most_places]:
             numbers = (probability_text(probability), quantity(*mass), quantity(*frequency))
             add_row(table, place.name, *numbers)
-        if others := group[PLACES_SHOWN:]:
+        if others := group[TABLES.most_places :]:
             together = sum(probability for _, probability, *_ in others)
             add_row(table, f"{len(others)} others", probability_text(together), "", "")
     return table
@@ -129,7 +127,7 @@ def appendage_table(search: AppendageSearch) -> Table | None:
 def _shown(search: AppendageSearch) -> list[HypothesisRecord]:
     """The hypotheses that tables show: the most probable ones, and no appendage."""
     rows = enumerate(search.record.hypotheses)
-    return [row for i, row in rows if i < HYPOTHESES_SHOWN or not row.appendages]
+    return [row for i, row in rows if i < TABLES.most_hypotheses or not row.appendages]
 
 
 def averaged_table(search: AppendageSearch) -> Table:
@@ -179,10 +177,10 @@ def unseen_note(record: SearchRecord) -> str:
     unseen = [each.place.name for each in record.places if not each.is_observed]
     if not unseen:
         return ""
-    more = f" and {len(unseen) - PLACES_SHOWN} more" if len(unseen) > PLACES_SHOWN else ""
+    shown, others = unseen[: TABLES.most_places], unseen[TABLES.most_places :]
     return (
         "The test says nothing about these places, which move in no mode that a sensor sees: "
-        f"{', '.join(unseen[:PLACES_SHOWN])}{more}."
+        f"{', '.join(shown)}{f' and {len(others)} more' if others else ''}."
     )
 
 
