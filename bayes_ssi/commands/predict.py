@@ -124,7 +124,7 @@ def predict(
     from bayes_ssi.foundations.codec import to_record
     from bayes_ssi.plots.prediction_plots import save_prediction_figures
     from bayes_ssi.results.answer import answer
-    from bayes_ssi.results.predictions.posterior_draws import ARRAY_SIZE
+    from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
     from bayes_ssi.results.predictions.prediction_files import MARKER, save_predictions
     from bayes_ssi.results.predictions.predictions import AVERAGE
     from bayes_ssi.results.predictions.response_bands import predict_responses
@@ -139,7 +139,7 @@ def predict(
     require_new(directory, marker=MARKER, overwrite=overwrite)
     record = _record(predicted, list(names), request)
     longest = max(map(len, request.motions), default=0)
-    if predicted.n_draws * longest > ARRAY_SIZE and not is_quiet():
+    if predicted.n_draws * longest > PREDICTION_SETTINGS.array_size and not is_quiet():
         click.echo(
             f"{predicted.n_draws} time histories of {longest} samples take a while; fewer --draws "
             "take less.",
@@ -189,7 +189,7 @@ def predict(
 
 def _modes(predicted: StoredPredictions, responses: Sequence[ResponseBands]) -> dict[str, Any]:
     """Predicted frequencies, for a JSON record: low, median and high of each mode."""
-    from bayes_ssi.results.predictions.predicted_modes import predicted_modes
+    from bayes_ssi.results.predictions.predictions import predicted_modes
 
     return {
         each.name: {

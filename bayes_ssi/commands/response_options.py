@@ -31,12 +31,12 @@ def response_request(
     """The request from the options, and remarks on it."""
     import numpy as np
 
-    from bayes_ssi.results.predictions.default_request import (
-        MOST_FREQUENCIES,
+    from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
+    from bayes_ssi.results.predictions.response_bands import (
+        ResponseRequest,
         default_frequencies,
         default_output,
     )
-    from bayes_ssi.results.predictions.response_bands import ResponseRequest
     from bayes_ssi.structures.response.ground_motion import UNITS
     from bayes_ssi.structures.response.ground_motion_files import read_ground_motion
     from bayes_ssi.structures.response.modal_response import ground_influence
@@ -74,7 +74,7 @@ def response_request(
             f"Transfer functions: from {source}, {len(frequencies)} frequencies from "
             f"{frequencies[0]:g} to {frequencies[-1]:g} Hz."
         )
-        if len(frequencies) == MOST_FREQUENCIES:
+        if len(frequencies) == PREDICTION_SETTINGS.most_frequencies:
             remarks.append(
                 "(!) The frequencies may miss the top of a narrow peak; give a narrower --band."
             )
@@ -96,7 +96,7 @@ def response_request(
 
 def _damping(predicted: StoredPredictions, text: str | None) -> tuple[Damping, str]:
     """The damping from the option or from the data, and a sentence about it."""
-    from bayes_ssi.results.predictions.default_request import default_damping
+    from bayes_ssi.results.predictions.response_bands import default_damping
 
     if text is None:
         default, source = default_damping(predicted.data)

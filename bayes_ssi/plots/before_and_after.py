@@ -20,7 +20,7 @@ from bayes_ssi.plots.figure_style import (
     name_rows,
     rows_of,
 )
-from bayes_ssi.results.predictions.predicted_modes import PredictedMode
+from bayes_ssi.results.predictions.predictions import PredictedMode
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -31,8 +31,7 @@ from bayes_ssi.plots.figure_style import (
 from bayes_ssi.plots.matrix_plots import plot_mac
 from bayes_ssi.plots.shape_plots import DrawnShape, plot_shapes
 from bayes_ssi.results.predictions.bands import Band
-from bayes_ssi.results.predictions.predicted_modes import predicted_modes, shown_places
-from bayes_ssi.results.predictions.predictions import Predictions
+from bayes_ssi.results.predictions.predictions import Predictions, predicted_modes, shown_places
 from bayes_ssi.results.predictions.response_bands import ResponseBands
 from bayes_ssi.structures.modal import SHAPE_SCALE, mac
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import TINY_STUDY, assert_one_line_error
 
+from bayes_ssi.results.predictions.posterior_draws import PredictionSettings
 from bayes_ssi.results.predictions.stored_predictions import load_predictions
 from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.structures.response.ground_motion_files import read_ground_motion
@@ -180,7 +181,8 @@ def test_a_warning_about_narrow_peaks(predict):
 @pytest.mark.usefixtures("no_figures")
 def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
     (tmp_path / "quake.AT2").write_text(AT2)
-    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.ARRAY_SIZE", 40 * 4 - 1)
+    small = PredictionSettings(array_size=40 * 4 - 1)
+    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.PREDICTION_SETTINGS", small)
     done = predict("--record", tmp_path / "quake.AT2")
     assert "40 time histories of 4 samples take a while; fewer --draws" in done.stderr
 

@@ -9,7 +9,7 @@ from bayes_ssi.plots.matrix_plots import plot_mac
 from bayes_ssi.plots.prediction_plots import plot_time_history, plot_transfer_functions
 from bayes_ssi.plots.shape_plots import BEYOND, plot_building_shape, plot_shape_components
 from bayes_ssi.results.predictions.bands import Band
-from bayes_ssi.results.predictions.predicted_modes import PredictedMode
+from bayes_ssi.results.predictions.predictions import PredictedMode
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 

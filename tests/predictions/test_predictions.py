@@ -10,7 +10,11 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.configuration_modes import configuration_modes
 from bayes_ssi.results.predictions.bands import Prediction
-from bayes_ssi.results.predictions.posterior_draws import PosteriorDraws, thinned_draws
+from bayes_ssi.results.predictions.posterior_draws import (
+    PosteriorDraws,
+    PredictionSettings,
+    thinned_draws,
+)
 from bayes_ssi.results.predictions.predictions import Predictions, predict_average, predict_class
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.modal_response import (
@@ -200,7 +204,8 @@ def test_draws_of_a_large_structure_are_computed_in_batches(predicted, monkeypat
         return modal_model(self, values)
 
     monkeypatch.setattr(type(each.structure), "modal_model", counted)
-    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.ARRAY_SIZE", 30 * 4 * 2 * 7)
+    small = PredictionSettings(array_size=30 * 4 * 2 * 7)
+    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.PREDICTION_SETTINGS", small)
     again = predicted.transfer_functions(FREQUENCIES, ACCELERATION, 0.02).draws
     assert sizes == [7] * 28 + [4]
     np.testing.assert_allclose(again, whole, rtol=1e-12)

@@ -11,13 +11,14 @@ from whole_tables import assert_every_cell_is_whole
 
 from bayes_ssi.plots.prediction_plots import save_prediction_figures
 from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table, shape_table
-from bayes_ssi.results.predictions.default_request import (
+from bayes_ssi.results.predictions.prediction_files import save_predictions
+from bayes_ssi.results.predictions.response_bands import (
+    ResponseRequest,
     default_damping,
     default_frequencies,
     default_output,
+    predict_responses,
 )
-from bayes_ssi.results.predictions.prediction_files import save_predictions
-from bayes_ssi.results.predictions.response_bands import ResponseRequest, predict_responses
 from bayes_ssi.results.predictions.stored_predictions import load_predictions
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.structures.response.ground_motion import GroundMotion

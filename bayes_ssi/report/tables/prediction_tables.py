@@ -18,7 +18,7 @@ from bayes_ssi.report.tables.layout import (
     number,
 )
 from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
-from bayes_ssi.results.predictions.predicted_modes import (
+from bayes_ssi.results.predictions.predictions import (
     predicted_modes,
     predicted_shapes,
     shown_places,

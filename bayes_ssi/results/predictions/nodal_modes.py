@@ -83,12 +83,6 @@ def _place(label: str) -> tuple[str, int] | None:
     return node, DIRECTIONS.index(last)
 
 
-# A data set 82 holds up to 250 entries, of which a line takes two and a zero after it.
-LINES_IN_A_SET = 250 // 3
-# Codes of data set 55: structural model, normal modes, six components, displacements, real.
-STRUCTURAL, NORMAL_MODE, SIX_COMPONENTS, DISPLACEMENT, REAL = 1, 2, 3, 8, 2
-
-
 def write_modes_csv(path: Path, modes: NodalModes) -> None:
     """A row for each node: its coordinates, and each mode in the directions in which any moves.
 
@@ -131,11 +125,12 @@ def write_universal_file(path: Path, modes: NodalModes, title: str) -> None:
             file.write(_data_set(15, _node_lines(numbers, modes, known)))
         number = dict(zip(modes.nodes, numbers, strict=True))
         edges = modes.geometry.edges if modes.geometry is not None else ()
-        for start in range(0, len(edges), LINES_IN_A_SET):
-            lines = edges[start : start + LINES_IN_A_SET]
+        most = 250 // 3  # a data set 82 holds 250 entries, of which a line takes two and a zero
+        for trace, start in enumerate(range(0, len(edges), most), 1):
             # Zero moves to the next node without drawing.
+            lines = edges[start : start + most]
             entries = [n for a, b in lines for n in (number[a], number[b], 0)][:-1]
-            file.write(_data_set(82, _trace_lines(start // LINES_IN_A_SET + 1, entries)))
+            file.write(_data_set(82, _trace_lines(trace, entries)))
         for mode in range(len(modes.frequencies_hz)):
             file.write(_data_set(55, _mode_lines(numbers, modes, mode, title)))
 
@@ -169,7 +164,8 @@ def _mode_lines(numbers: Sequence[int], modes: NodalModes, mode: int, title: str
     yield title[:80] or "NONE"
     yield from ["NONE"] * 3
     yield f"Mode {mode + 1}, {frequency:.6g} Hz"
-    yield _whole(STRUCTURAL, NORMAL_MODE, SIX_COMPONENTS, DISPLACEMENT, REAL, len(DIRECTIONS))
+    # Structural model, normal modes, six components, displacements, real; and their number.
+    yield _whole(1, 2, 3, 8, 2, len(DIRECTIONS))
     yield _whole(2, 4, 1, mode + 1)
     yield _real(frequency, 0.0, 0.0, 0.0)  # modal mass and damping are not stated
     for number, shape in zip(numbers, modes.displacements[mode].tolist(), strict=True):

@@ -17,13 +17,31 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
-DRAWS = 1000
-# Size of the largest array of a batch of draws: 2e7 numbers of 8 bytes are 160 MB.
-ARRAY_SIZE = 20_000_000
-# Wanted accuracy of an approximate structure at the draws: of frequencies, and of shapes.
-ACCURATE = 1e-4, 0.01
-# Largest error of stored frequencies, relative to the largest at the few draws where it is known.
-EMULATED = 4.0
+
+@dataclass(frozen=True)
+class PredictionSettings:
+    """Numbers that decide how predictions are computed and shown.
+
+    Attributes:
+        n_draws: of a prediction, by default.
+        array_size: numbers in the largest array of a batch of draws: 2e7 of 8 bytes are 160 MB.
+        frequency_error: of an approximate structure at the draws, at most, and ``shape_error``.
+        stored_error: of frequencies that an approximate structure gave, relative to the largest at
+            the few draws where it is known, at most.
+        most_frequencies: of transfer functions; of a thousand draws at more, they take minutes.
+        most_places: in a table; where there are more, those with sensors are shown alone.
+    """
+
+    n_draws: int = 1000
+    array_size: int = 20_000_000
+    frequency_error: float = 1e-4
+    shape_error: float = 0.01
+    stored_error: float = 4.0
+    most_frequencies: int = 6000
+    most_places: int = 60
+
+
+PREDICTION_SETTINGS = PredictionSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +89,7 @@ class PosteriorDraws:
                 shapes if they are larger.
         """
         shapes_size = len(self.structure.degrees_of_freedom) * self.structure.n_modes
-        rows = max(1, ARRAY_SIZE // max(shapes_size, size_per_draw))
+        rows = max(1, PREDICTION_SETTINGS.array_size // max(shapes_size, size_per_draw))
         # The matrices of a draw are small: threads inside BLAS would only wait for one another.
         with threadpool_limits(limits=1, user_api="blas"):
             return np.concatenate(
@@ -85,7 +103,7 @@ class PosteriorDraws:
 def thinned_draws(
     posterior: Posterior,
     model_class: ModelClass,
-    n_draws: int = DRAWS,
+    n_draws: int = PREDICTION_SETTINGS.n_draws,
     configuration: str | None = None,
 ) -> PosteriorDraws:
     """Draws of a posterior, thinned evenly to ``n_draws``, with the class's structure."""
@@ -109,10 +127,10 @@ def thinned_draws(
     test.check_structure()
     # Another machine reproduces frequencies up to rounding errors. Sampling made an approximate
     # structure accurate at its draws; the same is done here.
-    tolerance = max(1e-6, EMULATED * posterior.frequency_error)
+    tolerance = max(1e-6, PREDICTION_SETTINGS.stored_error * posterior.frequency_error)
     if structure.is_approximate:
-        structure = structure.accurate_at(values, *ACCURATE)
-        tolerance = ACCURATE[0]
+        wanted = PREDICTION_SETTINGS.frequency_error, PREDICTION_SETTINGS.shape_error
+        structure, tolerance = structure.accurate_at(values, *wanted), wanted[0]
     modes, stored_hz = posterior.configuration(test.name)
     some = slice(0, 8)  # enough to notice another structure, few enough to cost nothing
     stored_hz = stored_hz.reshape(len(posterior.values), -1)[rows[some]]

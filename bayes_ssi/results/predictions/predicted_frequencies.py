@@ -15,8 +15,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.results.predictions.bands import Prediction
 from bayes_ssi.results.predictions.posterior_draws import (
-    ARRAY_SIZE,
-    DRAWS,
+    PREDICTION_SETTINGS,
     thinned_draws,
     thinned_rows,
 )
@@ -29,7 +28,7 @@ def predict_frequencies(
     model_class: ModelClass,
     state: Structure | str,
     modes: Mapping[str, int],
-    n_draws: int = DRAWS,
+    n_draws: int = PREDICTION_SETTINGS.n_draws,
     seed: int = 0,
 ) -> Prediction:
     """Frequencies of the structure itself, in a state that was not tested or in a tested one.
@@ -100,7 +99,7 @@ def _residuals(
 ) -> FloatArray:
     """Prediction errors (n_draws, n_modes) of further modes, given those of the paired modes."""
     errors = model_class.correlated_errors
-    n_rows = max(1, ARRAY_SIZE // (len(errors.modes) + len(further)) ** 2)
+    n_rows = max(1, PREDICTION_SETTINGS.array_size // (len(errors.modes) + len(further)) ** 2)
     parts = []
     for start in range(0, len(values), n_rows):
         part = slice(start, start + n_rows)

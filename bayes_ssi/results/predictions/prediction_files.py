@@ -12,13 +12,13 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.predictions.bands import Band
-from bayes_ssi.results.predictions.predicted_modes import (
+from bayes_ssi.results.predictions.predictions import (
     predicted_modes,
     predicted_shapes,
     shown_places,
 )
 from bayes_ssi.results.predictions.response_bands import ResponseBands
-from bayes_ssi.results.result_files import read_record
+from bayes_ssi.results.result_files import read_record, write_csv
 
 # The file that every directory of predictions holds.
 MARKER = "predictions.json"
@@ -156,11 +156,10 @@ def _points(each: ResponseBands, points: FloatArray, band: Band) -> Iterator[Seq
             yield (place, *row)
 
 
-def _write(path: Path, names: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    with path.open("x", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        for row in rows:
-            writer.writerow(
-                f"{cell:.7g}" if isinstance(cell, (float, np.floating)) else cell for cell in row
-            )
+def _write(path: Path, heading: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a CSV file with seven digits of every number."""
+    write_csv(
+        path,
+        heading,
+        ([f"{c:.7g}" if isinstance(c, (float, np.floating)) else c for c in row] for row in rows),
+    )

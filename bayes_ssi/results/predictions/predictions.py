@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +19,13 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.results.predictions.bands import Prediction
-from bayes_ssi.results.predictions.posterior_draws import DRAWS, PosteriorDraws, thinned_draws
+from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.results.predictions.bands import Band, Prediction
+from bayes_ssi.results.predictions.posterior_draws import (
+    PREDICTION_SETTINGS,
+    PosteriorDraws,
+    thinned_draws,
+)
 from bayes_ssi.structures.modal import scaled_shapes, shape_signs
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.modal_response import (
@@ -38,7 +44,7 @@ AVERAGE = "average"
 def predict_class(
     posterior: Posterior,
     model_class: ModelClass,
-    n_draws: int = DRAWS,
+    n_draws: int = PREDICTION_SETTINGS.n_draws,
     configuration: str | None = None,
 ) -> Predictions:
     """Predictions of one model class; arguments and errors are as in :func:`thinned_draws`."""
@@ -50,7 +56,7 @@ def predict_average(
     comparison: Comparison,
     posteriors: Sequence[Posterior],
     model_classes: Mapping[str, ModelClass],
-    n_draws: int = DRAWS,
+    n_draws: int = PREDICTION_SETTINGS.n_draws,
     configuration: str | None = None,
 ) -> Predictions:
     """Predictions averaged over model classes by their probabilities.
@@ -253,3 +259,46 @@ def _named(each: PosteriorDraws) -> Iterator[None]:
         raise
     except (ValueError, TypeError) as error:
         raise type(error)(f"model class {each.name!r}: {error}") from None
+
+
+class PredictedMode(NamedTuple):
+    """The frequency of an identified mode, and the share of the draws that predict it."""
+
+    label: str
+    identified_hz: float
+    before_hz: float
+    after_hz: Band
+    share: float
+
+
+def predicted_modes(
+    data: ModalData, predictions: Predictions, level: float
+) -> Iterator[PredictedMode]:
+    """Frequencies of all identified modes that a prediction explains."""
+    for label in _explained(data, predictions):
+        after = predictions.frequencies_hz(label)
+        before = float(predictions.frequencies_before_hz(label).quantile(0.5))
+        identified = data.mode(label).frequency_hz
+        yield PredictedMode(label, identified, before, after.band(level), after.share)
+
+
+def predicted_shapes(
+    data: ModalData, predictions: Predictions, level: float
+) -> Iterator[tuple[str, Band]]:
+    """The same modes with the bands of their shapes at :func:`shown_places`."""
+    places = shown_places(predictions, data)
+    for label in _explained(data, predictions):
+        yield label, predictions.shapes(label, places).band(level)
+
+
+def shown_places(predictions: Predictions, data: ModalData) -> tuple[str, ...]:
+    """The main structure's places to show: all, or, where they are many, those with sensors."""
+    places, most = predictions.main_places, PREDICTION_SETTINGS.most_places
+    if len(places) <= most:
+        return places
+    return tuple(place for place in places if place in data.sensors) or places[:most]
+
+
+def _explained(data: ModalData, predictions: Predictions) -> list[str]:
+    explained = {label for draws in predictions.classes for label in draws.pairing}
+    return [label for label in data.labels if label in explained]

@@ -1,10 +1,11 @@
-"""Responses that a stored result predicts, as credible bands.
+"""Responses that a stored result predicts, as credible bands, and what is asked for by default.
 
 Only bands are kept: the histories of a thousand draws at every place would not fit into memory.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,13 +14,14 @@ from functools import partial
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.predictions.bands import Band, Prediction
-from bayes_ssi.results.predictions.posterior_draws import ARRAY_SIZE
+from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
 from bayes_ssi.results.predictions.predictions import Predictions
 from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
 from bayes_ssi.structures.response.ground_motion import GroundMotion
-from bayes_ssi.structures.response.modal_response import checked_frequencies
-from bayes_ssi.structures.response.output import Damping, Output, damping_ratios
+from bayes_ssi.structures.response.modal_response import checked_frequencies, ground_influence
+from bayes_ssi.structures.response.output import GROUND, Damping, Output, Quantity, damping_ratios
 
 UNITS = {"displacement": "m", "acceleration": "m/s²", "drift": "m"}
 PER_GROUND = {"displacement": "s²", "acceleration": "-", "drift": "s²"}
@@ -115,7 +117,7 @@ def predict_responses(
         curves, peaks = [], []
         places = list(request.output.places)
         # Solving for the modes again costs more than another place does.
-        at_once = max(1, ARRAY_SIZE // (predictions.n_draws * n_points))
+        at_once = max(1, PREDICTION_SETTINGS.array_size // (predictions.n_draws * n_points))
         for start in range(0, len(places), at_once):
             some = tuple(places[start : start + at_once])
             draws = compute(Output(request.output.quantity, some)).draws  # type: ignore[arg-type]
@@ -144,3 +146,50 @@ def predict_responses(
 
 def _stacked(bands: list[Band]) -> Band:
     return Band(*(np.stack(part) for part in zip(*bands, strict=True)))
+
+
+def default_damping(data: ModalData) -> tuple[float, str]:
+    """A damping ratio for all modes, and its source in words."""
+    identified = [mode.damping for mode in data.modes if mode.damping]
+    if identified:
+        return float(np.median(identified)), "the median of the identified damping ratios"
+    return 0.02, "assumed, since none was identified"
+
+
+def default_output(predictions: Predictions, quantity: Quantity) -> Output:
+    """The quantity at the top of the main structure; for drift, between the ground and the top.
+
+    The top is the highest degree of freedom that moves along with the ground, the first of them
+    where there are several.
+    """
+    structure = predictions.classes[0].structure
+    heights, influence = structure.heights(), ground_influence(structure)
+    places = predictions.main_places
+    if influence is not None and influence.any():
+        moved = zip(structure.degrees_of_freedom, influence, strict=True)
+        moving = {place for place, along_with_ground in moved if along_with_ground}
+        places = tuple(place for place in places if place in moving) or places
+    top = max(places, key=lambda place: heights[place])
+    return Output(quantity, ((GROUND, top),) if quantity == "drift" else (top,))
+
+
+def default_frequencies(
+    data: ModalData, lowest_damping: float, band_hz: tuple[float, float] | None = None
+) -> FloatArray:
+    """Equally spaced frequencies that resolve every peak of a band.
+
+    At least 400, for smooth curves, and else as many as the narrowest peak needs, up to a limit.
+
+    Args:
+        data: the identified modes; their band if ``band_hz`` is None.
+    """
+    low, high = data.band_hz if band_hz is None else band_hz
+    if not 0.0 <= low < high < math.inf:
+        raise ValueError(
+            f"band: must be two frequencies in Hz, the lower one first, got {low!r} and {high!r}"
+        )
+    lowest = max(low, min(mode.frequency_hz for mode in data.modes))
+    # A peak extends ζf to either side; steps of an eighth of that meet its height within 0.2 %.
+    needed = math.ceil((high - low) / (lowest_damping * lowest / 8.0)) + 1
+    most = PREDICTION_SETTINGS.most_frequencies
+    return np.linspace(low, high, min(max(needed, 400), most))

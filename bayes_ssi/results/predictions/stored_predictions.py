@@ -15,7 +15,7 @@ from pathlib import Path
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.results.predictions.posterior_draws import DRAWS
+from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
 from bayes_ssi.results.predictions.predictions import (
     AVERAGE,
     Predictions,
@@ -121,7 +121,7 @@ class StoredPredictions:
 def load_predictions(
     directory: str | Path,
     study_file: str | Path | None = None,
-    n_draws: int = DRAWS,
+    n_draws: int = PREDICTION_SETTINGS.n_draws,
     configuration: str | None = None,
 ) -> StoredPredictions:
     """What a stored result of a ranking or a search can predict.
