@@ -20,6 +20,12 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import Parameter, collect_parameters, positive_product
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.candidate import Candidate
+from bayes_ssi.structures.carried_elements import (
+    AddedTerm,
+    CarriedElements,
+    own_labels,
+    parameters_of,
+)
 from bayes_ssi.structures.elements import AddedMass, Element, PointMass, Spring
 from bayes_ssi.structures.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.structures.motion import Motion, Place, SinglePlace, motion_of
@@ -63,8 +69,8 @@ class LumpedStructure(Structure):
         return replace(self, elements=(*self.elements, element))
 
     def require_place(self, place: Place, label: str) -> None:
-        for single, _ in self._of_single(motion_of(place)):
-            self._index(single, label)
+        for single, _ in motion_of(place):
+            self._rows_of(single, label)
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
         motions = np.array([self._vector(motion_of(place)) for place in places])
@@ -113,17 +119,8 @@ class LumpedStructure(Structure):
                 f"element {repeated[0]!r}: the structure has a degree of freedom of that label "
                 "already; give the element a label of its own"
             )
-        for element in self.elements:
-            parts: list[Spring | PointMass] = [*element.springs(), *element.masses()]
-            for place, _ in self._of_single(m for part in parts for m in part.direction):
-                self._index(place, element.label)
-        labels = Counter((*dofs, *(sensor.label for sensor in self.sensors)))
-        for sensor in self.sensors:
-            if labels[sensor.label] > 1:
-                raise ValueError(
-                    f"sensor {sensor.label!r}: another sensor or degree of freedom has that label"
-                )
-        self.sensor_matrix([sensor.label for sensor in self.sensors])
+        _ = self._carried  # refuses elements whose places are not on the structure
+        self._check_sensors()
 
     @property
     def _storey_fields(self) -> list[str]:
@@ -145,17 +142,11 @@ class LumpedStructure(Structure):
 
     @cached_property
     def degrees_of_freedom(self) -> tuple[str, ...]:
-        return (*self.main_degrees_of_freedom(), *(own for _, own in self._in_series))
+        return (*self.main_degrees_of_freedom(), *own_labels(self.elements))
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        return collect_parameters(self._of_springs_and_masses)
-
-    @property
-    def _of_springs_and_masses(self) -> list[Parameter]:
-        coefficients = [spring.stiffness for spring in self._springs]
-        coefficients += [mass.mass for mass in self._masses]
-        return [p for c in coefficients for p in c.parameters]
+        return collect_parameters(parameters_of((*self._springs, *self._masses)))
 
     @property
     def n_modes(self) -> int:
@@ -166,31 +157,20 @@ class LumpedStructure(Structure):
 
     @property
     def appendages(self) -> tuple[str, ...]:
-        return self.degrees_of_freedom[len(self.main_degrees_of_freedom()) :]
+        return self._carried.labels
 
     def heights(self) -> dict[str, float]:
         """See :meth:`Structure.heights`; an appendage is drawn between the places that carry it."""
-        main = self.main_degrees_of_freedom()
+        main, labels = self.main_degrees_of_freedom(), self.degrees_of_freedom
         heights = {label: float(i) for i, label in enumerate(main, 1)}
-        for element, own in self._in_series:
-            rows = [
-                self._index(place)
-                for spring in element.springs()
-                for place, _ in self._of_single(spring.direction)
-                if place != own
-            ]
-            places = [None if row is None else self.degrees_of_freedom[row] for row in rows]
-            around = [0.0 if p is None else heights.get(p, float(len(main))) for p in places]
+        for label, spring in zip(self.appendages, self._carried.own_springs, strict=True):
+            carriers = [labels[row] for row in spring.vector if labels[row] != label]
+            around = [heights.get(carrier, float(len(main))) for carrier in carriers]
+            around += [0.0] if spring.on_ground else []
             middle = sum(around) / len(around)
             # On a single place it is drawn a little above.
-            heights[own] = middle + 0.35 if middle in around else middle
+            heights[label] = middle + 0.35 if middle in around else middle
         return heights
-
-    @property
-    def _in_series(self) -> list[tuple[Element, str]]:
-        """Elements with a degree of freedom of their own, and its label."""
-        each = ((element, element.own_degree_of_freedom) for element in self.elements)
-        return [(element, own) for element, own in each if own is not None]
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         """See :meth:`Structure.modal_model`; the influence of ground motion is known."""
@@ -209,15 +189,7 @@ class LumpedStructure(Structure):
 
     def influence(self) -> FloatArray:
         """Influence as in :class:`ModalModel`, (n_dof,); springs of appendages stay at rest."""
-        influence = [*self.main_influence(), *(0.0 for _ in self.appendages)]
-        for element, own in self._in_series:
-            for spring in element.springs():
-                parts = self._of_single(spring.direction)
-                own_component = sum(c for place, c in parts if place == own)
-                rows = ((self._index(place), c) for place, c in parts if place != own)
-                moved = sum(c * (1.0 if row is None else influence[row]) for row, c in rows)
-                influence[self.degrees_of_freedom.index(own)] = -moved / own_component
-        return np.array(influence)
+        return self._carried.influence(np.array(self.main_influence()))
 
     def matrices(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Stiffness (B, n, n) and mass for ``values``.
@@ -228,39 +200,44 @@ class LumpedStructure(Structure):
         return self._stiffness.evaluate(values), self._mass.evaluate(values)
 
     @cached_property
-    def _springs(self) -> list[Spring]:
-        return [*self.main_springs(), *(s for element in self.elements for s in element.springs())]
+    def _carried(self) -> CarriedElements:
+        n_main = len(self.main_degrees_of_freedom())
+        return CarriedElements.of(self.elements, self._rows_of, n_main)
 
     @cached_property
-    def _masses(self) -> list[PointMass]:
-        return [*self.main_masses(), *(m for element in self.elements for m in element.masses())]
+    def _springs(self) -> list[AddedTerm]:
+        springs = self.main_springs()
+        main = [AddedTerm.of(s.stiffness, s.direction, self._rows_of, "spring") for s in springs]
+        return [*main, *self._carried.springs]
+
+    @cached_property
+    def _masses(self) -> list[AddedTerm]:
+        masses = self.main_masses()
+        main = [AddedTerm.of(m.mass, m.direction, self._rows_of, "mass") for m in masses]
+        return [*main, *self._carried.masses]
 
     @cached_property
     def _stiffness(self) -> AffineArray:
-        n = len(self.degrees_of_freedom)
-        terms = [(spring.stiffness, self._outer(spring.direction)) for spring in self._springs]
-        return AffineArray.of(terms, self.parameters, (n, n))
+        return self._sum_of_squares(self._springs)
 
     @cached_property
     def _mass(self) -> AffineArray:
-        n = len(self.degrees_of_freedom)
-        terms = [(mass.mass, self._outer(mass.direction)) for mass in self._masses]
-        full = AffineArray.of(terms, self.parameters, (n, n))
-        if (full.arrays * (1.0 - np.eye(n))).any():
+        full = self._sum_of_squares(self._masses)
+        if (full.arrays * (1.0 - np.eye(full.arrays.shape[1]))).any():
             return full
         # Off-diagonal terms may be absent, or cancel each other.
-        return AffineArray.of(
-            [(mass, array.diagonal()) for mass, array in terms], self.parameters, (n,)
-        )
+        return AffineArray(full.table, np.array([array.diagonal() for array in full.arrays]))
 
-    def _of_single(self, motion: Iterable[tuple[SinglePlace, float]]) -> Motion:
-        """A motion as a combination of floors and degrees of freedom, without sensors."""
-        sensors = {sensor.label: sensor.motion for sensor in self.sensors}
-        return tuple(
-            (dof, share * own)
-            for place, share in motion
-            for dof, own in sensors.get(str(place), ((place, 1.0),))
-        )
+    def _sum_of_squares(self, terms: Sequence[AddedTerm]) -> AffineArray:
+        """The sum of c w wᵀ, (B, n, n)."""
+        n = len(self.degrees_of_freedom)
+
+        def square(term: AddedTerm) -> FloatArray:
+            w = np.zeros(n)
+            w[list(term.vector)] = list(term.vector.values())
+            return np.outer(w, w)
+
+        return AffineArray.of([(t.coefficient, square(t)) for t in terms], self.parameters, (n, n))
 
     def _rigid_motions(self) -> dict[str, dict[str, float]]:
         motions = {}
@@ -276,19 +253,20 @@ class LumpedStructure(Structure):
                 motions[element.stands_for] = {name: own for name, own in named if own != 0.0}
         return motions
 
-    def _outer(self, direction: Motion) -> FloatArray:
-        """``v vᵀ``, (n, n), of the displacement ``Σ component · x(place)``."""
-        vector = self._vector(direction)
-        return np.outer(vector, vector)
-
-    def _vector(self, direction: Motion) -> FloatArray:
-        """v (n,) of the displacement ``v·x = Σ component · x(place)``."""
+    def _vector(self, motion: Motion) -> FloatArray:
+        """v (n,) of the displacement ``v·x = Σ share · x(place)``."""
         vector = np.zeros(len(self.degrees_of_freedom))
-        for place, component in self._of_single(direction):
-            index = self._index(place)
-            if index is not None:
-                vector[index] += component
+        for place, share in motion:
+            for row, component in self._rows_of(place, "element"):
+                vector[row] += share * component
         return vector
+
+    def _rows_of(self, place: SinglePlace, label: str) -> list[tuple[int, float]]:
+        """Rows of a floor, degree of freedom or sensor, and their shares."""
+        sensors = {sensor.label: sensor.motion for sensor in self.sensors}
+        motion: Motion = sensors.get(str(place), ((place, 1.0),))
+        rows = ((self._index(single, label), share) for single, share in motion)
+        return [(row, share) for row, share in rows if row is not None]
 
     def _index(self, place: SinglePlace, label: str = "element") -> int | None:
         """The degree of freedom at a place; None for the ground, which does not move."""

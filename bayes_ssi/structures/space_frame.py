@@ -24,6 +24,7 @@ from bayes_ssi.parameters.parameters import (
     positive_product,
 )
 from bayes_ssi.structures.affine_array import AffineArray
+from bayes_ssi.structures.carried_elements import parameters_of
 from bayes_ssi.structures.elements import PointMass, Spring
 from bayes_ssi.structures.rigid_floors import RigidFloors, rigid_masses
 
@@ -100,7 +101,7 @@ class SpaceFrame(RigidFloors):
         of_storeys = (value for name in self._storey_fields for value in getattr(self, name))
         values = (self.elastic_modulus, *of_storeys)
         own = (p for value in values for p in as_product(value).parameters)
-        return collect_parameters((*own, *self._of_springs_and_masses))
+        return collect_parameters((*own, *parameters_of((*self._springs, *self._masses))))
 
     def main_springs(self) -> Sequence[Spring]:
         return ()  # the frame's stiffness, condensed, is not a sum of springs

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar
 
@@ -132,6 +134,16 @@ class Structure(ABC):
                 missing = f"{what} {name!r}: the structure has no degree of freedom"
                 require_known(missing, motion, choices)
         return SensorMatrix.of(motions, labels)
+
+    def _check_sensors(self) -> None:
+        """Refuse sensors whose label is taken, or that measure what the structure does not have."""
+        labels = Counter((*self.degrees_of_freedom, *(sensor.label for sensor in self.sensors)))
+        for sensor in self.sensors:
+            if labels[sensor.label] > 1:
+                raise ValueError(
+                    f"sensor {sensor.label!r}: another sensor or degree of freedom has that label"
+                )
+        self.sensor_matrix([sensor.label for sensor in self.sensors])
 
     def _rigid_motions(self) -> dict[str, dict[str, float]]:
         """Motions of sensors on appendages that are there as masses alone."""
@@ -294,6 +306,93 @@ class Structure(ABC):
     def prior_medians(self) -> FloatArray:
         """Every parameter at its prior median, as one row of ``values`` (1, n_parameters)."""
         return np.array([[p.prior.quantile(0.5) for p in self.parameters]])
+
+
+class CombinedSensors(Structure):
+    """A structure that takes sensors at points and in directions between degrees of freedom."""
+
+    _combined: tuple[Sensor, ...] = ()
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        """Sensors that do not measure a single degree of freedom, with their own labels."""
+        return self._combined
+
+    @checked
+    def with_sensors(self, sensors: Iterable[Sensor]) -> Self:
+        """This structure with more sensors.
+
+        Args:
+            sensors: their motions are in terms of :attr:`degrees_of_freedom`, for instance 0.5 each
+                of two for a point halfway, or cosines for a direction.
+
+        Raises:
+            ValueError: a label is that of another sensor or of a degree of freedom, or a sensor
+                measures a degree of freedom that the structure does not have.
+        """
+        whole = copy(self)
+        whole._combined = (*self._combined, *sensors)
+        whole._check_sensors()
+        return whole
+
+    def _described_sensors(self) -> dict[str, str]:
+        """A line of a description; none where there are no such sensors."""
+        if not self._combined:
+            return {}
+        texts = (
+            f"{each.label} = " + " + ".join(f"{share:g} {place}" for place, share in each.motion)
+            for each in self._combined
+        )
+        return {"combined sensors": "; ".join(texts)}
+
+
+class ApproximateStructure(Structure):
+    """A structure whose modes approximate those of another one with the same parameters.
+
+    Sampling refines it where the posterior lies, and corrects the evidence by exact solutions
+    (:mod:`bayes_ssi.inference.posterior_sampling.refinement`).
+    """
+
+    is_cheap = True
+    is_approximate = True
+
+    @property
+    @abstractmethod
+    def exact(self) -> Structure: ...
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.exact.parameters
+
+    @property
+    def degrees_of_freedom(self) -> tuple[str, ...]:
+        return self.exact.degrees_of_freedom
+
+    @property
+    def n_modes(self) -> int:
+        return self.exact.n_modes
+
+    @property
+    def n_rigid_modes(self) -> int:
+        return self.exact.n_rigid_modes
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        return tuple(self.exact.sensors)
+
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        return self.exact.appendages
+
+    @property
+    def geometry(self) -> Geometry | None:
+        return self.exact.geometry
+
+    def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        return self.exact.labelled_modes(values)
+
+    def location_of(self, place: Place) -> Location | None:
+        return self.exact.location_of(place)
 
 
 def _of_checked_values(method: Callable[[Any, FloatArray], T]) -> Callable[[Any, ArrayLike], T]:

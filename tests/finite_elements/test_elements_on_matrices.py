@@ -46,6 +46,7 @@ CARRIED = {
     "spring": [bs.InPlaneInfill(("floor 2", "floor 3"), m, 250.0 * f)],
     "spring to the ground": [bs.InPlaneInfill((0, DIRECTION), m, 250.0 * f)],
     "vibrating infill": [bs.OutOfPlaneInfill(("floor 1", "floor 3"), m, f)],
+    "vibrating infill on the ground": [bs.OutOfPlaneInfill((0, "floor 1"), m, f)],
     "between a tank and a floor": [TANK, bs.InPlaneInfill(("tank", "floor 3"), 0.1, 9.0)],
 }
 

@@ -10,9 +10,8 @@ from bayes_ssi.inference.posterior_sampling.confirmation import _differences
 from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
 from bayes_ssi.inference.posterior_sampling.to_posterior import sample_as_it_is
 from bayes_ssi.results.stored_result import load_result, save_result
-from bayes_ssi.structures.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.structures.modal import Modes
-from bayes_ssi.structures.structure import Accuracy, Structure
+from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure
 from bayes_ssi.studies.diagnosis.diagnosis import diagnose
 
 SETTINGS = bs.SamplingSettings(log_evidence_error=0.02)
@@ -25,6 +24,7 @@ class Stiff(ApproximateStructure):
     right: Structure
     too_high: float
     best: float = 0.0
+    sensors = appendages = ()
 
     @property
     def exact(self):

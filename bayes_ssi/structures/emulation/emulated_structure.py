@@ -20,10 +20,9 @@ from bayes_ssi.structures.emulation.mode_representations import (
     TrackedModes,
     unit_shapes,
 )
-from bayes_ssi.structures.finite_elements.approximate_structure import ApproximateStructure
 from bayes_ssi.structures.modal import ModalModel, Modes, NoModesError
 from bayes_ssi.structures.sensors import Sensor
-from bayes_ssi.structures.structure import Accuracy, Structure
+from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure
 
 # Solutions over the prior for each coefficient of a polynomial of second degree: one would do
 # without errors.

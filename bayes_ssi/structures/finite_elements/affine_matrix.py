@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.arrays import FloatArray, steady_digest
 from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, Value, as_product
 from bayes_ssi.structures.affine_array import AffineArray
+from bayes_ssi.structures.carried_elements import AddedTerm
 from bayes_ssi.structures.finite_elements.matrix_files import Matrix, checked_matrix
 
 # Entries of rows with smaller diagonals are compared with this share of the root of the largest:
@@ -108,12 +109,10 @@ class AffineMatrix:
         """State without what is as large as the matrices, and soon computed from them again."""
         return {name: self.__dict__[name] for name in ("products", "matrices")}
 
-    def with_terms(
-        self, size: int, terms: Iterable[tuple[Product, Mapping[int, float]]]
-    ) -> AffineMatrix:
-        """This matrix, enlarged to ``size`` by zeros, and terms c v vᵀ."""
+    def with_terms(self, size: int, terms: Iterable[AddedTerm]) -> AffineMatrix:
+        """This matrix, enlarged to ``size`` by zeros, and terms c w wᵀ."""
         products, matrices = list(self.products), [_enlarged(m, size) for m in self.matrices]
-        for coefficient, vector in terms:
+        for coefficient, vector, *_ in terms:
             rows, components = np.array(list(vector), dtype=np.intp), np.array([*vector.values()])
             column = sp.csc_array((components, (rows, 0 * rows)), shape=(size, 1))
             products.append(Product(1.0, coefficient.powers))

@@ -25,13 +25,12 @@ from bayes_ssi.parameters.parameters import (
     as_product,
     collect_parameters,
 )
-from bayes_ssi.structures.combined_sensors import CombinedSensors
-from bayes_ssi.structures.finite_elements.elements_on_rows import Sensors, sensor_rows
 from bayes_ssi.structures.finite_elements.matrix_files import checked_matrix
+from bayes_ssi.structures.finite_elements.sensor_rows import Sensors, sensor_rows
 from bayes_ssi.structures.finite_elements.sparse_factors import fill_reducing_order, is_semidefinite
 from bayes_ssi.structures.finite_elements.sparse_modes import DENSE_UP_TO, lowest_modes
 from bayes_ssi.structures.modal import ModalModel, Modes, NoModesError, frequencies_hz
-from bayes_ssi.structures.structure import Structure
+from bayes_ssi.structures.structure import CombinedSensors, Structure
 
 # Memory for recent solutions: enough for hundreds of draws at a thousand sensors.
 CACHE_BYTES = 64_000_000

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from numbers import Integral
 from typing import Any
 
@@ -18,23 +17,16 @@ from numpy.typing import ArrayLike
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import listed_choices
-from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.finite_elements.affine_matrix import AffineMatrix
-from bayes_ssi.structures.finite_elements.elements_on_rows import Sensors, sensor_rows
-from bayes_ssi.structures.finite_elements.function_structure import PointwiseStructure
+from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
 from bayes_ssi.structures.finite_elements.reduced_structure import ReducedStructure
-from bayes_ssi.structures.finite_elements.reducible_structure import ReducibleStructure
-from bayes_ssi.structures.finite_elements.sparse_factors import count_below
+from bayes_ssi.structures.finite_elements.sensor_rows import Sensors, sensor_rows
+from bayes_ssi.structures.finite_elements.sparse_modes import DENSE_UP_TO
 from bayes_ssi.structures.geometry import Geometry
-from bayes_ssi.structures.modal import BATCHED_UP_TO, ModalModel, Modes, frequencies_hz, solve_modes
 from bayes_ssi.structures.motion import motion_of
 
-# Modes are computed up to this share above the highest frequency of interest, since frequencies
-# fall as parameters change: by a fifth where a stiffness is a third lower than its median.
-MARGIN = 0.2
 
-
-class MatrixStructure(PointwiseStructure, ReducibleStructure):
+class MatrixStructure(AssembledStructure):
     """A finite-element model whose matrices are sums of fixed ones times products of parameters.
 
     Every set of parameter values costs a full eigen-solution, milliseconds for thousands of
@@ -77,14 +69,14 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
         try:
             k = AffineMatrix.of(stiffness, "stiffness")
             m = AffineMatrix.of(mass, "mass", k.size)
-            rows = sensor_rows(k.size, labels, sensors)
-            own_modes, self._up_to_hz = _checked_n_modes(n_modes, up_to_hz, k.size)
-            labels = None if labels is None else tuple(labels)
+            names_and_rows = sensor_rows(k.size, labels, sensors)
+            modes_or_hz = _checked_n_modes(n_modes, up_to_hz, k.size)
+            of_all = None if labels is None else tuple(labels)
             ground = _checked_influence(influence, k.size)
-            super().__init__(k, m, rows, own_modes, ground, labels, geometry)
-            _require_nodes(geometry, labels or self.degrees_of_freedom)
+            _require_nodes(geometry, of_all or names_and_rows[0])
         except (TypeError, ValueError) as error:
             raise type(error)(f"MatrixStructure: {error}") from None
+        super().__init__(k, m, names_and_rows, *modes_or_hz, ground, of_all, geometry)
 
     def reduced(self, **options: Any) -> ReducedStructure:
         """The same model in a reduced basis: thousands of times faster, with a certified error.
@@ -95,93 +87,37 @@ class MatrixStructure(PointwiseStructure, ReducibleStructure):
         """
         return ReducedStructure(self, **options)
 
-    @cached_property
-    def n_modes(self) -> int:
-        """Number of modes, as given or up to ``up_to_hz`` and a margin at the prior medians.
-
-        Raises:
-            ValueError: there is no mode below.
-        """
-        if self._main is not None:
-            return self._main.n_modes + len(self.appendages)
-        if self._n_modes is not None:
-            return self._n_modes
-        assert self._up_to_hz is not None
-        number, shift = self.free_body
-        limit = (2.0 * math.pi * (1.0 + MARGIN) * self._up_to_hz) ** 2 + shift
-        count = count_below(*self.shifted_matrices(self.prior_medians()[0]), limit) - number
-        if not count:
-            raise ValueError(
-                f"MatrixStructure: up_to_hz: no mode below {1.0 + MARGIN:g} times "
-                f"{self._up_to_hz:g} Hz at the prior medians; are the units right?"
-            )
-        return count
-
-    def modes(self, values: FloatArray) -> Modes:
-        if self.size > BATCHED_UP_TO:
-            return super().modes(values)
-        stiffness, mass = (each.evaluate(values) for each in self._dense)
-        modes = self.free_body.elastic(solve_modes(stiffness, mass, self.n_solved))
-        modes = modes.repeated(len(values))
-        failed = np.isnan(modes.frequencies_hz).any(axis=1)
-        if failed.any():
-            row = values[failed.argmax()]
-            self.solution(row)  # raises, and says why
-            raise ValueError(f"at {self._named(row)}: the matrices are too close to singular")
-        return Modes(modes.frequencies_hz, modes.shapes[:, self.system.sensor_rows])
-
-    @cached_property
-    def _dense(self) -> tuple[AffineArray, AffineArray]:
-        """Stiffness and mass of a small structure."""
-        system = self.system
-        return system.stiffness.dense(self.parameters), system.mass.dense(self.parameters)
-
-    def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """Frequencies, shapes and, where ``influence`` is known, participation."""
-        modes, n = self.full_modes(values), self.n_modes
-        frequencies, rows = frequencies_hz(modes.eigenvalues[:n]), self.system.sensor_rows
-        shapes = modes.vectors[:, :n]
-        if self.system.influence is None:
-            return frequencies, shapes[rows]
-        _, mass = self.matrices(values)
-        return frequencies, shapes[rows], shapes.T @ (mass @ self.system.influence)
+    @property
+    def performance_hint(self) -> str:
+        """Advice on sampling it much faster, as a sentence; empty where it is fast enough."""
+        if self.size <= DENSE_UP_TO:
+            return ""
+        return (
+            f"{self.size} degrees of freedom, solved in full tens of thousands of times; "
+            f"{type(self).__name__}.reduced() needs dozens of full solutions"
+        )
 
     def description(self) -> Mapping[str, Any]:
-        main = self.without_elements
         up_to = f", those up to {self._up_to_hz:g} Hz and a margin" if self._up_to_hz else ""
+        number = self.n_rigid_modes
+        rigid = f", without {number} rigid-body mode{'s' if number > 1 else ''}" if number else ""
+        observed = len(self.degrees_of_freedom)
         return {
-            "size": f"{self.size} degrees of freedom, {len(self._names)} of them observed",
-            "stiffness": main._stiffness.formula("K"),
-            "mass": main._mass.formula("M"),
-            "modes": f"the lowest {self.n_modes}{up_to}{self._without_rigid_modes()}",
+            "size": f"{self.size} degrees of freedom, {observed} of them observed",
+            "stiffness": self._stiffness.formula("K"),
+            "mass": self._mass.formula("M"),
+            "modes": f"the lowest {self.n_modes}{up_to}{rigid}",
             **{element.label: element for element in self.elements},
             **self._described_sensors(),
         }
 
-    def _without_rigid_modes(self) -> str:
-        number = self.n_rigid_modes
-        return f", without {number} rigid-body mode{'s' if number > 1 else ''}" if number else ""
-
-    def modal_model(self, values: FloatArray) -> ModalModel:
-        """See :meth:`Structure.modal_model`.
-
-        Raises:
-            TypeError: the structure was not given ``influence``.
-        """
-        influence = self.require_influence()
-        solutions = [self.solution(row) for row in values]
-        frequencies, shapes, participation = (
-            np.array([solution[i] for solution in solutions]) for i in range(3)
-        )
-        return ModalModel(frequencies, shapes, participation, influence[self.system.sensor_rows])
-
     def __repr__(self) -> str:
         modes = f"n_modes={self._n_modes}" if self._n_modes else f"up_to_hz={self._up_to_hz}"
-        places = dict(zip(self._names, self._rows.tolist(), strict=True))
-        return (
-            f"MatrixStructure(stiffness={self._stiffness!r}, mass={self._mass!r}, "
-            f"sensors={places}, {modes})"
-        )
+        own = range(self._carried.size, self.size)
+        places = dict(zip(self.degrees_of_freedom, (*self._rows.tolist(), *own), strict=True))
+        stiffness = self._stiffness.with_terms(self.size, self._carried.springs)
+        mass = self._mass.with_terms(self.size, self._carried.masses)
+        return f"MatrixStructure(stiffness={stiffness!r}, mass={mass!r}, sensors={places}, {modes})"
 
 
 def _checked_n_modes(

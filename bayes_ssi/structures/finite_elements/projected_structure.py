@@ -1,18 +1,18 @@
 """A finite-element model in a small fixed basis, for comparing many places of elements quickly.
 
-An element on the model adds no vector to the basis, but what that lacks of the static answer
-K_r⁻¹ v to its force, the residual flexibility: ρ = vᵀ K_r⁻¹ v - |Vᵀ v|² at its place, V being
-orthonormal in K_r, and the displacements of the sensors likewise. The former is in series with the
-element's spring,
+A reduced basis is accurate over the prior. Where a posterior lies, far fewer vectors describe the
+modes: those combinations of the basis that the modes at some draws consist of. An element on the
+model adds no vector to them, but what they lack of the static answer K_r⁻¹ v to its force, the
+residual flexibility: ρ = vᵀ K_r⁻¹ v - |Vᵀ v|² at its place, V being orthonormal in K_r, and the
+displacements of the sensors likewise. The former is in series with the element's spring,
 
     1/k' = 1/k + ρ,
 
-the latter add to the mode shapes in proportion to the spring's force. Both are known for every
-place (:mod:`~bayes_ssi.structures.finite_elements.projection`). Inertia of the residual is
-neglected, its flexibility that of the prior medians, and flexibility between two elements left out,
-so errors are not certified: this is for the choice of hypotheses, not for results.
-
-Models with the same elements at different places, computed in one batch.
+the latter add to the mode shapes in proportion to the spring's force. Both are known place by place
+without solving an equation: the sketch S of the reduced model's error has S Sᵀ ≈ K_r⁻¹, to about a
+tenth, and K_r⁻¹ E is known for the sensors. Inertia of the residual is neglected, its flexibility
+that of the prior medians, and flexibility between two elements left out, so errors are not
+certified: this is for the choice of hypotheses, not for results.
 
 A search puts one kind of element on hundreds of places. Small batches, one for each place, take
 longer than a large one of all.
@@ -32,20 +32,98 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, collect_parameters
 from bayes_ssi.structures.affine_array import AffineArray
+from bayes_ssi.structures.carried_elements import AddedTerm, CarriedElements, parameters_of
 from bayes_ssi.structures.elements import Element
-from bayes_ssi.structures.finite_elements.projection import BasisRow, Projection
-from bayes_ssi.structures.modal import Modes, settle, solve_modes
-from bayes_ssi.structures.motion import Motion, Place, motion_of
+from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
+from bayes_ssi.structures.finite_elements.reduced_basis import SKETCH_SIZE, ReducedBasis, Reference
+from bayes_ssi.structures.modal import FreeBody, Modes, settle, solve_modes
+from bayes_ssi.structures.motion import Place, SinglePlace, motion_of
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 
 
-class _Term(NamedTuple):
-    """A spring or mass c w wᵀ: w (N + p,) in all coordinates, and the row of its model part."""
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """The model without elements in the basis of N vectors, and answers to forces on it.
 
-    coefficient: Product
-    vector: FloatArray
-    row: BasisRow
+    Attributes:
+        stiffness, mass: coefficients and matrices (N, N), term by term; of the mass only the
+            diagonals (N,) where all terms are diagonal.
+        at_sensors: (d, N), motions of the sensors.
+        places: P single places on which elements may be put.
+        motions: (P, N), their rows of V.
+        flexibilities: (P, SKETCH_SIZE), rows of what the basis lacks of S, whose squares are ρ.
+        moved_sensors: (P, d), displacements of the sensors under a unit force, as far as V lacks
+            them.
+        free_body: by whose shift the stiffness is raised.
+    """
+
+    stiffness: tuple[tuple[Product, FloatArray], ...]
+    mass: tuple[tuple[Product, FloatArray], ...]
+    at_sensors: FloatArray
+    places: tuple[SinglePlace, ...]
+    motions: FloatArray
+    flexibilities: FloatArray
+    moved_sensors: FloatArray
+    sensors: tuple[str, ...]
+    combined_sensors: tuple[Sensor, ...]
+    n_modes: int
+    free_body: FreeBody
+
+    @classmethod
+    def of(
+        cls,
+        basis: ReducedBasis,
+        full: AssembledStructure,
+        places: Iterable[SinglePlace],
+        reference: Reference,
+    ) -> Self:
+        """The model in a basis, in coordinates of unit mass where the mass is known."""
+        vectors, system = basis.vectors, full.system
+        # What the basis lacks of K_r⁻¹ times forces; the vectors are orthonormal in K_r.
+        lacking = vectors.T @ (reference.matrix @ reference.sketch)
+        rows = {place: full.row_of(place, "place") for place in places}
+        moving = {place: row for place, row in rows.items() if row is not None}
+        at = system.rows[list(moving.values())]
+        motions = vectors[at]
+        flexibilities, moved = np.split(
+            reference.sketch[at] - motions @ lacking, [SKETCH_SIZE], axis=1
+        )
+        stiffness = tuple(zip(system.stiffness.products, basis.stiffness, strict=True))
+        mass = tuple(zip(system.mass.products, basis.mass, strict=True))
+        at_sensors = basis.at_sensors
+        if not any(coefficient.powers for coefficient, _ in mass):
+            # Then only the elements' masses change it, and modes take a third less time.
+            squares, axes = np.linalg.eigh(sum(c.scale * matrix for c, matrix in mass))
+            change = axes / np.sqrt(squares)
+            stiffness = tuple((c, change.T @ matrix @ change) for c, matrix in stiffness)
+            mass = ((Product(1.0, ()), np.ones(len(squares))),)
+            at_sensors, motions = at_sensors @ change, motions @ change
+        return cls(
+            stiffness,
+            mass,
+            at_sensors,
+            tuple(moving),
+            motions,
+            flexibilities,
+            moved,
+            full.degrees_of_freedom,
+            full.sensors,
+            full.n_modes,
+            system.free_body,
+        )
+
+    def at(self, places: Iterable[SinglePlace]) -> Self:
+        """The same for some of the places alone."""
+        wanted = set(places)
+        kept = [i for i, place in enumerate(self.places) if place in wanted]
+        return replace(
+            self,
+            places=tuple(self.places[i] for i in kept),
+            motions=self.motions[kept],
+            flexibilities=self.flexibilities[kept],
+            moved_sensors=self.moved_sensors[kept],
+        )
 
 
 class ElementVectors(NamedTuple):
@@ -74,59 +152,53 @@ class ProjectedStructure(Structure):
 
     def __init__(self, main: Projection, elements: tuple[Element, ...] = ()) -> None:
         self.main, self.elements = main, elements
-        own = (element.own_degree_of_freedom for element in elements)
-        self._own = tuple(label for label in own if label is not None)
-        self._springs = [
-            self._term(s.stiffness, s.direction, e.label) for e in elements for s in e.springs()
-        ]
-        self._masses = [
-            self._term(m.mass, m.direction, e.label) for e in elements for m in e.masses()
-        ]
-        if shift := main.free_body.shift:
-            self._springs += [
-                each._replace(coefficient=shift * each.coefficient) for each in self._masses
-            ]
+        size, shift = len(main.places), main.free_body.shift
+        self._carried = CarriedElements.of(elements, self._rows_of, size, shift)
 
     def with_element(self, element: Element) -> ProjectedStructure:
         return ProjectedStructure(self.main, (*self.elements, element))
 
     def require_place(self, place: Place, label: str) -> None:
         for single, _ in motion_of(place):
-            if single != 0 and single not in self._own:
-                require_known(f"{label}: no place", [single], self.main.rows)
+            if single not in self.appendages:
+                self._rows_of(single, label)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """State without the places of the model on which it has no element.
+    def _rows_of(self, place: SinglePlace, label: str) -> list[tuple[int, float]]:
+        if place == 0:
+            return []
+        require_known(f"{label}: no place", [place], self.main.places)
+        return [(self.main.places.index(place), 1.0)]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Without the places of the model on which it has no element.
 
         Those of a search are hundreds, and each of its hypotheses goes to another process.
         """
-        springs = [spring.direction for each in self.elements for spring in each.springs()]
-        masses = [mass.direction for each in self.elements for mass in each.masses()]
-        acted_on = {place for direction in (*springs, *masses) for place, _ in direction}
-        rows = {place: row for place, row in self.main.rows.items() if place in acted_on}
-        return {**self.__dict__, "main": replace(self.main, rows=rows)}
+        acted_on = (self.main.places[row] for row in self._carried.acted_on)
+        return type(self), (self.main.at(acted_on), self.elements)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        stiffness = [c for c, _ in self.main.stiffness] + [t.coefficient for t in self._springs]
-        mass = [c for c, _ in self.main.mass] + [t.coefficient for t in self._masses]
-        return collect_parameters(p for c in (*stiffness, *mass) for p in c.parameters)
+        of_stiffness = [p for coefficient, _ in self.main.stiffness for p in coefficient.parameters]
+        of_stiffness += parameters_of(self._carried.springs)
+        of_mass = [p for coefficient, _ in self.main.mass for p in coefficient.parameters]
+        return collect_parameters([*of_stiffness, *of_mass, *parameters_of(self._carried.masses)])
 
     @property
     def degrees_of_freedom(self) -> tuple[str, ...]:
-        return (*self.main.sensors, *self._own)
+        return (*self.main.sensors, *self.appendages)
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
-        return self.main.combined
+        return self.main.combined_sensors
 
     @property
     def appendages(self) -> tuple[str, ...]:
-        return self._own
+        return self._carried.labels
 
     @property
     def n_modes(self) -> int:
-        return self.main.n_modes + len(self._own)
+        return self.main.n_modes + len(self.appendages)
 
     def modes(self, values: FloatArray) -> Modes:
         return self.modes_with(values, self.vectors)
@@ -161,61 +233,51 @@ class ProjectedStructure(Structure):
 
     @cached_property
     def vectors(self) -> ElementVectors:
-        """The elements where they are."""
-        n, d = self.main.size + len(self._own), len(self.degrees_of_freedom)
+        """The elements where they are, (1, ...)."""
+        main, rows = self.main, self._carried.acted_on
+        by_places, own = self._carried.components(self._carried.springs)
+        moved = by_places @ main.moved_sensors[rows]
+        masses, masses_own = self._carried.components(self._carried.masses)
         return ElementVectors(
-            springs=np.array([[s.vector for s in self._springs]]).reshape(1, -1, n),
-            flexibilities=np.array([[(s.row.flexibility**2).sum() for s in self._springs]]),
-            at_sensors=np.array(
-                [[np.append(s.row.at_sensors, np.zeros(len(self._own))) for s in self._springs]]
-            ).reshape(1, -1, d),
-            masses=np.array([[m.vector for m in self._masses]]).reshape(1, -1, n),
+            springs=np.hstack([by_places @ main.motions[rows], own])[None],
+            flexibilities=((by_places @ main.flexibilities[rows]) ** 2).sum(axis=1)[None],
+            at_sensors=np.hstack([moved, 0.0 * own])[None],
+            masses=np.hstack([masses @ main.motions[rows], masses_own])[None],
         )
 
     @cached_property
     def _spring_table(self) -> ProductTable:
-        return ProductTable(tuple(each.coefficient for each in self._springs), self.parameters)
+        return self._table(self._carried.springs)
 
     @cached_property
     def _mass_table(self) -> ProductTable:
-        return ProductTable(tuple(each.coefficient for each in self._masses), self.parameters)
+        return self._table(self._carried.masses)
+
+    def _table(self, terms: Sequence[AddedTerm]) -> ProductTable:
+        return ProductTable(tuple(term.coefficient for term in terms), self.parameters)
 
     @cached_property
     def _stiffness(self) -> AffineArray:
         """Without the elements, (B, N + p, N + p)."""
-        return self._padded(self.main.stiffness, 2)
+        return self._padded(self.main.stiffness)
 
     @cached_property
     def _mass(self) -> AffineArray:
         """Without the elements, (B, N + p, N + p); its diagonal alone where all else is zero."""
-        return self._padded(self.main.mass, min(array.ndim for _, array in self.main.mass))
+        return self._padded(self.main.mass)
 
-    def _padded(
-        self, terms: Iterable[tuple[Product, FloatArray]], n_dimensions: int
-    ) -> AffineArray:
-        p = len(self._own)
-        padded = ((coefficient, np.pad(array, (0, p))) for coefficient, array in terms)
-        return AffineArray.of(padded, self.parameters, (self.main.size + p,) * n_dimensions)
+    def _padded(self, terms: Sequence[tuple[Product, FloatArray]]) -> AffineArray:
+        p = len(self.appendages)
+        padded = [(coefficient, np.pad(array, (0, p))) for coefficient, array in terms]
+        return AffineArray.of(padded, self.parameters, padded[0][1].shape)
 
     @cached_property
     def _at_sensors(self) -> FloatArray:
         """(d + p, N + p), of sensors and own degrees of freedom."""
-        (d, n), p = self.main.at_sensors.shape, len(self._own)
-        whole = np.zeros((d + p, n + p))
-        whole[:d, :n], whole[d:, n:] = self.main.at_sensors, np.eye(p)
+        p = len(self.appendages)
+        whole = np.pad(self.main.at_sensors, (0, p))
+        whole[whole.shape[0] - p :, whole.shape[1] - p :] = np.eye(p)
         return whole
-
-    def _term(self, coefficient: Product, direction: Motion, label: str) -> _Term:
-        self.require_place(direction, label)
-        own = np.zeros(len(self._own))
-        first = next(iter(self.main.rows.values()))
-        row = first.times(0.0)
-        for place, share in direction:
-            if place in self._own:
-                own[self._own.index(str(place))] += share
-            elif place != 0:
-                row = row.plus(self.main.rows[place].times(share))
-        return _Term(coefficient, np.append(row.motion, own), row)
 
 
 def _sum_of_squares(coefficients: FloatArray, vectors: FloatArray) -> FloatArray:

@@ -18,19 +18,28 @@ rᵀ K⁻¹ r ≤ rᵀ K_r⁻¹ r / α where K - α K_r is positive semi-definit
 coefficients c_t(θ)/c_t(θ_r) where all K_t are. The norm of r in K_r⁻¹ is estimated by a sketch, a
 few random combinations Sᵀr with S = K_r⁻¹ C Ω, K_r = C Cᵀ and Ω normally distributed: its square
 is their mean square, so that small matrices give it too (Balabanov and Nouy 2019).
+
+An element acts on the model by forces at its places. What a basis lacks for that is the static
+answer K_r⁻¹ v to each of them, and the elements' own degrees of freedom. Of these the elongation
+s = v·x of an element's spring is a coordinate of its own: in the model's displacements u and in s,
+the stiffness is that of the model without elements and, apart from it, the spring's, so that the
+norm of residuals is that of the model without elements, and s leaves no residual.
 """
 
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.finite_elements.reducible_structure import Coefficients, System
+from bayes_ssi.structures.carried_elements import AddedTerm, CarriedElements
+from bayes_ssi.structures.finite_elements.matrix_system import Coefficients, System
 from bayes_ssi.structures.finite_elements.sparse_factors import (
     Factor,
     is_semidefinite,
@@ -53,8 +62,7 @@ CLOSE = 0.02
 VISIBLE = 0.05
 
 
-@dataclass(frozen=True, eq=False)
-class Bounds:
+class Bounds(NamedTuple):
     """Largest errors of reduced modes.
 
     Attributes:
@@ -73,9 +81,11 @@ class Reference:
         sketch: (n, SKETCH_SIZE + d), S and, for the d sensors, K_r⁻¹ E.
     """
 
-    def __init__(self, system: System, coefficients: Coefficients) -> None:
+    def __init__(
+        self, system: System, sensor_rows: NDArray[np.intp], coefficients: Coefficients
+    ) -> None:
         """Factorise the stiffness at the reference."""
-        self.stiffness, self.mass, self.sensors = system.stiffness, system.mass, system.sensor_rows
+        self.stiffness, self.mass, self.sensors = system.stiffness, system.mass, sensor_rows
         self.coefficients = coefficients
         self.matrix = self.stiffness.at(coefficients.stiffness)
         # Not kept: with its pivots it is large.
@@ -98,9 +108,40 @@ class Reference:
         return stiffness_factor(self.matrix)
 
 
+class Elongations(NamedTuple):
+    """Elements' own degrees of freedom q = B⁻¹ (s - A u), of elongations s = A u + B q.
+
+    Attributes:
+        rows: (r,), degrees of freedom of the model at which elements act; A has these columns.
+        follow: B⁻¹ A (p, r).
+        inverse: B⁻¹ (p, p).
+    """
+
+    rows: NDArray[np.intp]
+    follow: FloatArray
+    inverse: FloatArray
+
+    @classmethod
+    def of(cls, carried: CarriedElements) -> Elongations:
+        a, b = carried.components(carried.own_springs)
+        inverse = np.linalg.inv(b).astype(np.float64)
+        return cls(carried.acted_on, inverse @ a, inverse)
+
+    def directions(self, carried: CarriedElements, terms: Sequence[AddedTerm]) -> list[FloatArray]:
+        """Components of directions by u (n_terms, r) and by s (n_terms, p)."""
+        by_u, by_q = carried.components(terms)
+        remaining = by_u - by_q @ self.follow
+        # An own spring is an elongation, and moves nothing else but for rounding.
+        remaining[np.abs(remaining) <= ROUNDING * np.abs(by_q @ self.follow)] = 0.0
+        return [remaining, by_q @ self.inverse]
+
+
 @dataclass(frozen=True, eq=False)
-class SmallProblem:
-    """The matrices of a model in N coordinates, and of its residuals.
+class ReducedBasis:
+    """A basis of the model's displacements, and the matrices of small problems in it.
+
+    With elements, its N coordinates are those of vectors without them, of static answers to the
+    elements' forces, and elongations.
 
     Attributes:
         stiffness: (T, N, N), of each term of the stiffness.
@@ -109,6 +150,8 @@ class SmallProblem:
             coordinates.
         residual_mass: (U, SKETCH_SIZE + d, N).
         at_sensors: (d, N), motions of the sensors.
+        vectors: (n, N), or fewer columns by those elongations.
+        n_before: number of vectors without elements; None where there are none.
     """
 
     stiffness: FloatArray
@@ -116,70 +159,9 @@ class SmallProblem:
     residual_stiffness: FloatArray
     residual_mass: FloatArray
     at_sensors: FloatArray
-
-    @property
-    def size(self) -> int:
-        return int(self.stiffness.shape[1])
-
-    @property
-    @abstractmethod
-    def is_whole(self) -> bool:
-        """Whether the coordinates span all motions of the model."""
-
-    @property
-    @abstractmethod
-    def main_size(self) -> int:
-        """How many coordinates, the first ones, are motions of the model without elements."""
-
-    @abstractmethod
-    def loads(self, forces: FloatArray) -> FloatArray:
-        """The forces (N,) on the coordinates, of forces on all degrees of freedom."""
-
-    def bounds(self, at: Coefficients, n_modes: int, reference: Reference) -> Bounds:
-        """Bounds on errors of the first ``n_modes`` reduced modes; infinite where unknown."""
-        unknown = Bounds(np.full(n_modes, np.inf), np.full(n_modes, np.inf))
-        if self.is_whole:
-            return Bounds(np.zeros(n_modes), np.zeros(n_modes))
-        if self.size < n_modes:
-            return unknown
-        stiffness, mass = _sum(at.stiffness, self.stiffness), _sum(at.mass, self.mass)
-        alpha = self._least_ratio(at, reference)
-        if not alpha > 0.0:
-            return unknown
-        try:
-            eigenvalues, y = lowest_eigenpairs(stiffness, mass, n_modes, extra=1)
-        except NoModesError:
-            return unknown
-        y = y / np.sqrt(eigenvalues)  # at unit energy, not unit mass
-        residuals = _sum(at.stiffness, self.residual_stiffness) @ y
-        residuals -= (_sum(at.mass, self.residual_mass) @ y) * eigenvalues
-        eta = np.linalg.norm(residuals[:SKETCH_SIZE], axis=0) * math.sqrt(SKETCH_MARGIN / alpha)
-        moved = np.linalg.norm(residuals[SKETCH_SIZE:], axis=0) / alpha
-        moves = np.linalg.norm(self.at_sensors[: len(reference.sensors)] @ y, axis=0)
-        return Bounds(
-            _frequency_bounds(eigenvalues, eta)[:n_modes],
-            _shape_errors(eigenvalues, eta, moves, moved, n_modes),
-        )
-
-    def _least_ratio(self, at: Coefficients, reference: Reference) -> float:
-        """α with K - α K_r positive semi-definite, for the model without elements."""
-        of_main = at.stiffness[: len(reference.stiffness.matrices)]
-        if reference.definite:
-            return float((of_main / reference.coefficients.stiffness).min())
-        # Otherwise the ratio of energies in the basis, where K_r is the identity, is an estimate.
-        whole = _sum(of_main, self.stiffness[: len(of_main)])
-        return float(np.linalg.eigvalsh(whole[: self.main_size, : self.main_size])[0])
-
-
-@dataclass(frozen=True, eq=False)
-class ReducedBasis(SmallProblem):
-    """A basis of N vectors, and the matrices of small problems in it.
-
-    Attributes:
-        vectors: V (n, N); the matrices are Vᵀ K_t V and Vᵀ M_u V, and at the sensors Eᵀ V.
-    """
-
     vectors: FloatArray
+    n_before: int | None = None
+    elongations: Elongations | None = None
 
     @classmethod
     def empty(cls, reference: Reference) -> ReducedBasis:
@@ -195,15 +177,80 @@ class ReducedBasis(SmallProblem):
         )
 
     @property
-    def is_whole(self) -> bool:
-        return self.size == len(self.vectors)
+    def size(self) -> int:
+        return int(self.stiffness.shape[1])
 
-    @property
-    def main_size(self) -> int:
-        return self.size
+    def without_elements(self, reference: Reference) -> ReducedBasis:
+        if self.n_before is None:
+            return self
+        n_k, n_m = len(reference.stiffness.matrices), len(reference.mass.matrices)
+        n = slice(self.n_before)
+        return ReducedBasis(
+            self.stiffness[:n_k, n, n],
+            self.mass[:n_m, n, n],
+            self.residual_stiffness[:n_k, :, n],
+            self.residual_mass[:n_m, :, n],
+            self.at_sensors[: len(reference.sensors), n],
+            self.vectors[:, n],
+        )
+
+    def carrying(
+        self, carried: CarriedElements, negligible: float, reference: Reference
+    ) -> ReducedBasis:
+        """The basis that carries some elements, from one without any."""
+        if not carried.springs and not carried.masses:
+            return self
+        elongations = Elongations.of(carried)
+        rows = elongations.rows
+        springs, masses = (
+            (terms, elongations.directions(carried, terms))
+            for terms in (carried.springs, carried.masses)
+        )
+        loads = np.vstack([springs[1][0], masses[1][0]])
+        loads = loads[np.abs(loads).max(axis=1, initial=0.0) > 0.0]
+        forces = np.zeros((len(self.vectors), len(loads)))
+        forces[rows] = loads.T
+        wide = self.spanning(reference.factor.solve(forces), negligible, reference)
+        p = len(carried.labels)
+
+        def terms_of(
+            terms: Sequence[AddedTerm], directions: list[FloatArray]
+        ) -> tuple[FloatArray, FloatArray]:
+            """Matrices of terms c w wᵀ in the coordinates (n, N, N), and of residuals."""
+            by_u, by_s = directions
+            scales = np.array([term.coefficient.scale for term in terms]).reshape(-1, 1, 1)
+            small = np.hstack([by_u @ wide.vectors[rows], by_s])
+            sketched = by_u @ reference.sketch[rows]
+            return (
+                scales * small[:, :, None] * small[:, None, :],
+                scales * sketched[:, :, None] * small[:, None, :],
+            )
+
+        def widened(matrices: FloatArray, n_rows: int) -> FloatArray:
+            return np.pad(matrices, ((0, 0), (0, n_rows), (0, p)))
+
+        k, residual_k = terms_of(*springs)
+        m, residual_m = terms_of(*masses)
+        own = np.hstack([-elongations.follow @ wide.vectors[rows], elongations.inverse])
+        return ReducedBasis(
+            np.concatenate([widened(wide.stiffness, p), k]),
+            np.concatenate([widened(wide.mass, p), m]),
+            np.concatenate([widened(wide.residual_stiffness, 0), residual_k]),
+            np.concatenate([widened(wide.residual_mass, 0), residual_m]),
+            np.vstack([np.pad(wide.at_sensors, ((0, 0), (0, p))), own]),
+            wide.vectors,
+            self.size,
+            elongations,
+        )
 
     def loads(self, forces: FloatArray) -> FloatArray:
-        return self.vectors.T @ forces
+        """The forces (N,) on the coordinates, of forces on all degrees of freedom."""
+        if self.elongations is None:
+            return self.vectors.T @ forces
+        on_main, on_own = np.split(forces, [len(self.vectors)])
+        on_main = on_main.copy()
+        on_main[self.elongations.rows] -= self.elongations.follow.T @ on_own
+        return np.concatenate([self.vectors.T @ on_main, self.elongations.inverse.T @ on_own])
 
     def combined(self, directions: FloatArray) -> ReducedBasis:
         """A basis of some combinations of these vectors, orthonormal columns (N, n)."""
@@ -251,6 +298,43 @@ class ReducedBasis(SmallProblem):
             residual_mass=np.dstack([self.residual_mass, reference.sketch.T @ by_mass]),
             at_sensors=vectors[reference.sensors],
         )
+
+    def bounds(self, at: Coefficients, n_modes: int, reference: Reference) -> Bounds:
+        """Bounds on errors of the first ``n_modes`` reduced modes; infinite where unknown."""
+        unknown = Bounds(np.full(n_modes, np.inf), np.full(n_modes, np.inf))
+        n, n_vectors = self.vectors.shape
+        if n_vectors == n:
+            return Bounds(np.zeros(n_modes), np.zeros(n_modes))
+        if self.size < n_modes:
+            return unknown
+        stiffness, mass = _sum(at.stiffness, self.stiffness), _sum(at.mass, self.mass)
+        alpha = self._least_ratio(at, reference)
+        if not alpha > 0.0:
+            return unknown
+        try:
+            eigenvalues, y = lowest_eigenpairs(stiffness, mass, n_modes, extra=1)
+        except NoModesError:
+            return unknown
+        y = y / np.sqrt(eigenvalues)  # at unit energy, not unit mass
+        residuals = _sum(at.stiffness, self.residual_stiffness) @ y
+        residuals -= (_sum(at.mass, self.residual_mass) @ y) * eigenvalues
+        eta = np.linalg.norm(residuals[:SKETCH_SIZE], axis=0) * math.sqrt(SKETCH_MARGIN / alpha)
+        moved = np.linalg.norm(residuals[SKETCH_SIZE:], axis=0) / alpha
+        moves = np.linalg.norm(self.at_sensors[: len(reference.sensors)] @ y, axis=0)
+        return Bounds(
+            _frequency_bounds(eigenvalues, eta)[:n_modes],
+            _shape_errors(eigenvalues, eta, moves, moved, n_modes),
+        )
+
+    def _least_ratio(self, at: Coefficients, reference: Reference) -> float:
+        """α with K - α K_r positive semi-definite, for the model without elements."""
+        of_main = at.stiffness[: len(reference.stiffness.matrices)]
+        if reference.definite:
+            return float((of_main / reference.coefficients.stiffness).min())
+        # Otherwise the ratio of energies in the basis, where K_r is the identity, is an estimate.
+        whole = _sum(of_main, self.stiffness[: len(of_main)])
+        main = slice(self.vectors.shape[1])
+        return float(np.linalg.eigvalsh(whole[main, main])[0])
 
 
 def _frequency_bounds(eigenvalues: FloatArray, eta: FloatArray) -> FloatArray:

@@ -15,17 +15,13 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import values_at
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
-from bayes_ssi.structures.finite_elements.approximate_structure import ApproximateStructure
-from bayes_ssi.structures.finite_elements.carrying_basis import CarryingBasis
-from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure
-from bayes_ssi.structures.finite_elements.projection import Projection
+from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
+from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure, Projection
 from bayes_ssi.structures.finite_elements.reduced_basis import (
     Bounds,
     ReducedBasis,
     Reference,
-    SmallProblem,
 )
-from bayes_ssi.structures.finite_elements.reducible_structure import ReducibleStructure
 from bayes_ssi.structures.modal import (
     BATCHED_UP_TO,
     ModalModel,
@@ -36,8 +32,7 @@ from bayes_ssi.structures.modal import (
     solve_modes,
 )
 from bayes_ssi.structures.motion import Place, SinglePlace
-from bayes_ssi.structures.sensors import Sensor
-from bayes_ssi.structures.structure import Accuracy, Structure
+from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure
 
 # Directions that add less than this share of the required accuracy to a mode are left out, some of
 # which together remain below it.
@@ -59,7 +54,7 @@ class ReducedStructure(ApproximateStructure):
 
     def __init__(
         self,
-        full: ReducibleStructure,
+        full: AssembledStructure,
         *,
         frequency_error: float = 1e-3,
         shape_error: float = 0.1,
@@ -75,7 +70,7 @@ class ReducedStructure(ApproximateStructure):
             training_points: number of Sobol points of the prior among which full solutions are
                 placed; best a power of two.
         """
-        if not isinstance(full, ReducibleStructure):
+        if not isinstance(full, AssembledStructure):
             raise TypeError(f"ReducedStructure: full must be a MatrixStructure, got {full!r}")
         self.full = full
         self.frequency_error, self.shape_error = frequency_error, shape_error
@@ -86,7 +81,6 @@ class ReducedStructure(ApproximateStructure):
                 raise ValueError(f"ReducedStructure: {name} must be positive, got {value!r}")
         self.n_full_solutions = 0
         self._basis: ReducedBasis | None = None
-        self._problem: SmallProblem | None = None
 
     @checked
     def with_element(self, element: Element) -> Self:
@@ -99,47 +93,34 @@ class ReducedStructure(ApproximateStructure):
         """
         whole = self._copied()
         whole.full = self.full.with_element(element)
-        whole._basis = self._main_basis
-        whole._problem = whole._in_coordinates(whole._basis)
+        whole._basis = whole._carrying(self._main_basis)
         return whole
 
     def require_place(self, place: Place, label: str) -> None:
         self.full.require_place(place, label)
 
     @property
-    def sensors(self) -> tuple[Sensor, ...]:
-        return self.full.sensors
-
-    @property
-    def appendages(self) -> tuple[str, ...]:
-        return self.full.appendages
-
-    @property
-    def exact(self) -> ReducibleStructure:
+    def exact(self) -> AssembledStructure:
         return self.full
 
     @property
-    def basis(self) -> SmallProblem:
+    def basis(self) -> ReducedBasis:
         """The basis with the elements that it carries, computed when it is first needed."""
-        _ = self._main_basis
-        assert self._problem is not None
-        return self._problem
-
-    @property
-    def _main_basis(self) -> ReducedBasis:
-        """The basis of the model without elements."""
         if self._basis is None:
             points = np.vstack([self.full.prior_medians(), self._prior_points()])
             self._train(points, self.frequency_error, self.shape_error, self.n_modes)
         assert self._basis is not None
         return self._basis
 
-    def _in_coordinates(self, basis: ReducedBasis) -> SmallProblem:
-        """The small problem in a basis of the model without elements."""
-        if not self.full.elements:
-            return basis
+    @property
+    def _main_basis(self) -> ReducedBasis:
+        """The basis of the model without elements."""
+        return self.basis.without_elements(self._reference)
+
+    def _carrying(self, basis: ReducedBasis) -> ReducedBasis:
+        """The basis with the elements, from one of the model without them."""
         negligible = self._negligible(self.frequency_error, self.shape_error)
-        return CarryingBasis.of(basis, self.full.carried, negligible, self._reference)
+        return basis.carrying(self.full.system.carried, negligible, self._reference)
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
         """Motions of places in the modes (n_places, n_modes), at one row of ``values``.
@@ -148,9 +129,8 @@ class ReducedStructure(ApproximateStructure):
         """
         if self.full.elements:
             return self.full.place_shapes(places, values)
-        y = self._modes_in_basis(values).shapes[0]
-        vectors = self._main_basis.vectors
-        return self.full.combined_rows(places, lambda rows: vectors[rows] @ y)
+        in_basis: FloatArray = self.full.motions(places) @ self.basis.vectors
+        return in_basis @ self._modes_in_basis(values).shapes[0]
 
     def projected(self, values: FloatArray, places: Iterable[SinglePlace]) -> Structure:
         """The model in the few combinations of the basis that its modes at some values consist of.
@@ -166,7 +146,7 @@ class ReducedStructure(ApproximateStructure):
         # The energy that is neglected of a mode is about twice the relative error of its frequency.
         neglected = np.cumsum(shares) <= 2.0 * 0.01 * self.frequency_error
         n_kept = max(int((~neglected).sum()), min(self.full.n_solved, len(shares)))
-        basis = self._main_basis.combined(directions[:, -n_kept:])
+        basis = self.basis.combined(directions[:, -n_kept:])
         return ProjectedStructure(Projection.of(basis, self.full, places, self._reference))
 
     def compact(self, values: FloatArray) -> Self:
@@ -183,8 +163,7 @@ class ReducedStructure(ApproximateStructure):
             return self
         smaller = self._copied()
         _, directions = self._directions(values)
-        smaller._basis = self._main_basis.combined(directions[:, 4 - BATCHED_UP_TO :])
-        smaller._problem = smaller._basis
+        smaller._basis = self.basis.combined(directions[:, 4 - BATCHED_UP_TO :])
         return smaller
 
     def _directions(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -221,7 +200,7 @@ class ReducedStructure(ApproximateStructure):
             frequencies_hz,
             self.basis.at_sensors @ y,
             np.einsum("bk,bkm->bm", np.broadcast_to(of_batch, (len(values), len(loads[0]))), y),
-            influence[self.full.system.sensor_rows],
+            influence[self.full.sensor_rows],
         )
 
     def description(self) -> Mapping[str, Any]:
@@ -236,7 +215,10 @@ class ReducedStructure(ApproximateStructure):
         """The certified errors at ``values`` (B, n_parameters): arrays (B, n_modes)."""
         basis, n, reference = self.basis, n_modes or self.n_modes, self._reference
         rigid = self.full.n_rigid_modes
-        rows = [basis.bounds(each, n + rigid, reference) for each in self.full.coefficients(values)]
+        rows = [
+            basis.bounds(each, n + rigid, reference)
+            for each in self.full.system.coefficients(values)
+        ]
         frequency, shape = (
             np.array([getattr(row, name) for row in rows]).reshape(-1, n + rigid)[:, rigid:]
             for name in ("frequency", "shape")
@@ -281,9 +263,9 @@ class ReducedStructure(ApproximateStructure):
     ) -> None:
         """Add full solutions where errors are largest, until they are small at all ``points``."""
         negligible = self._negligible(frequency_error, shape_error)
-        of_points = self.full.coefficients(points)
-        basis = self._basis or ReducedBasis.empty(self._reference)
-        problem = self._problem or basis
+        of_points = self.full.system.coefficients(points)
+        whole = self._basis or ReducedBasis.empty(self._reference)
+        basis = whole.without_elements(self._reference)
         # In units of what is required, at most: errors shrink as the basis grows, so only that of
         # the worst point is computed again, until it stays the worst.
         errors = np.full(len(points), np.inf)
@@ -291,7 +273,7 @@ class ReducedStructure(ApproximateStructure):
             worst = int(errors.argmax())
             while basis.size and errors[worst] > 1.0:
                 n_bounded = n_modes + self.full.n_rigid_modes
-                bounds = problem.bounds(of_points[worst], n_bounded, self._reference)
+                bounds = whole.bounds(of_points[worst], n_bounded, self._reference)
                 errors[worst] = _excess(bounds, frequency_error, shape_error).max()
                 if errors[worst] >= errors.max():
                     break
@@ -305,15 +287,15 @@ class ReducedStructure(ApproximateStructure):
                     raise
             else:
                 basis = basis.enriched(modes, negligible, self._reference)
-                problem = self._in_coordinates(basis)
+                whole = self._carrying(basis)
                 self.n_full_solutions += 1
             # No point is solved twice, whatever rounding makes of its bound.
             errors[worst] = 0.0
-        self._basis, self._problem = basis, problem
+        self._basis = whole
 
     def _modes_in_basis(self, values: FloatArray) -> Modes:
         """Modes of the small problem: shapes are y (B, N, n_modes); NaN in rows without modes."""
-        return self.full.free_body.elastic(self._shifted_modes_in_basis(values))
+        return self.full.system.free_body.elastic(self._shifted_modes_in_basis(values))
 
     def _shifted_modes_in_basis(self, values: FloatArray) -> Modes:
         n, size = self.full.n_solved, self.basis.size
@@ -339,8 +321,8 @@ class ReducedStructure(ApproximateStructure):
     @cached_property
     def _reference(self) -> Reference:
         main = self.full.without_elements
-        (medians,) = main.coefficients(main.prior_medians())
-        return Reference(main.system, medians)
+        (medians,) = main.system.coefficients(main.prior_medians())
+        return Reference(main.system, main.sensor_rows, medians)
 
     def _copied(self) -> Self:
         """A copy for another basis, with the same reference."""

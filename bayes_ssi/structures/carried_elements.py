@@ -1,0 +1,153 @@
+"""How elements are put on a structure, whatever carries them: matrices or a reduced basis.
+
+An element adds springs k w wᵀ and masses m w wᵀ. A motion w·x combines rows of the structure, which
+says what rows a place has, and the elements' own degrees of freedom, whose rows follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.parameters.parameters import Parameter, Product
+from bayes_ssi.structures.elements import Element
+from bayes_ssi.structures.motion import Motion, SinglePlace
+
+# The rows of a place, and their shares, as pairs: none of the ground. Other places are refused with
+# a message that begins with the element's label.
+RowsOf = Callable[[SinglePlace, str], Iterable[tuple[int, float]]]
+
+
+class AddedTerm(NamedTuple):
+    """A spring or mass c w wᵀ.
+
+    Attributes:
+        vector: row → component of w.
+        on_ground: component by the motion of the ground.
+    """
+
+    coefficient: Product
+    vector: dict[int, float]
+    on_ground: float = 0.0
+
+    @classmethod
+    def of(cls, coefficient: Product, motion: Motion, rows_of: RowsOf, label: str) -> AddedTerm:
+        vector: dict[int, float] = {}
+        for place, component in motion:
+            for row, share in rows_of(place, label):
+                vector[row] = vector.get(row, 0.0) + component * share
+        moving = {row: component for row, component in vector.items() if component != 0.0}
+        return cls(coefficient, moving, sum(share for place, share in motion if place == 0))
+
+
+@dataclass(frozen=True)
+class CarriedElements:
+    """Springs and masses on a structure of ``size`` rows.
+
+    Attributes:
+        labels: of the elements' own degrees of freedom, which are rows ``size`` upwards.
+    """
+
+    labels: tuple[str, ...]
+    springs: tuple[AddedTerm, ...]
+    masses: tuple[AddedTerm, ...]
+    size: int
+
+    @classmethod
+    def of(
+        cls, elements: Sequence[Element], rows_of: RowsOf, size: int, shift: float = 0.0
+    ) -> CarriedElements:
+        """Find the rows of elements.
+
+        Args:
+            shift: that of :class:`~bayes_ssi.structures.modal.FreeBody`, for the springs.
+        """
+        labels = own_labels(elements)
+        added = {label: size + i for i, label in enumerate(labels)}
+
+        def rows(place: SinglePlace, label: str) -> Iterable[tuple[int, float]]:
+            return [(added[str(place)], 1.0)] if place in added else rows_of(place, label)
+
+        springs = [
+            AddedTerm.of(spring.stiffness, spring.direction, rows, element.label)
+            for element in elements
+            for spring in element.springs()
+        ]
+        masses = [
+            AddedTerm.of(mass.mass, mass.direction, rows, element.label)
+            for element in elements
+            for mass in element.masses()
+        ]
+        if shift:
+            springs += [term._replace(coefficient=shift * term.coefficient) for term in masses]
+        return cls(labels, tuple(springs), tuple(masses), size)
+
+    @property
+    def whole_size(self) -> int:
+        """Number of rows with those of the elements' own degrees of freedom."""
+        return self.size + len(self.labels)
+
+    @property
+    def acted_on(self) -> NDArray[np.intp]:
+        """Rows (r,) of the structure at which elements act, in ascending order."""
+        rows = {row for term in (*self.springs, *self.masses) for row in term.vector}
+        return np.array(sorted(row for row in rows if row < self.size), dtype=np.intp)
+
+    def ordered(self, rows: NDArray[np.intp]) -> CarriedElements:
+        """The same elements where row i of the structure has become ``rows[i]``."""
+        whole = np.append(rows, np.arange(self.size, self.whole_size))
+        springs, masses = (
+            tuple(
+                term._replace(vector={int(whole[i]): c for i, c in term.vector.items()})
+                for term in terms
+            )
+            for terms in (self.springs, self.masses)
+        )
+        return CarriedElements(self.labels, springs, masses, self.size)
+
+    def components(self, terms: Sequence[AddedTerm]) -> tuple[FloatArray, FloatArray]:
+        """Of motions: by the rows acted on (n, r), and by own degrees of freedom (n, p)."""
+        acted_on, own = self.acted_on.tolist(), range(self.size, self.whole_size)
+        by_rows, by_own = (
+            np.array([[term.vector.get(row, 0.0) for row in rows] for term in terms])
+            for rows in (acted_on, own)
+        )
+        n = len(terms)
+        return by_rows.reshape(n, len(acted_on)), by_own.reshape(n, len(own))
+
+    @property
+    def own_springs(self) -> tuple[AddedTerm, ...]:
+        """The spring by which each own degree of freedom hangs on what was there before it."""
+        last = [max(term.vector, default=0) for term in self.springs]
+        return tuple(self.springs[last.index(self.size + i)] for i in range(len(self.labels)))
+
+    def influence(self, influence: FloatArray) -> FloatArray:
+        """Displacements (whole_size,) when the ground moves by 1; own springs do not deform.
+
+        Where such a spring ends on the ground, that moves as its other ends do; by 1 without any.
+
+        Args:
+            influence: (size,), of the structure without elements.
+        """
+        whole = np.append(influence, np.zeros(len(self.labels)))
+        for row, (_, vector, on_ground) in enumerate(self.own_springs, self.size):
+            moved = sum(c * whole[other] for other, c in vector.items() if other != row)
+            other_ends = -(vector[row] + on_ground)
+            ground = moved / other_ends if other_ends else 1.0
+            whole[row] = -(moved + on_ground * ground) / vector[row]
+        return whole
+
+
+def own_labels(elements: Iterable[Element]) -> tuple[str, ...]:
+    """Labels of the degrees of freedom that elements add."""
+    own = (element.own_degree_of_freedom for element in elements)
+    return tuple(label for label in own if label is not None)
+
+
+def parameters_of(terms: Iterable[AddedTerm]) -> list[Parameter]:
+    return [p for term in terms for p in term.coefficient.parameters]

@@ -1,0 +1,367 @@
+"""A finite-element model of assembled matrices, the elements on it, and its full solutions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from copy import copy
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.parameters.parameters import Parameter, collect_parameters
+from bayes_ssi.structures.affine_array import AffineArray
+from bayes_ssi.structures.carried_elements import CarriedElements, parameters_of
+from bayes_ssi.structures.elements import Element
+from bayes_ssi.structures.finite_elements.affine_matrix import AffineMatrix
+from bayes_ssi.structures.finite_elements.function_structure import PointwiseStructure
+from bayes_ssi.structures.finite_elements.matrix_files import Matrix
+from bayes_ssi.structures.finite_elements.matrix_system import System
+from bayes_ssi.structures.finite_elements.sparse_factors import count_below
+from bayes_ssi.structures.finite_elements.sparse_modes import lowest_modes
+from bayes_ssi.structures.geometry import Geometry, Location
+from bayes_ssi.structures.modal import (
+    BATCHED_UP_TO,
+    Eigenpairs,
+    ModalModel,
+    Modes,
+    frequencies_hz,
+    solve_modes,
+)
+from bayes_ssi.structures.motion import Place, SinglePlace, motion_of
+from bayes_ssi.structures.structure import CombinedSensors
+
+# Modes are computed up to this share above the highest frequency of interest, since frequencies
+# fall as parameters change: by a fifth where a stiffness is a third lower than its median.
+MARGIN = 0.2
+
+
+class AssembledStructure(PointwiseStructure, CombinedSensors):
+    """A model whose matrices are sums of fixed ones times products of parameters."""
+
+    def __init__(
+        self,
+        stiffness: AffineMatrix,
+        mass: AffineMatrix,
+        sensors: tuple[tuple[str, ...], NDArray[np.intp]],
+        n_modes: int | None,
+        up_to_hz: float | None,
+        influence: FloatArray | None,
+        labels: tuple[str, ...] | None,
+        geometry: Geometry | None,
+    ) -> None:
+        """Keep what was checked: ``sensors`` are names and rows."""
+        self._stiffness, self._mass, self._influence = stiffness, mass, influence
+        self._names, self._rows = sensors
+        self._n_modes, self._up_to_hz = n_modes, up_to_hz
+        self._labels, self._geometry = labels, geometry
+        self.elements: tuple[Element, ...] = ()
+        self._main: AssembledStructure | None = None  # without elements, where there are any
+        self._carried = CarriedElements((), (), (), stiffness.size)
+
+    @property
+    def without_elements(self) -> AssembledStructure:
+        """The model alone, with the modes that were asked of it."""
+        return self._main or self
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        carried = self._carried
+        of_stiffness = [*self._stiffness.parameters, *parameters_of(carried.springs)]
+        return collect_parameters(
+            [*of_stiffness, *self._mass.parameters, *parameters_of(carried.masses)]
+        )
+
+    @property
+    def degrees_of_freedom(self) -> tuple[str, ...]:
+        """The measured degrees of freedom (the sensors), or all."""
+        return (*self._names, *self.appendages)
+
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        return self._carried.labels
+
+    @property
+    def labels(self) -> tuple[str, ...] | None:
+        """Labels of all degrees of freedom but those of elements; None if none were given."""
+        return self._labels
+
+    @property
+    def size(self) -> int:
+        """Number of degrees of freedom of the matrices."""
+        return self._carried.whole_size
+
+    @cached_property
+    def n_modes(self) -> int:
+        """Number of modes, as given or up to ``up_to_hz`` and a margin at the prior medians.
+
+        Raises:
+            ValueError: there is no mode below.
+        """
+        if self._main is not None:
+            return self._main.n_modes + len(self.appendages)
+        if self._n_modes is not None:
+            return self._n_modes
+        assert self._up_to_hz is not None
+        number, shift = self.system.free_body
+        limit = (2.0 * math.pi * (1.0 + MARGIN) * self._up_to_hz) ** 2 + shift
+        matrices = self.system.shifted_matrices(self.prior_medians()[0])
+        count = count_below(*matrices, limit) - number
+        if not count:
+            raise ValueError(
+                f"MatrixStructure: up_to_hz: no mode below {1.0 + MARGIN:g} times "
+                f"{self._up_to_hz:g} Hz at the prior medians; are the units right?"
+            )
+        return count
+
+    @property
+    def n_rigid_modes(self) -> int:
+        return self.system.free_body.number
+
+    # Places, and elements on them.
+
+    @checked
+    def with_element(self, element: Element) -> Self:
+        """This model with one more element on it.
+
+        Its places are sensors and labels of degrees of freedom (``"dof 0"`` upwards where these
+        have none, unless sensors are named so in another order), combinations of them, and 0, the
+        ground. A degree of freedom of its own is one
+        more sensor, and one more mode is computed for it: no more modes can move below a
+        frequency.
+
+        Raises:
+            ValueError: the element's place is not on the structure, or its label is taken.
+        """
+        main, elements = self.without_elements, (*self.elements, element)
+        shift = main.system.free_body.shift
+        carried = CarriedElements.of(elements, main._rows_of, main.size, shift)
+        taken = {*self._names, *(self._labels or ())}
+        for i, label in enumerate(carried.labels):
+            if label in taken or label in carried.labels[:i]:
+                raise ValueError(
+                    f"element {label!r}: the structure has a degree of freedom of that label "
+                    "already; give the element a label of its own"
+                )
+        whole = copy(self)
+        whole._main, whole.elements, whole._carried = main, elements, carried
+        whole.__dict__ = whole.__getstate__()
+        return whole
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State without what follows from the elements and the model without them.
+
+        A large model with elements goes to other processes many times.
+        """
+        state = super().__getstate__()
+        if self._main is None:
+            return state
+        kind = type(self)
+        return {
+            name: value
+            for name, value in state.items()
+            if not isinstance(getattr(kind, name, None), cached_property)
+        }
+
+    def require_place(self, place: Place, label: str) -> None:
+        for single, _ in motion_of(place):
+            self.row_of(single, label)
+
+    def row_of(self, place: SinglePlace, label: str) -> int | None:
+        """The degree of freedom, from 0, at a place of an element; None for the ground.
+
+        Raises:
+            ValueError: there is no such place; the message begins with ``label``.
+        """
+        if place == 0:
+            return None
+        row = self._row_of_label.get(place)
+        if row is not None:
+            return row
+        last = f"dof {self._stiffness.size - 1}"
+        unnamed = ("dof 0", "...", last) if last in self._row_of_label else ()
+        choices = (*self._names, *(self._labels or unnamed))
+        require_known(
+            f"{label}: the structure has no degree of freedom or sensor",
+            [place],
+            dict.fromkeys(choices),
+            besides=", or 0 for the ground",
+        )
+        return None
+
+    def _rows_of(self, place: SinglePlace, label: str) -> list[tuple[int, float]]:
+        row = self.row_of(place, label)
+        return [] if row is None else [(row, 1.0)]
+
+    @cached_property
+    def _row_of_label(self) -> dict[SinglePlace, int]:
+        if self._main is not None:
+            own: dict[SinglePlace, int] = {
+                label: row for row, label in enumerate(self.appendages, self._main.size)
+            }
+            return own | self._main._row_of_label
+        labels = self._labels or tuple(f"dof {i}" for i in range(self.size))
+        of_labels: dict[SinglePlace, int] = {label: i for i, label in enumerate(labels)}
+        sensors = zip(self._names, self._rows.tolist(), strict=True)
+        of_sensors: dict[SinglePlace, int] = {name: int(row) for name, row in sensors}
+        if self._labels is None and any(
+            of_labels.get(s, row) != row for s, row in of_sensors.items()
+        ):
+            return of_sensors  # which count from another number
+        return of_labels | of_sensors
+
+    def motions(self, places: Sequence[Place]) -> Any:
+        """A sparse row for each place (n_places, n), of its motion by rows as in :attr:`system`."""
+        terms = [
+            (share, i, self.system.rows[row])
+            for i, place in enumerate(places)
+            for single, share in motion_of(place)
+            for row in [self.row_of(single, "place")]
+            if row is not None
+        ]
+        shares, of_place, rows = (list(column) for column in zip(*terms, strict=True))
+        return sp.csr_array((shares, (of_place, rows)), shape=(len(places), self.size))
+
+    @property
+    def geometry(self) -> Geometry | None:
+        return self._geometry
+
+    def location_of(self, place: Place) -> Location | None:
+        """See :meth:`Structure.location_of`; a sensor is where its degree of freedom is."""
+        if self._geometry is None:
+            return None
+        labels = dict(enumerate(self._labels or ()))
+        row_of = self._row_of_label
+        motion = motion_of(place)
+        return self._geometry.location(
+            tuple((labels.get(row_of.get(single, -1), single), share) for single, share in motion)
+        )
+
+    # Solutions.
+
+    @cached_property
+    def system(self) -> System:
+        """The matrices in a good order, checked at the prior medians.
+
+        Raises:
+            NoModesError: M is not positive semi-definite, or has mass at too few places.
+        """
+        if self._main is not None:
+            return self._main.system.with_elements(self._carried, self.parameters)
+        matrices, n_modes = (self._stiffness, self._mass), self._n_modes or 1
+        return System.of(*matrices, self.parameters, self.prior_medians(), self._influence, n_modes)
+
+    @property
+    def sensor_rows(self) -> NDArray[np.intp]:
+        """Of all degrees of freedom that are measured, as in :attr:`system`."""
+        own = np.arange(self._carried.size, self.size)
+        return np.append(self.system.rows[self._rows], own)
+
+    @property
+    def n_solved(self) -> int:
+        """The number of modes that are solved for, with the rigid-body ones."""
+        return self.n_modes + self.n_rigid_modes
+
+    def modes(self, values: FloatArray) -> Modes:
+        if self.size > BATCHED_UP_TO:
+            return super().modes(values)
+        stiffness, mass = (each.evaluate(values) for each in self._dense)
+        modes = self.system.free_body.elastic(solve_modes(stiffness, mass, self.n_solved))
+        modes = modes.repeated(len(values))
+        failed = np.isnan(modes.frequencies_hz).any(axis=1)
+        if failed.any():
+            row = values[failed.argmax()]
+            self.solution(row)  # raises, and says why
+            raise ValueError(f"at {self._named(row)}: the matrices are too close to singular")
+        return Modes(modes.frequencies_hz, modes.shapes[:, self.sensor_rows])
+
+    @cached_property
+    def _dense(self) -> tuple[AffineArray, AffineArray]:
+        """Stiffness and mass of a small structure."""
+        system = self.system
+        return system.stiffness.dense(self.parameters), system.mass.dense(self.parameters)
+
+    def matrices(self, values: FloatArray) -> tuple[Matrix, Matrix]:
+        """K and M at ``values`` (n_parameters,), rows as in :attr:`system`.
+
+        Raises:
+            NoModesError: a coefficient is not finite, or a mass on the diagonal is negative.
+        """
+        stiffness, mass = self.system.shifted_matrices(values)
+        if self.n_rigid_modes:
+            stiffness = stiffness - self.system.free_body.shift * mass
+        return stiffness, mass
+
+    def full_modes(self, values: FloatArray) -> Eigenpairs:
+        """A full solution at ``values`` (n_parameters,), rows as in :attr:`system`.
+
+        It may have more modes than :attr:`n_modes`, and has none of the rigid-body modes.
+
+        Raises:
+            NoModesError: there are fewer than :attr:`n_modes`, or they cannot be counted.
+        """
+        modes, (number, shift) = self.shifted_modes(values), self.system.free_body
+        return Eigenpairs(modes.eigenvalues[number:] - shift, modes.vectors[:, number:])
+
+    def shifted_modes(self, values: FloatArray, extra: int = 0) -> Eigenpairs:
+        """Modes of the shifted matrices, with rigid-body modes and ``extra`` more if there are."""
+        return lowest_modes(*self.system.shifted_matrices(values), self.n_solved, extra)
+
+    def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
+        """Frequencies, shapes and, where ``influence`` is known, participation."""
+        modes, n = self.full_modes(values), self.n_modes
+        frequencies, rows = frequencies_hz(modes.eigenvalues[:n]), self.sensor_rows
+        shapes, influence = modes.vectors[:, :n], self.system.influence
+        if influence is None:
+            return frequencies, shapes[rows]
+        _, mass = self.matrices(values)
+        return frequencies, shapes[rows], shapes.T @ (mass @ influence)
+
+    def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
+        """Motions of places in the modes (n_places, n_modes), at one row of ``values``.
+
+        By a full solution, at unit modal mass.
+        """
+        shapes: FloatArray = self.motions(places) @ self.full_modes(values[0]).vectors
+        return shapes
+
+    def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        """By a full solution, at all degrees of freedom where these have labels."""
+        modes, n = self.full_modes(values), self.n_modes
+        labels, rows = self.degrees_of_freedom, self.sensor_rows
+        if self.labels is not None:
+            labels, rows = self.labels, self.system.rows[: len(self.labels)]
+        return labels, frequencies_hz(modes.eigenvalues[:n]), modes.vectors[rows, :n]
+
+    def modal_model(self, values: FloatArray) -> ModalModel:
+        """See :meth:`Structure.modal_model`.
+
+        Raises:
+            TypeError: the structure was not given ``influence``.
+        """
+        influence = self.require_influence()
+        solutions = [self.solution(row) for row in values]
+        frequencies, shapes, participation = (
+            np.array([solution[i] for solution in solutions]) for i in range(3)
+        )
+        return ModalModel(frequencies, shapes, participation, influence[self.sensor_rows])
+
+    def require_influence(self) -> FloatArray:
+        """Influence of ground motion (n,), rows as in :attr:`system`.
+
+        Raises:
+            TypeError: it is not known.
+        """
+        if self.system.influence is None:
+            raise TypeError(
+                f"{type(self).__name__}: how its degrees of freedom follow the ground is not "
+                "known, so its response cannot be computed; give influence=, one number a degree "
+                "of freedom (1 for a displacement in the direction of the ground motion, else 0)"
+            )
+        return self.system.influence

@@ -1,0 +1,83 @@
+"""Which degrees of freedom of a model are measured, as a user names them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from numbers import Integral
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_ssi.foundations.choices import listed_choices
+
+# A larger model must name its sensors: every mode shape is kept at all of them.
+MOST_WITHOUT_SENSORS = 1000
+
+Sensors = Mapping[str, "int | str"] | Sequence["int | str"]
+
+
+def sensor_rows(
+    n: int, labels: Sequence[str] | None, sensors: Sensors | None
+) -> tuple[tuple[str, ...], NDArray[np.intp]]:
+    """Names and rows of the measured degrees of freedom.
+
+    Args:
+        n: number of degrees of freedom of the model.
+        labels: labels of all degrees of freedom, or None.
+        sensors: name → label, or number from 0, of a degree of freedom; or labels alone; or
+            None for all.
+    """
+    if isinstance(labels, str) or isinstance(sensors, str):
+        raise TypeError("labels and sensors must be several names, got a single text")
+    if labels is not None:
+        _require_names("labels", labels)
+        if len(labels) != n:
+            raise ValueError(f"labels: {len(labels)} for {n} degrees of freedom")
+    if sensors is None:
+        if n > MOST_WITHOUT_SENSORS:
+            raise ValueError(
+                f"sensors: a model of more than {MOST_WITHOUT_SENSORS} degrees of freedom, here "
+                f'{n}, must name the measured ones, as in sensors={{"roof x": 1203}}'
+            )
+        return tuple(labels or (f"dof {i}" for i in range(n))), np.arange(n)
+    if not isinstance(sensors, Mapping):
+        if not all(isinstance(sensor, str) for sensor in sensors):
+            raise TypeError(
+                "sensors: a list holds labels; to give numbers, name them, as in "
+                f'sensors={{"roof x": 1203}}, got {sensors!r}'
+            )
+        _require_names("sensors", list(sensors))
+        sensors = {str(sensor): sensor for sensor in sensors}
+    _require_names("sensors", list(sensors))
+    row_of = {label: i for i, label in enumerate(labels or ())}
+    rows = [_row(name, place, n, row_of) for name, place in sensors.items()]
+    return tuple(sensors), np.array(rows, dtype=np.intp)
+
+
+def _row(name: str, place: object, n: int, row_of: Mapping[str, int]) -> int:
+    if isinstance(place, str):
+        if place in row_of:
+            return row_of[place]
+        raise ValueError(
+            f"sensor {name!r}: no degree of freedom is labelled {place!r}; labels are "
+            f"{listed_choices(row_of) if row_of else 'none: no labels were given'}"
+        )
+    if isinstance(place, Integral) and not isinstance(place, bool):
+        if 0 <= int(place) < n:
+            return int(place)
+        raise ValueError(
+            f"sensor {name!r}: number {place} of a degree of freedom must be from 0 to {n - 1}"
+        )
+    raise TypeError(
+        f"sensor {name!r}: must be the label or the number of a degree of freedom, got {place!r}"
+    )
+
+
+def _require_names(what: str, names: Sequence[object]) -> None:
+    for name in names:
+        if not isinstance(name, str) or not name.strip():
+            raise TypeError(f"{what} must be text and not empty, got {name!r}")
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        raise ValueError(f"{what}: {repeated[0]!r} names two degrees of freedom")
