@@ -10,14 +10,11 @@ import click
 
 from bayes_ssi.commands.record_options import record_of, record_options
 from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
+from bayes_ssi.measurements.records import methods
 
 if TYPE_CHECKING:
     from bayes_ssi.measurements.records.identification_result import ModalIdentification
-    from bayes_ssi.measurements.records.methods import MethodModes
-    from bayes_ssi.measurements.records.modal_estimates import ModalEstimates
-
-# As in bayes_ssi.measurements.records.methods, which imports more than --help needs.
-METHODS = ("bayesian-fft", "next-era", "ssi-cov", "fdd", "tfie")
+    from bayes_ssi.measurements.records.modal_estimates import MethodModes, ModalEstimates
 
 
 @click.command()
@@ -45,8 +42,8 @@ METHODS = ("bayesian-fft", "next-era", "ssi-cov", "fdd", "tfie")
 @record_options
 @click.option(
     "--method",
-    type=click.Choice(METHODS),
-    default=METHODS[0],
+    type=click.Choice(list(methods.NAMES)),
+    default=methods.BAYESIAN_FFT,
     show_default=True,
     help="Whose modes are written; the others look near those of the Bayesian FFT.",
 )
@@ -86,12 +83,9 @@ def identify(
     # Floors lag behind the ground that shakes them.
     warnings = (record.selected(found.quoted.sensors) if found.ground else record).warnings()
     by_others: dict[str, MethodModes | str] = {}
-    if compare or method != METHODS[0]:
-        from bayes_ssi.measurements.records import methods
-
-        if compare:
-            by_others = methods.compared(record, found.quoted)
-        chosen = methods.modes_by(method, record, found.quoted)
+    if compare:
+        by_others = methods.compared(record, found.quoted)
+    chosen = methods.modes_by(method, record, found.quoted)
     where = console()
     where.print(estimates_table(found.quoted))
     if compare:
@@ -118,7 +112,7 @@ def identify(
         data = found.modal_data(f"identified from {record.source}")
         (own,) = data.identifications
         own = replace(own, remarks=(*warnings, *own.remarks), figures=tuple(map(str, drawn)))
-        if method != METHODS[0]:
+        if method != methods.BAYESIAN_FFT:
             data = chosen.modal_data(found.quoted.band_hz, found.quoted.sensors, data.source)
             own = replace(own, method=methods.NAMES[method])
         data = replace(data, identifications=(own,))

@@ -9,15 +9,9 @@ from simulated_records import simulated_record, with_infill
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.commands.identify import METHODS
-from bayes_ssi.measurements.records.methods import NAMES
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = ["--band", "0.6", "4.6"]
-
-
-def test_the_methods_are_those_that_there_are():
-    assert tuple(NAMES) == METHODS
 
 
 def test_the_ground_is_no_sensor_of_the_modes(tmp_path):

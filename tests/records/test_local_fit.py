@@ -4,18 +4,21 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from bayes_ssi.measurements.records.local_fit import Fitter, _Steps, gain_of
+from bayes_ssi.measurements.records.local_fit import Fitter, _Steps
 from bayes_ssi.measurements.records.local_model import (
     IndependentLoads,
     Model,
     OneSource,
-    Resonances,
     basis,
     coordinates,
-    responses,
 )
-from bayes_ssi.measurements.records.local_spectra import LocalSpectra, local_spectra, noise_scales
-from bayes_ssi.measurements.records.spectra import Spectra
+from bayes_ssi.measurements.records.resonances import Resonances
+from bayes_ssi.measurements.records.spectra import (
+    LocalSpectra,
+    Spectra,
+    local_spectra,
+    noise_scales,
+)
 
 R, K = 3, 60
 
@@ -65,9 +68,8 @@ def fitter_and_model(drive_kind, seed=0):
 def test_a_block_sees_the_mean_response_over_its_width():
     """Against quadrature of h = 1 / (1 - β² - 2iζβ), in blocks wider than the resonance."""
     data = data_of(np.zeros((5, R, R)), width=0.3)
-    means = responses(
-        Resonances(np.array([2.01]), np.array([0.004]), np.ones((1, 1), complex)), data
-    )[:, 0]
+    mode = Resonances(np.array([2.01]), np.array([0.004]), np.ones((1, 1), complex))
+    means = mode.responses(data)[:, 0]
     for centre, mean in zip(data.frequencies_hz, means, strict=True):
 
         def h(f):
@@ -100,9 +102,8 @@ def test_the_slope_is_that_of_the_likelihood(drive_kind, has_phases):
         real = model.modes.shapes.real / np.linalg.norm(model.modes.shapes.real, axis=0)
         model = model._replace(modes=model.modes._replace(shapes=real.astype(complex)))
     usual = np.maximum(model.drive.sizes(model.modes), 1e-12)
-    scales = model.drive.scales(fitter.scene, model.modes, usual)
     e = model.covariances(fitter.scene)
-    steps = _Steps(fitter, model, e, has_phases, scales)
+    steps = _Steps(fitter, model, e, has_phases, usual)
 
     def misfit(step):
         return fitter.misfit(steps.moved(step).covariances(fitter.scene))
@@ -132,8 +133,7 @@ def test_the_information_is_the_curvature_where_the_model_is_exact(drive_kind):
     exact = data_of(e)._replace(floor=np.zeros(R))
     fitter = Fitter(exact, fitter.scene.neighbours, fitter.one_source)
     usual = np.maximum(model.drive.sizes(model.modes), 1e-12)
-    scales = model.drive.scales(fitter.scene, model.modes, usual)
-    steps = _Steps(fitter, model, e, True, scales)
+    steps = _Steps(fitter, model, e, True, usual)
     rng = np.random.default_rng(5)
     scale = np.sqrt(steps.information.diagonal())
     least = fitter.misfit(e)
@@ -208,12 +208,12 @@ def test_the_gain_by_a_mode_more_is_large_where_there_is_one():
     first, second = (model.modes.at([i]) for i in range(2))
     fit = fitter.fit(first, has_phases=True)
     whole = fitter.fit(model.modes, has_phases=True)
-    gain, shape = gain_of(fitter, fit, second)
+    gain, shape = fitter.gain_of(fit, second)
     assert whole.log_evidence > fit.log_evidence + 10.0
     assert gain > 20.0
     np.testing.assert_array_equal(shape, second.shapes[:, 0])
     far = replace_frequency(second, 1.75)
-    assert gain_of(fitter, whole, far)[0] < 15.0
+    assert fitter.gain_of(whole, far)[0] < 15.0
 
 
 def replace_frequency(modes, hz):

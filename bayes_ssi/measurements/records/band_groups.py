@@ -9,23 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_ssi.measurements.records.local_model import Resonances
-from bayes_ssi.measurements.records.local_spectra import LocalSpectra, local_spectra
-from bayes_ssi.measurements.records.spectra import Transforms
-
-# A band reaches so many half-power bandwidths beyond its modes, but no farther than a share of the
-# frequency, or so few bandwidths, and no less than a smaller share, or so many lines.
-REACH, WIDEST, LEAST_REACH, NARROWEST, FEWEST_LINES = 7.0, 0.12, 2.5, 0.05, 40
-# Modes closer than this times the sum of their half-power bandwidths share a band.
-TOGETHER = 1.25
-# Dampings of candidates may be far off, most of all below a share of the median of all; modes are
-# grouped, and bands made, as for these.
-GROUP_DAMPINGS, REACH_DAMPINGS, OF_MEDIAN = (0.004, 0.04), (0.01, 0.04), 0.7
-# Blocks of lines are this share of a damping wide, relative to their frequency.
-BLOCK_OVER_DAMPING, MOST_BLOCK_DAMPING = 0.25, 0.03
-# Directions of the channels: those of modes and neighbours, and a few for the rest; not more than
-# this, unless modes are, and each for so many lines.
-SPARE_DIRECTIONS, MOST_DIRECTIONS, LINES_OF_A_DIRECTION = 2, 6, 10.0
+from bayes_ssi.measurements.records.resonances import Resonances
+from bayes_ssi.measurements.records.settings import BANDS
+from bayes_ssi.measurements.records.spectra import LocalSpectra, Transforms, local_spectra
 
 
 class Group(NamedTuple):
@@ -46,25 +32,27 @@ def groups_of(
     transforms: Transforms,
     modes: Resonances,
     band_hz: tuple[float, float],
-    least_reach: float = LEAST_REACH,
+    least_bandwidths: float = BANDS.least_bandwidths,
     share: float = 1.0,
 ) -> list[Group]:
     """Modes by band, in ascending order: those in the search, and the next to either side."""
-    order = np.argsort(modes.frequencies_hz, kind="stable").tolist()
-    members: list[list[int]] = []
+    if not modes.n_modes:
+        return []
     f = modes.frequencies_hz
-    least = OF_MEDIAN * float(np.median(modes.dampings)) if len(f) else 0.0
-    widths = 2.0 * np.maximum(modes.dampings, least).clip(*GROUP_DAMPINGS) * f
-    for i in order:
-        if members:
-            last = members[-1][-1]
-            if f[i] - f[last] < TOGETHER * (widths[i] + widths[last]):
-                members[-1].append(i)
-                continue
-        members.append([i])
-    usual = 2.0 * modes.dampings.clip(*REACH_DAMPINGS) * f
-    reach = np.minimum(REACH * usual, np.maximum(WIDEST * f, least_reach * usual))
-    reach = np.maximum(share * reach, np.maximum(NARROWEST * f, FEWEST_LINES * transforms.line_hz))
+    order = np.argsort(f, kind="stable")
+    least = BANDS.least_share_of_median_damping * float(np.median(modes.dampings))
+    widths = 2.0 * np.maximum(modes.dampings, least).clip(*BANDS.dampings_of_groups) * f
+    gaps = np.diff(f[order])
+    sums = widths[order][1:] + widths[order][:-1]
+    ends = np.flatnonzero(gaps >= BANDS.shared_band_bandwidths * sums) + 1
+    members = [part.tolist() for part in np.split(order, ends)]
+    usual = 2.0 * modes.dampings.clip(*BANDS.dampings_of_reach) * f
+    reach = np.minimum(
+        BANDS.reach_bandwidths * usual,
+        np.maximum(BANDS.widest_share * f, least_bandwidths * usual),
+    )
+    least_reach = np.maximum(BANDS.narrowest_share * f, BANDS.fewest_lines * transforms.line_hz)
+    reach = np.maximum(share * reach, least_reach)
     lowest, highest = transforms.band_hz
     groups = []
     for k, group in enumerate(members):
@@ -91,38 +79,32 @@ def spectra_of(
     transforms: Transforms, group: Group, known: Resonances
 ) -> tuple[LocalSpectra, Resonances] | None:
     """Spectra of a band in its directions, and its neighbours there; None if it has no lines."""
-    outside = [_nearest_outside(known, group, side) for side in (-1, 1)]
-    neighbours = known.at([i for i in outside if i is not None])
-    damping = min(float(np.median(group.modes.dampings)), MOST_BLOCK_DAMPING)
+    neighbours = _neighbours(group, known)
+    damping = min(float(np.median(group.modes.dampings)), BANDS.most_damping_of_blocks)
     try:
-        spectra = transforms.spectra(group.low, group.high, BLOCK_OVER_DAMPING * damping)
+        spectra = transforms.spectra(group.low, group.high, BANDS.block_over_damping * damping)
     except ValueError:
         return None
-    if spectra.weights.sum() < LINES_OF_A_DIRECTION:
+    n_lines = spectra.weights.sum()
+    if n_lines < BANDS.lines_of_a_direction:
         return None
-    n_modes = len(group.modes.dampings) + len(neighbours.frequencies_hz)
+    m = group.modes.n_modes
     n_directions = min(
-        n_modes + SPARE_DIRECTIONS,
-        max(MOST_DIRECTIONS, len(group.modes.dampings) + SPARE_DIRECTIONS),
-        max(2, int(spectra.weights.sum() / LINES_OF_A_DIRECTION)),
+        m + neighbours.n_modes + BANDS.spare_directions,
+        max(BANDS.most_directions, m + BANDS.spare_directions),
+        max(2, int(n_lines / BANDS.lines_of_a_direction)),
     )
     data = local_spectra(spectra, n_directions)
-    return data, in_directions(data, neighbours)
+    return data, neighbours.in_directions(data)
 
 
-def _nearest_outside(known: Resonances, group: Group, side: int) -> int | None:
-    own = group.modes.frequencies_hz
+def _neighbours(group: Group, known: Resonances) -> Resonances:
+    """The nearest known modes to either side."""
     f = known.frequencies_hz
-    outside = np.flatnonzero(f > own.max() * 1.0001 if side > 0 else f < own.min() * 0.9999)
-    if not len(outside):
-        return None
-    return int(outside[np.abs(f[outside] - (own.max() if side > 0 else own.min())).argmin()])
-
-
-def in_directions(data: LocalSpectra, modes: Resonances) -> Resonances:
-    """Modes of all channels in the directions of a band, at unit length, as real as may be."""
-    shapes = data.from_channels @ modes.shapes
-    lengths = np.maximum(np.linalg.norm(shapes, axis=0), np.finfo(float).tiny)
-    shapes = shapes / lengths
-    turned = shapes * np.exp(-0.5j * np.angle((shapes**2).sum(0)))
-    return modes._replace(shapes=turned)
+    lowest, highest = group.modes.frequencies_hz.min(), group.modes.frequencies_hz.max()
+    # Those of the group are among the known ones, but for rounding.
+    below, above = np.flatnonzero(f < lowest * 0.9999), np.flatnonzero(f > highest * 1.0001)
+    nearest = [int(below[np.abs(f[below] - lowest).argmin()])] if len(below) else []
+    if len(above):
+        nearest.append(int(above[np.abs(f[above] - highest).argmin()]))
+    return known.at(nearest)

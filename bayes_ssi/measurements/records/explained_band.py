@@ -17,42 +17,41 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.local_fit import LocalFit
-from bayes_ssi.measurements.records.local_model import Resonances
+from bayes_ssi.measurements.records.resonances import Resonances
 
 
-class Odds(NamedTuple):
-    """How one peak is explained: nats of each explanation, -inf where it fits nothing."""
+class ExplainedPeak(NamedTuple):
+    """A peak of the spectra, and how its explanations compare with one mode with a real shape.
 
-    one: float
-    phases: float
-    two: float
+    Attributes:
+        modes: places of its modes among those of the band.
+        nats_of_phases: by which one mode whose sensors have phases explains it better; what is
+            rarer before has fewer nats already.
+        nats_of_two: by which two modes do.
+    """
+
+    modes: tuple[int, ...]
+    nats_of_phases: float
+    nats_of_two: float
 
     @property
-    def probabilities(self) -> tuple[float, float, float]:
-        """Of the three; what is rarer before has fewer nats already."""
-        nats = np.array(self)
+    def probabilities(self) -> tuple[float, float]:
+        """Of phases, and of two modes."""
+        nats = np.array([0.0, self.nats_of_phases, self.nats_of_two])
         highest = nats.max()
         if not math.isfinite(highest):
-            return (1.0, 0.0, 0.0)
+            return 0.0, 0.0
         shares = np.exp(np.maximum(nats - highest, -700.0))
-        return tuple((shares / shares.sum()).tolist())
-
-
-class Estimates(NamedTuple):
-    """Modes in channels, and their covariance, as of :class:`ModalEstimates`."""
-
-    frequencies_hz: FloatArray
-    dampings: FloatArray
-    shapes: FloatArray
-    covariance: FloatArray
+        _, phases, two = (shares / shares.sum()).tolist()
+        return phases, two
 
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """A band and its modes."""
+    """A band and its modes; those beside the search are not wanted, but known."""
 
     fit: LocalFit
-    peaks: tuple[tuple[tuple[int, ...], Odds], ...]
+    peaks: tuple[ExplainedPeak, ...]
     is_wanted: bool
 
     def distance_to(self, frequency_hz: float) -> float:
@@ -88,47 +87,38 @@ class Explained:
             )
         return None
 
-    def estimates(self, places: Sequence[int]) -> Estimates:
-        """Some of its modes in channels, with real shapes at unit length and their errors.
+    def estimates(self, places: Sequence[int]) -> tuple[Resonances, FloatArray]:
+        """Some of its modes in channels, with real shapes, and the covariance of their errors.
 
-        Errors grow by the root of chi-square where that is more than is allowed.
+        It is that of (ln f, ln ζ, shapes), shapes mode by mode. Errors grow by the root of
+        chi-square where that is more than is allowed.
         """
         fit, data = self.fit, self.fit.data
         rest, variances = rest_of_shapes(fit)
-        m, r = fit.modes.shapes.shape[1], fit.modes.shapes.shape[0]
-        shapes, jacobians, extra = [], [], []
-        for i in places:
+        r, m = fit.modes.shapes.shape
+        n, n_places = len(data.to_channels), len(places)
+        shapes = np.empty((n, n_places))
+        jacobian = np.zeros((n_places * (2 + n), 2 * m * (1 + r)))
+        of_rest = np.zeros((n_places * (2 + n), n_places * (2 + n)))
+        for k, i in enumerate(places):
+            jacobian[k, i] = jacobian[n_places + k, m + i] = 1.0
             full = data.to_channels @ fit.modes.shapes[:, i] + data.rest_to_channels @ rest[:, i]
             turn = np.exp(-0.5j * np.angle((full**2).sum()))
             real = (turn * full).real
             length = np.linalg.norm(real)
-            shape = real / length
-            across = (np.eye(len(shape)) - np.outer(shape, shape)) / length
-            own = np.zeros((len(shape), 2 * m + 2 * m * r))
+            shape = shapes[:, k] = real / length
+            across = (np.eye(n) - np.outer(shape, shape)) / length
+            rows = slice(2 * n_places + k * n, 2 * n_places + (k + 1) * n)
             at = 2 * m + i * r
-            own[:, at : at + r] = turn.real * (across @ data.to_channels)
+            jacobian[rows, at : at + r] = turn.real * (across @ data.to_channels)
             at += m * r
-            own[:, at : at + r] = -turn.imag * (across @ data.to_channels)
+            jacobian[rows, at : at + r] = -turn.imag * (across @ data.to_channels)
             outside = across @ data.rest_to_channels
-            shapes.append(shape)
-            jacobians.append(own)
-            extra.append(variances[i] * outside @ outside.T)
-        of_poles = np.zeros((2 * len(places), 2 * m + 2 * m * r))
-        for k, i in enumerate(places):
-            of_poles[k, i] = of_poles[len(places) + k, m + i] = 1.0
-        jacobian = np.concatenate([of_poles, *jacobians])
-        covariance = jacobian @ fit.covariance @ jacobian.T
-        n = len(data.to_channels)
-        for k, block in enumerate(extra):
-            own_places = slice(2 * len(places) + k * n, 2 * len(places) + (k + 1) * n)
-            covariance[own_places, own_places] += block
+            of_rest[rows, rows] = variances[i] * outside @ outside.T
+        covariance = jacobian @ fit.covariance @ jacobian.T + of_rest
         if self.excess > 1.0:
             covariance *= fit.whiteness
-        chosen = list(places)
-        return Estimates(
-            fit.modes.frequencies_hz[chosen], fit.modes.dampings[chosen], np.array(shapes).T,
-            covariance,
-        )  # fmt: skip
+        return fit.modes.at(places)._replace(shapes=shapes), covariance
 
     @property
     def band_hz(self) -> tuple[float, float]:

@@ -18,8 +18,46 @@ from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.explained_band import Explained
 from bayes_ssi.measurements.records.modal_estimates import ModalEstimates
-from bayes_ssi.measurements.records.mode_candidates import Candidates, Peak
+from bayes_ssi.measurements.records.mode_candidates import Candidates
 from bayes_ssi.measurements.records.record import Record
+from bayes_ssi.measurements.records.settings import IDENTIFICATION
+
+
+class Peak(NamedTuple):
+    """A peak of the spectra, and how many modes it holds.
+
+    Attributes:
+        modes: their places among those quoted, from 0.
+        probability_of_two: that it holds two modes rather than one, with real shapes or with
+            phases, each explanation equally probable before; None where the spectra around it are
+            explained by none.
+    """
+
+    frequencies_hz: tuple[float, ...]
+    modes: tuple[int, ...]
+    probability_of_two: float | None
+    probability_of_phases: float | None
+    resolution_hz: float
+    resolution: float
+
+    def __str__(self) -> str:
+        at = " and ".join(f"{f:.4g}" for f in self.frequencies_hz)
+        p, phases = self.probability_of_two, self.probability_of_phases
+        if p is None or phases is None:
+            return f"peak at {at} Hz: the spectra around it are not explained"
+        text = f"peak at {at} Hz: two modes with a probability {_chance(p)}"
+        if phases > 0.5:
+            text += f", one mode whose sensors have phases with {_chance(phases)}"
+        if p > IDENTIFICATION.sure_probability:
+            return text
+        closer = f"{self.resolution_hz:.2g} Hz ({self.resolution:.2g} bandwidths)"
+        if p < 1.0 - IDENTIFICATION.sure_probability:
+            return f"{text}; modes closer than about {closer} could not be told apart"
+        return f"{text}: the record cannot tell"
+
+
+def _chance(p: float) -> str:
+    return "above 0.999" if p > 0.999 else "below 0.001" if p < 0.001 else f"{p:.3f}"
 
 
 class SingularValues(NamedTuple):

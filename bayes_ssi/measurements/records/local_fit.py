@@ -18,31 +18,18 @@ from bayes_ssi.measurements.records.local_model import (
     ROOT_2_PI,
     Model,
     OneSource,
-    Resonances,
     Scene,
     basis,
     coordinates,
     information_of,
-    response_slopes,
     scene,
     started,
 )
-from bayes_ssi.measurements.records.local_spectra import LocalSpectra
+from bayes_ssi.measurements.records.resonances import Resonances, turned
+from bayes_ssi.measurements.records.settings import FIT
+from bayes_ssi.measurements.records.spectra import LocalSpectra
 
-# Priors: logarithm of the damping; of the rest of a shape beside its largest part; of what is out
-# of phase in it; of the background, its change and its bend over the band, over what is quiet.
-DAMPING, LOG_DAMPING_SD = 0.015, 1.0
-SHAPE_SD, PHASE_SD = 1.0, 0.1
-BACKGROUND_SDS = np.array([10.0, 0.3, 0.1])
-# Forces of a mode, over the quiet background, below which priors that go with them do not shrink.
-LEAST_SIZE = 1e-4
-# Added to scaled curvatures, which rounding may otherwise make singular.
-ROUNDING = 1e-11
-# Structures are damped less than this.
-HEAVIEST = 0.15
-# A climb ends when a step gains less, or after so many; it has arrived where Newton's own step
-# would gain less than this.
-SETTLED, MOST_STEPS, ARRIVED = 0.01, 40, 0.5
+BACKGROUND_SDS = np.array(FIT.background_sds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +43,8 @@ class LocalFit:
         covariances: (K, r, r), E of each block.
     """
 
-    data: LocalSpectra
-    modes: Resonances
+    scene: Scene
+    model: Model
     has_phases: bool
     covariance: FloatArray
     log_likelihood: float
@@ -66,8 +53,16 @@ class LocalFit:
     allowed_whiteness: float
     converged: bool
     covariances: ComplexArray
-    model: Model
-    scene: Scene
+
+    @property
+    def data(self) -> LocalSpectra:
+        """The spectra of the band."""
+        return self.scene.data
+
+    @property
+    def modes(self) -> Resonances:
+        """In the directions of the band."""
+        return self.model.modes
 
     @property
     def are_modes(self) -> NDArray[np.bool_]:
@@ -75,7 +70,7 @@ class LocalFit:
         low, high = self.data.band_hz
         f = self.modes.frequencies_hz
         driven = self.model.drive.sizes(self.modes) > 0.0
-        return (f > low) & (f < high) & (self.modes.dampings < HEAVIEST) & driven
+        return (f > low) & (f < high) & (self.modes.dampings < FIT.most_damping) & driven
 
     @property
     def one_source(self) -> bool:
@@ -128,7 +123,10 @@ class Fitter:
         return float(self.data.weights @ (logs + traces))
 
     def fit(
-        self, start: Resonances | LocalFit, has_phases: bool, most_steps: int | None = None
+        self,
+        start: Resonances | LocalFit,
+        has_phases: bool,
+        most_steps: int = FIT.most_steps,
     ) -> LocalFit:
         """The most probable modes."""
         if isinstance(start, LocalFit):
@@ -136,27 +134,25 @@ class Fitter:
         else:
             modes = start
             if not has_phases:
-                turned = modes.shapes * np.exp(-0.5j * np.angle((modes.shapes**2).sum(0)))
-                real = turned.real / np.linalg.norm(turned.real, axis=0)
+                real = turned(modes.shapes).real
+                real = real / np.linalg.norm(real, axis=0)
                 modes = modes._replace(shapes=real.astype(complex))
             model = started(self.scene, modes, self.one_source)
+        # Priors of forces stay as those at the start would have them.
+        usual = self._sizes(model)
         e = model.covariances(self.scene)
-        usual = np.maximum(model.drive.sizes(model.modes), LEAST_SIZE)
+        steps = _Steps(self, model, e, has_phases, usual)
         damping = 1e-2
-        steps = _Steps(
-            self, model, e, has_phases, model.drive.scales(self.scene, model.modes, usual)
-        )
-        for _ in range(MOST_STEPS if most_steps is None else most_steps):
-            scales = steps.scales
-            value = self.misfit(e) + self._energy(model, scales)
+        for _ in range(most_steps):
+            value = self.misfit(e) + self._energy(model, steps.scales)
             moved = None
             while damping < 1e8:
                 step, gain = steps.step(damping)
-                if gain < SETTLED:
+                if gain < FIT.settled_gain:
                     break
                 trial = steps.moved(step)
                 tried_e = trial.covariances(self.scene)
-                if self.misfit(tried_e) + self._energy(trial, scales) < value:
+                if self.misfit(tried_e) + self._energy(trial, steps.scales) < value:
                     moved = trial, tried_e
                     damping *= 0.1
                     break
@@ -164,18 +160,52 @@ class Fitter:
             if moved is None:
                 break
             model, e = moved
-            steps = _Steps(
-                self, model, e, has_phases, model.drive.scales(self.scene, model.modes, usual)
-            )
-            if (model.modes.dampings > 2.0 * HEAVIEST).any():
+            steps = _Steps(self, model, e, has_phases, usual)
+            if (model.modes.dampings > 2.0 * FIT.most_damping).any():
                 break
         return self._described(model, e, steps)
 
+    def gain_of(self, fit: LocalFit, one: Resonances) -> tuple[float, ComplexArray]:
+        """About how many nats a mode more would gain: by its forces alone, at first order.
+
+        Returns:
+            The gain, and the mode's shape (r,): that of ``one`` under independent loads, and the
+            one that gains most where one source drives all.
+        """
+        at, modes, drive = self.scene, fit.modes, fit.model.drive
+        steps = _Steps(self, fit.model, fit.covariances, fit.has_phases, self._sizes(fit.model))
+        left, right = drive.more(at, modes, fit.model.h(at), one).of_parts
+        added = 2.0 * coordinates(left[..., None] * right[..., None, :].conj())  # (K, 2c, r²)
+        seen = added @ steps.of_blocks
+        n = added.shape[1]
+        slope = np.einsum("kpa,ka->p", added, steps.slopes)
+        cross = np.concatenate(
+            [np.einsum("k,kpa->ap", power, seen) for power in at.powers]
+            + [np.einsum("kqa,kpa->qp", steps.derivatives, seen)]
+        )
+        flat = added.transpose(1, 0, 2).reshape(n, -1)
+        curvature = seen.transpose(1, 0, 2).reshape(n, -1) @ flat.T
+        solved = _solved(steps.curvature, np.column_stack([cross, steps.slope]))
+        curvature = curvature - cross.T @ solved[:, :-1]
+        slope = slope - cross.T @ solved[:, -1]
+        step = _solved(curvature, slope)
+        shape = one.shapes[:, 0]
+        if self.one_source:
+            shape = step[0::2] + 1j * step[1::2]
+            turn = np.exp(-0.5j * np.angle((shape**2).sum()))
+            shape = shape / np.linalg.norm(shape) * turn
+        return 0.5 * float(slope @ step), shape
+
+    @staticmethod
+    def _sizes(model: Model) -> FloatArray:
+        """Of the forces of modes, and not so small that priors that go with them vanish."""
+        return np.maximum(model.drive.sizes(model.modes), FIT.least_forces)
+
     def _energy(self, model: Model, scales: FloatArray) -> float:
         """The quadratic part of -ln prior density."""
-        off = (np.log(model.modes.dampings) - math.log(DAMPING)) / LOG_DAMPING_SD
+        off = (np.log(model.modes.dampings) - math.log(FIT.damping)) / FIT.log_damping_sd
         value = 0.5 * float(off @ off)
-        value += 0.5 * float(((model.modes.shapes.imag / PHASE_SD) ** 2).sum())
+        value += 0.5 * float(((model.modes.shapes.imag / FIT.phase_sd) ** 2).sum())
         value += 0.5 * float((np.abs(model.backgrounds / BACKGROUND_SDS[:, None, None]) ** 2).sum())
         return value + model.drive.energy(model.modes, scales)
 
@@ -183,10 +213,10 @@ class Fitter:
         """The rest of -ln prior density, up to constants of the band."""
         r, m = model.modes.shapes.shape
         low, high = self.data.band_hz
-        of_one = math.log(LOG_DAMPING_SD * ROOT_2_PI) + math.log(math.log(high / low))
-        of_one += (r - 1) * math.log(SHAPE_SD * ROOT_2_PI)
+        of_one = math.log(FIT.log_damping_sd * ROOT_2_PI) + math.log(math.log(high / low))
+        of_one += (r - 1) * math.log(FIT.shape_sd * ROOT_2_PI)
         if steps.has_phases:
-            of_one += (r - 1) * math.log(PHASE_SD * ROOT_2_PI)
+            of_one += (r - 1) * math.log(FIT.phase_sd * ROOT_2_PI)
         return m * of_one + model.drive.log_normalisation(model.modes, steps.scales)
 
     def _described(self, model: Model, e: ComplexArray, steps: _Steps) -> LocalFit:
@@ -205,16 +235,17 @@ class Fitter:
         whiteness = float(chi.sum()) / n_degrees
         left = 0.5 * float(steps.slope @ covariance @ steps.slope)
         return LocalFit(
-            self.data, model.modes, steps.has_phases, jacobian @ own @ jacobian.T, -misfit,
-            evidence, whiteness, allowed_whiteness(self.data.weights, np.sqrt(numbers), n_degrees),
-            left < ARRIVED, e, model, self.scene,
+            self.scene, model, steps.has_phases, jacobian @ own @ jacobian.T, -misfit, evidence,
+            whiteness, allowed_whiteness(self.data.weights, np.sqrt(numbers), n_degrees),
+            left < FIT.arrived_gain, e,
         )  # fmt: skip
 
 
 def _solved(curvature: FloatArray, right: FloatArray) -> FloatArray:
     """Curvature⁻¹ right, of coordinates of any sizes, some of which may hardly be determined."""
     roots = np.sqrt(curvature.diagonal())
-    scaled = curvature / roots / roots[:, None] + ROUNDING * np.eye(len(roots))
+    # What rounding could make singular.
+    scaled = curvature / roots / roots[:, None] + 1e-11 * np.eye(len(roots))
     return np.asarray(np.linalg.solve(scaled, (right.T / roots).T).T / roots).T
 
 
@@ -236,10 +267,11 @@ class _Steps:
     """
 
     def __init__(
-        self, fitter: Fitter, model: Model, e: ComplexArray, has_phases: bool, scales: FloatArray
+        self, fitter: Fitter, model: Model, e: ComplexArray, has_phases: bool, usual: FloatArray
     ) -> None:
         at = fitter.scene
-        self.model, self.has_phases, self.scales = model, has_phases, scales
+        self.model, self.has_phases = model, has_phases
+        self.scales = model.drive.scales(at, model.modes, usual)
         modes, data = model.modes, fitter.data
         r, m = fitter.r, len(modes.frequencies_hz)
         inverse: ComplexArray = np.linalg.inv(e)
@@ -274,7 +306,7 @@ class _Steps:
     def _derivatives(self, fitter: Fitter) -> FloatArray:
         """Of E by all coordinates but backgrounds (K, P, r²)."""
         at, modes, drive = fitter.scene, self.model.modes, self.model.drive
-        h, by_f, by_z = response_slopes(modes, at.data)
+        h, by_f, by_z = modes.response_slopes(at.data)
         shapes = modes.shapes
         m = shapes.shape[1]
         self.tangents = [_tangent(shape, self.has_phases) for shape in shapes.T]
@@ -282,13 +314,11 @@ class _Steps:
         n_tangent = self.tangents[0].shape[1] if m else 0
         left = [(each[:, None] * shapes).swapaxes(1, 2) for each in (by_f, by_z)]
         left += [h[:, i, None, None] * tangent.T for i, tangent in enumerate(self.tangents)]
-        columns = drive.columns(at, modes, h)
-        parts = np.stack([columns.left, columns.turn * columns.left], axis=2)
-        left.append(parts.reshape(len(h), -1, fitter.r))
+        driven_left, driven_right = drive.columns(at, modes, h).of_parts
+        left.append(driven_left)
         right = np.concatenate(
-            [forces, forces, np.repeat(forces, n_tangent, axis=1),
-             np.repeat(columns.right, 2, axis=1)], axis=1,
-        )  # fmt: skip
+            [forces, forces, np.repeat(forces, n_tangent, axis=1), driven_right], axis=1
+        )
         products = np.concatenate(left, axis=1)[..., None] * right[..., None, :].conj()
         return 2.0 * coordinates(products)  # of products and their conjugate transposes
 
@@ -302,13 +332,13 @@ class _Steps:
         # Uniform priors bend nothing; these keep the curvature positive where a mode has no forces.
         precisions[smooth : smooth + m] = 1.0
         of_damping = slice(smooth + m, smooth + 2 * m)
-        precisions[of_damping] = LOG_DAMPING_SD**-2
-        off[of_damping] = np.log(modes.dampings) - math.log(DAMPING)
+        precisions[of_damping] = FIT.log_damping_sd**-2
+        off[of_damping] = np.log(modes.dampings) - math.log(FIT.damping)
         at = smooth + 2 * m
         for shape, tangent in zip(modes.shapes.T, self.tangents, strict=True):
-            precisions[at : at + r - 1] = SHAPE_SD**-2
+            precisions[at : at + r - 1] = FIT.shape_sd**-2
             imaginary = slice(at + r - 1, at + tangent.shape[1])
-            precisions[imaginary] = PHASE_SD**-2
+            precisions[imaginary] = FIT.phase_sd**-2
             off[imaginary] = tangent[:, r - 1 :].imag.T @ shape.imag
             at += tangent.shape[1]
         self.curvature[range(self.size), range(self.size)] += precisions
@@ -373,37 +403,3 @@ def _tangent(shape: ComplexArray, has_phases: bool) -> ComplexArray:
     full, _ = np.linalg.qr(np.concatenate([real[:, None], np.eye(len(shape))], axis=1))
     across = full[:, 1 : len(shape)].astype(complex)
     return np.concatenate([across, 1j * across], axis=1) if has_phases else across
-
-
-def gain_of(fitter: Fitter, fit: LocalFit, one: Resonances) -> tuple[float, ComplexArray]:
-    """About how many nats a mode more would gain: by its forces alone, at first order.
-
-    Returns:
-        The gain, and the mode's shape (r,): that of ``one`` under independent loads, and the one
-        that gains most where one source drives all.
-    """
-    at, modes, drive = fitter.scene, fit.modes, fit.model.drive
-    scales = drive.scales(at, modes, np.maximum(drive.sizes(modes), LEAST_SIZE))
-    steps = _Steps(fitter, fit.model, fit.covariances, fit.has_phases, scales)
-    left, right, turn = drive.more(at, modes, fit.model.h(at), one)
-    parts = np.stack([left, turn * left], axis=2).reshape(len(left), -1, fitter.r)
-    products = parts[..., None] * np.repeat(right, 2, axis=1)[..., None, :].conj()
-    own = 2.0 * coordinates(products)  # (K, 2c, r²)
-    seen = own @ steps.of_blocks
-    n = own.shape[1]
-    slope = np.einsum("kpa,ka->p", own, steps.slopes)
-    cross = np.concatenate(
-        [np.einsum("k,kpa->ap", power, seen) for power in at.powers]
-        + [np.einsum("kqa,kpa->qp", steps.derivatives, seen)]
-    )
-    flat = own.transpose(1, 0, 2).reshape(n, -1)
-    curvature = seen.transpose(1, 0, 2).reshape(n, -1) @ flat.T
-    solved = _solved(steps.curvature, np.column_stack([cross, steps.slope]))
-    curvature = curvature - cross.T @ solved[:, :-1]
-    slope = slope - cross.T @ solved[:, -1]
-    step = _solved(curvature, slope)
-    shape = one.shapes[:, 0]
-    if fitter.one_source:
-        shape = step[0::2] + 1j * step[1::2]
-        shape = shape / np.linalg.norm(shape) * np.exp(-0.5j * np.angle((shape**2).sum()))
-    return 0.5 * float(slope @ step), shape

@@ -18,96 +18,17 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.local_spectra import LocalSpectra
+from bayes_ssi.measurements.records.resonances import Resonances
+from bayes_ssi.measurements.records.settings import FIT
+from bayes_ssi.measurements.records.spectra import LocalSpectra
 
-# Prior standard deviations: of forces that are coherent with the background, over the most that can
-# be; of forces of neighbours, over the quiet background; of direct motion, and of its change and
-# bend over the band.
-COHERENCE_SD, NEIGHBOUR_SD = 0.3, 10.0
-DIRECT_SDS = np.array([2.0, 1.0, 0.5])[:, None]
-# ln of the ratio of the largest to the smallest size that a mode's forces may have.
-LOG_SIZES = math.log(1e4)
-# Of coordinates whose prior is flat: it keeps curvatures positive.
-LEAST_PRECISION = 1e-8
+DIRECT_SDS = np.array(FIT.direct_sds)[:, None]
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
-
-
-class Resonances(NamedTuple):
-    """m modes without errors in r directions or n channels.
-
-    Attributes:
-        frequencies_hz: (m,).
-        dampings: (m,).
-        shapes: (r, m), complex, at unit length.
-    """
-
-    frequencies_hz: FloatArray
-    dampings: FloatArray
-    shapes: ComplexArray
-
-    def at(self, places: list[int]) -> Resonances:
-        """Some of the modes."""
-        return Resonances(
-            self.frequencies_hz[places], self.dampings[places], self.shapes[:, places]
-        )
-
-    def joined(self, others: Resonances) -> Resonances:
-        """These modes and others, in ascending order."""
-        both = self.beside(others)
-        return both.at(np.argsort(both.frequencies_hz, kind="stable").tolist())
-
-    def beside(self, others: Resonances) -> Resonances:
-        """These modes, and then the others."""
-        return Resonances(*(
-            np.concatenate([a, b], axis=-1) for a, b in zip(self, others, strict=True)
-        ))  # fmt: skip
-
-    @property
-    def half_widths_hz(self) -> FloatArray:
-        """Half of the half-power bandwidths, ζ f (m,)."""
-        return self.dampings * self.frequencies_hz
-
-
-def responses(modes: Resonances, data: LocalSpectra) -> ComplexArray:
-    """Means of h over the blocks (K, m)."""
-    return response_slopes(modes, data)[0]
-
-
-def response_slopes(
-    modes: Resonances, data: LocalSpectra
-) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Means of h over the blocks, and their derivatives by ln f and ln ζ, (K, m) each."""
-    f, zeta = modes.frequencies_hz, modes.dampings.clip(1e-6, 0.99)
-    root = np.sqrt(1.0 - zeta**2)
-    p, conjugate = f * (1j * zeta + root), f * (1j * zeta - root)
-    # h = f² / ((f - p)(f - p')) = 1 + [p² / (f - p) - p'² / (f - p')] / (p - p')
-    centres, halves = data.frequencies_hz[:, None], 0.5 * data.widths_hz[:, None]
-
-    def term(pole: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """p² times the mean of 1 / (f - p), and its derivative by p."""
-        low, high = centres - halves - pole, centres + halves - pole
-        mean = np.log(high / low) / (2.0 * halves)
-        return pole**2 * mean, 2.0 * pole * mean + pole**2 / (low * high)
-
-    (a, a_slope), (b, b_slope) = term(p), term(conjugate)
-    apart = p - conjugate
-    h = 1.0 + (a - b) / apart
-
-    def slope(of_p: ComplexArray, of_conjugate: ComplexArray) -> ComplexArray:
-        change = a_slope * of_p - b_slope * of_conjugate
-        return (change - (h - 1.0) * (of_p - of_conjugate)) / apart
-
-    by_zeta = zeta * f
-    return (
-        h,
-        slope(p, conjugate),
-        slope(by_zeta * (1j - zeta / root), by_zeta * (1j + zeta / root)),
-    )
 
 
 @cache
@@ -166,8 +87,8 @@ def scene(data: LocalSpectra, neighbours: Resonances) -> Scene:
     """What models of a band are evaluated on."""
     low, high = data.band_hz
     x = (2.0 * data.frequencies_hz - low - high) / (high - low)
-    of_neighbours = responses(neighbours, data)
-    return Scene(data, np.stack([x**0, x, x**2]), neighbours, of_neighbours)
+    powers = np.stack([x**0, x, x**2])
+    return Scene(data, powers, neighbours, neighbours.responses(data))
 
 
 class Columns(NamedTuple):
@@ -183,46 +104,12 @@ class Columns(NamedTuple):
     right: ComplexArray
     turn: complex
 
-
-class Drive(Protocol):
-    """What drives the modes; all of it is linear in complex values."""
-
     @property
-    def values(self) -> ComplexArray:
-        """(c,)"""
-
-    def moved(self, step: ComplexArray, lengths: ComplexArray, /) -> Drive:
-        """After a step of the values, and shapes that were divided by ``lengths`` (m,)."""
-
-    def matrices(self, at: Scene, modes: Resonances, h: ComplexArray, /) -> ComplexArray:
-        """What the modes add to the background (K, r, r)."""
-
-    def forces(self, at: Scene, modes: Resonances, h: ComplexArray, /) -> ComplexArray:
-        """a_i of each block (K, r, m)."""
-
-    def columns(self, at: Scene, modes: Resonances, h: ComplexArray, /) -> Columns:
-        """Derivatives by the values."""
-
-    def crosses(self, at: Scene, modes: Resonances, h: ComplexArray, /) -> ComplexArray:
-        """What else than shapes cross spectra with other directions are linear in (K, c, r)."""
-
-    def more(self, at: Scene, modes: Resonances, h: ComplexArray, one: Resonances, /) -> Columns:
-        """Derivatives by the values of a mode more."""
-
-    def scales(self, at: Scene, modes: Resonances, usual: FloatArray, /) -> FloatArray:
-        """What of the prior goes with the modes, (m, ...); it stands still in a step."""
-
-    def energy(self, modes: Resonances, scales: FloatArray, /) -> float:
-        """The quadratic part of -ln prior of the values."""
-
-    def log_normalisation(self, modes: Resonances, scales: FloatArray, /) -> float:
-        """The rest of -ln prior of the values, up to constants of the band."""
-
-    def prior(self, modes: Resonances, scales: FloatArray, /) -> tuple[FloatArray, FloatArray]:
-        """Precision matrix (2c, 2c) and slope (2c,) of ln prior by real and imaginary parts."""
-
-    def sizes(self, modes: Resonances, /) -> FloatArray:
-        """4 ζ s (m,), where s is about the part i φ of the forces; not positive for no mode."""
+    def of_parts(self) -> tuple[ComplexArray, ComplexArray]:
+        """Left and right (K, 2c, r) of real and imaginary parts, in turn."""
+        k, _, r = self.left.shape
+        parts = np.stack([self.left, self.turn * self.left], axis=2)
+        return parts.reshape(k, -1, r), np.repeat(self.right, 2, axis=1)
 
 
 class IndependentLoads(NamedTuple):
@@ -271,7 +158,7 @@ class IndependentLoads(NamedTuple):
 
     def more(self, at: Scene, _modes: Resonances, _h: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with its shape."""
-        response = responses(one, at.data)
+        response = one.responses(at.data)
         r = len(one.shapes)
         left = np.repeat(response[:, :, None] * one.shapes[:, 0], r, axis=1)
         return Columns(left, np.broadcast_to(np.eye(r, dtype=complex), left.shape), -1j)
@@ -303,12 +190,12 @@ class IndependentLoads(NamedTuple):
         beta = others.frequencies_hz / modes.frequencies_hz[:, None]
         damped = beta * (others.dampings + beta * modes.dampings[:, None])
         mac = np.abs(modes.shapes.conj().T @ others.shapes) ** 2
-        coherences = 1.0 + (0.5 * COHERENCE_SD**-2 - 1.0) * mac  # over that with the background
+        coherences = 1.0 + (0.5 * FIT.coherence_sd**-2 - 1.0) * mac  # over that with the background
         powers = coherences * of_others / ((1.0 - beta**2) ** 2 + 4.0 * damped**2)
         powers[range(m), range(m)] = 0.0
         outer = np.einsum("aj,bj->jab", others.shapes, others.shapes.conj()).real
         motion = np.eye(len(modes.shapes)) + np.einsum("ij,jab->iab", powers, outer)
-        return np.asarray(COHERENCE_SD**2 * sizes[:, None, None] * motion)
+        return np.asarray(FIT.coherence_sd**2 * sizes[:, None, None] * motion)
 
     def energy(self, modes: Resonances, scales: FloatArray) -> float:
         """The quadratic part of -ln prior of the values."""
@@ -316,7 +203,7 @@ class IndependentLoads(NamedTuple):
         across = self.of_modes - 1j * modes.shapes * along.imag
         solved = np.linalg.solve(scales, across.T[:, :, None])[:, :, 0]
         value = 0.5 * float((across.T.conj() * solved).real.sum())
-        return value + 0.5 * float((np.abs(self.of_neighbours / NEIGHBOUR_SD) ** 2).sum())
+        return value + 0.5 * float((np.abs(self.of_neighbours / FIT.neighbour_sd) ** 2).sum())
 
     def log_normalisation(self, modes: Resonances, scales: FloatArray) -> float:
         """The rest of -ln prior of the values, up to constants of the band."""
@@ -326,7 +213,7 @@ class IndependentLoads(NamedTuple):
         own = np.einsum("im,mij,jm->m", modes.shapes.conj(), scales, modes.shapes).real
         value = (2 * r - 1) * m * math.log(ROOT_2_PI)
         value += float(np.linalg.slogdet(scales)[1].sum() - 0.5 * np.log(own).sum())
-        return value + float(np.log(along.clip(1e-9) * LOG_SIZES).sum())
+        return value + float(np.log(along.clip(1e-9) * FIT.log_range_of_forces).sum())
 
     def prior(self, modes: Resonances, scales: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Precision matrix (2c, 2c) and slope (2c,) of ln prior by real and imaginary parts."""
@@ -334,19 +221,19 @@ class IndependentLoads(NamedTuple):
         n = 2 * self.values.size
         precisions = np.zeros((n, n))
         at = 2 * self.of_neighbours.size
-        precisions[range(at), range(at)] = NEIGHBOUR_SD**-2
+        precisions[range(at), range(at)] = FIT.neighbour_sd**-2
         for shape, scale in zip(modes.shapes.T, scales, strict=True):
             along = as_reals(1j * shape)
             own = slice(at, at + 2 * r)
             across = np.eye(2 * r) - np.outer(along, along)
             precision = across @ np.kron(np.linalg.inv(scale), np.eye(2)) @ across
-            precisions[own, own] = precision + LEAST_PRECISION * np.eye(2 * r)
+            precisions[own, own] = precision + FIT.flat_precision * np.eye(2 * r)
             at += 2 * r
         return precisions, -precisions @ as_reals(self.values)
 
 
 class OneSource(NamedTuple):
-    """One process that drives everything.
+    """One process that drives everything; methods give what those of independent loads do.
 
     Attributes:
         direct: (3, r), what channels have of it beside resonances, over the band.
@@ -364,7 +251,6 @@ class OneSource(NamedTuple):
         return np.concatenate([self.direct.ravel(), self.of_neighbours, self.of_modes])
 
     def moved(self, step: ComplexArray, lengths: ComplexArray) -> OneSource:
-        """After a step of the values, and shapes that were divided by ``lengths`` (m,)."""
         n, p = self.direct.size, len(self.of_neighbours)
         direct = self.direct + step[:n].reshape(self.direct.shape)
         return OneSource(
@@ -380,16 +266,13 @@ class OneSource(NamedTuple):
         )
 
     def matrices(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
-        """What the modes add to the background (K, r, r)."""
         v = self.motion(at, modes, h)
         return np.asarray(v[:, :, None] * v[:, None].conj())
 
     def forces(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
-        """a_i of each block (K, r, m)."""
         return self.motion(at, modes, h)[:, :, None] * self.of_modes.conj()
 
     def columns(self, at: Scene, modes: Resonances, h: ComplexArray) -> Columns:
-        """Derivatives by the values."""
         r = len(modes.shapes)
         direct = at.powers.T[:, :, None, None] * np.eye(r)
         left = np.concatenate(
@@ -404,12 +287,11 @@ class OneSource(NamedTuple):
 
     def more(self, at: Scene, modes: Resonances, h: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with any shape."""
-        response = responses(one, at.data)
+        response = one.responses(at.data)
         left = response[:, :, None] * np.eye(len(one.shapes))
         return Columns(left, np.broadcast_to(self.motion(at, modes, h)[:, None], left.shape), 1j)
 
     def crosses(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
-        """What else than shapes cross spectra with other directions are linear in (K, c, r)."""
         factors = np.concatenate([at.powers.T, at.of_neighbours], axis=1)
         return np.asarray(factors[:, :, None] * self.motion(at, modes, h)[:, None].conj())
 
@@ -422,23 +304,20 @@ class OneSource(NamedTuple):
         return usual
 
     def energy(self, _modes: Resonances, _scales: FloatArray) -> float:
-        """The quadratic part of -ln prior of the values."""
         value = 0.5 * float((np.abs(self.direct / DIRECT_SDS) ** 2).sum())
-        return value + 0.5 * float((np.abs(self.of_neighbours / NEIGHBOUR_SD) ** 2).sum())
+        return value + 0.5 * float((np.abs(self.of_neighbours / FIT.neighbour_sd) ** 2).sum())
 
     def log_normalisation(self, modes: Resonances, _scales: FloatArray) -> float:
-        """The rest of -ln prior of the values, up to constants of the band."""
         sizes = self.sizes(modes).clip(1e-12)
         value = 2.0 * self.direct.shape[1] * float(np.log(DIRECT_SDS * ROOT_2_PI).sum())
-        return value + float(np.log(math.pi * sizes * LOG_SIZES).sum())
+        return value + float(np.log(math.pi * sizes * FIT.log_range_of_forces).sum())
 
     def prior(self, _modes: Resonances, _scales: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Precision matrix (2c, 2c) and slope (2c,) of ln prior by real and imaginary parts."""
         precisions = np.concatenate(
             [
                 np.repeat(DIRECT_SDS**-2.0, 2 * self.direct.shape[1]),
-                np.full(2 * len(self.of_neighbours), NEIGHBOUR_SD**-2),
-                np.full(2 * len(self.of_modes), LEAST_PRECISION),
+                np.full(2 * len(self.of_neighbours), FIT.neighbour_sd**-2),
+                np.full(2 * len(self.of_modes), FIT.flat_precision),
             ]
         )
         # The phase of the whole source is nobody's to know.
@@ -450,6 +329,10 @@ class OneSource(NamedTuple):
 def as_reals(values: ComplexArray) -> FloatArray:
     """Real and imaginary parts of each, in turn."""
     return np.asarray(np.stack([values.real, values.imag], axis=-1).ravel(), dtype=np.float64)
+
+
+# What drives the modes; all of it is linear in complex values.
+Drive = IndependentLoads | OneSource
 
 
 class Model(NamedTuple):
@@ -466,7 +349,7 @@ class Model(NamedTuple):
 
     def h(self, at: Scene) -> ComplexArray:
         """Responses of the modes (K, m)."""
-        return responses(self.modes, at.data)
+        return self.modes.responses(at.data)
 
 
 def started(at: Scene, modes: Resonances, one_source: bool) -> Model:
@@ -488,7 +371,7 @@ def started(at: Scene, modes: Resonances, one_source: bool) -> Model:
     # The leading singular vectors give v but for the phase of each block, which a reference fixes.
     values, vectors = np.linalg.eigh(data.matrices)
     v = vectors[:, :, -1] * np.sqrt(values[:, -1:])
-    h = responses(modes, data)
+    h = modes.responses(data)
     source = OneSource(
         np.zeros((3, r), dtype=complex),
         np.zeros(p, dtype=complex),

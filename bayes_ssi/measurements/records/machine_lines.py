@@ -13,22 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.measurements.records.settings import MACHINE_LINES
 
-# Lines to either side: those that a Hann window spreads a sine over, and those around.
-SPREAD, AROUND = 2, 22
-NEARBY = np.setdiff1d(np.arange(-AROUND, AROUND + 1), np.arange(-SPREAD, SPREAD + 1))
-# Sensors of a group: as many as so few lines can have a spectral matrix of.
-GROUP = 3
-# Of sound records, one in so many shows a line by chance.
-RARE = 1e4
-# A line counts where it has more of some sensor's power than a sine of 1 % of its rms value: in the
-# stop band of a filter there is next to nothing, and any line may stand out.
-SHARE = 0.5 * 0.01**2
-# The coherent power of so many parts of the record over their whole power: 1 for a sine, 1/PARTS
-# for noise or a shock; a decay over half the record has 0.76.
-PARTS, COHERENT = 8, 0.78
-# Samples that are regressed at a time, so that long records need little memory.
-BLOCK = 2**16
+# Lines to either side over which a Hann window spreads a sine.
+SPREAD = 2
 
 
 def machine_lines(samples: FloatArray, rate_hz: float) -> FloatArray:
@@ -43,8 +31,10 @@ def machine_lines(samples: FloatArray, rate_hz: float) -> FloatArray:
     """
     n_samples = samples.shape[1]
     found: list[tuple[float, float]] = []
-    if n_samples >= 20 * AROUND:
-        for group in np.array_split(samples, -(-len(samples) // GROUP) or 1):
+    if n_samples >= 20 * MACHINE_LINES.lines_around:
+        for group in np.array_split(
+            samples, -(-len(samples) // MACHINE_LINES.sensors_together) or 1
+        ):
             found += _lines_of(group[np.ptp(group, axis=1) > 0.0])
     strongest: list[float] = []
     for _, line in sorted(found, reverse=True):
@@ -65,14 +55,16 @@ def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
     transforms = np.fft.rfft(window * samples)
     powers = np.abs(transforms) ** 2
     # Of a sine's power in a Hann window two thirds are in its line; a drift is no machine.
-    shares = (1.5 * powers / powers[:, AROUND:].sum(1, keepdims=True)).max(0)
-    lines = np.flatnonzero(shares > SHARE)
-    lines = lines[(lines >= AROUND) & (lines < len(shares) - AROUND)]
+    around = MACHINE_LINES.lines_around
+    shares = (1.5 * powers / powers[:, around:].sum(1, keepdims=True)).max(0)
+    lines = np.flatnonzero(shares > MACHINE_LINES.power_share)
+    lines = lines[(lines >= around) & (lines < len(shares) - around)]
     if not len(lines):
         return []
     ratios, directions = _standing_out(transforms, lines)
-    m = len(NEARBY) // 2  # windowed neighbours are alike: half of the lines count
-    chance = fisher.isf(1.0 / (RARE * len(lines)), 2 * n, 2 * (m - n + 1))
+    m = around - SPREAD  # windowed neighbours are alike: half of the lines count
+    one_in = MACHINE_LINES.records_per_chance_line * len(lines)
+    chance = fisher.isf(1.0 / one_in, 2 * n, 2 * (m - n + 1))
     found = []
     for k in np.flatnonzero(ratios > m * n / (m - n + 1) * chance):
         line, direction = int(lines[k]), directions[k].conj()
@@ -82,7 +74,7 @@ def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
         # Exact for a sine in a Hann window.
         beside = max(before, after) / here
         refined = line + (2.0 * beside - 1.0) / (1.0 + beside) * (1 if after > before else -1)
-        if _coherence(direction @ samples, refined) > COHERENT:
+        if _coherence(direction @ samples, refined) > MACHINE_LINES.coherent_share:
             found.append((float(shares[line]), refined))
     return found
 
@@ -91,8 +83,10 @@ def _standing_out(
     transforms: ComplexArray, lines: NDArray[np.intp]
 ) -> tuple[FloatArray, ComplexArray]:
     """zᴴ G⁻¹ z of lines (L,), and G⁻¹ z (L, n)."""
-    around = transforms[:, lines[:, None] + NEARBY].swapaxes(0, 1)
-    matrices = around @ around.conj().swapaxes(1, 2) / len(NEARBY)
+    farthest = MACHINE_LINES.lines_around
+    nearby = np.setdiff1d(np.arange(-farthest, farthest + 1), np.arange(-SPREAD, SPREAD + 1))
+    around = transforms[:, lines[:, None] + nearby].swapaxes(0, 1)
+    matrices = around @ around.conj().swapaxes(1, 2) / len(nearby)
     # Sensors may be copies: their difference is then no motion.
     matrices += 1e-6 * np.eye(len(transforms)) * np.einsum("kii->ki", matrices)[:, :, None]
     here = transforms[:, lines].T
@@ -102,10 +96,11 @@ def _standing_out(
 
 def _coherence(history: ComplexArray, line: float) -> float:
     """Coherent power of the parts of a history at a frequency in lines, over their whole power."""
-    n_part = len(history) // PARTS
-    steady = np.exp(-2j * np.pi * line / len(history) * np.arange(PARTS * n_part))
-    parts = (history[: len(steady)] * steady).reshape(PARTS, n_part) @ np.hanning(n_part)
-    return float(np.abs(parts.sum()) ** 2 / (PARTS * (np.abs(parts) ** 2).sum()))
+    n = MACHINE_LINES.parts
+    n_part = len(history) // n
+    steady = np.exp(-2j * np.pi * line / len(history) * np.arange(n * n_part))
+    parts = (history[: len(steady)] * steady).reshape(n, n_part) @ np.hanning(n_part)
+    return float(np.abs(parts.sum()) ** 2 / (n * (np.abs(parts) ** 2).sum()))
 
 
 def without_lines(samples: FloatArray, rate_hz: float, frequencies_hz: FloatArray) -> FloatArray:
@@ -124,7 +119,9 @@ def without_lines(samples: FloatArray, rate_hz: float, frequencies_hz: FloatArra
         return samples
     n_samples = samples.shape[1]
     left = samples - samples.mean(1, keepdims=True)
-    blocks = [slice(start, min(start + BLOCK, n_samples)) for start in range(0, n_samples, BLOCK)]
+    length = MACHINE_LINES.samples_at_a_time
+    starts = range(0, n_samples, length)
+    blocks = [slice(start, min(start + length, n_samples)) for start in starts]
 
     def waves(block: slice) -> FloatArray:
         instants = np.arange(block.start, block.stop)

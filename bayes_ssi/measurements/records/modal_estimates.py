@@ -3,42 +3,53 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.measurements.records.resonances import Resonances, with_positive_largest
 
 
-class Poles(NamedTuple):
-    """Modes without their errors.
+class MethodModes(NamedTuple):
+    """m modes by one method; None for what the method does not give.
 
     Attributes:
-        frequencies_hz: (p,), ascending.
-        dampings: (p,), fractions of critical damping.
-        shapes: (n, p), real, at unit length.
+        frequencies_hz: (m,).
+        shapes: (n, m), real, at unit length.
+        frequency_covs: (m,), standard deviations over the frequencies.
+        dampings: (m,).
+        damping_sds: (m,).
+        shape_sds: (m,).
     """
 
     frequencies_hz: FloatArray
-    dampings: FloatArray
     shapes: FloatArray
+    frequency_covs: FloatArray | None = None
+    dampings: FloatArray | None = None
+    damping_sds: FloatArray | None = None
+    shape_sds: FloatArray | None = None
 
-    def at(self, places: Sequence[int]) -> Poles:
-        """Some of the modes."""
-        chosen = list(places)
-        return Poles(self.frequencies_hz[chosen], self.dampings[chosen], self.shapes[:, chosen])
+    def modal_data(
+        self, band_hz: tuple[float, float], sensors: tuple[str, ...], source: str = ""
+    ) -> ModalData:
+        """The modes as data of model classes, with the errors that the method claims."""
 
-    def joined(self, others: Poles) -> Poles:
-        """These modes and others, in ascending order."""
-        frequencies = np.concatenate([self.frequencies_hz, others.frequencies_hz])
-        dampings = np.concatenate([self.dampings, others.dampings])
-        shapes = np.concatenate([self.shapes, others.shapes], axis=1)
-        return Poles(frequencies, dampings, shapes).at(np.argsort(frequencies).tolist())
+        def of(values: FloatArray | None, i: int) -> float | None:
+            return None if values is None else float(values[i])
+
+        modes = tuple(
+            IdentifiedMode(
+                str(i + 1), float(f), self.shapes[:, i], of(self.frequency_covs, i),
+                of(self.shape_sds, i), of(self.dampings, i), of(self.damping_sds, i),
+            )
+            for i, f in enumerate(self.frequencies_hz)
+        )  # fmt: skip
+        return ModalData(modes, band_hz, sensors, source)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,7 +65,6 @@ class ModalEstimates(Displayed):
         shapes: (n, m), real, at unit length, the largest component positive.
         covariance: of (ln f, ln ζ, shapes), (2m + mn, 2m + mn); shapes mode by mode. A shape at
             unit length has no error along itself.
-        n_segments: of the jackknife that the covariance comes from; 0 where a model gives it.
     """
 
     method: str
@@ -64,7 +74,6 @@ class ModalEstimates(Displayed):
     dampings: FloatArray
     shapes: FloatArray
     covariance: FloatArray
-    n_segments: int = 0
 
     @property
     def n_modes(self) -> int:
@@ -72,9 +81,17 @@ class ModalEstimates(Displayed):
         return len(self.frequencies_hz)
 
     @property
-    def poles(self) -> Poles:
+    def poles(self) -> Resonances:
         """The modes without their errors."""
-        return Poles(self.frequencies_hz, self.dampings, self.shapes)
+        return Resonances(self.frequencies_hz, self.dampings, self.shapes)
+
+    @property
+    def method_modes(self) -> MethodModes:
+        """The modes with their errors, but for correlations."""
+        return MethodModes(
+            self.frequencies_hz, self.shapes, self.frequency_covs, self.dampings,
+            self.damping_sds, self.shape_sds,
+        )  # fmt: skip
 
     @property
     def frequency_covs(self) -> FloatArray:
@@ -118,26 +135,12 @@ class ModalEstimates(Displayed):
     def modal_data(self, source: str = "") -> ModalData:
         """The modes as data of model classes, labelled 1, 2, … in ascending order of frequency.
 
-        Their joint covariance is among them where it is that of a model. A jackknife's has errors
-        of its own, which its inverse multiplies: only the sizes of its errors are.
-
         Args:
             source: where they come from.
         """
-        rows = zip(
-            self.frequencies_hz, self.frequency_covs, self.shapes.T, self.shape_sds, self.dampings,
-            self.damping_sds, strict=True,
-        )  # fmt: skip
-        modes = tuple(
-            IdentifiedMode(
-                str(i), float(f), shape, float(cov), float(sd), float(damping), float(damping_sd)
-            )
-            for i, (f, cov, shape, sd, damping, damping_sd) in enumerate(rows, 1)
-        )
-        m, size = self.n_modes, len(self.covariance)
-        kept = np.r_[:m, 2 * m : size]  # without the dampings
-        covariance = self.covariance[np.ix_(kept, kept)] if self.n_segments == 0 else None
-        return ModalData(modes, self.band_hz, self.sensors, source, covariance)
+        kept = np.r_[: self.n_modes, 2 * self.n_modes : len(self.covariance)]  # not the dampings
+        data = self.method_modes.modal_data(self.band_hz, self.sensors, source)
+        return replace(data, covariance=self.covariance[np.ix_(kept, kept)])
 
     def distances(self, other: ModalEstimates) -> tuple[FloatArray, FloatArray]:
         """How far the modes are from those of other estimates from the same record.
@@ -160,19 +163,3 @@ class ModalEstimates(Displayed):
     def _rows(self) -> list[dict[str, Any]]:
         both = zip(self.frequencies_hz.tolist(), self.dampings.tolist(), strict=True)
         return [{"frequency_hz": hz, "damping": damping} for hz, damping in both]
-
-
-def real_shapes(shapes: ComplexArray) -> FloatArray:
-    """Shapes (n, m) rotated to where their real parts are longest, at unit length.
-
-    The largest component is positive.
-    """
-    turned = (shapes * np.exp(-0.5j * np.angle((shapes**2).sum(0)))).real
-    return with_positive_largest(turned / np.sqrt((turned**2).sum(0)))[0]
-
-
-def with_positive_largest(shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shapes (n, m) with the largest component positive, and the signs (m,) that they took."""
-    largest = np.abs(shapes).argmax(0)
-    signs = np.sign(shapes[largest, np.arange(shapes.shape[1])])
-    return shapes * signs, signs

@@ -4,45 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.records.band_search import explain
-from bayes_ssi.measurements.records.delays import delays
 from bayes_ssi.measurements.records.explained_band import Explained, resolution
 from bayes_ssi.measurements.records.identification_result import (
     ModalIdentification,
+    Peak,
     SingularValues,
     measured_record,
 )
-from bayes_ssi.measurements.records.local_fit import DAMPING
-from bayes_ssi.measurements.records.local_model import Resonances
 from bayes_ssi.measurements.records.machine_lines import machine_lines, without_lines
-from bayes_ssi.measurements.records.modal_estimates import ModalEstimates, with_positive_largest
-from bayes_ssi.measurements.records.mode_candidates import Candidates, Peak, Prominence, candidates
+from bayes_ssi.measurements.records.modal_estimates import ModalEstimates
+from bayes_ssi.measurements.records.mode_candidates import Candidates, Prominence, candidates
 from bayes_ssi.measurements.records.record import Record
+from bayes_ssi.measurements.records.resonances import Resonances, with_positive_largest
+from bayes_ssi.measurements.records.sensor_delays import common_delays
+from bayes_ssi.measurements.records.settings import FIT, IDENTIFICATION
 from bayes_ssi.measurements.records.spectra import Spectra, Transforms, transforms_of
 from bayes_ssi.measurements.records.stationarity import EVERYTHING, stationary_part
 
 METHOD = "Bayesian FFT"
-# The search reaches beyond the band by this factor, for the modes next to it.
-BEYOND = 1.6
-# ζ f T, the record's length in times in which a mode decays by e^(2π): below this the width of a
-# resonance is that of its few lines.
-SHORTEST = 1.0
-# Power of a window over the median beyond which a record is not stationary, though not cut.
-MOST_VARIATION = 8.0
-# Relative width of the blocks of the spectrum that is shown.
-SPECTRUM_WIDTH = 0.01
-# Sensors follow the ground where the median coherence, in blocks of this relative width, is above.
-FOLLOWED, FOLLOWED_WIDTH = 0.5, 0.05
-# Delays are sought again where shapes still have phases, so often at most.
-MOST_DELAYS = 3
-# Lines of the record below which nothing is looked for.
-FEWEST_LINES = 20
 
 
 @checked
@@ -68,31 +53,41 @@ def identify(
         ValueError: the record does not cover the band, ground is no sensor or leaves too few, or no
             mode is identified.
     """
-    band = record.checked_band(band_hz)
+    band, at = record.checked_band(band_hz), tuple(at)
     remarks: list[str] = []
-    lowest = max(band[0] / BEYOND, min(band[0], FEWEST_LINES / record.duration_s))
-    highest = min(band[1] * BEYOND, max(band[1], 0.98 * record.nyquist_hz))
-    reach = (0.75 * lowest, min(1.3 * highest, record.nyquist_hz))
     doubts: list[str] = []
+    factor, fewest = IDENTIFICATION.search_factor, IDENTIFICATION.fewest_lines
+    lowest = max(band[0] / factor, min(band[0], fewest / record.duration_s))
+    highest = min(band[1] * factor, max(band[1], 0.98 * record.nyquist_hz))
+    reach = (0.75 * lowest, min(1.3 * highest, record.nyquist_hz))
     still = _undisturbed(record, reach, band, remarks)
     if ground is None:
         ground = _driving_sensor(still, band, remarks)
     driven_by = _place_of(record, ground)
     part = stationary_part(still, reach) if driven_by is None else EVERYTHING
-    if part.varies > MOST_VARIATION:
+    if part.varies > IDENTIFICATION.most_variation:
         doubts.append(
             f"the motion is up to {part.varies:.2g} times as strong as its median: modes may "
             "depend on amplitude, and loads are not stationary, as the spectral model takes them "
             "to be"
         )
-    search = _Search(band, (lowest, highest), tuple(at), driven_by)
-    found, bands, late, spectrum = search.of(transforms_of(still, reach, part.mask))
-    if part.spans_s and not any(map(search.has_modes, bands)):
+
+    def searched(
+        mask: FloatArray | None,
+    ) -> tuple[Candidates, list[Explained], FloatArray, Spectra]:
+        transforms = transforms_of(still, reach, mask)
+        if driven_by is not None:
+            transforms = transforms.relative_to(driven_by)
+        found = _given(transforms, band, at) if at else candidates(transforms, lowest, highest)
+        return found, *_on_time(transforms, found, band, bool(at), driven_by is not None)
+
+    found, bands, late, spectrum = searched(part.mask)
+    if part.spans_s and not any(_inside(each, band) for each in bands):
         doubts.append(
             "only the strong motion shows modes: they are of the whole record, whose loads are not "
             "stationary, as the spectral model takes them to be"
         )
-        found, bands, late, spectrum = search.of(transforms_of(still, reach))
+        found, bands, late, spectrum = searched(None)
     else:
         remarks += [
             f"from {start:.4g} to {end:.4g} s the motion is many times as strong as otherwise, and "
@@ -100,10 +95,10 @@ def identify(
             for start, end in part.spans_s
         ]
     remarks += [
-        f"sensor {name!r}: {abs(own):.2g} s {'late' if own > 0.0 else 'early'} against the "
+        f"sensor {name!r}: {abs(delay):.2g} s {'late' if delay > 0.0 else 'early'} against the "
         "others, by the phases of the modes; this is removed"
-        for name, own in zip(record.sensors, late, strict=True)
-        if abs(own) > 0.05 * np.abs(late).max()
+        for name, delay in zip(record.sensors, late, strict=True)
+        if abs(delay) > 0.05 * np.abs(late).max()
     ]
     result = _result(record, band, found, bands, spectrum, remarks, doubts)
     if driven_by is None:
@@ -111,41 +106,49 @@ def identify(
     return replace(result, quoted=result.quoted.without_sensor(driven_by), ground=ground)
 
 
-class _Search(NamedTuple):
-    """What is looked for: in which band, among candidates of a range or at given frequencies."""
+def _on_time(
+    transforms: Transforms,
+    found: Candidates,
+    band: tuple[float, float],
+    fixed: bool,
+    is_driven: bool,
+) -> tuple[list[Explained], FloatArray, Spectra]:
+    """Bands, delays of the sensors where they explain the spectra, and the spectrum without."""
+    bands = explain(transforms, found, band, fixed, is_driven)
+    late = np.zeros(len(transforms.values))
+    for _ in range(IDENTIFICATION.most_delay_searches):
+        more = _delays(bands)
+        if more is None:
+            break
+        on_time, turned = transforms.turned(late + more), found.turned(late + more)
+        again = explain(on_time, turned, band, fixed, is_driven)
+        if _nats_of_phases(again) >= _nats_of_phases(bands):
+            break
+        bands, late = again, late + more
+    return bands, late, transforms.spectra(*band, IDENTIFICATION.shown_width)
 
-    band: tuple[float, float]
-    candidates_from: tuple[float, float]
-    at: tuple[float, ...]
-    driven_by: int | None
 
-    def of(self, transforms: Transforms) -> tuple[Candidates, list[Explained], FloatArray, Spectra]:
-        """Candidates, bands, delays of the sensors, and the spectrum, on time."""
-        if self.driven_by is not None:
-            transforms = transforms.relative_to(self.driven_by)
-        if self.at:
-            found = _given(transforms, self.band, self.at)
-        else:
-            found = candidates(transforms, *self.candidates_from)
-        how = {"fixed": bool(self.at), "is_driven": self.driven_by is not None}
-        bands = explain(transforms, found, self.band, **how)
-        n_sensors = len(transforms.values)
-        late = np.zeros(n_sensors)
-        for _ in range(MOST_DELAYS):
-            more = delays(bands, n_sensors)
-            if more is None:
-                break
-            on_time, turned = transforms.turned(late + more), found.turned(late + more)
-            again = explain(on_time, turned, self.band, **how)
-            if _nats_of_phases(again) >= _nats_of_phases(bands):
-                break
-            bands, late = again, late + more
-        return found, bands, late, transforms.spectra(*self.band, SPECTRUM_WIDTH)
+def _delays(bands: Sequence[Explained]) -> FloatArray | None:
+    """Delays (n,) in s that the phases of modes have in common; None where few have phases."""
+    with_phases = [band for band in bands if band.fit.has_phases and band.is_wanted]
+    squares = [square for band in with_phases for square in band.modes.shapes.T**2]
+    if len(squares) < IDENTIFICATION.fewest_modes_of_delays:
+        return None
+    hz = np.concatenate([band.modes.frequencies_hz for band in with_phases])
+    return common_delays(np.array(squares), 2.0 * np.pi * hz[:, None], 2001, 20)[0]
 
-    def has_modes(self, band: Explained) -> bool:
-        """Whether a mode of a band is in the search."""
-        f = band.fit.modes.frequencies_hz
-        return bool(((f >= self.band[0]) & (f <= self.band[1])).any())
+
+def _nats_of_phases(bands: Sequence[Explained]) -> float:
+    """Nats by which phases explain the bands that have them."""
+    wanted = [band for band in bands if band.is_wanted and band.fit.has_phases and band.peaks]
+    return float(sum(max(0.0, band.peaks[0].nats_of_phases) for band in wanted))
+
+
+def _inside(explained: Explained, band: tuple[float, float]) -> list[int]:
+    """Places of the modes that are in the search."""
+    f = explained.fit.modes.frequencies_hz
+    places: list[int] = np.flatnonzero((f >= band[0]) & (f <= band[1])).tolist()
+    return places
 
 
 def _driving_sensor(record: Record, band: tuple[float, float], remarks: list[str]) -> str:
@@ -154,11 +157,11 @@ def _driving_sensor(record: Record, band: tuple[float, float], remarks: list[str
     if len(named) != 1 or len(record.sensors) < 3:
         return ""
     place = record.sensors.index(named[0])
-    matrices = transforms_of(record, band).spectra(*band, FOLLOWED_WIDTH).matrices
+    matrices = transforms_of(record, band).spectra(*band, IDENTIFICATION.ground_width).matrices
     powers = np.einsum("kii->ki", matrices).real.clip(np.finfo(float).tiny)
     coherences = np.abs(matrices[:, place]) ** 2 / powers / powers[:, [place]]
     followed = float(np.median(np.delete(coherences, place, axis=1)))
-    if followed > FOLLOWED:
+    if followed > IDENTIFICATION.ground_coherence:
         remarks.append(
             f"sensor {named[0]!r} is taken for the motion of the base, which the others follow "
             f"(coherence {followed:.2f}); give another as ground, or none"
@@ -205,12 +208,6 @@ def _undisturbed(
     return replace(record, samples=samples)
 
 
-def _nats_of_phases(bands: list[Explained]) -> float:
-    """Nats by which phases explain the bands that have them."""
-    wanted = [band for band in bands if band.is_wanted and band.fit.has_phases and band.peaks]
-    return float(sum(max(0.0, band.peaks[0][1].phases) for band in wanted))
-
-
 def _given(transforms: Transforms, band: tuple[float, float], at: Sequence[float]) -> Candidates:
     """Candidates at given frequencies, with the directions of most motion there as shapes."""
     low, high = band
@@ -226,14 +223,14 @@ def _given(transforms: Transforms, band: tuple[float, float], at: Sequence[float
         )
     shapes = np.empty((len(transforms.values), len(frequencies)), dtype=complex)
     for i, f in enumerate(frequencies):
-        half = max(DAMPING * f, 2.0 * transforms.line_hz)
-        data = transforms.spectra(f - half, f + 2.0 * half, DAMPING)
+        half = max(FIT.damping * f, 2.0 * transforms.line_hz)
+        data = transforms.spectra(f - half, f + 2.0 * half, FIT.damping)
         # Frequencies given closer than a bandwidth share a peak, and take one direction each.
-        sharing = int((np.abs(np.log(frequencies[:i] / f)) < 2.0 * DAMPING).sum())
+        sharing = int((np.abs(np.log(frequencies[:i] / f)) < 2.0 * FIT.damping).sum())
         directions = np.linalg.eigh(data.matrices[0].real)[1]
         shapes[:, i] = directions[:, -1 - min(sharing, directions.shape[1] - 1)]
     peaks = tuple(Prominence(float(f), 0.0, 0.0, True) for f in frequencies)
-    dampings = np.full(len(frequencies), DAMPING / 1.5)
+    dampings = np.full(len(frequencies), FIT.damping / 1.5)
     modes = Resonances(frequencies, dampings, shapes)
     return Candidates(peaks, modes, modes.at([]), np.empty(0), np.empty((2, 0)))
 
@@ -247,34 +244,32 @@ def _result(
     remarks: list[str],
     doubts: list[str],
 ) -> ModalIdentification:
-    low, high = band
-    kept: list[tuple[Explained, list[int]]] = []
-    for each in bands:
-        f = each.fit.modes.frequencies_hz
-        inside = np.flatnonzero((f >= low) & (f <= high)).tolist()
-        if inside:
-            kept.append((each, inside))
+    kept = [(each, inside) for each in bands if (inside := _inside(each, band))]
     not_identified = _not_identified(found, bands, band)
     if not kept:
         raise ValueError(
-            f"no mode is identified from {low:g} to {high:g} Hz"
+            f"no mode is identified from {band[0]:g} to {band[1]:g} Hz"
             + "".join(f"; the peak at {hz:.4g} Hz: {why}" for hz, why in not_identified)
             + "; give frequencies as at, or another band"
         )
     quoted, peaks = _quoted(record, band, kept)
-    doubts = doubts + [text for each, _ in kept if (text := each.doubt)]
-    lengths = quoted.dampings * quoted.frequencies_hz * record.duration_s
-    too_short = tuple(np.flatnonzero(lengths < SHORTEST).tolist())
-    remarks = remarks + [
-        _short(float(quoted.frequencies_hz[i]), float(lengths[i])) for i in too_short
-    ]
+    decays = quoted.dampings * quoted.frequencies_hz * record.duration_s
+    too_short = tuple(np.flatnonzero(decays < IDENTIFICATION.shortest_decays).tolist())
+    values = np.linalg.eigvalsh(spectrum.matrices)[:, ::-1]
     return ModalIdentification(
         measured_record(record), quoted, tuple(bands), found,
-        SingularValues(
-            spectrum.frequencies_hz,
-            np.asarray(np.linalg.eigvalsh(spectrum.matrices)[:, ::-1], dtype=np.float64),
+        SingularValues(spectrum.frequencies_hz, np.asarray(values, dtype=np.float64)),
+        peaks, not_identified, too_short,
+        (
+            *remarks,
+            *(
+                f"mode at {quoted.frequencies_hz[i]:.4g} Hz: no wider than a line of the record "
+                f"(ζ f T = {decays[i]:.2g}); nothing is claimed of its damping and shape, for "
+                "which the record is too short, or it is a machine's harmonic"
+                for i in too_short
+            ),
         ),
-        peaks, not_identified, too_short, tuple(remarks), tuple(doubts),
+        (*doubts, *(doubt for each, _ in kept if (doubt := each.doubt))),
     )  # fmt: skip
 
 
@@ -302,58 +297,35 @@ def _quoted(
 ) -> tuple[ModalEstimates, tuple[Peak, ...]]:
     """The modes of all bands with their joint covariance, and their peaks."""
     n = len(record.sensors)
-    frequencies: list[float] = []
-    dampings: list[float] = []
-    shapes: list[FloatArray] = []
-    blocks: list[FloatArray] = []
+    m = sum(len(inside) for _, inside in kept)
+    covariance = np.zeros((m * (2 + n), m * (2 + n)))
+    parts: list[Resonances] = []
     peaks = []
-    for each, inside in kept:
-        own = each.estimates(inside)
-        first = len(frequencies)
-        frequencies += own.frequencies_hz.tolist()
-        dampings += own.dampings.tolist()
-        shapes += list(own.shapes.T)
-        blocks.append(own.covariance)
-        for places, odds in each.peaks:
-            members = [inside.index(i) for i in places if i in inside]
+    first = 0
+    for explained, inside in kept:
+        modes, of_band = explained.estimates(inside)
+        parts.append(modes)
+        end = first + modes.n_modes
+        rows = np.r_[first:end, m + first : m + end, 2 * m + n * first : 2 * m + n * end]
+        covariance[np.ix_(rows, rows)] = of_band
+        for peak in explained.peaks:
+            members = [inside.index(i) for i in peak.modes if i in inside]
             if not members:
                 continue
-            resolved = resolution(each.fit, places[0])
-            width = 2.0 * float(each.fit.modes.half_widths_hz[places[0]])
-            _, phases, two = odds.probabilities
-            known = each.doubt is None
-            peaks.append(
-                Peak(
-                    tuple(float(own.frequencies_hz[i]) for i in members),
-                    tuple(first + i for i in members),
-                    two if known else None, phases if known else None,
-                    resolved * width, resolved,
-                )
-            )  # fmt: skip
-    m = len(frequencies)
-    size = m * (2 + n)
-    covariance = np.zeros((size, size))
-    at = 0
-    for block in blocks:
-        k = len(block) // (2 + n)
-        own = np.r_[at : at + k, m + at : m + at + k, 2 * m + n * at : 2 * m + n * (at + k)]
-        covariance[np.ix_(own, own)] = block
-        at += k
-    signed, signs = with_positive_largest(np.array(shapes).T)
-    turns = np.r_[np.ones(2 * m), np.repeat(signs, n)]
-    return (
-        ModalEstimates(
-            METHOD, band, record.sensors, np.array(frequencies), np.array(dampings), signed,
-            covariance * turns * turns[:, None],
-        ),
-        tuple(peaks),
-    )  # fmt: skip
-
-
-def _short(frequency_hz: float, length: float) -> str:
-    return (
-        f"mode at {frequency_hz:.4g} Hz: no wider than a line of the record (ζ f T = "
-        f"{length:.2g}); "
-        "nothing is claimed of its damping and shape, for which the record is too short, or it is "
-        "a machine's harmonic"
+            resolved = resolution(explained.fit, peak.modes[0])
+            width = 2.0 * float(explained.fit.modes.half_widths_hz[peak.modes[0]])
+            phases, two = peak.probabilities if explained.doubt is None else (None, None)
+            frequencies = tuple(float(modes.frequencies_hz[i]) for i in members)
+            places = tuple(first + i for i in members)
+            peaks.append(Peak(frequencies, places, two, phases, resolved * width, resolved))
+        first = end
+    frequencies_hz, dampings, shapes = (
+        np.concatenate(of_parts, axis=-1) for of_parts in zip(*parts, strict=True)
     )
+    signed, signs = with_positive_largest(shapes)
+    turns = np.r_[np.ones(2 * m), np.repeat(signs, n)]
+    estimates = ModalEstimates(
+        METHOD, band, record.sensors, frequencies_hz, dampings, signed,
+        covariance * turns * turns[:, None],
+    )  # fmt: skip
+    return estimates, tuple(peaks)

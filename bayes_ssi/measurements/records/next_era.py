@@ -10,31 +10,19 @@ and the modes are identified again without each of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.measurements.records.local_fit import HEAVIEST
-from bayes_ssi.measurements.records.modal_estimates import ModalEstimates, Poles, real_shapes
+from bayes_ssi.measurements.records.modal_estimates import MethodModes
 from bayes_ssi.measurements.records.record import Record
+from bayes_ssi.measurements.records.resonances import Resonances, real_shapes
+from bayes_ssi.measurements.records.settings import FIT, METHODS
 from bayes_ssi.structures.modal import mac
 
-# Segments of the jackknife, each at least twice as long as the lags.
-MOST_SEGMENTS, FEWEST_SEGMENTS = 20, 8
-# The Hankel matrices reach over this many periods of the band's lowest frequency.
-PERIODS = 3.0
-# Directions of the most motion that take part in the Hankel matrices; there may be many sensors.
-MOST_DIRECTIONS = 8
-HIGHEST_ORDER = 40
-# Poles of two orders, or of a record and a part of it, are one mode within these.
-SAME_FREQUENCY, SAME_SHAPE = 0.05, 0.8
 
-
-@dataclass(frozen=True, eq=False)
-class Correlations:
+class Correlations(NamedTuple):
     """Correlation functions of the segments of a record, with the directions of most motion.
 
     Attributes:
@@ -47,17 +35,6 @@ class Correlations:
     rate_hz: float
     band_hz: tuple[float, float]
 
-    @property
-    def whole(self) -> FloatArray:
-        """(lags, n, r)"""
-        return self.sums.mean(0)
-
-    def without_each(self) -> Iterator[FloatArray]:
-        """The correlations without each segment in turn."""
-        total, n = self.sums.sum(0), len(self.sums)
-        for own in self.sums:
-            yield (total - own) / (n - 1)
-
 
 def correlations(record: Record, band_hz: tuple[float, float]) -> Correlations:
     """Correlation functions of a record's segments."""
@@ -65,11 +42,11 @@ def correlations(record: Record, band_hz: tuple[float, float]) -> Correlations:
 
     low, high = record.checked_band(band_hz)
     slow = record.decimated_to(high).detrended()
-    half = max(2, round(PERIODS * slow.rate_hz / low))
+    half = max(2, round(METHODS.correlation_periods * slow.rate_hz / low))
     n_lags = 2 * half
-    n_segments = min(MOST_SEGMENTS, slow.n_samples // (2 * n_lags))
-    if n_segments < FEWEST_SEGMENTS:
-        needed = FEWEST_SEGMENTS * 2 * n_lags / slow.rate_hz
+    n_segments = min(METHODS.most_segments, slow.n_samples // (2 * n_lags))
+    if n_segments < METHODS.fewest_segments:
+        needed = METHODS.fewest_segments * 2 * n_lags / slow.rate_hz
         raise ValueError(
             f"NExT-ERA: the record lasts {record.duration_s:g} s, but standard deviations from "
             f"{low:g} Hz on need {needed:.0f} s or more"
@@ -78,7 +55,7 @@ def correlations(record: Record, band_hz: tuple[float, float]) -> Correlations:
     n = len(slow.sensors)
     samples = slow.samples
     _, vectors = np.linalg.eigh(samples @ samples.T)
-    directions = vectors[:, ::-1][:, : min(n, MOST_DIRECTIONS)]
+    directions = vectors[:, ::-1][:, : min(n, METHODS.most_directions)]
     n_padded = next_fast_len(length + n_lags, real=True)
     sums = np.empty((n_segments, n_lags, n, directions.shape[1]))
     pairs = length - np.arange(1, n_lags + 1)
@@ -91,101 +68,99 @@ def correlations(record: Record, band_hz: tuple[float, float]) -> Correlations:
     return Correlations(sums, directions, slow.rate_hz, (low, high))
 
 
-class Realisation(NamedTuple):
-    """What is needed of Hankel matrices to find poles at any order up to the highest.
+class _Realisation:
+    """Hankel matrices of correlations (lags, n, r), all or without a segment, for any order."""
 
-    Attributes:
-        singular_values: (o,), of H0.
-        shifted: (o, o), Uᵀ H1 V.
-        first_row: (n, o), the first block row of H0 for all sensors, times V.
-    """
+    def __init__(self, part: FloatArray, data: Correlations) -> None:
+        from scipy.linalg import svd
 
-    singular_values: FloatArray
-    shifted: FloatArray
-    first_row: FloatArray
-    rate_hz: float
-    band_hz: tuple[float, float]
+        self.data = data
+        blocks = np.einsum("sr,lsq->lrq", data.directions, part)
+        half, r = len(blocks) // 2, blocks.shape[1]
+        at = np.arange(half)[:, None] + np.arange(half)
 
+        def hankel(first: int) -> FloatArray:
+            rows: FloatArray = blocks[at + first].transpose(0, 2, 1, 3)
+            return rows.reshape(half * r, half * r)
 
-def realisation(whole: FloatArray, data: Correlations) -> Realisation:
-    """From correlations (lags, n, r), all or without a segment."""
-    from scipy.linalg import svd
+        left, values, right = svd(hankel(0), check_finite=False)
+        self.highest_order = min(METHODS.highest_order, len(values))
+        left, right = left[:, : self.highest_order], right[: self.highest_order].T
+        self.singular_values = values[: self.highest_order]
+        # The first block row of H0 for all sensors, times V; Uᵀ H1 V.
+        self.first_row = part[:half].transpose(1, 0, 2).reshape(part.shape[1], -1) @ right
+        self.shifted = left.T @ hankel(1) @ right
 
-    blocks = np.einsum("sr,lsq->lrq", data.directions, whole)
-    half, r = len(blocks) // 2, blocks.shape[1]
-    at = np.arange(half)[:, None] + np.arange(half)
-
-    def hankel(first: int) -> FloatArray:
-        matrix: FloatArray = blocks[at + first].transpose(0, 2, 1, 3).reshape(half * r, half * r)
-        return matrix
-
-    left, values, right = svd(hankel(0), check_finite=False)
-    most = min(HIGHEST_ORDER, len(values))
-    left, right = left[:, :most], right[:most].T
-    first_row = whole[:half].transpose(1, 0, 2).reshape(whole.shape[1], -1) @ right
-    shifted = left.T @ hankel(1) @ right
-    return Realisation(values[:most], shifted, first_row, data.rate_hz, data.band_hz)
-
-
-def poles(of: Realisation, order: int) -> Poles:
-    """The modes in the band at one order, of less damping than structures may have."""
-    root = np.sqrt(of.singular_values[:order])
-    discrete, states = np.linalg.eig(of.shifted[:order, :order] / root / root[:, None])
-    with np.errstate(divide="ignore"):
-        continuous = np.log(discrete.astype(complex)) * of.rate_hz
-    size = np.maximum(np.abs(continuous), np.finfo(float).tiny)
-    frequencies, dampings = size / (2.0 * np.pi), -continuous.real / size
-    low, high = of.band_hz
-    kept = (continuous.imag > 0.0) & (dampings > 0.0) & (dampings < HEAVIEST)
-    kept &= (frequencies > low) & (frequencies < high)
-    kept = np.flatnonzero(kept)[np.argsort(frequencies[kept])]
-    shapes = (of.first_row[:, :order] / root) @ states[:, kept]
-    return Poles(frequencies[kept], dampings[kept], real_shapes(shapes))
+    def poles(self, order: int) -> Resonances:
+        """The modes in the band, of less damping than structures may have."""
+        root = np.sqrt(self.singular_values[:order])
+        discrete, states = np.linalg.eig(self.shifted[:order, :order] / root / root[:, None])
+        with np.errstate(divide="ignore"):
+            continuous = np.log(discrete.astype(complex)) * self.data.rate_hz
+        size = np.maximum(np.abs(continuous), np.finfo(float).tiny)
+        frequencies, dampings = size / (2.0 * np.pi), -continuous.real / size
+        low, high = self.data.band_hz
+        kept = (continuous.imag > 0.0) & (dampings > 0.0) & (dampings < FIT.most_damping)
+        kept &= (frequencies > low) & (frequencies < high)
+        kept = np.flatnonzero(kept)[np.argsort(frequencies[kept])]
+        shapes = (self.first_row[:, :order] / root) @ states[:, kept]
+        return Resonances(frequencies[kept], dampings[kept], real_shapes(shapes))
 
 
-def next_era(data: Correlations, modes: Poles, sensors: tuple[str, ...]) -> ModalEstimates:
-    """Frequencies, dampings and shapes of modes, with the covariance from a jackknife.
+def next_era(record: Record, band_hz: tuple[float, float], near: Resonances) -> MethodModes:
+    """Frequencies, dampings and shapes of modes, with standard deviations from a jackknife.
 
     The order is the lowest at which all modes appear in the record and without each segment.
     """
-    parts = [realisation(part, data) for part in data.without_each()]
-    whole = realisation(data.whole, data)
-    for order in range(2 * len(modes.frequencies_hz), len(whole.singular_values) + 1, 2):
-        center = _matched(poles(whole, order), modes)
+    data = correlations(record, band_hz)
+    total, n_segments = data.sums.sum(0), len(data.sums)
+    without = [_Realisation((total - own) / (n_segments - 1), data) for own in data.sums]
+    whole = _Realisation(data.sums.mean(0), data)
+    for order in range(2 * near.n_modes, whole.highest_order + 1, 2):
+        center = _matched(whole.poles(order), near)
         if center is None:
             continue
-        others = [_matched(poles(part, order), center) for part in parts]
+        others = [_matched(part.poles(order), center) for part in without]
         if all(other is not None for other in others):
             break
     else:
         raise ValueError(
             "NExT-ERA: no order shows the modes at "
-            + ", ".join(f"{f:.3f}" for f in modes.frequencies_hz)
+            + ", ".join(f"{f:.3f}" for f in near.frequencies_hz)
             + " Hz in the record and without each of its segments"
         )
     vectors = np.array([_vector(other, center) for other in others if other is not None])
-    n = len(vectors)
     deviations = vectors - vectors.mean(0)
-    covariance = (n - 1) / n * deviations.T @ deviations
-    return ModalEstimates("NExT-ERA", data.band_hz, sensors, *center, covariance, len(data.sums))
-
-
-def _matched(candidates: Poles, modes: Poles) -> Poles | None:
-    """Of the candidates, those that are the modes, each once; None if one is missing."""
-    if not len(candidates.frequencies_hz):
-        return None
-    apart = np.abs(np.log(candidates.frequencies_hz[:, None] / modes.frequencies_hz))
-    alike = mac(candidates.shapes, modes.shapes)
-    apart = np.where((apart < SAME_FREQUENCY) & (alike > SAME_SHAPE), apart, np.inf)
-    chosen = apart.argmin(0)
-    if np.isinf(apart.min(0)).any() or len(set(chosen.tolist())) < len(chosen):
-        return None
-    return Poles(
-        candidates.frequencies_hz[chosen], candidates.dampings[chosen], candidates.shapes[:, chosen]
+    jackknifed = (n_segments - 1) / n_segments * deviations.T @ deviations
+    variances = jackknifed.diagonal()
+    n, m = center.shapes.shape
+    of_shapes = variances[2 * m :].reshape(m, n).sum(1)
+    return MethodModes(
+        center.frequencies_hz,
+        center.shapes,
+        np.sqrt(variances[:m]),
+        center.dampings,
+        center.dampings * np.sqrt(variances[m : 2 * m]),
+        np.sqrt(of_shapes / (n - 1)),
     )
 
 
-def _vector(modes: Poles, center: Poles) -> FloatArray:
+def _matched(candidates: Resonances, modes: Resonances) -> Resonances | None:
+    """Of the candidates, those that are the modes, each once; None if one is missing."""
+    if not candidates.n_modes:
+        return None
+    apart = np.abs(np.log(candidates.frequencies_hz[:, None] / modes.frequencies_hz))
+    alike = mac(candidates.shapes, modes.shapes)
+    apart = np.where(
+        (apart < METHODS.same_log_frequency) & (alike > METHODS.same_shape_mac), apart, np.inf
+    )
+    chosen = apart.argmin(0)
+    if np.isinf(apart.min(0)).any() or len(set(chosen.tolist())) < len(chosen):
+        return None
+    return candidates.at(chosen.tolist())
+
+
+def _vector(modes: Resonances, center: Resonances) -> FloatArray:
     """(ln f, ln ζ, shapes) with the signs of the centre's shapes."""
     signs = np.sign((modes.shapes * center.shapes).sum(0))
     shapes = (modes.shapes * signs).T.ravel()

@@ -15,26 +15,17 @@ amplitude ratios at these give the shape. It gives no errors.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
-
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.modal_estimates import real_shapes, with_positive_largest
+from bayes_ssi.measurements.records.modal_estimates import MethodModes
 from bayes_ssi.measurements.records.record import Record
-
-
-class Peaks(NamedTuple):
-    """Modes without damping and without errors.
-
-    Attributes:
-        frequencies_hz: (m,), ascending.
-        shapes: (n, m), real, at unit length, the largest component positive.
-    """
-
-    frequencies_hz: FloatArray
-    shapes: FloatArray
+from bayes_ssi.measurements.records.resonances import (
+    Resonances,
+    real_shapes,
+    with_positive_largest,
+)
+from bayes_ssi.measurements.records.settings import METHODS
 
 
 def short_time_spectra(
@@ -57,7 +48,7 @@ def short_time_spectra(
     return frequencies[in_band], transforms[:, in_band]
 
 
-def peaks_of(indicator: FloatArray, frequencies_hz: FloatArray, near: Sequence[float]) -> list[int]:
+def peaks_of(indicator: FloatArray, frequencies_hz: FloatArray, near: FloatArray) -> list[int]:
     """Lines at which an indicator (F,) is highest, from each of some frequencies uphill."""
     lines = []
     for frequency in near:
@@ -72,43 +63,27 @@ def peaks_of(indicator: FloatArray, frequencies_hz: FloatArray, near: Sequence[f
     return sorted(lines)
 
 
-# A window of so many periods of the lowest frequency resolves its fiftieth.
-FDD_PERIODS = 50.0
-
-
-def fdd(record: Record, band_hz: tuple[float, float], near: Sequence[float]) -> Peaks:
-    """The peaks of the first singular value nearest uphill of some frequencies.
-
-    Args:
-        near: about where the peaks are, in Hz.
-    """
-    frequencies, transforms = short_time_spectra(record, band_hz, FDD_PERIODS)
+def fdd(record: Record, band_hz: tuple[float, float], near: Resonances) -> MethodModes:
+    """The peaks of the first singular value nearest uphill of some modes."""
+    frequencies, transforms = short_time_spectra(record, band_hz, METHODS.fdd_periods)
     matrices = np.einsum("ift,jft->fij", transforms, transforms.conj()) / transforms.shape[2]
     values, vectors = np.linalg.eigh(matrices)
-    lines = peaks_of(values[:, -1], frequencies, near)
-    return Peaks(frequencies[lines], real_shapes(vectors[lines, :, -1].T))
+    lines = peaks_of(values[:, -1], frequencies, near.frequencies_hz)
+    return MethodModes(frequencies[lines], real_shapes(vectors[lines, :, -1].T))
 
 
-# Windows long enough to tell modes apart, and short enough for many instants.
-TFIE_PERIODS = 20.0
-
-
-def tfie(record: Record, band_hz: tuple[float, float], near: Sequence[float]) -> Peaks:
-    """The frequencies of least phase dispersion nearest uphill of some frequencies.
-
-    Args:
-        near: about where they are, in Hz.
-    """
-    frequencies, transforms = short_time_spectra(record, band_hz, TFIE_PERIODS)
-    lines = peaks_of(phase_constancy(transforms), frequencies, near)
+def tfie(record: Record, band_hz: tuple[float, float], near: Resonances) -> MethodModes:
+    """The frequencies of least phase dispersion nearest uphill of some modes."""
+    frequencies, transforms = short_time_spectra(record, band_hz, METHODS.tfie_periods)
+    lines = peaks_of(phase_constancy(transforms), frequencies, near.frequencies_hz)
     shapes = np.empty((len(transforms), len(lines)))
     for column, line in zip(shapes.T, lines, strict=True):
-        own = transforms[:, line]
-        reference = own[np.abs(own).mean(1).argmax()]
-        ratios = own * reference.conj() / np.abs(reference) ** 2
+        motion = transforms[:, line]
+        reference = motion[np.abs(motion).mean(1).argmax()]
+        ratios = motion * reference.conj() / np.abs(reference) ** 2
         column[:] = np.median(ratios.real, axis=1)
     shapes /= np.sqrt((shapes**2).sum(0))
-    return Peaks(frequencies[lines], with_positive_largest(shapes)[0])
+    return MethodModes(frequencies[lines], with_positive_largest(shapes)[0])
 
 
 def phase_constancy(transforms: ComplexArray) -> FloatArray:

@@ -12,18 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.measurements.records.clocks import late_sensors
 from bayes_ssi.measurements.records.machine_lines import machine_lines
-
-# A sensor in motion does not stay on one value, or on one straight line, for so many samples.
-STRAIGHT = 10
-# Means of twentieths of a record scatter by less than the samples do, unless they drift.
-PARTS, DRIFT = 20, 0.5
-# Coherence of sensors is judged in so many windows of at most so many samples; noise is by chance
-# more coherent than is asked of motion in one record of so many.
-WINDOWS, LONGEST, RARE = 40, 4096, 1e3
-# Lines of machines that are named.
-NAMED = 3
+from bayes_ssi.measurements.records.sensor_delays import late_sensors
+from bayes_ssi.measurements.records.settings import CHECKS
 
 
 def moving(samples: FloatArray) -> NDArray[np.bool_]:
@@ -61,7 +52,7 @@ def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> l
                 f"sensor {name!r}: on a straight line from {first / rate_hz:.6g} s on for "
                 f"{length / rate_hz:.3g} s; is it a gap that was filled?"
             )
-        if (drift := _drift(row)) > DRIFT:
+        if (drift := _drift(row)) > CHECKS.drift_scatter:
             remarks.append(
                 f"sensor {name!r}: drifts; its mean over twentieths of the record scatters by "
                 f"{drift:.2g} times what is left without them"
@@ -80,10 +71,11 @@ def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> l
 def _incoherent(samples: FloatArray) -> list[int]:
     """Rows of samples that share no motion with any other row."""
     n, n_samples = samples.shape
-    length = min(2 * n_samples // (WINDOWS + 1), LONGEST)
-    if n < 2 or length < WINDOWS:
+    n_windows = CHECKS.windows
+    length = min(2 * n_samples // (n_windows + 1), CHECKS.longest_window)
+    if n < 2 or length < n_windows:
         return []
-    starts = np.linspace(0, n_samples - length, WINDOWS).astype(int)
+    starts = np.linspace(0, n_samples - length, n_windows).astype(int)
     windows = samples[:, starts[:, None] + np.arange(length)]
     windows = (windows - windows.mean(2, keepdims=True)) * np.hanning(length)
     lines = np.fft.rfft(windows)[:, :, 2:].transpose(2, 0, 1)  # (lines, n, windows)
@@ -92,7 +84,8 @@ def _incoherent(samples: FloatArray) -> list[int]:
     coherence = np.abs(lines @ lines.conj().swapaxes(1, 2)) ** 2
     coherence[:, range(n), range(n)] = 0.0
     # Of noise it exceeds c with probability (1 - c)^(m - 1), m windows; half of them overlap.
-    limit = 1.0 - (RARE * n * len(lines)) ** (-1.0 / (0.75 * WINDOWS - 1.0))
+    one_in = CHECKS.records_per_coherent_noise * n * len(lines)
+    limit = 1.0 - one_in ** (-1.0 / (0.75 * n_windows - 1.0))
     return np.flatnonzero(coherence.max((0, 2)) < limit).tolist()
 
 
@@ -101,7 +94,7 @@ def _machines(samples: FloatArray, rate_hz: float) -> list[str]:
     if not len(frequencies):
         return []
     where = f"lines at {len(frequencies)} frequencies, the strongest"
-    named = ", ".join(f"{frequency:.4g}" for frequency in frequencies[:NAMED])
+    named = ", ".join(f"{frequency:.4g}" for frequency in frequencies[: CHECKS.named_lines])
     return [
         f"{where if len(frequencies) > 1 else 'a line'} at {named} Hz, as of a machine; a mode so "
         "narrow would have decayed less than once over the record"
@@ -148,7 +141,7 @@ def _longest_straight(row: FloatArray) -> tuple[int, int] | None:
     ends = [-1, *bent.tolist(), len(bend)]
     lengths = np.diff(ends) + 1  # samples on the line
     longest = int(lengths.argmax())
-    if lengths[longest] < STRAIGHT:
+    if lengths[longest] < CHECKS.straight_samples:
         return None
     # A coarse sensor often stays on one value: a gap stands out from its other runs.
     usual = np.sort(lengths)[-max(1, len(lengths) // 1000) - 1] if len(lengths) > 1 else 0
@@ -159,8 +152,8 @@ def _longest_straight(row: FloatArray) -> tuple[int, int] | None:
 
 def _drift(row: FloatArray) -> float:
     """Scatter of the means of parts, over that of the samples about them."""
-    edges = np.linspace(0, len(row), PARTS + 1).astype(int)
-    if len(row) < 2 * PARTS:
+    edges = np.linspace(0, len(row), CHECKS.drift_parts + 1).astype(int)
+    if len(row) < 2 * CHECKS.drift_parts:
         return 0.0
     means = np.array([row[a:b].mean() for a, b in pairwise(edges)])
     inner = float(np.sqrt(np.mean([row[a:b].var() for a, b in pairwise(edges)])))

@@ -7,6 +7,11 @@ vectors, whose covariance is the spectral matrix there, averaged over w + 1 line
 ends, which is decisive where channels are coherent: what leaks from a resonance is larger than
 the sensors' noise. A taper's transform is the difference of two lines of the record padded to
 twice its length.
+
+Around a few modes they are expressed in the directions in which the sensors move together. Channels
+are scaled by the part of their power that no other channel explains, which is their noise or less;
+the leading real directions of what is left hold all that modes do. In these few coordinates the
+quiet part of the band has the unit matrix.
 """
 
 from __future__ import annotations
@@ -19,12 +24,8 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.record import Record
+from bayes_ssi.measurements.records.settings import SPECTRA
 
-# Blocks of fewer lines overlap too much: of two, a quarter of the information is counted twice.
-FEWEST_TAPERS = 3
-# A sensor's level around a line is the mean of this share of the frequency to either side, and of
-# so many half lines at least.
-LEVEL_WIDTH, LINES_OF_LEVEL = 0.001, 8
 # Integrations that lead from accelerations to what is measured.
 INTEGRATIONS = {"acceleration": 0, "velocity": 1, "displacement": 2}
 
@@ -78,9 +79,8 @@ class Transforms(NamedTuple):
         power = np.abs(self.values[sensor]) ** 2
         totals = np.concatenate([[0.0], np.cumsum(power)])
         places = np.arange(len(power))
-        reach = np.maximum(LINES_OF_LEVEL, np.round(LEVEL_WIDTH * (self.first + places))).astype(
-            int
-        )
+        half_lines = np.round(SPECTRA.level_width * (self.first + places))
+        reach = np.maximum(SPECTRA.fewest_level_lines, half_lines).astype(int)
         low, high = np.maximum(places - reach, 0), np.minimum(places + reach + 1, len(power))
         level = (totals[high] - totals[low]) / (high - low)
         return self._replace(values=self.values / np.sqrt(np.maximum(level, np.finfo(float).tiny)))
@@ -141,7 +141,7 @@ def _blocks(low: float, high: float, relative_width: float) -> tuple[list[int], 
     centres, numbers = [], []
     line = math.ceil(low)
     while True:
-        n = max(FEWEST_TAPERS, round(relative_width * line))
+        n = max(SPECTRA.fewest_tapers, round(relative_width * line))
         if line + n > high:
             break
         centres.append(2 * line + n - 1)
@@ -150,7 +150,7 @@ def _blocks(low: float, high: float, relative_width: float) -> tuple[list[int], 
     if not centres:
         raise ValueError(
             f"band_hz: the record has only {max(0, int(high) - math.ceil(low) + 1)} lines in the "
-            f"band, fewer than {FEWEST_TAPERS}; take a wider band or a longer record"
+            f"band, fewer than {SPECTRA.fewest_tapers}; take a wider band or a longer record"
         )
     return centres, numbers
 
@@ -175,3 +175,85 @@ def _independent(n: int) -> float:
                 total += 0.5 * sign * other * kernel
         shared += 2.0 * float((np.abs(total) ** 2).sum())
     return n / (1.0 + shared / n)
+
+
+class LocalSpectra(NamedTuple):
+    """Spectral matrices of K blocks in r directions of n channels.
+
+    Attributes:
+        frequencies_hz: (K,), centres of the blocks.
+        widths_hz: (K,), of the blocks.
+        weights: (K,), independent transforms of each.
+        matrices: (K, r, r).
+        floor: (r,), added to the diagonal in fits.
+        to_channels: (n, r), what the channels measure of each direction.
+        from_channels: (r, n), the directions of what channels measure.
+        rest: (K, n - r, r), cross spectra of all other directions, of unit noise, with these.
+        rest_to_channels: (n, n - r).
+    """
+
+    frequencies_hz: FloatArray
+    widths_hz: FloatArray
+    weights: FloatArray
+    matrices: ComplexArray
+    floor: FloatArray
+    to_channels: FloatArray
+    from_channels: FloatArray
+    rest: ComplexArray
+    rest_to_channels: FloatArray
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """From where to where the blocks reach."""
+        half = 0.5 * self.widths_hz
+        return float(self.frequencies_hz[0] - half[0]), float(self.frequencies_hz[-1] + half[-1])
+
+    @property
+    def line_hz(self) -> float:
+        """Width in Hz of one independent transform."""
+        return float(self.widths_hz.sum() / self.weights.sum())
+
+
+def noise_scales(spectra: Spectra) -> FloatArray:
+    """Root of the power (n,) of each channel that no other channel explains."""
+    weights = spectra.weights / spectra.weights.sum()
+    mean = np.einsum("k,kij->ij", weights, spectra.matrices)
+    powers = np.maximum(mean.diagonal().real, np.finfo(float).tiny)
+    roots = np.sqrt(powers)
+    n, n_lines = len(mean), float(spectra.weights.sum())
+    # Fewer lines than channels explain everything.
+    ridge = 1e-9 + (n / n_lines if n_lines < 2.0 * n else 0.0)
+    coherence = mean / roots / roots[:, None] + ridge * np.eye(n)
+    partial = 1.0 / np.linalg.inv(coherence).diagonal().real
+    return np.asarray(roots * np.sqrt(partial.clip(1e-9, 1.0)), dtype=np.float64)
+
+
+def local_spectra(spectra: Spectra, n_directions: int) -> LocalSpectra:
+    """The spectra in their leading directions."""
+    scales = noise_scales(spectra)
+    scaled = spectra.matrices / scales / scales[:, None]
+    mean = np.einsum("k,kij->ij", spectra.weights, scaled.real) / spectra.weights.sum()
+    vectors = np.linalg.eigh(mean)[1][:, ::-1]
+    r = min(n_directions, len(scales))
+    leading, others = vectors[:, :r], vectors[:, r:]
+    powers = np.einsum("kii->k", scaled).real
+    quiet = np.argsort(powers, kind="stable")[: max(1, round(SPECTRA.quiet_share * len(powers)))]
+    background = scaled[quiet].real.mean(0)
+    values, turns = np.linalg.eigh(leading.T @ background @ leading)
+    values = values.clip(1e-9 * values[-1])
+    floored = (1.0 + SPECTRA.floor_share) * values + SPECTRA.mean_floor_share * values.mean()
+    roots = np.sqrt(floored)
+    noise = np.sqrt(np.einsum("ia,ij,ja->a", others, background, others).clip(1e-9))
+    from_scaled = (leading @ turns / roots).T
+    rest_from_scaled = (others / noise).T
+    return LocalSpectra(
+        spectra.frequencies_hz,
+        spectra.widths_hz,
+        spectra.weights,
+        from_scaled @ scaled @ from_scaled.T,
+        1.0 - values / floored,
+        scales[:, None] * (leading @ turns * roots),
+        from_scaled / scales,
+        rest_from_scaled @ scaled @ from_scaled.T,
+        scales[:, None] * (others * noise),
+    )

@@ -12,34 +12,16 @@ from __future__ import annotations
 import logging
 from contextlib import redirect_stderr
 from io import StringIO
-from typing import NamedTuple
 
 import numpy as np
 
-from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.measurements.records.modal_estimates import Poles, real_shapes
+from bayes_ssi.measurements.records.modal_estimates import MethodModes
 from bayes_ssi.measurements.records.record import Record
-
-# Lags reach over so many periods of the lowest frequency, in two halves.
-PERIODS = 3.0
-# Segments from which the covariance of correlations is estimated (pyOMA2's own choice).
-SEGMENTS = 50
+from bayes_ssi.measurements.records.resonances import Resonances, real_shapes
+from bayes_ssi.measurements.records.settings import METHODS
 
 
-class SubspaceModes(NamedTuple):
-    """Modes by SSI-cov.
-
-    Attributes:
-        frequency_sds: standard deviations of the frequencies in Hz (m,).
-        damping_sds: of the dampings (m,).
-    """
-
-    poles: Poles
-    frequency_sds: FloatArray
-    damping_sds: FloatArray
-
-
-def ssi_cov(record: Record, band_hz: tuple[float, float], near: Poles) -> SubspaceModes:
+def ssi_cov(record: Record, band_hz: tuple[float, float], near: Resonances) -> MethodModes:
     """The modes nearest to some, from the order of twice their number."""
     try:
         from pyoma2.functions import ssi
@@ -49,12 +31,12 @@ def ssi_cov(record: Record, band_hz: tuple[float, float], near: Poles) -> Subspa
         ) from None
     low, high = record.checked_band(band_hz)
     slow = record.decimated_to(high)
-    half = round(0.5 * PERIODS * slow.rate_hz / low)
-    order = 2 * len(near.frequencies_hz)
+    half = round(0.5 * METHODS.correlation_periods * slow.rate_hz / low)
+    order, n_segments = 2 * near.n_modes, METHODS.subspace_segments
     samples = np.array(slow.samples)
     logging.getLogger("pyoma2").setLevel(logging.WARNING)
     with redirect_stderr(StringIO()):  # bars of progress
-        hankel, root = ssi.build_hank(samples, samples, half, "cov", calc_unc=True, nb=SEGMENTS)
+        hankel, root = ssi.build_hank(samples, samples, half, "cov", calc_unc=True, nb=n_segments)
         states = ssi.SSI_fast(hankel, half, order)
         frequencies, dampings, shapes, _, sds, damping_sds, *_ = ssi.SSI_poles(
             *states[:3], order, 1.0 / slow.rate_hz, calc_unc=True, H=hankel, T=root
@@ -66,8 +48,11 @@ def ssi_cov(record: Record, band_hz: tuple[float, float], near: Poles) -> Subspa
         if not np.nanmin(apart, initial=np.inf) < 0.05:
             raise ValueError(f"SSI-cov: order {order} shows no mode at {frequency:.4g} Hz")
         chosen.append(int(np.nanargmin(apart)))
-    return SubspaceModes(
-        Poles(of_order[chosen], dampings[chosen, -1], real_shapes(shapes[chosen, -1].T)),
-        sds[chosen, -1],
+    found = of_order[chosen]
+    return MethodModes(
+        found,
+        real_shapes(shapes[chosen, -1].T),
+        sds[chosen, -1] / found,
+        dampings[chosen, -1],
         damping_sds[chosen, -1],
     )

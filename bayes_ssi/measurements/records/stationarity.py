@@ -13,13 +13,7 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.records.record import Record
-
-# A window is so many periods of the band's lowest frequency long; a record has not fewer windows.
-PERIODS, FEWEST = 8.0, 20
-# Times the median power at which a window is left out, and down to which those beside it are.
-STRONG, DECAYED = 12.0, 4.0
-# No more of a record than this is left out: it is then no ambient record.
-MOST = 0.5
+from bayes_ssi.measurements.records.settings import CHECKS
 
 
 class Stationary(NamedTuple):
@@ -46,7 +40,7 @@ def stationary_part(record: Record, band_hz: tuple[float, float]) -> Stationary:
     low, high = band_hz
     frequencies = np.fft.rfftfreq(n, 1.0 / rate)
     passed = (frequencies > low) & (frequencies < high)
-    length = max(1, min(round(PERIODS * rate / low), n // FEWEST))
+    length = max(1, min(round(CHECKS.window_periods * rate / low), n // CHECKS.fewest_windows))
     n_windows = n // length
     powers = np.zeros(n_windows)
     for row in record.samples:
@@ -54,16 +48,16 @@ def stationary_part(record: Record, band_hz: tuple[float, float]) -> Stationary:
         own = (motion[: n_windows * length].reshape(n_windows, length) ** 2).mean(1)
         powers += own / max(float(np.median(own)), np.finfo(float).tiny)
     powers /= np.median(powers)
-    out = powers > STRONG
+    out = powers > CHECKS.strong_power
     for _ in range(n_windows):  # until what was set in motion has decayed
         beside = np.zeros_like(out)
         beside[1:] |= out[:-1]
         beside[:-1] |= out[1:]
-        wider = out | (beside & (powers > DECAYED))
+        wider = out | (beside & (powers > CHECKS.decayed_power))
         if (wider == out).all():
             break
         out = wider
-    if not out.any() or out.mean() > MOST:
+    if not out.any() or out.mean() > CHECKS.most_left_out:
         return Stationary(None, (), float(powers.max()))
     mask = np.ones(n)
     spans = []

@@ -8,8 +8,7 @@ from rich.table import Table
 
 from bayes_ssi.measurements.modes.merging import MergedModes
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.records.methods import MethodModes
-from bayes_ssi.measurements.records.modal_estimates import ModalEstimates
+from bayes_ssi.measurements.records.modal_estimates import MethodModes, ModalEstimates
 from bayes_ssi.report.tables.layout import add_row, new_table, number
 
 

@@ -13,14 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-
-# Windows of the spectra. A peak stands out by so many times and has at least that share of the
-# power of the highest; it takes part where the first singular value is most of its power. One or
-# two peaks tell nothing: their modes may have phases.
-WINDOWS, STANDS_OUT, LEAST, ONE_MODE, FEWEST = 40, 4.0, 1e-3, 0.8, 3
-# Motion besides that of the mode turns sound sensors by some degrees, by more where they hardly
-# move, and by what the scatter of phases over peaks says; lateness is so many of its errors.
-SOUND_DEG, SURE = 3.0, 3.7
+from bayes_ssi.measurements.records.settings import CHECKS
 
 
 class _Lateness(NamedTuple):
@@ -37,8 +30,8 @@ def late_sensors(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) ->
         samples: (n, N), of sensors that all move.
         rate_hz: samples per second.
     """
-    n_window = 2 * samples.shape[1] // (WINDOWS + 1)
-    if len(samples) < 2 or n_window < WINDOWS:
+    n_window = 2 * samples.shape[1] // (CHECKS.windows + 1)
+    if len(samples) < 2 or n_window < CHECKS.windows:
         return []
     frequencies, transforms = _peaks(samples, rate_hz, n_window)
     half = transforms.shape[2] // 2
@@ -48,14 +41,14 @@ def late_sensors(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) ->
         return []
     remarks = []
     growths = second.seconds - first.seconds
-    grow = np.abs(growths) > SURE * np.hypot(first.deviations, second.deviations)
+    grow = np.abs(growths) > CHECKS.late_sds * np.hypot(first.deviations, second.deviations)
     for name, seconds, deviation, growth, grows in zip(sensors, *whole, growths, grow, strict=True):
         if grows:
             remarks.append(
                 f"sensor {name!r}: its clock runs at another rate; it is later by {growth:.2g} s "
                 "in the second half of the record than in the first"
             )
-        elif abs(seconds) > SURE * deviation:
+        elif abs(seconds) > CHECKS.late_sds * deviation:
             remarks.append(
                 f"sensor {name!r}: {abs(seconds):.2g} s {'late' if seconds > 0.0 else 'early'} "
                 "against the others; are the clocks synchronised?"
@@ -76,36 +69,56 @@ def _peaks(samples: FloatArray, rate_hz: float, n_window: int) -> tuple[FloatArr
 
     # Sensor by sensor, and twice: the spectra of all would fill memory.
     power = sum((np.abs(spectra_of(row)) ** 2).mean(1) for row in samples)
-    levels = np.log(np.maximum(power, LEAST * np.max(power)))
-    lines = find_peaks(levels, prominence=np.log(STANDS_OUT))[0]
+    levels = np.log(np.maximum(power, CHECKS.least_peak_power * np.max(power)))
+    lines = find_peaks(levels, prominence=np.log(CHECKS.peak_power))[0]
     return lines * rate_hz / n_window, np.array([spectra_of(row)[lines] for row in samples])
 
 
 def _lateness(frequencies_hz: FloatArray, transforms: ComplexArray) -> _Lateness | None:
     """None where too few peaks show one mode alone."""
     values, vectors = np.linalg.eigh(np.einsum("ilw,jlw->lij", transforms, transforms.conj()))
-    alone = values[:, -1] > ONE_MODE * values.sum(1)
-    if alone.sum() < FEWEST:
+    alone = values[:, -1] > CHECKS.share_of_one_mode * values.sum(1)
+    if alone.sum() < CHECKS.fewest_peaks:
         return None
     # Twice the phase is the same for motion in phase and in opposition; (L, n), as long as power.
     doubled, omega = vectors[alone, :, -1] ** 2, 2.0 * np.pi * frequencies_hz[alone, None]
     n_lines, n = doubled.shape
     weights, mean_omega = n * np.abs(doubled), np.sqrt((omega**2).mean())
-    candidates = np.linspace(-0.5, 0.5, 801) * np.pi / mean_omega
-    seconds = np.zeros(n)
-    for _ in range(10):  # least squares of the phases of peaks and of sensors, in turn
-        peaks = (doubled * np.exp(2j * omega * seconds)).sum(1, keepdims=True)
-        turned = doubled * np.conj(peaks / np.abs(peaks))
-        seconds = candidates[(turned.T @ np.exp(2j * omega * candidates)).real.argmax(1)]
-        seconds = seconds - np.median(seconds)
+    seconds, turned = common_delays(doubled, omega, 801, 10)
     left = 0.5 * np.angle(turned * np.exp(2j * omega * seconds))
     scatter = (weights * left**2).sum() / weights.sum() / (1.0 - 1.0 / n_lines) / (1.0 - 1.0 / n)
     shared = weights / np.sqrt(weights.sum(1, keepdims=True))
     information = np.diag((weights * omega**2).sum(0)) - (shared * omega).T @ (shared * omega)
     # A sensor that hardly moves may be late by all that phases can tell apart.
-    sound = np.radians(SOUND_DEG)
-    covariance = np.linalg.inv(information / (sound**2 + scatter) + np.eye(n) / candidates[-1] ** 2)
+    sound = np.radians(CHECKS.sound_phase_deg)
+    latest = 0.5 * np.pi / mean_omega
+    covariance = np.linalg.inv(information / (sound**2 + scatter) + np.eye(n) / latest**2)
     against_mean = np.eye(n) - 1.0 / n
     deviations = np.sqrt((against_mean @ covariance @ against_mean).diagonal())
     # Overlapping modes turn each other by more at higher frequencies, as lateness does.
     return _Lateness(seconds, np.maximum(deviations, sound / mean_omega))
+
+
+def common_delays(
+    squares: ComplexArray, omega: FloatArray, n_sought: int, n_rounds: int
+) -> tuple[FloatArray, ComplexArray]:
+    """Delays (n,) in s that the phases of modes have in common; the median sensor is on time.
+
+    Least squares of the phases of modes and of sensors, in turn.
+
+    Args:
+        squares: (L, n), of the shapes' components, whose phases are twice theirs.
+        omega: (L, 1), angular frequencies.
+        n_sought: delays that are tried, over half a period of the root mean square frequency.
+
+    Returns:
+        The delays, and the squares turned by the phases of the modes.
+    """
+    sought = np.linspace(-0.5, 0.5, n_sought) * np.pi / np.sqrt((omega**2).mean())
+    seconds = np.zeros(squares.shape[1])
+    for _ in range(n_rounds):
+        modes = (squares * np.exp(2j * omega * seconds)).sum(1, keepdims=True)
+        turned = squares * np.conj(modes / np.abs(modes))
+        seconds = sought[(turned.T @ np.exp(2j * omega * sought)).real.argmax(1)]
+        seconds = seconds - np.median(seconds)
+    return seconds, turned
