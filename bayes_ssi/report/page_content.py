@@ -19,7 +19,7 @@ from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.measurements.modes.identification_record import EstimatedPeak, IdentificationRecord
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.records.settings import IDENTIFICATION
+from bayes_ssi.measurements.records.identification_settings import IDENTIFICATION
 from bayes_ssi.plots.record_plots import CAPTIONS
 from bayes_ssi.report.report_figures import (
     LIMITS,

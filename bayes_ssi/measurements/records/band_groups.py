@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bayes_ssi.measurements.records.identification_settings import BANDS
 from bayes_ssi.measurements.records.resonances import Resonances
-from bayes_ssi.measurements.records.settings import BANDS
 from bayes_ssi.measurements.records.spectra import LocalSpectra, Transforms, local_spectra
 
 
@@ -44,7 +44,7 @@ def groups_of(
     widths = 2.0 * np.maximum(modes.dampings, least).clip(*BANDS.dampings_of_groups) * f
     gaps = np.diff(f[order])
     sums = widths[order][1:] + widths[order][:-1]
-    ends = np.flatnonzero(gaps >= BANDS.shared_band_bandwidths * sums) + 1
+    ends = np.flatnonzero(gaps >= BANDS.shared_band * sums) + 1
     members = [part.tolist() for part in np.split(order, ends)]
     usual = 2.0 * modes.dampings.clip(*BANDS.dampings_of_reach) * f
     reach = np.minimum(

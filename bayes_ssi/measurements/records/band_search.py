@@ -14,6 +14,7 @@ import numpy as np
 
 from bayes_ssi.measurements.records.band_groups import Group, groups_of, spectra_of
 from bayes_ssi.measurements.records.explained_band import Explained, ExplainedPeak
+from bayes_ssi.measurements.records.identification_settings import BANDS, FIT, SELECTION
 from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
 from bayes_ssi.measurements.records.mode_candidates import Candidates
 from bayes_ssi.measurements.records.mode_selection import (
@@ -24,7 +25,6 @@ from bayes_ssi.measurements.records.mode_selection import (
     without_needless,
 )
 from bayes_ssi.measurements.records.resonances import Resonances
-from bayes_ssi.measurements.records.settings import BANDS, FIT, SELECTION
 from bayes_ssi.measurements.records.spectra import LocalSpectra, Transforms
 
 _Prepared = tuple[Group, LocalSpectra, Resonances]

@@ -17,10 +17,10 @@ from bayes_ssi.measurements.modes.identification_record import (
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.explained_band import Explained
+from bayes_ssi.measurements.records.identification_settings import IDENTIFICATION
 from bayes_ssi.measurements.records.modal_estimates import ModalEstimates
 from bayes_ssi.measurements.records.mode_candidates import Candidates
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.settings import IDENTIFICATION
 
 
 class Peak(NamedTuple):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.local_model import (
     ROOT_2_PI,
     Model,
@@ -26,7 +27,6 @@ from bayes_ssi.measurements.records.local_model import (
     started,
 )
 from bayes_ssi.measurements.records.resonances import Resonances, turned
-from bayes_ssi.measurements.records.settings import FIT
 from bayes_ssi.measurements.records.spectra import LocalSpectra
 
 BACKGROUND_SDS = np.array(FIT.background_sds)

@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.resonances import Resonances
-from bayes_ssi.measurements.records.settings import FIT
 from bayes_ssi.measurements.records.spectra import LocalSpectra
 
 DIRECT_SDS = np.array(FIT.direct_sds)[:, None]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.settings import MACHINE_LINES
+from bayes_ssi.measurements.records.identification_settings import MACHINE_LINES
 
 # Lines to either side over which a Hann window spreads a sine.
 SPREAD = 2
@@ -57,7 +57,7 @@ def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
     # Of a sine's power in a Hann window two thirds are in its line; a drift is no machine.
     around = MACHINE_LINES.lines_around
     shares = (1.5 * powers / powers[:, around:].sum(1, keepdims=True)).max(0)
-    lines = np.flatnonzero(shares > MACHINE_LINES.power_share)
+    lines = np.flatnonzero(shares > 0.5 * MACHINE_LINES.least_amplitude**2)
     lines = lines[(lines >= around) & (lines < len(shares) - around)]
     if not len(lines):
         return []

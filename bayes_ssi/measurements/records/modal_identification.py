@@ -17,13 +17,13 @@ from bayes_ssi.measurements.records.identification_result import (
     SingularValues,
     measured_record,
 )
+from bayes_ssi.measurements.records.identification_settings import FIT, IDENTIFICATION
 from bayes_ssi.measurements.records.machine_lines import machine_lines, without_lines
 from bayes_ssi.measurements.records.modal_estimates import ModalEstimates
 from bayes_ssi.measurements.records.mode_candidates import Candidates, Prominence, candidates
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.resonances import Resonances, with_positive_largest
 from bayes_ssi.measurements.records.sensor_delays import common_delays
-from bayes_ssi.measurements.records.settings import FIT, IDENTIFICATION
 from bayes_ssi.measurements.records.spectra import Spectra, Transforms, transforms_of
 from bayes_ssi.measurements.records.stationarity import EVERYTHING, stationary_part
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.measurements.records.identification_settings import CANDIDATES, FIT
 from bayes_ssi.measurements.records.resonances import Resonances
-from bayes_ssi.measurements.records.settings import CANDIDATES, FIT
 from bayes_ssi.measurements.records.spectra import Spectra, Transforms, noise_scales
 
 

@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray
+from bayes_ssi.measurements.records.identification_settings import SELECTION
 from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
 from bayes_ssi.measurements.records.mode_candidates import Prominence
 from bayes_ssi.measurements.records.resonances import Resonances, turned
-from bayes_ssi.measurements.records.settings import SELECTION
 
 # The shapes of a pair at first: shares of the one mode's shape, and of what it leaves unexplained.
 SHARES_OF_PAIRS = (

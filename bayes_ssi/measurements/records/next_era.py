@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.records.identification_settings import FIT, METHODS
 from bayes_ssi.measurements.records.modal_estimates import MethodModes
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.resonances import Resonances, real_shapes
-from bayes_ssi.measurements.records.settings import FIT, METHODS
 from bayes_ssi.structures.modal import mac
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.measurements.records.identification_settings import METHODS
 from bayes_ssi.measurements.records.modal_estimates import MethodModes
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.resonances import (
@@ -25,7 +26,6 @@ from bayes_ssi.measurements.records.resonances import (
     real_shapes,
     with_positive_largest,
 )
-from bayes_ssi.measurements.records.settings import METHODS
 
 
 def short_time_spectra(

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.records.identification_settings import CHECKS
 from bayes_ssi.measurements.records.machine_lines import machine_lines
 from bayes_ssi.measurements.records.sensor_delays import late_sensors
-from bayes_ssi.measurements.records.settings import CHECKS
 
 
 def moving(samples: FloatArray) -> NDArray[np.bool_]:

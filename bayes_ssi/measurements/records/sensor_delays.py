@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.settings import CHECKS
+from bayes_ssi.measurements.records.identification_settings import CHECKS
 
 
 class _Lateness(NamedTuple):

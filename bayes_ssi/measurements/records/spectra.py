@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.measurements.records.identification_settings import SPECTRA
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.settings import SPECTRA
 
 # Integrations that lead from accelerations to what is measured.
 INTEGRATIONS = {"acceleration": 0, "velocity": 1, "displacement": 2}

@@ -15,10 +15,10 @@ from io import StringIO
 
 import numpy as np
 
+from bayes_ssi.measurements.records.identification_settings import METHODS
 from bayes_ssi.measurements.records.modal_estimates import MethodModes
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.resonances import Resonances, real_shapes
-from bayes_ssi.measurements.records.settings import METHODS
 
 
 def ssi_cov(record: Record, band_hz: tuple[float, float], near: Resonances) -> MethodModes:

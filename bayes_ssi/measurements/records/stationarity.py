@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.records.identification_settings import CHECKS
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.settings import CHECKS
 
 
 class Stationary(NamedTuple):
