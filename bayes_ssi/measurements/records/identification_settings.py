@@ -43,7 +43,7 @@ class SpectraSettings:
 
 
 @dataclass(frozen=True)
-class CandidateSettings:
+class ModeCandidateSettings:
     """Poles that orders agree on, and peaks of the spectra."""
 
     section_factor: float = 2.0  # from the lowest to the highest frequency of a section
@@ -91,7 +91,7 @@ class BandSettings:
 
 
 @dataclass(frozen=True)
-class FitSettings:
+class BandFitSettings:
     """Priors of the model of a band, and when a climb to the most probable model ends."""
 
     damping: float = 0.015  # most probable before
@@ -117,7 +117,7 @@ class FitSettings:
 
 
 @dataclass(frozen=True)
-class SelectionSettings:
+class ModeSelectionSettings:
     """Which modes and which explanation of a band are kept: what each must gain, in nats."""
 
     nats_of_a_mode: float = 3.0  # without a clear peak: one in e³ is there; also of one source
@@ -139,7 +139,7 @@ class SelectionSettings:
 
 
 @dataclass(frozen=True)
-class CheckSettings:
+class RecordCheckSettings:
     """What is remarked of the samples of a record. A sound record gives no remark."""
 
     straight_samples: int = 10  # for which no sensor in motion is on one value or straight line
@@ -179,7 +179,7 @@ class MachineLineSettings:
 
 
 @dataclass(frozen=True)
-class MethodSettings:
+class OtherMethodSettings:
     """The methods beside the Bayesian FFT."""
 
     correlation_periods: float = 3.0  # of the lowest frequency: lags of NExT-ERA and SSI-cov
@@ -196,10 +196,10 @@ class MethodSettings:
 
 IDENTIFICATION = IdentificationSettings()
 SPECTRA = SpectraSettings()
-CANDIDATES = CandidateSettings()
+CANDIDATES = ModeCandidateSettings()
 BANDS = BandSettings()
-FIT = FitSettings()
-SELECTION = SelectionSettings()
-CHECKS = CheckSettings()
+FIT = BandFitSettings()
+SELECTION = ModeSelectionSettings()
+CHECKS = RecordCheckSettings()
 MACHINE_LINES = MachineLineSettings()
-METHODS = MethodSettings()
+METHODS = OtherMethodSettings()
