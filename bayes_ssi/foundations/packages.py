@@ -24,6 +24,17 @@ def versions() -> dict[str, str]:
 
 
 @contextmanager
+def optional_package(name: str, extra: str) -> Iterator[None]:
+    """Within it, an optional package is imported; one line says how to install it."""
+    try:
+        yield
+    except ImportError:
+        raise ValueError(
+            f'{name} is not installed; install it with pip install "bayes_ssi[{extra}]"'
+        ) from None
+
+
+@contextmanager
 def importing_without(optional: str, package: str) -> Iterator[None]:
     """Within it, ``package`` is imported as if ``optional`` were not installed.
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_ssi.foundations.packages import optional_package
 from bayes_ssi.foundations.text_files import damage_named, require_regular_file
 
 
@@ -34,12 +35,8 @@ def response_direction(one: Mapping[str, Any]) -> tuple[str, float] | None:
 
 def read_data_sets(path: Path, *numbers: int) -> list[dict[str, Any]]:
     """The data sets of these numbers, such as 55, as pyuff gives them, in the file's order."""
-    try:
+    with optional_package("pyuff", extra="uff"):
         import pyuff
-    except ImportError:
-        raise ValueError(
-            'pyuff is not installed; install it with pip install "bayes_ssi[uff]"'
-        ) from None
     with damage_named(path):
         file = pyuff.UFF(str(path))
         kinds = np.atleast_1d(file.get_set_types()).astype(int)

@@ -128,7 +128,7 @@ def test_several_tests_are_configurations(folder):
         ((*FRAME, "--check", "lower=1.1,upper=1.3:both.sti"), "both.sti: its stiffness is missed"),
         (
             (*FRAME, "--check", "foot=1.1:both.sti"),
-            "both.sti: 'foot' is not altered alone by any other",
+            "both.sti: no other export alters alone 'foot'",
         ),
         ((*FRAME[:2], "--changed", "lower:lower.sti"), "--changed: expected PROPERTY=FACTOR:FILE,"),
         ((*FRAME[:2], "--changed", "lower=1.2"), "--changed: expected PROPERTY=FACTOR:FILE, got"),

@@ -14,8 +14,8 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.finite_elements.matrix_structure import MatrixStructure
 from bayes_ssi.structures.modal import mac, seen_shapes
-from bayes_ssi.structures.solver_files.directions import TRANSLATIONS
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
+from bayes_ssi.structures.solver_files.row_labels import TRANSLATIONS
 
 # Errors of identified shapes and of a nominal model take less from the mean MAC, and from its
 # product with the ratio of frequencies.

@@ -12,7 +12,7 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.geometry import Geometry
-from bayes_ssi.structures.solver_files.directions import DIRECTIONS, INTERNAL
+from bayes_ssi.structures.solver_files.row_labels import DIRECTIONS, INTERNAL
 from bayes_ssi.structures.structure import Structure
 
 

@@ -25,24 +25,140 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.solver_files.directions import DIRECTIONS, INTERNAL, label
-from bayes_ssi.structures.solver_files.element_faces import (
-    from_entries,
-    rows_from_one,
+from bayes_ssi.structures.solver_files.formats import Matrices, Source, file_named
+from bayes_ssi.structures.solver_files.input_decks import geometry_of_deck
+from bayes_ssi.structures.solver_files.row_labels import INTERNAL, numbered_label
+from bayes_ssi.structures.solver_files.text_entries import (
+    from_triangle,
+    matrix_of_entries,
+    matrix_of_lines,
+    read_number_lines,
+    require_whole_lines,
     whole_numbers,
 )
-from bayes_ssi.structures.solver_files.exported_model import Matrices
-from bayes_ssi.structures.solver_files.formats import Format, Source, file_named
-from bayes_ssi.structures.solver_files.input_decks import geometry_of_deck
-from bayes_ssi.structures.solver_files.number_lines import read_number_lines, require_whole_lines
+
+_LABELLED = "row node, its degree of freedom, column node, its degree of freedom, entry"
+_STIFFNESS_NAME = re.compile(r"_STIF(?=\d+$)", re.IGNORECASE)
+_STEP = re.compile(r"_STIF\d+$", re.IGNORECASE)
 
 
-def is_substructure(head: bytes) -> bool:
-    """Whether a file that begins so is that of a substructure."""
+def recognises_abaqus(suffix: str, head: bytes) -> bool:
+    """A substructure, or lines of five numbers or three: others end in .mtx as well."""
+    if suffix != ".mtx":
+        return False
+    lines = [line for line in head.decode("ascii", "replace").splitlines() if line.strip()]
+    data = next((line for line in lines if not line.startswith("*")), "")
+    return _is_substructure(head) or data.count(",") == 4 or _is_coordinate(data)
+
+
+def _is_substructure(head: bytes) -> bool:
     return b"*USER ELEMENT" in head.upper()
 
 
-def read_substructure(path: Path) -> Matrices:
+def _is_coordinate(line: str) -> bool:
+    """Whether a line has a row, a column and an entry."""
+    fields = line.replace(",", " ").split()
+    return len(fields) == 3 and fields[0].isdigit() and fields[1].isdigit()
+
+
+def read_abaqus(source: Source) -> Matrices:
+    """Stiffness and mass: of a substructure, labelled, or by the numbers of rows alone."""
+    path = source.path
+    with path.open("rb") as file:
+        if _is_substructure(file.read(8192)):
+            return _substructure(path)
+    by_name = file_named(path, _STIFFNESS_NAME.sub("_MASS", path.stem) + path.suffix)
+    mass = source.mass or (by_name if by_name and by_name.name != path.name else None)
+    if mass is None:
+        raise ValueError(
+            f"{path}: name the file of the stiffness, job_STIFn.mtx, in whose folder job_MASSn.mtx "
+            "stands, or both"
+        )
+    first = _first_line(path)
+    return _unlabelled(path, mass) if _is_coordinate(first) else _labelled(path, mass)
+
+
+def _first_line(path: Path) -> str:
+    with path.open(encoding="ascii", errors="replace") as file:
+        return next((line for line in file if line.strip() and not line.startswith("*")), "")
+
+
+def _labelled(path: Path, mass: Path) -> Matrices:
+    stiffness_entries, mass_entries = (
+        read_number_lines(each, _LABELLED, delimiter=",", comment="*") for each in (path, mass)
+    )
+    places = np.unique(_places(path, stiffness_entries).reshape(-1, 2), axis=0)
+    stiffness = _assembled(path, stiffness_entries, places)
+    labels = [
+        numbered_label(node if node > 0 else f"{INTERNAL} {abs(node)}", number)
+        for node, number in places.tolist()
+    ]
+    deck = file_named(path, _STEP.sub("", path.stem) + ".inp")
+    notes = ["restrained degrees of freedom are those with 1e+36 on the diagonal"]
+    if any(name.startswith(INTERNAL) for name in labels):
+        notes.append("nodes numbered 0 or less are Abaqus's own: their rows are called internal")
+    return Matrices(
+        stiffness,
+        _assembled(mass, mass_entries, places),
+        str(path),
+        str(mass),
+        labels=labels,
+        geometry=geometry_of_deck(deck) if deck else None,
+        removed=_restrained(stiffness),
+        notes=tuple(notes),
+    )
+
+
+def _places(path: Path, entries: FloatArray) -> NDArray[np.intp]:
+    """Node and degree of freedom of row and column of each entry: (entries, 2, 2)."""
+    return whole_numbers(path, entries[:, :4], "node and degree of freedom").reshape(-1, 2, 2)
+
+
+def _assembled(path: Path, entries: FloatArray, places: NDArray[np.intp]) -> sp.csc_array:
+    # Nodes and degrees of freedom as one number, whose order is theirs.
+    factor = int(places[:, 1].max()) + 1
+    known = places[:, 0] * factor + places[:, 1]
+    wanted = _places(path, entries)
+    keys = wanted[..., 0] * factor + wanted[..., 1]
+    rows = np.searchsorted(known, keys).clip(max=len(known) - 1)
+    unknown = np.argwhere((known[rows] != keys) | (wanted[..., 1] >= factor))
+    if len(unknown):
+        node, number = wanted[tuple(unknown[0])]
+        raise ValueError(
+            f"{path}: node {node}, degree of freedom {number} is not in the stiffness: of another "
+            "model?"
+        )
+    return matrix_of_entries(path, rows, entries[:, 4], len(known))
+
+
+def _unlabelled(path: Path, mass: Path) -> Matrices:
+    entries = [
+        read_number_lines(
+            file,
+            "row, column, entry",
+            delimiter="," if "," in _first_line(file) else None,
+            comment="*",
+        )
+        for file in (path, mass)
+    ]
+    size = int(entries[0][:, :2].max())
+    stiffness = matrix_of_lines(path, entries[0], size)
+    return Matrices(
+        stiffness,
+        matrix_of_lines(mass, entries[1], size),
+        str(path),
+        str(mass),
+        removed=_restrained(stiffness),
+        notes=("FORMAT=COORDINATE does not say which row is which degree of freedom",),
+    )
+
+
+def _restrained(stiffness: sp.csc_array) -> Any:
+    """Rows of restrained degrees of freedom: Abaqus writes 1e36 on the diagonal."""
+    return np.flatnonzero(stiffness.diagonal() >= 1e36)
+
+
+def _substructure(path: Path) -> Matrices:
     """Stiffness, mass and retained degrees of freedom."""
     require_whole_lines(path)
     nodes: list[int] = []
@@ -65,7 +181,9 @@ def read_substructure(path: Path) -> Matrices:
             except ValueError as error:
                 raise ValueError(f"{path}: line {number}: {error}") from None
     labels = _labels(path, nodes, freedoms)
-    stiffness, mass = (_matrix(path, kind, numbers, len(labels)) for kind in ("STIFFNESS", "MASS"))
+    stiffness, mass = (
+        _retained(path, kind, numbers, len(labels)) for kind in ("STIFFNESS", "MASS")
+    )
     return Matrices(
         stiffness,
         mass,
@@ -102,13 +220,11 @@ def _labels(path: Path, nodes: list[int], freedoms: list[list[int]]) -> list[str
     labels, current = [], freedoms[0]
     for position, node in enumerate(nodes, start=1):
         current = starts.get(position, current)
-        labels += [
-            label(node, number) if number <= 6 else f"{node} dof{number}" for number in current
-        ]
+        labels += [numbered_label(node, number) for number in current]
     return labels
 
 
-def _matrix(path: Path, kind: str, numbers: dict[str, list[str]], size: int) -> sp.csc_array:
+def _retained(path: Path, kind: str, numbers: dict[str, list[str]], size: int) -> sp.csc_array:
     if kind not in numbers:
         raise ValueError(f"{path}: no *MATRIX, TYPE={kind}; was it requested?")
     try:
@@ -121,134 +237,4 @@ def _matrix(path: Path, kind: str, numbers: dict[str, list[str]], size: int) -> 
             f"{path}: {kind}: {len(entries)} entries, but {size} degrees of freedom have "
             f"{len(rows)} in the lower triangle: truncated?"
         )
-    lower = sp.coo_array((entries, (rows, columns)), shape=(size, size)).tocsc()
-    return sp.csc_array(lower + sp.tril(lower, -1).T)
-
-
-# What Abaqus writes on the diagonal of the stiffness for a restrained degree of freedom.
-RESTRAINED = 1e36
-_LABELLED = "row node, its degree of freedom, column node, its degree of freedom, entry"
-_STIFFNESS_NAME = re.compile(r"_STIF(?=\d+$)", re.IGNORECASE)
-_STEP = re.compile(r"_STIF\d+$", re.IGNORECASE)
-
-
-def _recognises(path: Path, head: bytes) -> bool:
-    if path.suffix.lower() != ".mtx":
-        return False
-    lines = [line for line in head.decode("ascii", "replace").splitlines() if line.strip()]
-    data = next((line for line in lines if not line.startswith("*")), "")
-    return is_substructure(head) or data.count(",") == 4 or _is_coordinate(data)
-
-
-def _is_coordinate(line: str) -> bool:
-    """Whether a line has a row, a column and an entry."""
-    fields = line.replace(",", " ").split()
-    return len(fields) == 3 and fields[0].isdigit() and fields[1].isdigit()
-
-
-def _read(source: Source) -> Matrices:
-    source.refuse_keys()
-    path = source.path
-    with path.open("rb") as file:
-        if is_substructure(file.read(8192)):
-            return read_substructure(path)
-    by_name = file_named(path, _STIFFNESS_NAME.sub("_MASS", path.stem) + path.suffix)
-    mass = source.mass or (by_name if by_name and by_name.name != path.name else None)
-    if mass is None:
-        raise ValueError(
-            f"{path}: name the file of the stiffness, job_STIFn.mtx, in whose folder job_MASSn.mtx "
-            "stands, or both"
-        )
-    first = _first_line(path)
-    return _unlabelled(path, mass) if _is_coordinate(first) else _labelled(path, mass)
-
-
-def _first_line(path: Path) -> str:
-    with path.open(encoding="ascii", errors="replace") as file:
-        return next((line for line in file if line.strip() and not line.startswith("*")), "")
-
-
-def _labelled(path: Path, mass: Path) -> Matrices:
-    stiffness_entries, mass_entries = (
-        read_number_lines(each, _LABELLED, delimiter=",", comment="*") for each in (path, mass)
-    )
-    places = np.unique(_places(path, stiffness_entries).reshape(-1, 2), axis=0)
-    stiffness = _assembled(path, stiffness_entries, places)
-    labels = [_label(int(node), int(number)) for node, number in places]
-    deck = file_named(path, _STEP.sub("", path.stem) + ".inp")
-    notes = [f"restrained degrees of freedom are those with {RESTRAINED:g} on the diagonal"]
-    if any(name.startswith(INTERNAL) for name in labels):
-        notes.append("nodes numbered 0 or less are Abaqus's own: their rows are called internal")
-    return Matrices(
-        stiffness,
-        _assembled(mass, mass_entries, places),
-        str(path),
-        str(mass),
-        labels=labels,
-        geometry=geometry_of_deck(deck) if deck else None,
-        removed=_restrained(stiffness),
-        notes=tuple(notes),
-    )
-
-
-def _label(node: int, number: int) -> str:
-    place = str(node) if node > 0 else f"{INTERNAL} {abs(node)}"
-    # 7 warping, 8 pressure, 11 temperature and more are no displacements.
-    return label(place, number) if number <= len(DIRECTIONS) else f"{place} dof{number}"
-
-
-def _places(path: Path, entries: FloatArray) -> NDArray[np.intp]:
-    """Node and degree of freedom of row and column of each entry: (entries, 2, 2)."""
-    places = [whole_numbers(path, entries[:, i], "node and degree of freedom", 1) for i in range(4)]
-    return np.stack(places, axis=1).reshape(-1, 2, 2)
-
-
-def _assembled(path: Path, entries: FloatArray, places: NDArray[np.intp]) -> sp.csc_array:
-    # Nodes and degrees of freedom as one number, whose order is theirs.
-    factor = int(places[:, 1].max()) + 1
-    known = places[:, 0] * factor + places[:, 1]
-    wanted = _places(path, entries)
-    keys = wanted[..., 0] * factor + wanted[..., 1]
-    rows = np.searchsorted(known, keys).clip(max=len(known) - 1)
-    unknown = np.argwhere((known[rows] != keys) | (wanted[..., 1] >= factor))
-    if len(unknown):
-        node, number = wanted[tuple(unknown[0])]
-        raise ValueError(
-            f"{path}: node {node}, degree of freedom {number} is not in the stiffness: of another "
-            "model?"
-        )
-    return from_entries(path, rows[:, 0], rows[:, 1], entries[:, 4], len(known))
-
-
-def _unlabelled(path: Path, mass: Path) -> Matrices:
-    columns = "row, column, entry"
-    entries = {
-        each: read_number_lines(
-            each, columns, delimiter="," if "," in _first_line(each) else None, comment="*"
-        )
-        for each in (path, mass)
-    }
-    size = int(entries[path][:, :2].max())
-    stiffness, inertia = (
-        from_entries(
-            each,
-            rows_from_one(each, numbers[:, 0], size, 1),
-            rows_from_one(each, numbers[:, 1], size, 1),
-            numbers[:, 2],
-            size,
-        )
-        for each, numbers in entries.items()
-    )
-    note = "FORMAT=COORDINATE does not say which row is which degree of freedom"
-    return Matrices(
-        stiffness, inertia, str(path), str(mass), removed=_restrained(stiffness), notes=(note,)
-    )
-
-
-def _restrained(stiffness: sp.csc_array) -> Any:
-    return np.flatnonzero(stiffness.diagonal() >= RESTRAINED)
-
-
-FORMAT = Format(
-    "Abaqus matrix output", "job_STIFn.mtx, job_MASSn.mtx, substructure .mtx", _recognises, _read
-)
+    return from_triangle(sp.coo_array((entries, (rows, columns)), shape=(size, size)).tocsc())

@@ -7,85 +7,48 @@ depend on others have none.
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import scipy.sparse as sp
 
-from bayes_ssi.structures.solver_files.directions import DIRECTIONS, label
-from bayes_ssi.structures.solver_files.element_faces import from_triangle
-from bayes_ssi.structures.solver_files.exported_model import Matrices
-from bayes_ssi.structures.solver_files.formats import Format, Source
+from bayes_ssi.foundations.packages import optional_package
+from bayes_ssi.foundations.text_files import damage_named
+from bayes_ssi.structures.solver_files.formats import Matrices, Source
+from bayes_ssi.structures.solver_files.row_labels import numbered_label
+from bayes_ssi.structures.solver_files.text_entries import from_triangle
 
 
-def _recognises(path: Path, head: bytes) -> bool:  # noqa: ARG001
-    return path.suffix.lower() == ".full"
-
-
-def _read(source: Source) -> Matrices:
-    source.refuse_keys()
+def read_ansys(source: Source) -> Matrices:
+    """Stiffness and mass by nodes and degrees of freedom, of which those restrained are named."""
     path = source.path
-    try:
+    with optional_package(f"{path}: ansys-mapdl-reader", extra="ansys"):
         from ansys.mapdl.reader.common import read_table
         from ansys.mapdl.reader.full import FullFile
-    except ImportError:
-        raise ValueError(
-            f"{path}: ansys-mapdl-reader is not installed; install it with pip install "
-            '"bayes_ssi[ansys]"'
-        ) from None
-    try:
+    with damage_named(path):
         file = FullFile(str(path))
-        _require_whole(path, file._header["ptrEND"])
+        end = 4 * int(file._header["ptrEND"])
+    # The library would read beyond the end of a file that ends too early.
+    if path.stat().st_size < end:
+        raise ValueError(f"{path}: has {path.stat().st_size} of {end} bytes: truncated")
+    with damage_named(path):
         places, stiffness, mass = file.load_km(as_sparse=True, sort=False)
         with path.open("rb") as binary:
             for _ in range(2):
                 read_table(binary, skip=True)  # the standard header, and that of the file
             freedoms = np.asarray(read_table(binary))
-        restrained = np.asarray(file.const).reshape(-1, 2)
-    except _TruncatedError as error:
-        raise ValueError(str(error)) from None
-    except Exception as error:  # a damaged file may raise anything there
-        reason = " ".join(str(error).split())
-        raise ValueError(
-            f"{path}: cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
-        ) from error
+        restrained = np.asarray(file.const).reshape(-1, 2).tolist()
     if stiffness is None or mass is None:
         raise ValueError(f"{path}: holds no stiffness or no mass; was the analysis modal?")
+    row_of = {tuple(place): row for row, place in enumerate(places.tolist())}
     return Matrices(
         from_triangle(sp.csc_array(stiffness)),
         from_triangle(sp.csc_array(mass)),
         f"{path}: stiffness",
         f"{path}: mass",
-        labels=[_label(node, freedoms[number]) for node, number in places.tolist()],
-        removed=_rows(places, restrained),
+        # The program numbers UX to ROTZ from 1 to 6; pressure, temperature and more follow.
+        labels=[numbered_label(node, int(freedoms[number])) for node, number in places.tolist()],
+        removed=[row_of[tuple(place)] for place in restrained if tuple(place) in row_of],
         notes=(
             "degrees of freedom that couplings and constraint equations make depend on others "
             "have no rows",
         ),
     )
-
-
-class _TruncatedError(Exception):
-    """The file is shorter than its header says."""
-
-
-def _require_whole(path: Path, end: int) -> None:
-    """Refuse a file that ends too early: the library would read beyond its end."""
-    size = path.stat().st_size
-    if size < 4 * int(end):
-        raise _TruncatedError(f"{path}: has {size} of {4 * int(end)} bytes: truncated")
-
-
-def _label(node: int, number: int) -> str:
-    """The program numbers UX to ROTZ from 1 to 6; pressure, temperature and more follow."""
-    known = 1 <= number <= len(DIRECTIONS)
-    return label(node, int(number)) if known else f"{node} dof{number}"
-
-
-def _rows(places: Any, restrained: Any) -> Any:
-    known = {tuple(place): row for row, place in enumerate(places.tolist())}
-    return [known[place] for each in restrained.tolist() if (place := tuple(each)) in known]
-
-
-FORMAT = Format("ANSYS full file", ".full", _recognises, _read)

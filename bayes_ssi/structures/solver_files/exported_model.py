@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,39 +12,15 @@ from numpy.typing import NDArray
 
 from bayes_ssi.structures.finite_elements.matrix_files import checked_matrix
 from bayes_ssi.structures.geometry import Geometry
-from bayes_ssi.structures.solver_files.directions import (
+from bayes_ssi.structures.solver_files.formats import Matrices
+from bayes_ssi.structures.solver_files.row_labels import (
     TRANSLATIONS,
     direction_of,
     without_repetitions,
 )
 
-BoolArray = NDArray[np.bool_]
 # Stiffness, mass and labels.
 Parts = tuple[sp.csc_array, sp.csc_array, "Sequence[str] | None"]
-
-# A note names this many degrees of freedom at most.
-NAMED = 6
-
-
-@dataclass(frozen=True)
-class Matrices:
-    """What a reader of one format returns.
-
-    Attributes:
-        labels: "node direction" of every row, or None where the files do not state them.
-        dependent: "node direction" without a row of its own → row → factor, where the program's
-            constraints tie it to rows (counted from 0).
-    """
-
-    stiffness: Any
-    mass: Any
-    stiffness_from: str
-    mass_from: str
-    labels: Sequence[str] | None = None
-    geometry: Geometry | None = None
-    dependent: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
-    removed: Any = ()
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +118,14 @@ def exported_model(
             f"{matrices.stiffness_from}: labels are given, but the files state their own"
         )
     names = matrices.labels if labels is None else labels
-    _require_one_size(matrices, names)
+    size = matrices.stiffness.shape[0]
+    if matrices.mass.shape[0] != size:
+        raise ValueError(
+            f"{matrices.mass_from} has {matrices.mass.shape[0]} rows, {matrices.stiffness_from} "
+            f"has {size}; they are not of one model"
+        )
+    if names is not None and len(names) != size:
+        raise ValueError(f"{matrices.stiffness_from}: {len(names)} labels for {size} rows")
     notes = list(matrices.notes)
     dependent = {
         name: {names[row]: factor for row, factor in of.items()}
@@ -151,7 +133,7 @@ def exported_model(
         if names is not None
     }
     # Restrained rows go first: a huge stiffness there would hide what is wrong elsewhere.
-    restrained = np.zeros(matrices.stiffness.shape[0], dtype=bool)
+    restrained = np.zeros(size, dtype=bool)
     restrained[np.asarray(matrices.removed, dtype=np.intp)] = True
     parts = (sp.csc_array(matrices.stiffness), sp.csc_array(matrices.mass), names)
     stiffness, mass, names = _without(restrained, "that are restrained", parts, notes)
@@ -195,17 +177,6 @@ def total_mass(mass: sp.csc_array, labels: Sequence[str] | None) -> dict[str, fl
     return totals
 
 
-def _require_one_size(matrices: Matrices, names: Sequence[str] | None) -> None:
-    size, rows = matrices.stiffness.shape[0], matrices.mass.shape[0]
-    if rows != size:
-        raise ValueError(
-            f"{matrices.mass_from} has {rows} rows, {matrices.stiffness_from} has {size}; they are "
-            "not of one model"
-        )
-    if names is not None and len(names) != size:
-        raise ValueError(f"{matrices.stiffness_from}: {len(names)} labels for {size} rows")
-
-
 def _checked(given: sp.csc_array, name: str, what: str) -> sp.csc_array:
     matrix = checked_matrix(given, name)
     diagonal = matrix.diagonal()
@@ -217,20 +188,17 @@ def _checked(given: sp.csc_array, name: str, what: str) -> sp.csc_array:
     return matrix
 
 
-def _without(left_out: BoolArray, why: str, parts: Parts, notes: list[str]) -> Parts:
+def _without(left_out: NDArray[np.bool_], why: str, parts: Parts, notes: list[str]) -> Parts:
     """Stiffness, mass and labels without some rows, which a note names."""
     if not left_out.any():
         return parts
     stiffness, mass, names = parts
-    shown = names or [f"row {i + 1}" for i in range(len(left_out))]
-    notes.append(f"{left_out.sum()} rows {why} are left out: {_listed(shown, left_out)}")
+    # The first ones show which kind they are.
+    first = [names[i] if names else f"row {i + 1}" for i in np.flatnonzero(left_out)[:6].tolist()]
+    more = ", …" if left_out.sum() > len(first) else ""
+    notes.append(f"{left_out.sum()} rows {why} are left out: {', '.join(first)}{more}")
     kept = np.flatnonzero(~left_out)
     if not len(kept):
         raise ValueError(f"all rows of the model are {why}")
     stiffness, mass = (sp.csc_array(each[:, kept][kept, :]) for each in (stiffness, mass))
     return stiffness, mass, None if names is None else [names[i] for i in kept.tolist()]
-
-
-def _listed(names: Sequence[str], rows: Any) -> str:
-    chosen = [names[i] for i in np.flatnonzero(rows)[:NAMED].tolist()]
-    return ", ".join(chosen) + (", …" if rows.sum() > NAMED else "")

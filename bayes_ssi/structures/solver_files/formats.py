@@ -1,13 +1,42 @@
-"""What a format of solver files is: how it is recognised, and how it is read."""
+"""What a reader of one format of solver files gets, and what it returns."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from bayes_ssi.foundations.text_files import require_regular_file
-from bayes_ssi.structures.solver_files.exported_model import Matrices
+from bayes_ssi.foundations.choices import listed_choices
+from bayes_ssi.structures.geometry import Geometry
+
+# K, KAA, kxx, stiffness, STIF1 and M, MAA, mxx, mass, MASS1: a pair has the same rest.
+_STIFFNESS = re.compile(r"(?:stiffness|stif|k)(.*)", re.IGNORECASE)
+_MASS = re.compile(r"(?:mass|m)(.*)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Matrices:
+    """What a reader returns.
+
+    Attributes:
+        stiffness_from: what messages call the stiffness, and ``mass_from`` the mass.
+        labels: "node direction" of every row, or None where the files do not state them.
+        dependent: "node direction" without a row of its own → row → factor, where the program's
+            constraints tie it to rows (counted from 0).
+        removed: rows that are restrained.
+    """
+
+    stiffness: Any
+    mass: Any
+    stiffness_from: str
+    mass_from: str
+    labels: Sequence[str] | None = None
+    geometry: Geometry | None = None
+    dependent: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
+    removed: Any = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -41,26 +70,31 @@ class Source:
         return self.mass
 
     def refuse_keys(self) -> None:
-        """For formats whose matrices have no names."""
+        """For files whose matrices have no names."""
         if self.keys is not None:
             raise ValueError(f"{self.path}: keys are given, but its matrices have no names")
 
-
-@dataclass(frozen=True)
-class Format:
-    """A format of solver files."""
-
-    program: str
-    files: str
-    recognises: Callable[[Path, bytes], bool]
-    read: Callable[[Source], Matrices]
-
-
-def first_bytes(path: Path) -> bytes:
-    """The beginning of a file, in which formats are recognised."""
-    require_regular_file(path)
-    with path.open("rb") as file:
-        return file.read(8192)
+    def pair(self, names: Sequence[str]) -> tuple[int, int]:
+        """Positions of stiffness and mass among the named matrices of one file."""
+        lower = [name.lower() for name in names]
+        held = listed_choices(names) if names else "no matrix"
+        if self.keys is not None:
+            for key in self.keys:
+                if key.lower() not in lower:
+                    raise ValueError(f"{self.path}: no matrix {key!r}; it holds {held}")
+            return lower.index(self.keys[0].lower()), lower.index(self.keys[1].lower())
+        masses = {match[1]: i for i, name in enumerate(lower) if (match := _MASS.fullmatch(name))}
+        pairs = [
+            (i, masses[match[1]])
+            for i, name in enumerate(lower)
+            if (match := _STIFFNESS.fullmatch(name)) and match[1] in masses
+        ]
+        if len(pairs) != 1:
+            raise ValueError(
+                f"{self.path}: name its stiffness and mass, as in --keys KAA,MAA, or "
+                f'keys=("KAA", "MAA") in Python; it holds {held}'
+            )
+        return pairs[0]
 
 
 def file_named(path: Path, name: str) -> Path | None:
@@ -68,5 +102,4 @@ def file_named(path: Path, name: str) -> Path | None:
     exact = path.with_name(name)
     if exact.is_file():
         return exact
-    alike = (each for each in path.parent.iterdir() if each.name.lower() == name.lower())
-    return next(alike, None)
+    return next((file for file in path.parent.iterdir() if file.name.lower() == name.lower()), None)

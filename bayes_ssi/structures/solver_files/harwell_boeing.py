@@ -17,23 +17,23 @@ import numpy as np
 import scipy.sparse as sp
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.solver_files.directions import label
-from bayes_ssi.structures.solver_files.element_faces import from_triangle
-from bayes_ssi.structures.solver_files.exported_model import Matrices
-from bayes_ssi.structures.solver_files.formats import Format, Source
+from bayes_ssi.structures.solver_files.formats import Matrices, Source
+from bayes_ssi.structures.solver_files.row_labels import label
+from bayes_ssi.structures.solver_files.text_entries import from_triangle
 
 _TYPE = re.compile(rb"[RCP][SUHZR][AE]\s+\d+\s+\d+\s+\d+", re.IGNORECASE)
 # (3E26.18), (1P3D25.16), (8I10): numbers on a line, letter, and width of a number.
 _FORMAT = re.compile(r"\(\s*(?:\d*P,?)?\s*(\d*)\s*([IEDFG])\s*(\d+)", re.IGNORECASE)
 
 
-def _recognises(path: Path, head: bytes) -> bool:  # noqa: ARG001
+def recognises_harwell_boeing(head: bytes) -> bool:
+    """Whether the third line states a type and four sizes."""
     lines = head.splitlines()
     return len(lines) > 3 and _TYPE.match(lines[2]) is not None
 
 
-def _read(source: Source) -> Matrices:
-    source.refuse_keys()
+def read_harwell_boeing(source: Source) -> Matrices:
+    """Stiffness and mass of two files, and labels of the mapping if it stands there."""
     mass = source.needed_mass()
     mapping = source.with_ending(".mapping")
     return Matrices(
@@ -112,8 +112,3 @@ def _labels(path: Path) -> list[str]:
             except ValueError as error:
                 raise ValueError(f"{path}: line {number}: {error}") from None
     return labels
-
-
-FORMAT = Format(
-    "Harwell-Boeing (ANSYS HBMAT)", "a file for each matrix, .mapping", _recognises, _read
-)

@@ -2,39 +2,75 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.structures.solver_files import (
-    abaqus_matrices,
-    ansys_full,
-    calculix_storage,
-    harwell_boeing,
-    matrix_containers,
-    nastran_op4,
-    nastran_punch,
-    opensees_text,
-    sap2000_text,
-)
+from bayes_ssi.foundations.text_files import require_regular_file
+from bayes_ssi.structures.solver_files.abaqus_matrices import read_abaqus, recognises_abaqus
+from bayes_ssi.structures.solver_files.ansys_full import read_ansys
+from bayes_ssi.structures.solver_files.calculix_storage import read_calculix
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel, exported_model
-from bayes_ssi.structures.solver_files.formats import Format, Source, first_bytes
-from bayes_ssi.structures.solver_files.matrix_containers import read_labels
+from bayes_ssi.structures.solver_files.formats import Matrices, Source
+from bayes_ssi.structures.solver_files.harwell_boeing import (
+    read_harwell_boeing,
+    recognises_harwell_boeing,
+)
+from bayes_ssi.structures.solver_files.matrix_containers import read_containers
+from bayes_ssi.structures.solver_files.nastran_op4 import read_op4
+from bayes_ssi.structures.solver_files.nastran_punch import read_punch
+from bayes_ssi.structures.solver_files.opensees_text import read_printed, recognises_rows
+from bayes_ssi.structures.solver_files.row_labels import read_labels
+from bayes_ssi.structures.solver_files.sap2000_text import read_sap2000
 from bayes_ssi.structures.solver_files.unit_systems import in_si, mass_note, require_mass
 
+
+class Format(NamedTuple):
+    """A format of solver files: how it is recognised by ending and first bytes, and read."""
+
+    program: str
+    files: str
+    recognises: Callable[[str, bytes], bool]
+    read: Callable[[Source], Matrices]
+    has_keys: bool = False
+
+
+def _ends(*endings: str) -> Callable[[str, bytes], bool]:
+    return lambda ending, _: ending in endings
+
+
+def _begins(recognises: Callable[[bytes], bool]) -> Callable[[str, bytes], bool]:
+    return lambda _, head: recognises(head)
+
+
+def _is_punch(ending: str, head: bytes) -> bool:
+    return ending in (".pch", ".dmig") or b"\nDMIG" in b"\n" + head
+
+
+def _is_container(ending: str, head: bytes) -> bool:
+    return ending in (".npz", ".mat", ".npy") or head.startswith(b"%%MatrixMarket")
+
+
+_SAP2000 = (".txa", ".txe", ".txk", ".txm", ".txc")
+_ABAQUS = "job_STIFn.mtx, job_MASSn.mtx, substructure .mtx"
+_CONTAINERS = ".npz, .mat, .npy, Matrix Market .mtx"
+_HARWELL, _ROWS = "a file for each matrix, .mapping", "a file of rows for each matrix"
 # In the order in which they are tried.
-FORMATS: tuple[Format, ...] = (
-    sap2000_text.FORMAT,
-    calculix_storage.FORMAT,
-    ansys_full.FORMAT,
-    nastran_op4.FORMAT,
-    nastran_punch.FORMAT,
-    abaqus_matrices.FORMAT,
-    matrix_containers.FORMAT,
-    harwell_boeing.FORMAT,
-    opensees_text.FORMAT,
-)
+FORMATS = (
+    Format("SAP2000 or ETABS text", ".TXE, .TXK, .TXM", _ends(*_SAP2000), read_sap2000),
+    Format("CalculiX matrix storage", ".sti, .mas, .dof", _ends(".sti", ".mas", ".dof"),
+           read_calculix),
+    Format("ANSYS full file", ".full", _ends(".full"), read_ansys),
+    Format("Nastran OUTPUT4", ".op4", _ends(".op4"), read_op4, has_keys=True),
+    Format("Nastran punched matrices (DMIG)", ".pch, .dmig", _is_punch, read_punch, has_keys=True),
+    Format("Abaqus matrix output", _ABAQUS, recognises_abaqus, read_abaqus),
+    Format("matrices", _CONTAINERS, _is_container, read_containers, has_keys=True),
+    Format("Harwell-Boeing (ANSYS HBMAT)", _HARWELL, _begins(recognises_harwell_boeing),
+           read_harwell_boeing),
+    Format("matrices printed as text (OpenSees)", _ROWS, _begins(recognises_rows), read_printed),
+)  # fmt: skip
 
 
 @checked
@@ -75,11 +111,13 @@ def read_model(
             the file and, where there is one, the line.
     """
     source = Source(Path(path), None if mass is None else Path(mass), keys)
-    head = first_bytes(source.path)
-    known = next((each for each in FORMATS if each.recognises(source.path, head)), None)
+    ending, head = source.path.suffix.lower(), first_bytes(source.path)
+    known = next((form for form in FORMATS if form.recognises(ending, head)), None)
     if known is None:
         listed = "; ".join(f"{each.program} ({each.files})" for each in FORMATS)
         raise ValueError(f"{path}: not recognised as a solver's matrices; known are {listed}")
+    if not known.has_keys:
+        source.refuse_keys()
     if isinstance(labels, str | Path):
         labels = read_labels(Path(labels))
     model = exported_model(known.program, known.read(source), labels)
@@ -89,3 +127,10 @@ def read_model(
         model = in_si(model, units)
     note = mass_note(model)
     return model if note is None else replace(model, notes=(*model.notes, note))
+
+
+def first_bytes(path: Path) -> bytes:
+    """The beginning of a file, in which formats are recognised."""
+    require_regular_file(path)
+    with path.open("rb") as file:
+        return file.read(8192)

@@ -18,16 +18,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from bayes_ssi.structures.geometry import Geometry, Point
-from bayes_ssi.structures.solver_files.directions import DIRECTIONS, label
-from bayes_ssi.structures.solver_files.element_faces import from_triangle
-from bayes_ssi.structures.solver_files.exported_model import Matrices
-from bayes_ssi.structures.solver_files.formats import Format, Source
-from bayes_ssi.structures.solver_files.named_pairs import chosen_pair
-from bayes_ssi.structures.solver_files.number_lines import require_whole_lines
+from bayes_ssi.structures.solver_files.formats import Matrices, Source
+from bayes_ssi.structures.solver_files.row_labels import DIRECTIONS, label
+from bayes_ssi.structures.solver_files.text_entries import from_triangle, require_whole_lines
 
-SYMMETRIC = 6
-SQUARE = 1
-REAL = (1, 2)
 # An exponent without its letter, as in 2.5+10.
 _BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")
 
@@ -45,11 +39,8 @@ class _Entries:
     values: list[float] = field(default_factory=list)
 
 
-def _recognises(path: Path, head: bytes) -> bool:
-    return path.suffix.lower() in (".pch", ".dmig") or re.search(rb"^DMIG", head, re.M) is not None
-
-
-def _read(source: Source) -> Matrices:
+def read_punch(source: Source) -> Matrices:
+    """Stiffness and mass among the matrices of one file, or of two."""
     matrices, nodes, notes = _entries(source.path)
     if source.mass is not None:
         others, more, _ = _entries(source.mass)
@@ -58,7 +49,7 @@ def _read(source: Source) -> Matrices:
             raise ValueError(f"{source.mass}: {min(repeated)} is in {source.path} as well")
         matrices, nodes = {**matrices, **others}, {**nodes, **more}
     names = tuple(matrices)
-    pair = [names[i] for i in chosen_pair(source.path, names, source.keys)]
+    pair = [names[i] for i in source.pair(names)]
     chosen = [matrices[name] for name in pair]
     where = [f"{source.path}: {name}" for name in pair]
     places = sorted({place for each in chosen for place in (*each.rows, *each.columns)})
@@ -80,9 +71,9 @@ def _label(point: int, component: int) -> str:
 
 
 def _assembled(entries: _Entries, position: dict[Place, int], name: str) -> sp.csc_array:
-    if entries.form not in (SQUARE, SYMMETRIC):
+    if entries.form not in (1, 6):
         raise ValueError(f"{name} must be symmetric (form 6) or square (1), got {entries.form}")
-    if entries.kind not in REAL:
+    if entries.kind not in (1, 2):
         raise ValueError(f"{name} must be real (type 1 or 2), got {entries.kind}")
     rows, columns = (
         np.array([position[place] for place in places], dtype=np.intp)
@@ -92,7 +83,7 @@ def _assembled(entries: _Entries, position: dict[Place, int], name: str) -> sp.c
     matrix = sp.coo_array((entries.values, (rows, columns)), shape=(size, size)).tocsc()
     if matrix.nnz != len(entries.values):
         raise ValueError(f"{name}: {len(entries.values) - matrix.nnz} entries are stated twice")
-    return from_triangle(matrix) if entries.form == SYMMETRIC else matrix
+    return from_triangle(matrix) if entries.form == 6 else matrix
 
 
 def _entries(path: Path) -> tuple[dict[str, _Entries], dict[str, Point], tuple[str, ...]]:
@@ -180,6 +171,3 @@ def _add_node(nodes: dict[str, Point], turned: set[str], fields: list[str]) -> N
 
 def _real(text: str) -> float:
     return float(_BARE_EXPONENT.sub(r"e\1", text.upper().replace("D", "E")))
-
-
-FORMAT = Format("Nastran punched matrices (DMIG)", ".pch, .dmig", _recognises, _read)

@@ -16,12 +16,11 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
-from bayes_ssi.structures.solver_files.exported_model import Matrices
-from bayes_ssi.structures.solver_files.formats import Format, Source
-from bayes_ssi.structures.solver_files.number_lines import require_whole_lines
+from bayes_ssi.structures.solver_files.formats import Matrices, Source
+from bayes_ssi.structures.solver_files.text_entries import require_whole_lines
 
 
-def _recognises(path: Path, head: bytes) -> bool:  # noqa: ARG001
+def recognises_rows(head: bytes) -> bool:
     """Lines of as many numbers each; the file's ending is the user's."""
     lines = [line.split() for line in head.split(b"\n") if line.strip()]
     complete = lines[:-1] if len(head) == 8192 and len(lines) > 1 else lines
@@ -34,8 +33,8 @@ def _recognises(path: Path, head: bytes) -> bool:  # noqa: ARG001
     return True
 
 
-def _read(source: Source) -> Matrices:
-    source.refuse_keys()
+def read_printed(source: Source) -> Matrices:
+    """Stiffness and mass of two files, and how well the printed digits state them."""
     mass = source.needed_mass()
     (stiffness, k_digits), (inertia, m_digits) = (_printed(each) for each in (source.path, mass))
     digits = max(k_digits, m_digits)  # numbers that end in zeros show fewer
@@ -113,8 +112,3 @@ def _rounded_alike(matrix: sp.csc_array, digits: int) -> sp.csc_array:
     if ((difference - 10.0 ** (1 - digits) * size) > 0.0).nnz:
         return matrix  # not symmetric, which is said where that is checked
     return sp.csc_array(0.5 * (matrix + matrix.T))
-
-
-FORMAT = Format(
-    "matrices printed as text (OpenSees)", "a file of rows for each matrix", _recognises, _read
-)

@@ -31,13 +31,28 @@ from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Value
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
 
-# Largest error of a prediction, relative to √(K_ii K_jj): what nine printed digits allow.
-TOLERANCE = 1e-8
-# Parts of a matrix below this share of the tolerance are rounding of printed digits.
-NEGLIGIBLE = 1e-3 * TOLERANCE
-# Exponents of properties: modulus, area and density enter by 1, bending of plates and the depth of
-# sections by 3, their second moments by 4 in the diameter, flexibilities by -1.
-EXPONENTS = (1, 3, 2, 4, -1)
+
+@dataclass(frozen=True)
+class DifferenceSettings:
+    """When exports count as predicted, and by which powers.
+
+    Attributes:
+        tolerance: largest error of a prediction, relative to √(K_ii K_jj): what nine printed
+            digits allow.
+        exponents: of properties: modulus, area and density enter by 1, bending of plates and the
+            depth of sections by 3, their second moments by 4 in the diameter, flexibilities by -1.
+    """
+
+    tolerance: float = 1e-8
+    exponents: tuple[int, ...] = (1, 3, 2, 4, -1)
+
+    @property
+    def rounding(self) -> float:
+        """Parts of a matrix below it are rounding of printed digits."""
+        return 1e-3 * self.tolerance
+
+
+SETTINGS = DifferenceSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,22 +137,21 @@ def parameter_matrices(
         ValueError: an export is of another model, a factor is 1 or not positive, a property changes
             nothing, or an export is not predicted to 1e-8.
     """
-    by_name: dict[str, list[AlteredModel]] = {}
-    by_pair: dict[tuple[str, ...], list[AlteredModel]] = {}
+    by_properties: dict[tuple[str, ...], list[AlteredModel]] = {}
     for export in changed:
-        names = tuple(sorted(export.factors))
-        if len(names) == 1:
-            by_name.setdefault(names[0], []).append(export)
-        elif len(names) == 2:
-            by_pair.setdefault(names, []).append(export)
-        else:
+        if len(export.factors) not in (1, 2):
             raise ValueError(
                 f"{export.file}: must alter one property, or two whose product matters, got "
                 f"{dict(export.factors)}"
             )
-    for names, exports in [*(((name,), each) for name, each in by_name.items()), *by_pair.items()]:
+        by_properties.setdefault(tuple(sorted(export.factors)), []).append(export)
+    for names, exports in by_properties.items():
         _require_other_factors(names, exports)
-    for other in (*checks, *(export for exports in by_pair.values() for export in exports)):
+    by_name = {names[0]: exports for names, exports in by_properties.items() if len(names) == 1}
+    by_pair: dict[tuple[str, ...], list[AlteredModel]] = {
+        names: exports for names, exports in by_properties.items() if len(names) == 2
+    }
+    for other in (*checks, *changed):
         require_known(f"{other.file}: no other export alters alone", other.factors, by_name)
     errors = {check.file: 0.0 for check in checks}
     terms = []
@@ -146,11 +160,11 @@ def parameter_matrices(
         changes = _Changes(
             which,
             _scale(base),
-            {id(export): _difference(nominal, export, which) for export in (*changed, *checks)},
+            {export: _difference(nominal, export, which) for export in (*changed, *checks)},
             checks,
         )
         fits = [
-            list(_fits(changes, [((name, e),) for e in EXPONENTS], exports, ()))
+            list(_fits(changes, [((name, e),) for e in SETTINGS.exponents], exports, ()))
             for name, exports in by_name.items()
         ]
         chosen, of_checks = _chosen(changes, fits, by_pair)
@@ -214,7 +228,7 @@ class _Changes:
 
     which: str
     scale: sp.dia_array
-    differences: Mapping[int, sp.csc_array]
+    differences: Mapping[AlteredModel, sp.csc_array]
     checks: Sequence[AlteredModel]
 
 
@@ -231,11 +245,11 @@ def _fits(
     offered, and other exports must tell.
     """
     differences = [
-        sp.csc_array(changes.differences[id(each)] - _predicted(known, each.factors, changes.scale))
-        for each in exports
+        sp.csc_array(changes.differences[export] - _predicted(known, export.factors, changes.scale))
+        for export in exports
     ]
     # What is known may predict them, as well as printed digits allow.
-    allowed = TOLERANCE if known else NEGLIGIBLE
+    allowed = SETTINGS.tolerance if known else SETTINGS.rounding
     if max(_error(each, changes.scale) for each in differences) <= allowed:
         yield ()
         return
@@ -246,7 +260,7 @@ def _fits(
         for powers in combinations(possible, count):
             fit, error = _fit(powers, exports, differences, changes.scale)
             smallest = min(smallest, error if count < len(exports) else np.inf)
-            if error <= TOLERANCE:
+            if error <= SETTINGS.tolerance:
                 fits.append(fit)
         if fits and count < len(exports):
             yield fits[0]
@@ -325,21 +339,20 @@ def _chosen(
             chosen = (*alone, *together)
             errors = {
                 check.file: _error(
-                    changes.differences[id(check)]
-                    - _predicted(chosen, check.factors, changes.scale),
+                    changes.differences[check] - _predicted(chosen, check.factors, changes.scale),
                     changes.scale,
                 )
                 for check in changes.checks
             }
             largest = max(errors.items(), key=lambda item: item[1], default=("", 0.0))
-            if largest[1] <= TOLERANCE:
+            if largest[1] <= SETTINGS.tolerance:
                 return chosen, errors
             best = min(best, (largest[1], largest[0]))
     raise ValueError(
         f"{best[1]}: its {changes.which} is missed by {best[0]:.1e} of √(K_ii K_jj), "
-        f"{TOLERANCE:g} is allowed: if files and factors are right, it is not a sum of these "
-        "properties' powers; export each with one more factor, two whose product matters also "
-        "together, and with more digits if they are few"
+        f"{SETTINGS.tolerance:g} is allowed: if files and factors are right, it is not a sum of "
+        "these properties' powers; export each with one more factor, two whose product matters "
+        "also together, and with more digits if they are few"
     )
 
 
@@ -371,6 +384,6 @@ def _terms(base: sp.csc_array, chosen: Fit) -> tuple[Term, ...]:
 def _without_rounding(matrix: sp.csc_array, base: sp.csc_array) -> sp.csc_array:
     scale = _scale(base)
     relative = abs(scale @ matrix @ scale)
-    kept = sp.csc_array(matrix.multiply(relative > NEGLIGIBLE))
+    kept = sp.csc_array(matrix.multiply(relative > SETTINGS.rounding))
     kept.eliminate_zeros()
     return kept

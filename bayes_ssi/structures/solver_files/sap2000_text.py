@@ -18,23 +18,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import scipy.sparse as sp
-
-from bayes_ssi.structures.solver_files.directions import DIRECTIONS
-from bayes_ssi.structures.solver_files.element_faces import from_entries, rows_from_one
-from bayes_ssi.structures.solver_files.exported_model import Matrices
-from bayes_ssi.structures.solver_files.formats import Format, Source
-from bayes_ssi.structures.solver_files.number_lines import read_number_lines, require_whole_lines
-
-ENDINGS = (".txa", ".txe", ".txk", ".txm", ".txc")
-
-
-def _recognises(path: Path, head: bytes) -> bool:  # noqa: ARG001
-    return path.suffix.lower() in ENDINGS
+from bayes_ssi.structures.solver_files.formats import Matrices, Source
+from bayes_ssi.structures.solver_files.row_labels import DIRECTIONS
+from bayes_ssi.structures.solver_files.text_entries import (
+    matrix_of_lines,
+    read_number_lines,
+    require_whole_lines,
+    rows_from_one,
+)
 
 
-def _read(source: Source) -> Matrices:
-    source.refuse_keys()
+def read_sap2000(source: Source) -> Matrices:
+    """Stiffness and mass by the labels of joints, and what constraints make depend on others."""
     equations = source.needed(".TXE", "equation numbers of the joints")
     stiffness = source.needed(".TXK", "stiffness")
     mass = source.mass or source.needed(".TXM", "mass")
@@ -65,9 +60,13 @@ def _read(source: Source) -> Matrices:
             f"{len(dependent)} displacements have no row of their own: constraints tie them to "
             "those of others (dependent)"
         )
+    entries = [
+        read_number_lines(path, "row, column, value", delimiter="\t", skip=1)
+        for path in (stiffness, mass)
+    ]
     return Matrices(
-        _matrix(stiffness, size, needs_last_row=True),
-        _matrix(mass, size, needs_last_row=False),
+        matrix_of_lines(stiffness, entries[0], size, first_line=2, to_the_last="row"),
+        matrix_of_lines(mass, entries[1], size, first_line=2),
         str(stiffness),
         str(mass),
         labels=[labels[i] for i in range(size)],
@@ -116,22 +115,8 @@ def _equations(path: Path) -> Iterator[tuple[int, str, int]]:
 def _constraints(path: Path, size: int) -> dict[int, dict[int, float]]:
     """Number of a constraint → row → coefficient."""
     values = read_number_lines(path, "constraint, equation, coefficient", delimiter="\t", skip=1)
-    rows = rows_from_one(path, values[:, 1], size, first_line=2)
+    rows = rows_from_one(path, values[:, 1:2], size, first_line=2)[:, 0]
     constraints: dict[int, dict[int, float]] = {}
     for number, row, coefficient in zip(values[:, 0], rows, values[:, 2], strict=True):
         constraints.setdefault(abs(int(number)), {})[int(row)] = float(coefficient)
     return constraints
-
-
-def _matrix(path: Path, size: int, *, needs_last_row: bool) -> sp.csc_array:
-    values = read_number_lines(path, "row, column, value", delimiter="\t", skip=1)
-    rows, columns = (rows_from_one(path, values[:, i], size, first_line=2) for i in (0, 1))
-    if needs_last_row and max(rows.max(), columns.max()) < size - 1:
-        raise ValueError(
-            f"{path}: ends with row {max(rows.max(), columns.max()) + 1} of {size}: truncated, or "
-            "of another model?"
-        )
-    return from_entries(path, rows, columns, values[:, 2], size)
-
-
-FORMAT = Format("SAP2000 or ETABS text", ".TXE, .TXK, .TXM", _recognises, _read)

@@ -14,15 +14,13 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.text_files import read_columns
 from bayes_ssi.foundations.universal_files import read_data_sets
 from bayes_ssi.structures.geometry import Point, checked_point
-from bayes_ssi.structures.solver_files.directions import DIRECTIONS, TRANSLATIONS
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
+from bayes_ssi.structures.solver_files.row_labels import TRANSLATIONS
 
 COLUMNS = ("sensor", "x_coord", "y_coord", "z_coord", "direction")
 NODE_COLUMNS = ("node", "model_node")
 # Factors between units of length: what they turn, and the factor.
 SCALES = {"mm to m": 1e-3, "m to mm": 1e3, "ft to m": 0.3048, "in to m": 0.0254, "cm to m": 1e-2}
-# Distances that fall by more in other units are no matter of where nodes are.
-MUCH_NEARER = 0.1
 
 
 @dataclass(frozen=True)
@@ -145,7 +143,8 @@ def nearest_degrees_of_freedom(
     for units, factor in SCALES.items():
         other = _mapped(points, model, factor)
         nearer = max(each.distance for each in other)
-        if nearer < MUCH_NEARER * largest and len({each.label for each in other}) == len(points):
+        # Distances that fall to a tenth are no matter of where nodes are.
+        if nearer < 0.1 * largest and len({each.label for each in other}) == len(points):
             raise ValueError(
                 f"sensors are up to {largest:.4g} from their nodes, but {nearer:.4g} with "
                 f"coordinates times {factor:g} ({units}): state the factor by --points-scale"
@@ -175,7 +174,6 @@ def _nodes(model: ExportedModel, direction: str) -> tuple[list[str], FloatArray]
     """Nodes with coordinates that move in a direction."""
     if model.geometry is None or model.labels is None:
         raise ValueError("sensors are given by coordinates, but the model's files state none")
-    assert direction in DIRECTIONS
     labels = set(model.labels)
     nodes = [node for node in model.geometry.nodes if f"{node} {direction}" in labels]
     if not nodes:

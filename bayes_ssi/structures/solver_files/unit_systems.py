@@ -15,12 +15,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from bayes_ssi.foundations.choices import require_one_of
-from bayes_ssi.structures.solver_files.directions import TRANSLATIONS, direction_of
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
-
-# Engineers know the mass of a structure to well within a factor of 2; a mistaken unit of force or
-# length is off by one of 4.4 or more.
-MASS_KNOWN_TO = 2.0
+from bayes_ssi.structures.solver_files.row_labels import TRANSLATIONS, direction_of
 
 
 @dataclass(frozen=True)
@@ -110,10 +106,10 @@ def require_mass(model: ExportedModel, mass_kg: float, units: str | None) -> Non
     if not totals:
         raise ValueError("mass_kg: labels are needed to tell the mass in each direction")
     largest = max(totals.values())
+    # Engineers know the mass of a structure to well within a factor of 2; a mistaken unit of force
+    # or length is off by one of 4.4 or more.
     fitting = [
-        name
-        for name, system in SYSTEMS.items()
-        if 1.0 / MASS_KNOWN_TO < largest * system.mass / mass_kg < MASS_KNOWN_TO
+        name for name, system in SYSTEMS.items() if 0.5 < largest * system.mass / mass_kg < 2.0
     ]
     if units in fitting:
         return
