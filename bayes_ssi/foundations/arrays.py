@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,15 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 # What selects along one axis.
 Places = NDArray[np.intp] | slice
+# A named tuple of arrays.
+Arrays = TypeVar("Arrays", bound=tuple[Any, ...])
 # Sizes that differ by this share are equal, where rounding should not choose between them.
 EQUAL_SIZES = 1e-6
+
+
+def joined(parts: Sequence[Arrays], axis: int = 0) -> Arrays:
+    """Named tuples of arrays as one, every array joined along an axis."""
+    return type(parts[0])(*(np.concatenate(arrays, axis) for arrays in zip(*parts, strict=True)))
 
 
 def as_slice(places: NDArray[np.intp]) -> Places:

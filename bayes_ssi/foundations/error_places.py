@@ -1,11 +1,38 @@
-"""Where in a user's own files an error was raised, for messages without a traceback."""
+"""Errors of a user's own code: at which rows of a batch, and where in the user's files."""
 
 from __future__ import annotations
 
 import sysconfig
 import traceback
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+def rows_at_fault(
+    function: Callable[[slice], T], n_rows: int
+) -> Iterator[tuple[slice, T | Exception]]:
+    """``function`` of all rows at once, or where it raises, of halves down to single rows.
+
+    Yields:
+        Rows in order, and what the function answered, or raised at a single row.
+    """
+    left = [slice(0, n_rows)]
+    while left:
+        rows = left.pop()
+        try:
+            answer = function(rows)
+        except Exception as error:  # noqa: BLE001 - whatever a user's model may raise
+            if rows.stop - rows.start <= 1:
+                yield rows, error
+            else:
+                middle = (rows.start + rows.stop) // 2
+                left += [slice(middle, rows.stop), slice(rows.start, middle)]
+        else:
+            yield rows, answer
 
 
 def own_lines(error: BaseException) -> list[tuple[str, int]]:

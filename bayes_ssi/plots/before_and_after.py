@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.posterior.configuration_modes import LEVEL, UpdatedMode
+from bayes_ssi.inference.posterior.configuration_modes import KEPT, UpdatedMode
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
@@ -41,7 +41,7 @@ def plot_frequency_change(
     data: ModalData,
     ax: Axes | None = None,
     *,
-    level: float = LEVEL,
+    level: float = KEPT.level,
 ) -> Axes:
     """Frequencies of modes before and after updating, relative to the identified ones.
 
@@ -92,7 +92,7 @@ def plot_mac_change(modes: Sequence[UpdatedMode], ax: Axes | None = None) -> Axe
     if not rows:
         raise ValueError("plot_mac_change: no paired mode has an identified shape")
     ax = rows_of(ax, [row.name for row in rows], 1.1)
-    _draw(ax, rows, LEVEL)
+    _draw(ax, rows, KEPT.level)
     ax.set_xlabel("MAC with the identified shape\n(1: the same shape)")
     return ax
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.inference.criticism.adequacy import LIMIT_SDS
+from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.class_record import ClassRecord, ConfigurationRecord
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
@@ -67,7 +67,7 @@ def page_content(
         "failed": comparison.failed_checks,
         "remarks": comparison.remarks,
         "scale": comparison.scale,
-        "limit_sds": LIMIT_SDS,
+        "limit_sds": CRITICISM.limit_sds,
         "tests": [
             # Where no shape was measured at all, that is said once.
             {"name": name, "data": data, "warnings": data.warnings() if data.sensors else []}

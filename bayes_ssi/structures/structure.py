@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.error_places import rows_at_fault
 from bayes_ssi.parameters.parameters import Parameter, checked_values
 from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.geometry import Geometry, Location
@@ -86,6 +87,19 @@ class Structure(ABC):
             ValueError: ``values`` do not have two dimensions and these columns.
             TypeError: they are not numbers.
         """
+
+    def modes_or_nan(self, values: FloatArray) -> Modes:
+        """:meth:`modes` at ``values`` (B, n_parameters); NaN in rows at which they raise."""
+
+        def modes(rows: slice) -> Modes:
+            own = values[rows]
+            return Modes(*self.modes(own)).repeated(len(own))
+
+        n_dof, n_modes = len(self.degrees_of_freedom), self.n_modes
+        none = Modes(np.full((1, n_modes), np.nan), np.full((1, n_dof, n_modes), np.nan))
+        solved = rows_at_fault(modes, len(values))
+        parts = [none if isinstance(part, Exception) else part for _, part in solved]
+        return parts[0] if len(parts) == 1 else joined(parts)
 
     def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - raises
         """The modes at unit modal mass, and how the ground's motion drives them.

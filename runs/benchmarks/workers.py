@@ -20,10 +20,9 @@ import numpy as np
 from distributed import LocalCluster
 
 import bayes_ssi as bs
-from bayes_ssi.inference.workers.batch import evaluate
 from bayes_ssi.inference.workers.dask_workers import DaskWorkers
 from bayes_ssi.inference.workers.local_workers import LocalWorkers
-from bayes_ssi.inference.workers.workers import Workers
+from bayes_ssi.inference.workers.workers import Workers, evaluate
 
 BATCHES, BATCH = 6, 64
 SECONDS_A_POINT = 0.05

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.inference.calibration.calibration import distinct_minima
 from bayes_ssi.inference.calibration.least_squares import CalibrationProblem
-from bayes_ssi.inference.calibration.minima import distinct_minima
 
 
 def alike(a, b):

@@ -13,8 +13,8 @@ from delegating import DelegatingStructure
 import bayes_ssi as bs
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.posterior.datum_terms import DatumTerms
-from bayes_ssi.inference.workers.batch import Evaluated
 from bayes_ssi.inference.workers.checkpoint import Checkpoint
+from bayes_ssi.inference.workers.workers import Evaluated
 from bayes_ssi.structures.modal import Modes
 
 SETTINGS = bs.SamplingSettings()

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from bayes_ssi.inference.workers.batch import Evaluated
 from bayes_ssi.inference.workers.journal import DamagedJournalError, Journal
+from bayes_ssi.inference.workers.workers import Evaluated
 
 RUN = {"model class": "each k", "seed": 7}
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from pools import Minimal, points, spawning, sums, workers_of
 
-from bayes_ssi.inference.workers.batch import evaluate
 from bayes_ssi.inference.workers.local_workers import LocalWorkers, as_workers
+from bayes_ssi.inference.workers.workers import evaluate
 from bayes_ssi.studies.ranking.study_file import load_study
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")

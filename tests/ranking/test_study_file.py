@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from bayes_ssi.inference.workers.batch import evaluate
+from bayes_ssi.inference.workers.workers import evaluate
 from bayes_ssi.studies.ranking.study_file import load_study
 
 

@@ -16,7 +16,6 @@ How far calibrated classes are from a reference class, in what all of them may i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -29,12 +28,12 @@ from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed
 from bayes_ssi.inference.calibration.determination import Determination, determination
 from bayes_ssi.inference.calibration.fit import Fit, rms_distance
-from bayes_ssi.inference.calibration.least_squares import CalibrationProblem
-from bayes_ssi.inference.calibration.minima import SAME, distinct_minima, nearest_fit
+from bayes_ssi.inference.calibration.least_squares import (
+    CALIBRATION,
+    CalibrationProblem,
+    checked_shape_weight,
+)
 from bayes_ssi.inference.model_class.model_class import ModelClass
-
-# So many starts miss a minimum to which a thousandth of them lead with probability e^-10.
-MOST_STARTS = 10_000
 
 
 @dataclass(frozen=True, repr=False)
@@ -119,7 +118,7 @@ def calibrate(
             medians where these are inferred.
         reference: parameter name → value from which the distance d is measured, also the
             model before calibration; prior medians where not given.
-        n_starts: local searches, spread over the prior and beyond, at most :data:`MOST_STARTS`.
+        n_starts: local searches, spread over the prior and beyond, at most 10,000.
         seed: seed of the starts.
         progress: called with the name of the step and the fraction of it completed.
         with_prior: fit the prior, too, which determines what the data do not: regularised least
@@ -131,12 +130,10 @@ def calibrate(
         ValueError: a reference is given for an unknown parameter, the weight is negative, there
             is no start or there are too many, or no search converged.
     """
-    if shape_weight is None:
-        shape_weight = model_class.error.shape_weight
-    if not (math.isfinite(shape_weight) and shape_weight >= 0):
-        raise ValueError(f"calibrate: shape_weight must be zero or positive, got {shape_weight!r}")
-    if not 1 <= n_starts <= MOST_STARTS:
-        raise ValueError(f"calibrate: n_starts must be from 1 to {MOST_STARTS:,}, got {n_starts!r}")
+    shape_weight = checked_shape_weight(model_class, shape_weight, "calibrate")
+    most = CALIBRATION.most_starts
+    if not 1 <= n_starts <= most:
+        raise ValueError(f"calibrate: n_starts must be from 1 to {most:,}, got {n_starts!r}")
     if seed < 0:
         raise ValueError(f"calibrate: seed must be zero or positive, got {seed!r}")
     model_class.check_structure()
@@ -159,7 +156,10 @@ def calibrate(
     found = determination(problem, minima[0] if least_change is None else least_change)
     if least_change is not None and not minima:
         minima, undetermined = [least_change], sum(s <= 1.0 for s in found.singular_values)
-    if least_change is not None and np.abs(least_change - minima[0]).max() < SAME:
+    if (
+        least_change is not None
+        and np.abs(least_change - minima[0]).max() < CALIBRATION.same_minimum
+    ):
         least_change = None
 
     def fit(z: FloatArray) -> Fit:
@@ -188,6 +188,72 @@ def _least_change(model_class: ModelClass, shape_weight: float) -> FloatArray | 
     if near is None:
         return None
     return nearest_fit(CalibrationProblem(model_class, shape_weight), near, exactly=False)
+
+
+def distinct_minima(
+    problem: CalibrationProblem, ends: list[FloatArray]
+) -> tuple[list[FloatArray], int]:
+    """Distinct minima, the best first, and the directions undetermined at the best one."""
+    misfits = problem.misfit(np.array(ends)).tolist()
+    # Exact fits differ only by rounding: they are equally good, and the nearest one comes first; of
+    # two that mirror one another, the one of smaller coordinates.
+    near = [round(float(np.linalg.norm(end)), 6) for end in ends]
+    places = [np.round(end, 6).tolist() for end in ends]
+    order = sorted(range(len(ends)), key=lambda i: (round(misfits[i], 7), near[i], places[i]))
+    kept: list[int] = []
+    for i in order:
+        if all(np.abs(ends[i] - ends[j]).max() > CALIBRATION.same_minimum for j in kept):
+            kept.append(i)
+    best = ends[kept[0]]
+    undetermined = 0
+    if not problem.with_prior:
+        undetermined = len(best) - _determined(problem, best, exactly=True).shape[1]
+    if undetermined:
+        # The equally good points form a surface; the nearest of them represents it.
+        worse = misfits[kept[0]] + CALIBRATION.equally_good
+        kept = [kept[0], *(i for i in kept if misfits[i] >= worse)]
+        nearest = nearest_fit(problem, best, exactly=True)
+        if nearest is not None and problem.misfit(nearest[None])[0] < worse:
+            best = nearest
+    return [best, *(ends[i] for i in kept[1:])], undetermined
+
+
+def nearest_fit(problem: CalibrationProblem, start: FloatArray, exactly: bool) -> FloatArray | None:
+    """The fit whose undetermined directions are at the prior median.
+
+    None where every direction is determined, or no fit is reached.
+
+    For residuals linear in the standard-normal coordinates this is the least-squares solution of
+    smallest norm, by the truncated singular value decomposition.
+
+    Args:
+        start: (d,), near the fit.
+        exactly: whether only directions count as undetermined that change nothing at all, rather
+            than less than the standard errors.
+    """
+    z = start
+    for _ in range(CALIBRATION.most_rounds):
+        basis = _determined(problem, z, exactly)
+        if basis.shape[1] == len(z):
+            return None
+        if not basis.size:
+            return np.zeros(len(z))
+        found = problem.descend(z, basis)
+        if found is None:
+            return None
+        z, last = found, z
+        if np.abs(z - last).max() < CALIBRATION.same_minimum**2:
+            break
+    return z
+
+
+def _determined(problem: CalibrationProblem, z: FloatArray, exactly: bool) -> FloatArray:
+    """Orthonormal basis (d, r) of the directions that are determined at one point."""
+    _, sizes, rows = np.linalg.svd(problem.sensitivities(z), full_matrices=False)
+    basis: FloatArray = rows[
+        sizes > (CALIBRATION.zero_sensitivity * sizes.max() if exactly else 1.0)
+    ].T
+    return basis
 
 
 def distances_from(

@@ -19,14 +19,10 @@ from scipy.sparse.csgraph import connected_components
 
 from bayes_ssi.foundations.arrays import EQUAL_SIZES, FloatArray, place_of_largest
 from bayes_ssi.inference.calibration.least_squares import (
+    CALIBRATION,
     DIFFERENCE_STEP,
-    EXACTLY_ZERO,
     CalibrationProblem,
 )
-
-# Parameters that share less than this of what is determined have no combination in common: it
-# would not be seen in three digits.
-MIXED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -114,7 +110,7 @@ def _marginal(jacobian: FloatArray, columns: Sequence[int]) -> FloatArray:
     others = np.delete(jacobian, columns, axis=1)
     if not others.size:
         return own
-    return own - others @ (np.linalg.pinv(others, rcond=EXACTLY_ZERO) @ own)
+    return own - others @ (np.linalg.pinv(others, rcond=CALIBRATION.zero_sensitivity) @ own)
 
 
 def _groups(jacobian: FloatArray, columns: list[int]) -> list[list[int]]:
@@ -122,7 +118,7 @@ def _groups(jacobian: FloatArray, columns: list[int]) -> list[list[int]]:
     if not columns:
         return []
     shared = _determined_rows(_marginal(jacobian, columns))
-    mixed: NDArray[np.bool_] = np.abs(shared.T @ shared) > MIXED
+    mixed: NDArray[np.bool_] = np.abs(shared.T @ shared) > CALIBRATION.mixed
     n_groups, group = connected_components(mixed, directed=False)
     return [[c for c, g in zip(columns, group, strict=True) if g == i] for i in range(n_groups)]
 
@@ -156,7 +152,7 @@ def _changes(
     """
     rows = _determined_rows(own)
     null = scipy.linalg.null_space(rows) if len(rows) else np.eye(own.shape[1])
-    n, negligible = null.shape[1], EXACTLY_ZERO * size
+    n, negligible = null.shape[1], CALIBRATION.zero_sensitivity * size
     # Of parameters that are equally free, the first.
     preferred = null.T * (1.0 - EQUAL_SIZES * np.arange(len(null)))
     free = scipy.linalg.qr(preferred, pivoting=True, mode="r")[1][:n]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,16 +18,51 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.parameters.parameters import as_product, values_at
 from bayes_ssi.structures.modal import Modes
 
-# The search stays within this many prior standard deviations in standard-normal coordinates.
-FARTHEST = 8.0
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """What counts as a minimum, and as determined.
+
+    Attributes:
+        most_starts: so many miss a minimum to which a thousandth of them lead with probability
+            e^-10.
+        farthest: that a search goes out in standard-normal coordinates, in prior standard
+            deviations.
+        same_minimum: largest difference between ends of searches at one minimum, likewise.
+        equally_good: misfits are computed to about this: exact fits differ by less.
+        most_rounds: towards the nearest fit, which is reached in two or three where the fit is
+            smooth at all.
+        zero_sensitivity: share of the largest one that counts as zero: far below any real one and
+            far above rounding.
+        mixed: parameters that share less than this of what is determined have no combination in
+            common: it would not be seen in three digits.
+    """
+
+    most_starts: int = 10_000
+    farthest: float = 8.0
+    same_minimum: float = 1e-2
+    equally_good: float = 1e-7
+    most_rounds: int = 20
+    zero_sensitivity: float = 1e-6
+    mixed: float = 1e-3
+
+
+CALIBRATION = CalibrationSettings()
 # At the cube root of the rounding error, central differences are the most accurate.
 DIFFERENCE_STEP = float(np.cbrt(np.finfo(float).eps))
-# A millionth of the largest sensitivity is far below any real one and far above rounding.
-EXACTLY_ZERO = 1e-6
 
 
 class NothingToCalibrateError(ValueError):
     """A model class without structural parameters, or without paired modes."""
+
+
+def checked_shape_weight(model_class: ModelClass, shape_weight: float | None, what: str) -> float:
+    """The weight λ of shapes, that of the class's error model if None."""
+    if shape_weight is None:
+        shape_weight = model_class.error.shape_weight
+    if not (math.isfinite(shape_weight) and shape_weight >= 0):
+        raise ValueError(f"{what}: shape_weight must be zero or positive, got {shape_weight!r}")
+    return shape_weight
 
 
 class CalibrationProblem:
@@ -85,7 +121,8 @@ class CalibrationProblem:
             return np.zeros((1, d))
         points = qmc.Sobol(d, seed=seed).random_base2(max(1, math.ceil(math.log2(n))))[: n - 1]
         spread = 2.0 * ndtri(np.clip(points, 1e-6, 1 - 1e-6))
-        return np.vstack([np.zeros(d), np.clip(spread, -0.9 * FARTHEST, 0.9 * FARTHEST)])
+        reach = 0.9 * CALIBRATION.farthest
+        return np.vstack([np.zeros(d), np.clip(spread, -reach, reach)])
 
     def values(self, z: FloatArray) -> FloatArray:
         """Parameter values (B, d) at standard-normal coordinates (B, d)."""
@@ -161,7 +198,7 @@ class CalibrationProblem:
                 minimised,
                 start @ basis,
                 jac=jacobian,
-                bounds=(-FARTHEST, FARTHEST),
+                bounds=(-CALIBRATION.farthest, CALIBRATION.farthest),
                 xtol=1e-12,
                 ftol=1e-14,
                 gtol=1e-12,
@@ -169,7 +206,7 @@ class CalibrationProblem:
             )
         except ValueError:  # residuals that are not finite: the structure broke down on the way
             return None
-        at_bound = np.any(np.abs(result.x) > 0.999 * FARTHEST)
+        at_bound = np.any(np.abs(result.x) > 0.999 * CALIBRATION.farthest)
         slope = np.abs(result.grad).max() / max(1e-8, np.linalg.norm(np.asarray(result.jac)))
         # A search that ran out of evaluations ends on a slope.
         return None if at_bound or slope > 1e-4 else basis @ result.x

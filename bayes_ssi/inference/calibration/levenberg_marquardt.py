@@ -7,7 +7,7 @@ the same batches.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,69 +18,78 @@ from bayes_ssi.foundations.arrays import FloatArray
 # model has no answer.
 Residuals = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
 
-# Forward differences: rounding of residuals, which are differences of numbers near one divided by
-# errors, and truncation balance.
-DIFFERENCE_STEP = 1e-7
-# Damping as a share of the squares' curvature: at first, and by what it changes (Marquardt 1963).
-FIRST_DAMPING, DAMPING_FACTOR, MOST_DAMPING = 1e-3, 10.0, 1e8
-# A step may be this long, in prior standard deviations, and the search goes no further out.
-LONGEST_STEP, FARTHEST = 2.0, 8.0
 
-
-class LeastSquares(NamedTuple):
-    """Where descents of n starts ended.
+@dataclass(frozen=True)
+class DescentSettings:
+    """How descents go on.
 
     Attributes:
-        z: (n, d).
-        halves: (n,), half the sums of squares; infinite where the model has no answer at the start.
-        curvatures: (n, d, d), JᵀJ of the Jacobian J at the end, or one step before it.
+        tolerance: fall of half the sum of squares that is not worth a step, in nats.
+        difference_step: of forward differences. Rounding of residuals, which are differences of
+            numbers near one divided by errors, and truncation balance.
+        first_damping: as a share of the squares' curvature (Marquardt 1963).
+        damping_factor: by which damping changes after every step.
+        most_damping: with which a step is too short to go on.
+        longest_step: in prior standard deviations.
+        farthest: that a search goes out, in prior standard deviations.
     """
 
-    z: FloatArray
-    halves: FloatArray
-    curvatures: FloatArray
-    n_evaluations: int
+    tolerance: float = 1e-3
+    difference_step: float = 1e-7
+    first_damping: float = 1e-3
+    damping_factor: float = 10.0
+    most_damping: float = 1e8
+    longest_step: float = 2.0
+    farthest: float = 8.0
+
+
+DEFAULT = DescentSettings()
 
 
 def descend(
-    residuals: Residuals, starts: FloatArray, most_steps: int, tolerance: float
-) -> LeastSquares:
+    residuals: Residuals,
+    starts: FloatArray,
+    most_steps: int,
+    settings: DescentSettings = DEFAULT,
+) -> tuple[FloatArray, FloatArray]:
     """Descend from every row of ``starts`` (n, d).
 
-    Args:
-        starts: (n, d).
+    Returns:
+        The ends (n, d), and JᵀJ (n, d, d) of the Jacobian J there, or one step before.
     """
     z = np.array(starts, dtype=float)
     n, d = z.shape
     rows = np.arange(n)
     current = residuals(z, rows)
-    n_evaluations = n
     halves = _halves(current)
     curvatures = np.tile(np.eye(d), (n, 1, 1))
     slopes = np.zeros((n, d))
-    damping = np.full(n, FIRST_DAMPING)
+    damping = np.full(n, settings.first_damping)
     active = rows[np.isfinite(halves)]
     moved = active
     for _ in range(most_steps):
         if not len(active):
             break
         if len(moved):
-            jacobians = _jacobians(residuals, z[moved], moved, current[moved])
+            jacobians = _jacobians(
+                residuals, z[moved], moved, current[moved], settings.difference_step
+            )
             curvatures[moved] = np.einsum("nmi,nmj->nij", jacobians, jacobians)
             slopes[moved] = np.einsum("nmi,nm->ni", jacobians, current[moved])
         steps = _steps(curvatures[active], slopes[active], damping[active])
-        tried = np.clip(z[active] + steps, -FARTHEST, FARTHEST)
+        lengths = np.sqrt(np.einsum("ni,ni->n", steps, steps))
+        steps *= np.minimum(1.0, settings.longest_step / np.maximum(lengths, 1e-300))[:, None]
+        tried = np.clip(z[active] + steps, -settings.farthest, settings.farthest)
         expected = -np.einsum("ni,ni->n", slopes[active], tried - z[active])
         new = residuals(tried, active)
-        n_evaluations += d * len(moved) + len(active)
         new_halves = _halves(new)
         down = new_halves < halves[active]
-        damping[active] *= np.where(down, 1.0 / DAMPING_FACTOR, DAMPING_FACTOR)
-        settled = (expected < tolerance) | (damping[active] > MOST_DAMPING)
+        damping[active] *= np.where(down, 1.0 / settings.damping_factor, settings.damping_factor)
+        settled = (expected < settings.tolerance) | (damping[active] > settings.most_damping)
         moved = active[down]
         z[moved], current[moved], halves[moved] = tried[down], new[down], new_halves[down]
         moved, active = active[down & ~settled], active[~settled]
-    return LeastSquares(z, halves, curvatures, n_evaluations)
+    return z, curvatures
 
 
 def _halves(residuals: FloatArray) -> FloatArray:
@@ -90,20 +99,18 @@ def _halves(residuals: FloatArray) -> FloatArray:
 
 
 def _jacobians(
-    residuals: Residuals, z: FloatArray, rows: NDArray[np.intp], at_z: FloatArray
+    residuals: Residuals, z: FloatArray, rows: NDArray[np.intp], at_z: FloatArray, step: float
 ) -> FloatArray:
     """Jacobians (n, m, d) by forward differences, all in one batch; 0 where there are none."""
     n, d = z.shape
-    ahead = z[:, None, :] + DIFFERENCE_STEP * np.eye(d)
+    ahead = z[:, None, :] + step * np.eye(d)
     values = residuals(ahead.reshape(-1, d), np.repeat(rows, d)).reshape(n, d, -1)
-    differences = (values - at_z[:, None, :]) / DIFFERENCE_STEP
+    differences = (values - at_z[:, None, :]) / step
     return np.where(np.isfinite(differences), differences, 0.0).transpose(0, 2, 1)
 
 
 def _steps(curvatures: FloatArray, slopes: FloatArray, damping: FloatArray) -> FloatArray:
-    """Damped Gauss-Newton steps (n, d), no longer than the longest."""
+    """Damped Gauss-Newton steps (n, d)."""
     scale = np.einsum("nii->ni", curvatures) + np.finfo(float).tiny
     damped = curvatures + np.einsum("n,ni,ij->nij", damping, scale, np.eye(slopes.shape[1]))
-    steps = -np.linalg.solve(damped, slopes[..., None])[..., 0]
-    length = np.sqrt(np.einsum("ni,ni->n", steps, steps))
-    return steps * np.minimum(1.0, LONGEST_STEP / np.maximum(length, 1e-300))[:, None]
+    return -np.linalg.solve(damped, slopes[..., None])[..., 0]

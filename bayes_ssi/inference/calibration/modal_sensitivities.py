@@ -9,7 +9,6 @@ left of it; below 1 the prior knows more.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -23,6 +22,7 @@ from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.inference.calibration.least_squares import (
     CalibrationProblem,
     central_differences,
+    checked_shape_weight,
 )
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -86,12 +86,7 @@ def modal_sensitivities(
             parameter.
         ValueError: a parameter is unknown, is zero there, or the weight is negative.
     """
-    if shape_weight is None:
-        shape_weight = model_class.error.shape_weight
-    if not (math.isfinite(shape_weight) and shape_weight >= 0):
-        raise ValueError(
-            f"modal_sensitivities: shape_weight must be zero or positive, got {shape_weight!r}"
-        )
+    shape_weight = checked_shape_weight(model_class, shape_weight, "modal_sensitivities")
     problem = CalibrationProblem(model_class, shape_weight)
     values = problem.reference_values(at)
     if not values.all():

@@ -7,7 +7,7 @@ identified modes have a slope everywhere. From draws of the prior, each with a p
 plausible where errors are wide, a descent follows them while the errors are narrowed:
 
 1. Of the identified modes, in random order, some are paired, in proportion to the weights of the
-   pairings if all errors were :data:`WIDEST`. Where the pairing is given, it is that.
+   pairings if all errors were the widest. Where the pairing is given, it is that.
 2. The sum of squares of the residuals over their errors, and of the coordinates, which is the
    prior's pull, is reduced. Then the errors are narrowed and pairs drawn again, so that those drop
    out that do not fit. Each descent begins at a width of its own: from narrow errors it leads to
@@ -27,36 +27,50 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.inference.calibration.levenberg_marquardt import descend
-from bayes_ssi.inference.calibration.paired_residuals import (
-    NARROWING,
-    WIDEST,
-    PairedResiduals,
-    SolvedModes,
-)
+from bayes_ssi.inference.calibration.paired_residuals import PairedResiduals
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.target import SuggestedStarts, log_standard_normal
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.modal import Modes
 
-# Descents of one search: where a wrong model fits some of the modes only, in one of many ways, each
-# of its regions is reached by two in three searches of 16 descents, and by nearly all of 32.
-N_DESCENTS = 24
-# Widths end at the smallest error that is plausible: of inferred ones, that far below the median,
-# in prior standard deviations.
-FAR_BELOW = 3.0
-# Steps that are tried at each width, which the next one continues; with the errors' own size, where
-# a fit is reached in half as many; and to its end.
-FEW_STEPS, SOME_STEPS, MOST_STEPS = 2, 8, 20
-TOLERANCE = 1e-3  # nats
-# Where inferred sizes of errors are tried: an exact fit of n residuals draws them down by about n
-# prior standard deviations of their logarithm, which ascents complete.
-SIZES = np.linspace(-6.0, 3.0, 13)
-ROUNDS_OF_SIZES = 3
-# Draws that are tried for each descent, where the model fails at most of them.
-MOST_TRIES = 30
+
+@dataclass(frozen=True)
+class NarrowRegionSettings:
+    """How narrow regions are sought.
+
+    Attributes:
+        descents: of one search. Where a wrong model fits some of the modes only, in one of many
+            ways, each of its regions is reached by two in three searches of 16 descents, and by
+            nearly all of 32.
+        widest: first size of errors: the spread of frequencies under a prior whose stiffness may
+            be off by half; of shapes likewise.
+        narrowing: from one width to the next. A fit of linear residuals keeps its place, and pairs
+            that do not fit fall behind by ten times their nats.
+        lowest_size: where widths end, of inferred errors: the smallest that is plausible, in prior
+            standard deviations from the median.
+        steps_at_width: which the next width continues.
+        steps_with_pair: with the errors' own size, where a fit is reached in half as many.
+        steps_to_end: of the descent to its end.
+        sizes: of inferred errors that are tried, from the lowest to the highest and their number:
+            an exact fit of n residuals draws them down by about n prior standard deviations of
+            their logarithm, which ascents complete.
+        rounds_of_sizes: how often sizes, pairs and the descent take turns.
+        draws: that are tried for each descent, where the model fails at most of them.
+    """
+
+    descents: int = 24
+    widest: float = 0.3
+    narrowing: float = math.sqrt(10.0)
+    lowest_size: float = -3.0
+    steps_at_width: int = 2
+    steps_with_pair: int = 8
+    steps_to_end: int = 20
+    sizes: tuple[float, float, int] = (-6.0, 3.0, 13)
+    rounds_of_sizes: int = 3
+    draws: int = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,25 +83,38 @@ class NarrowRegions:
 
     model_class: ModelClass
     workers: Workers | None = None
+    settings: NarrowRegionSettings = NarrowRegionSettings()
 
     def __call__(self, rng: np.random.Generator) -> SuggestedStarts:
         """Starts of one search, in standard-normal coordinates."""
-        solved = SolvedModes(self.model_class, self.workers)
-        ends = _Descents(solved, rng).ends()
-        return SuggestedStarts(ends, solved.n_evaluations)
+        descents = _Descents(self, rng)
+        return SuggestedStarts(descents.ends(), descents.n_evaluations)
 
 
 class _Descents:
     """The descents of one search, each a row of ``z`` (n, d)."""
 
-    def __init__(self, solved: SolvedModes, rng: np.random.Generator) -> None:
-        self.solved = solved
-        self.model_class = solved.model_class
+    def __init__(self, regions: NarrowRegions, rng: np.random.Generator) -> None:
+        self.model_class, self.settings = regions.model_class, regions.settings
         self.rng = rng
+        self.n_evaluations = 0
         self.tests = [PairedResiduals(likelihood) for likelihood in self.model_class.likelihoods]
         self.n_structural = len(self.model_class.structural_parameters)
         # The coordinates that are not of the structures.
         self.sizes = range(self.n_structural, len(self.model_class.parameters))
+        # Other structures are solved faster here than sent.
+        slow = any(test.structure.is_solved_by_rows for test in self.model_class.configurations)
+        self._workers = regions.workers if slow else None
+
+    def _modes(self, z: FloatArray) -> list[Modes]:
+        """Modes of each configuration at ``z`` (B, n_parameters); NaN where there are none."""
+        self.n_evaluations += len(z)
+        values, solve = self.model_class.values(z), self.model_class.modes_or_nan
+        if self._workers is None or not len(z):
+            return solve(values)
+        parts = np.array_split(values, min(len(z), self._workers.n_parts))
+        solved = self._workers.call_each(solve, parts)
+        return [joined(of_test) for of_test in zip(*solved, strict=True)]
 
     def ends(self) -> FloatArray:
         """Where the descents ended, (m, d), each place once."""
@@ -95,24 +122,24 @@ class _Descents:
         if not (len(z) and self.n_structural and any(test.n_identified for test in self.tests)):
             return z[:0]
         # From small errors every other descent leads to what is fitted exactly.
-        z[::2, self.sizes] = -FAR_BELOW
+        z[::2, self.sizes] = self.settings.lowest_size
         n = len(z)
         orders = [self.rng.random((n, t.n_identified)).argsort(axis=1) for t in self.tests]
         z = self._extended(*self._narrowed(z, orders), orders)
         everything = [np.ones(order.shape, dtype=bool) for order in orders]
-        for _ in range(ROUNDS_OF_SIZES if self.sizes else 1):
+        for _ in range(self.settings.rounds_of_sizes if self.sizes else 1):
             z = self._with_probable_sizes(z)
             chosen = self._pairings(z, 0.0, everything)
-            z, curvatures = self._descended(z, chosen, 0.0, MOST_STEPS)
+            z, curvatures = self._descended(z, chosen, 0.0, self.settings.steps_to_end)
         return self._distinct(z, curvatures)
 
     def _draws(self) -> FloatArray:
         """Prior draws (n, d) at which the structures have modes."""
         drawn: list[FloatArray] = []
-        missing = N_DESCENTS
-        for _ in range(MOST_TRIES):
+        missing = self.settings.descents
+        for _ in range(self.settings.draws):
             z = self.rng.standard_normal((missing, len(self.model_class.parameters)))
-            solved = [np.isfinite(of_test.frequencies_hz) for of_test in self.solved.at(z)]
+            solved = [np.isfinite(of_test.frequencies_hz) for of_test in self._modes(z)]
             drawn.append(z[np.concatenate(solved, axis=1).all(axis=1)])
             missing -= len(drawn[-1])
             if not missing:
@@ -133,7 +160,7 @@ class _Descents:
             order.argsort(axis=1) < self.rng.integers(1, order.shape[1] + 1, size=(n, 1))
             for order in orders
         ]
-        chosen = self._pairings(z, WIDEST, considered)
+        chosen = self._pairings(z, self.settings.widest, considered)
         for k, width in enumerate(widths):
             again = np.flatnonzero(first < k)
             if len(again):
@@ -143,16 +170,17 @@ class _Descents:
             now = np.flatnonzero(first <= k)
             if len(now):
                 of_now = [of_test[now] for of_test in chosen]
-                z[now], _ = self._descended(z[now], of_now, width, FEW_STEPS)
+                z[now], _ = self._descended(z[now], of_now, width, self.settings.steps_at_width)
         return z, chosen
 
     def _widths(self, n_parameters: int) -> FloatArray:
         """Widths of errors, from the widest to the smallest plausible error."""
         low = np.zeros((1, n_parameters))
-        low[:, self.sizes] = -FAR_BELOW
+        low[:, self.sizes] = self.settings.lowest_size
         sizes = np.concatenate([each.ravel() for pair in self._errors(low, 0.0) for each in pair])
-        n = math.ceil(math.log(WIDEST / sizes.min(initial=WIDEST)) / math.log(NARROWING))
-        widths: FloatArray = WIDEST / NARROWING ** np.arange(n + 1.0)
+        widest, narrowing = self.settings.widest, self.settings.narrowing
+        n = math.ceil(math.log(widest / sizes.min(initial=widest)) / math.log(narrowing))
+        widths: FloatArray = widest / narrowing ** np.arange(n + 1.0)
         return widths
 
     def _extended(
@@ -164,7 +192,9 @@ class _Descents:
         """Ends with further modes paired, one by one in their order, where that has more mass."""
         if not any(test.inferred for test in self.tests):
             return z
-        z, curvatures = self._descended(z, chosen, 0.0, MOST_STEPS)
+        settings = self.settings
+        width = settings.widest / settings.narrowing
+        z, curvatures = self._descended(z, chosen, 0.0, settings.steps_to_end)
         masses = self._log_masses(z, curvatures)
         for t, test in enumerate(self.tests):
             for mode in orders[t].T if test.inferred else ():
@@ -172,9 +202,9 @@ class _Descents:
                 if not len(rows):
                     continue
                 tried = [of_test[rows] for of_test in chosen]
-                own, modes = self._own(z[rows])[t], self.solved.at(z[rows])[t]
-                tried[t] = test.with_pair(own, modes, tried[t], mode[rows], self.rng)
-                ends, curvatures = self._descended(z[rows], tried, 0.0, SOME_STEPS)
+                own, modes = self._own(z[rows])[t], self._modes(z[rows])[t]
+                tried[t] = test.with_pair(own, modes, tried[t], mode[rows], width, self.rng)
+                ends, curvatures = self._descended(z[rows], tried, 0.0, settings.steps_with_pair)
                 new = self._log_masses(ends, curvatures)
                 better = new > masses[rows]
                 z[rows[better]], masses[rows[better]] = ends[better], new[better]
@@ -193,7 +223,7 @@ class _Descents:
     ) -> list[NDArray[np.intp]]:
         if not any(test.inferred for test in self.tests):
             return [test.given_pairings(len(z)) for test in self.tests]
-        each = zip(self.tests, self._own(z), self.solved.at(z), considered, strict=True)
+        each = zip(self.tests, self._own(z), self._modes(z), considered, strict=True)
         return [test.pairings(own, modes, width, some, self.rng) for test, own, modes, some in each]
 
     def _descended(
@@ -204,31 +234,31 @@ class _Descents:
 
         def residuals(structural: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
             whole = np.concatenate([structural, z[rows, self.n_structural :]], axis=1)
-            of_tests = zip(self.tests, self.solved.at(whole), chosen, errors, strict=True)
+            of_tests = zip(self.tests, self._modes(whole), chosen, errors, strict=True)
             parts = [
                 test.residuals(modes, own[rows], (frequency[rows], shape[rows]))
                 for test, modes, own, (frequency, shape) in of_tests
             ]
             return np.concatenate([*parts, structural], axis=1)
 
-        found = descend(residuals, z[:, : self.n_structural], most_steps, TOLERANCE)
-        ends = np.concatenate([found.z, z[:, self.n_structural :]], axis=1)
-        return ends, found.curvatures
+        ends, curvatures = descend(residuals, z[:, : self.n_structural], most_steps)
+        return np.concatenate([ends, z[:, self.n_structural :]], axis=1), curvatures
 
     def _with_probable_sizes(self, z: FloatArray) -> FloatArray:
         """The same with the most probable of the tried sizes of errors, one after the other."""
         if not self.sizes:
             return z
         z = z.copy()
-        n = len(SIZES)
+        sizes = np.linspace(*self.settings.sizes)
+        n = len(sizes)
         repeated = [
-            Modes(*(np.repeat(array, n, axis=0) for array in modes)) for modes in self.solved.at(z)
+            Modes(*(np.repeat(array, n, axis=0) for array in modes)) for modes in self._modes(z)
         ]
         for column in self.sizes:
             tried = np.repeat(z, n, axis=0)
-            tried[:, column] = np.tile(SIZES, len(z))
+            tried[:, column] = np.tile(sizes, len(z))
             heights = self._log_posteriors(tried, repeated).reshape(len(z), n)
-            z[:, column] = SIZES[heights.argmax(axis=1)]
+            z[:, column] = sizes[heights.argmax(axis=1)]
         return z
 
     def _log_posteriors(self, z: FloatArray, modes: Sequence[Modes]) -> FloatArray:
@@ -240,12 +270,12 @@ class _Descents:
 
     def _log_masses(self, z: FloatArray, curvatures: FloatArray) -> FloatArray:
         """Laplace's approximation of the evidence (n,) around ends of descents."""
-        heights = self._log_posteriors(z, self.solved.at(z))
+        heights = self._log_posteriors(z, self._modes(z))
         return Maxima(z[:, : self.n_structural], heights, curvatures).log_masses
 
     def _distinct(self, z: FloatArray, curvatures: FloatArray) -> FloatArray:
         """The highest of those within a standard deviation of one another."""
-        heights = self._log_posteriors(z, self.solved.at(z))
+        heights = self._log_posteriors(z, self._modes(z))
         left = np.argsort(-heights, kind="stable")[: int(np.isfinite(heights).sum())]
         structural = z[:, : self.n_structural]
         kept: list[int] = []

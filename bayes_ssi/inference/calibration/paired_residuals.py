@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,59 +13,7 @@ from bayes_ssi.inference.likelihood.error_model import ErrorModel
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import sample_pairings
-from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.modal import Modes
-
-
-class SolvedModes:
-    """Modes of every configuration; counts the points at which they are solved."""
-
-    def __init__(self, model_class: ModelClass, workers: Workers | None = None) -> None:
-        self.model_class = model_class
-        self.n_evaluations = 0
-        # The others are solved faster here than sent.
-        slow = any(test.structure.is_solved_by_rows for test in model_class.configurations)
-        self._workers = workers if slow else None
-
-    def at(self, z: FloatArray) -> list[Modes]:
-        """Modes of each configuration at ``z`` (B, n_parameters); NaN where there are none."""
-        self.n_evaluations += len(z)
-        solve: Callable[[FloatArray], list[Modes]] = partial(_solved, self.model_class)
-        if self._workers is None or not len(z):
-            return solve(z)
-        parts = np.array_split(z, min(len(z), self._workers.n_parts))
-        solved = self._workers.call_each(solve, parts)
-        return [
-            Modes(*(np.concatenate(arrays) for arrays in zip(*of_test, strict=True)))
-            for of_test in zip(*solved, strict=True)
-        ]
-
-
-def _solved(model_class: ModelClass, z: FloatArray) -> list[Modes]:
-    parts = model_class.parts(model_class.values(z))
-    return [_modes(likelihood, own) for _, likelihood, own in parts]
-
-
-def _modes(likelihood: ModalLikelihood, own: FloatArray) -> Modes:
-    """Modes at ``own`` (B, n); a batch that raises is halved, down to the rows at fault."""
-    structure = likelihood.structure
-    try:
-        return likelihood.modes(own).repeated(len(own))
-    except Exception:  # noqa: BLE001 - whatever a user's model may raise
-        if len(own) == 1:
-            n_dof, n_modes = len(structure.degrees_of_freedom), structure.n_modes
-            return Modes(np.full((1, n_modes), np.nan), np.full((1, n_dof, n_modes), np.nan))
-    middle = len(own) // 2
-    halves = _modes(likelihood, own[:middle]), _modes(likelihood, own[middle:])
-    return Modes(*(np.concatenate(arrays) for arrays in zip(*halves, strict=True)))
-
-
-# The spread of frequencies under a prior whose stiffness may be off by half; of shapes likewise.
-WIDEST = 0.3
-# From one width to the next a fit of linear residuals keeps its place, and pairs that do not fit
-# fall behind by ten times their nats.
-NARROWING = math.sqrt(10.0)
 
 
 class PairedResiduals:
@@ -143,16 +88,17 @@ class PairedResiduals:
         modes: Modes,
         chosen: NDArray[np.intp],
         identified: NDArray[np.intp],
+        width: float,
         rng: np.random.Generator,
     ) -> NDArray[np.intp]:
         """The pairings ``chosen`` (B, J) with one more mode (B,) of each row, paired at random.
 
-        In proportion to the weights of pairs if all errors were nearly the widest.
+        In proportion to the weights of pairs if all errors were of this width.
         """
         likelihood = self.inferred
         assert likelihood is not None
         compared = likelihood.compared_modes(own, modes)
-        wide = replace(likelihood, error=ErrorModel(WIDEST / NARROWING, WIDEST / NARROWING))
+        wide = replace(likelihood, error=ErrorModel(width, width))
         rows = np.arange(len(own))
         log_weights = wide.pairing_weights(own, compared).log_ratios[rows, identified]
         row, column = np.nonzero(chosen >= 0)

@@ -23,7 +23,6 @@ depend on one another.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -33,6 +32,7 @@ from scipy.special import log_ndtr
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.criticism.misfit import (
+    CRITICISM,
     Misfit,
     log_combined,
     log_harmonic_mean,
@@ -46,15 +46,6 @@ from bayes_ssi.inference.likelihood.likelihood_terms import ComparedModes
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.parameters.parameters import as_product
-
-# A right class is called inadequate one time in a hundred.
-LIMIT = 0.01
-LIMIT_SDS = standard_deviations(math.log(LIMIT))
-# Frequencies of a model that fits are within this: with a larger error, stiffnesses that are wrong
-# by tens of per cent fit as well.
-ROUGH = 0.05
-# A quantile of one in a hundred needs no more draws; the cost of each is the shapes' quadrature.
-N_DRAWS = 400
 
 
 @dataclass(frozen=True)
@@ -71,7 +62,7 @@ class PValue:
     @property
     def is_small(self) -> bool:
         """Whether a right class would be this far from the data one time in a hundred."""
-        return not self.p_value >= LIMIT
+        return not self.p_value >= CRITICISM.limit
 
 
 @dataclass(frozen=True)
@@ -167,7 +158,7 @@ class Adequacy:
     @property
     def is_rough(self) -> bool:
         """Whether the class infers an error of its frequencies with which any model would fit."""
-        return self.frequency_error is not None and self.frequency_error > ROUGH
+        return self.frequency_error is not None and self.frequency_error > CRITICISM.rough
 
 
 def adequacy(
@@ -223,7 +214,7 @@ def adequacy(
 
 def _inferred_error(model_class: ModelClass, values: FloatArray) -> float | None:
     size = as_product(model_class.error.frequency_cov)
-    if not size.parameters or size.median > ROUGH:
+    if not size.parameters or size.median > CRITICISM.rough:
         return None
     columns = [model_class.parameter_names.index(p.name) for p in size.parameters]
     powers = np.array([power for _, power in size.powers])

@@ -12,14 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
-
-# The edge of a prior begins where one prior draw in a thousand lies on either side: this many
-# standard deviations away in standard-normal coordinates.
-EDGE = 3.09
-# This much of the posterior may lie at an edge, of the prior or of the band.
-EDGE_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -48,9 +43,10 @@ def edges(model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray) ->
 
 
 def _prior_edges(model_class: ModelClass, z: FloatArray) -> Iterator[AtEdge]:
+    edge = CRITICISM.prior_edge
     for column, parameter in enumerate(model_class.parameters):
-        for end, beyond in enumerate((z[:, column] < -EDGE, z[:, column] > EDGE)):
-            if beyond.mean() > EDGE_SHARE:
+        for end, beyond in enumerate((z[:, column] < -edge, z[:, column] > edge)):
+            if beyond.mean() > CRITICISM.edge_share:
                 statement = (
                     f"parameter {parameter.name!r}: {100 * beyond.mean():.0f} % of the posterior "
                     f"lies at the {('lower', 'upper')[end]} edge of its prior, "
@@ -73,7 +69,7 @@ def _band_edges(
         frequencies, remaining = remaining[:, :n_modes], remaining[:, n_modes:]
         shares = times @ likelihood.at_band_edge(values, frequencies) / len(chosen)
         for mode, share in enumerate(shares, start=1):
-            if share > EDGE_SHARE:
+            if share > CRITICISM.edge_share:
                 middle = float(np.median(frequencies[:, mode - 1]))
                 statement = (
                     f"{where}model mode {mode} is paired with nothing and lies at the edge of the "

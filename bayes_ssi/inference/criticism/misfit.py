@@ -7,6 +7,7 @@ If the model class is right and the draws are from its posterior, each probabili
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,41 @@ from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.likelihood.likelihood_terms import ComparedModes
 from bayes_ssi.inference.likelihood.shape_density import log_shape_survival
 
-LOWEST_LOG_P = -1e300
+LOWEST_LOG_P = -1e300  # of a probability, as log 0 has no place in sums
+
+
+@dataclass(frozen=True)
+class CriticismSettings:
+    """When a class is called inadequate, and a posterior at an edge.
+
+    Attributes:
+        limit: p-value below which a class is called inadequate, as a right one is this often.
+        rough: largest inferred error of frequencies of a model that fits: with a larger one,
+            stiffnesses that are wrong by tens of per cent fit as well.
+        n_draws: of the posterior, that are compared with the data. A quantile of one in a hundred
+            needs no more, and the cost of each is the shapes' quadrature.
+        expected_share: of the shapes of a right model have at least the MAC called expected.
+        prior_edge: where the edge of a prior begins, in standard deviations in standard-normal
+            coordinates: one prior draw in a thousand lies beyond, on either side.
+        edge_share: of the posterior, that may lie at an edge, of a prior or of the band.
+        most_named: misfits in a sentence. The largest say what is wrong; all would hide it.
+    """
+
+    limit: float = 0.01
+    rough: float = 0.05
+    n_draws: int = 400
+    expected_share: float = 0.95
+    prior_edge: float = 3.09
+    edge_share: float = 0.5
+    most_named: int = 3
+
+    @property
+    def limit_sds(self) -> float:
+        """The limit as a distance from the mean of a normal variable, in standard deviations."""
+        return standard_deviations(math.log(self.limit))
+
+
+CRITICISM = CriticismSettings()
 
 
 def log_two_sided(residuals: FloatArray) -> FloatArray:
@@ -39,17 +74,11 @@ def log_chi_square(squares: FloatArray, n: NDArray[np.intp] | int) -> FloatArray
 def log_joint(log_p: FloatArray, counted: NDArray[np.bool_]) -> FloatArray:
     """Fisher's combination (B,) of the independent p-values (B, n) that are counted.
 
-    The product of m of them is smaller with probability ``Π p · Σ_{k<m} (-ln Π p)^k / k!``. It is
-    one where none is counted.
+    -2 Σ ln p of m of them is χ² with 2 m degrees of freedom. It is one where none is counted.
     """
-    k = np.arange(max(1, log_p.shape[1]))
     log_product = np.where(counted, log_p, 0.0).sum(axis=1)
     total = np.clip(-log_product, 0.0, -LOWEST_LOG_P)  # by rounding it may be below zero
-    with np.errstate(divide="ignore", invalid="ignore"):
-        log_powers = np.where(k == 0, 0.0, k * np.log(total)[:, None])
-    m = np.maximum(counted.sum(axis=1), 1)
-    log_terms = np.where(k < m[:, None], log_powers - gammaln(k + 1.0), -np.inf)
-    return np.asarray(logsumexp(log_terms, axis=1) - total, dtype=float)
+    return log_chi_square(2.0 * total, 2 * np.maximum(counted.sum(axis=1), 1))
 
 
 def log_harmonic_mean(log_p: FloatArray, axis: int) -> FloatArray:
@@ -78,10 +107,6 @@ def log_combined(log_p: FloatArray, axis: int) -> FloatArray:
 def standard_deviations(log_p: float) -> float:
     """The distance from the mean that a normal variable exceeds, on both sides, with this p."""
     return max(0.0, -float(ndtri_exp(log_p - math.log(2.0))))
-
-
-# The share of the shapes of a right model whose MAC is at least the one that is called expected.
-EXPECTED_SHARE = 0.95
 
 
 class Misfit(NamedTuple):
@@ -151,7 +176,7 @@ def misfit(
         # The sum of squares with these variances, as a multiple of chi-square of the same mean and
         # variance (Satterthwaite 1946).
         with np.errstate(invalid="ignore"):
-            quantile = chdtri(variances**2 / squared_variances, 1.0 - EXPECTED_SHARE)
+            quantile = chdtri(variances**2 / squared_variances, 1.0 - CRITICISM.expected_share)
             expected_distances = 0.5 * squared_variances / variances * quantile
         expected_distances = np.minimum(expected_distances, 1.0)
     identification = likelihood.identification
@@ -205,7 +230,7 @@ def _shape_misfit(
             distance, sd, d = distances[rows, j], sds[rows, j], mode.n_measured
             log_p[rows, j] = log_shape_survival(distance, sd, d)
             # On a plane in place of the sphere the distance is half a sum of d - 1 squares.
-            flat = 0.5 * sd**2 * chdtri(d - 1, 1.0 - EXPECTED_SHARE)
+            flat = 0.5 * sd**2 * chdtri(d - 1, 1.0 - CRITICISM.expected_share)
             expected[rows, j] = np.minimum(flat, 1.0)
     return log_p, expected
 

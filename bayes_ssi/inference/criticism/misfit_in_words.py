@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bayes_ssi.inference.criticism.adequacy import (
-    ROUGH,
     Adequacy,
     CountMisfit,
     ModeMisfit,
     ParameterMisfit,
     PValue,
 )
+from bayes_ssi.inference.criticism.misfit import CRITICISM
 
-# The largest misfits say what is wrong; a list of all modes would hide it.
-MOST_NAMED = 3
 POSSIBLE_CAUSES = (
     "wrong channel order, wrong units, wrong pairing, or a structure nobody wrote down"
 )
@@ -23,7 +21,7 @@ POSSIBLE_CAUSES = (
 def misfits_in_words(adequacy: Adequacy) -> list[str]:
     """The largest misfits, the worst first; the largest one alone if each is small by itself."""
     named = sorted(_each(adequacy), key=lambda item: -item[0].sds)
-    large = [words for misfit, words in named[:MOST_NAMED] if misfit.is_small]
+    large = [words for misfit, words in named[: CRITICISM.most_named] if misfit.is_small]
     return large or [
         f"misfits that are small one by one, but not together; the largest: {named[0][1]}"
     ]
@@ -36,7 +34,7 @@ def inadequacy_in_words(adequacy: Adequacy, others: str = "") -> str:
         error = _percent(adequacy.frequency_error or 0.0)
         what = (
             f"the model does not fit: it infers an error of {error} for its frequencies, more than "
-            f"{_percent(ROUGH)}"
+            f"{_percent(CRITICISM.rough)}"
         )
     elif not adequacy.overall.is_small:
         what, others = "the data are explained far better without a mistake in them", ""

@@ -206,6 +206,13 @@ class ModelClass(Displayed):
             own = values if len(self.configurations) == 1 else values[:, columns]
             yield configuration, likelihood, own
 
+    def modes_or_nan(self, values: FloatArray) -> list[Modes]:
+        """Modes of every configuration at ``values``; NaN in rows where its structure fails."""
+        return [
+            test.structure.modes_or_nan(own[:, : len(test.structure.parameters)])
+            for test, _, own in self.parts(values)
+        ]
+
     @cached_property
     def _columns(self) -> list[NDArray[np.intp]]:
         """The columns of each configuration's parameters among those of all."""

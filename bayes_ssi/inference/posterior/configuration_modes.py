@@ -23,11 +23,28 @@ from bayes_ssi.structures.modal import Modes, scaled_shapes, shape_signs
 from bayes_ssi.structures.response.modal_response import ground_influence
 from bayes_ssi.structures.structure import Structure
 
-LEVEL = 0.95
-# Enough draws for the quantiles that a plot shows, at a small part of the sampling's cost.
-MOST_DRAWS = 200
-# The shapes of a structure with more degrees of freedom are kept at its sensors only.
-MOST_PLACES = 100
+
+@dataclass(frozen=True)
+class KeptSettings:
+    """What a posterior keeps of the model's modes.
+
+    Attributes:
+        level: probability of intervals.
+        draws: for intervals of modes: enough for the quantiles that a plot shows, at a small part
+            of the sampling's cost.
+        places: of shapes; of a structure with more degrees of freedom, shapes are kept at its
+            sensors only.
+        draws_with_shapes: at which shapes at the sensors are kept: enough for means and evidences
+            under changed settings to a few hundredths of a standard deviation and of a nat.
+    """
+
+    level: float = 0.95
+    draws: int = 200
+    places: int = 100
+    draws_with_shapes: int = 4000
+
+
+KEPT = KeptSettings()
 
 Interval = tuple[float, float, float]
 
@@ -125,11 +142,11 @@ def _updated_modes(
 ) -> UpdatedModes:
     """The paired modes at the prior ``medians`` (1, n_parameters) and at draws ``values``."""
     structure, data = configuration.structure, configuration.data
-    at = np.concatenate([medians, values[evenly_spaced_indices(len(values), MOST_DRAWS)]])
+    at = np.concatenate([medians, values[evenly_spaced_indices(len(values), KEPT.draws)]])
     modes = likelihood.modes(at)
     seen = likelihood.shapes_at_sensors(modes)
     all_places, places = structure.degrees_of_freedom, structure.degrees_of_freedom
-    if len(all_places) > MOST_PLACES:
+    if len(all_places) > KEPT.places:
         places = tuple(sensor for sensor in data.sensors if sensor in all_places)
     shown = [all_places.index(place) for place in places]
     main = [i for i, place in enumerate(all_places) if place not in structure.appendages]
@@ -199,7 +216,8 @@ def moves_sideways(structure: Structure) -> bool:
 
 
 def _interval(draws: FloatArray) -> NDArray[np.float64]:
-    return np.quantile(draws, [0.5 * (1.0 - LEVEL), 0.5, 0.5 * (1.0 + LEVEL)], axis=0)
+    low, high = 0.5 * (1.0 - KEPT.level), 0.5 * (1.0 + KEPT.level)
+    return np.quantile(draws, [low, 0.5, high], axis=0)
 
 
 def _numbers(draws: FloatArray) -> Interval:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.inference.likelihood.likelihood_terms import ComparedModes
 from bayes_ssi.inference.model_class.configuration import label_in, modes_with_shape
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -79,7 +79,7 @@ def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
                 shapes.reshape(len(values), -1),
             )
         )
-    model = AtDraws(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))
+    model = joined(parts, axis=1)
     groups = _joint_columns(model_class)
     if not groups:
         return model
@@ -116,21 +116,18 @@ def _joined_to_others(groups: list[list[int]]) -> list[int]:
 
 def compared_modes(model_class: ModelClass, model: AtDraws) -> list[ComparedModes]:
     """The model's modes at the draws, configuration by configuration."""
-    modes, first_mode, first_shape, first_error = [], 0, 0, 0
-    for likelihood in model_class.likelihoods:
-        end_of_modes = first_mode + likelihood.structure.n_modes
-        end_of_shapes = first_shape + len(likelihood.pairs.with_shape)
-        n_errors = 0 if likelihood.joint_pairs is None else likelihood.pairs.unit_shapes.size
-        end_of_errors = first_error + n_errors
-        modes.append(
-            ComparedModes(
-                model.frequencies_hz[:, first_mode:end_of_modes],
-                model.shape_distances[:, first_shape:end_of_shapes],
-                model.shape_errors[:, first_error:end_of_errors],
-            )
+    sizes = [
+        (
+            likelihood.structure.n_modes,
+            len(likelihood.pairs.with_shape),
+            0 if likelihood.joint_pairs is None else likelihood.pairs.unit_shapes.size,
         )
-        first_mode, first_shape, first_error = end_of_modes, end_of_shapes, end_of_errors
-    return modes
+        for likelihood in model_class.likelihoods
+    ]
+    ends = np.cumsum(sizes, axis=0)[:-1].T
+    arrays = (model.frequencies_hz, model.shape_distances, model.shape_errors)
+    of_tests = (np.split(array, end, axis=1) for array, end in zip(arrays, ends, strict=True))
+    return [ComparedModes(*of_test) for of_test in zip(*of_tests, strict=True)]
 
 
 def datum_terms(

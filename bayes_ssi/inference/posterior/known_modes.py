@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import modes_with_shape
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
+from bayes_ssi.inference.posterior.configuration_modes import KEPT
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -23,14 +24,10 @@ from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
-# Shapes are kept at this many draws, evenly spaced: enough for means and evidences under changed
-# settings to a few hundredths of a standard deviation and of a nat.
-MOST_DRAWS_WITH_SHAPES = 4000
-
 
 def draws_with_shapes(n_draws: int) -> NDArray[np.intp]:
     """The draws, of all chains in turn, at which a posterior keeps shapes at the sensors."""
-    return evenly_spaced_indices(n_draws, MOST_DRAWS_WITH_SHAPES)
+    return evenly_spaced_indices(n_draws, KEPT.draws_with_shapes)
 
 
 @dataclass(frozen=True, eq=False)

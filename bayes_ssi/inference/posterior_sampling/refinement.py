@@ -17,14 +17,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.class_target import class_target
-from bayes_ssi.inference.posterior_sampling.confirmation import Confirmation, confirmed, corrected
 from bayes_ssi.inference.posterior_sampling.required_accuracy import (
     RefinementSettings,
     certified,
@@ -33,16 +32,14 @@ from bayes_ssi.inference.posterior_sampling.required_accuracy import (
     more_accurate,
     n_needed,
     requirements,
+    with_exact_structures,
     with_solutions_at,
 )
+from bayes_ssi.inference.posterior_sampling.to_posterior import class_target
 from bayes_ssi.inference.sampling.maxima import find_maxima
+from bayes_ssi.inference.sampling.settings import CHECKS
 from bayes_ssi.inference.workers.workers import Workers
-
-# The step in which exact structures confirm the evidence, for reports of progress.
-FULL_SOLUTIONS = "full solutions"
-# Where a certified error was small enough by itself, but what it changes in the likelihood is not:
-# that is proportional to it, so this leaves a fifth.
-STRICTER = 0.2
+from bayes_ssi.structures.modal import mac
 
 
 def refined(
@@ -52,7 +49,7 @@ def refined(
     log_evidence_error: float,
     workers: Workers | None = None,
     settings: RefinementSettings | None = None,
-    report: Callable[[str, float], None] = lambda *_: None,
+    report: Callable[[str, float], None] | None = None,
 ) -> Posterior:
     """The posterior of a class with approximate structures, refined, certified and corrected.
 
@@ -65,9 +62,11 @@ def refined(
     settings = wanted = settings or RefinementSettings()
 
     def confirmed_by_full_solutions() -> Confirmation:
-        report(FULL_SOLUTIONS, 0.0)
+        if report is not None:
+            report("full solutions", 0.0)
         done = confirmed(model_class, posterior, log_evidence_error, wanted)
-        report(FULL_SOLUTIONS, 1.0)
+        if report is not None:
+            report("full solutions", 1.0)
         return done
 
     model_class.check_structure()
@@ -87,7 +86,7 @@ def refined(
             if confirmation.error > log_evidence_error:
                 better = with_solutions_at(model_class, confirmation.values)
             if better is model_class and confirmation.failures(log_evidence_error, settings):
-                settings = replace(settings, error_share=STRICTER * settings.error_share)
+                settings = replace(settings, error_share=settings.stricter * settings.error_share)
                 better = more_accurate(model_class, values, settings)
         if better is model_class:
             break
@@ -118,7 +117,7 @@ def _accurate_near_maxima(
     n = len(model_class.parameters)
     values = model_class.values(rng.standard_normal((settings.n_certified, n)))
     for _ in range(settings.most_searches):
-        widened = _with_errors_of_approximation(model_class, values)
+        widened = _with_errors_of_approximation(model_class, values, settings)
         values = _near_maxima(widened, seed, workers, settings)
         better = improved(model_class, requirements(model_class, values, settings))
         if better is model_class:
@@ -127,7 +126,9 @@ def _accurate_near_maxima(
     return model_class
 
 
-def _with_errors_of_approximation(model_class: ModelClass, values: FloatArray) -> ModelClass:
+def _with_errors_of_approximation(
+    model_class: ModelClass, values: FloatArray, settings: RefinementSettings
+) -> ModelClass:
     """The class with the structures' errors at ``values`` added to those of the identification."""
     widened = []
     for test, likelihood, own in model_class.parts(values):
@@ -136,7 +137,7 @@ def _with_errors_of_approximation(model_class: ModelClass, values: FloatArray) -
             widened.append(test)
             continue
         frequency, shape, _ = structure.accuracy(
-            own[:, : len(structure.parameters)], n_needed(likelihood, own)
+            own[:, : len(structure.parameters)], n_needed(likelihood, own, settings)
         )
         modes = tuple(
             replace(
@@ -167,3 +168,119 @@ def _near_maxima(
         return model_class.values(starts)
     draws = mixture.draw(rng.multinomial(settings.n_certified, mixture.all_weights), rng)
     return model_class.values(draws)
+
+
+class Confirmation(NamedTuple):
+    """Exact solutions at draws, and what they change.
+
+    Attributes:
+        values: (n, n_parameters), the draws.
+        correction, error: of the log evidence.
+        change: of the mean log-likelihood.
+        differences: largest relative difference of frequencies, and least MAC at the sensors.
+    """
+
+    values: FloatArray
+    correction: float
+    error: float
+    change: float
+    differences: tuple[float, float]
+
+    def failures(self, log_evidence_error: float, settings: RefinementSettings) -> tuple[str, ...]:
+        """The check that fails where these draws do not support the correction, if any."""
+        if not abs(self.correction) <= settings.largest_correction:
+            return (
+                f"full solutions at draws change the log evidence by {self.correction:+.2f}: the "
+                "approximate structure is too coarse where the posterior lies",
+            )
+        if self.error > CHECKS.error_over_wanted * log_evidence_error:
+            return (
+                f"{len(self.values)} full solutions at draws leave an error of {self.error:.2g} in "
+                f"the log evidence, more than the {log_evidence_error:g} wanted: the structure's "
+                "modes do not follow the approximation, as where a model jumps or fails",
+            )
+        return ()
+
+
+def confirmed(
+    model_class: ModelClass,
+    posterior: Posterior,
+    log_evidence_error: float,
+    settings: RefinementSettings,
+) -> Confirmation:
+    """Exact solutions at as many draws as the wanted error of the log evidence needs."""
+    exact = with_exact_structures(model_class)
+    n = settings.n_confirmed
+    while True:
+        values = evenly_spaced_draws(posterior, n)
+        change = exact.log_likelihood(values) - model_class.log_likelihood(values)
+        weights = np.exp(change - change.max())
+        error = float(weights.std(ddof=1) / weights.mean() / math.sqrt(n))
+        needed = n * (error / (settings.correction_share * log_evidence_error)) ** 2
+        if needed <= n or n >= settings.most_confirmed:
+            break
+        n = min(settings.most_confirmed, max(2 * n, math.ceil(needed)))
+    possible = np.isfinite(change)
+    return Confirmation(
+        values,
+        float(change.max() + math.log(weights.mean())),
+        error,
+        float(change[possible].mean()),
+        _differences(model_class, exact, values[possible]),
+    )
+
+
+def corrected(
+    posterior: Posterior,
+    confirmation: Confirmation,
+    log_evidence_error: float,
+    settings: RefinementSettings,
+) -> Posterior:
+    """The posterior with its evidence corrected by exact solutions at some draws."""
+    correction, error = confirmation.correction, confirmation.error
+    frequency, least_mac = confirmation.differences
+    remark = (
+        f"confirmed by {len(confirmation.values)} full solutions at draws: frequencies differ by "
+        f"{frequency:.1g} at most, MAC is {_just_below_one(least_mac)} or more, and the log "
+        f"evidence was corrected by {correction:+.4f} ± {error:.4f}"
+    )
+    evidence = posterior.evidence
+    return replace(
+        posterior,
+        evidence=replace(
+            evidence,
+            log_evidence=evidence.log_evidence + correction,
+            error=math.hypot(evidence.error, error),
+            mean_log_likelihood=evidence.mean_log_likelihood + confirmation.change,
+            checks=tuple(check.shifted(correction, error) for check in evidence.checks),
+        ),
+        failed_checks=(
+            *posterior.failed_checks,
+            *confirmation.failures(log_evidence_error, settings),
+        ),
+        remarks=(*posterior.remarks, remark),
+        frequency_error=frequency,
+    )
+
+
+def _differences(
+    model_class: ModelClass, exact: ModelClass, values: FloatArray
+) -> tuple[float, float]:
+    """Largest relative difference of frequencies, and least MAC at the sensors, at ``values``."""
+    frequency, least_mac = 0.0, 1.0
+    for (_, ours, own), theirs in zip(model_class.parts(values), exact.likelihoods, strict=True):
+        approximate, full = ours.modes(own), theirs.modes(own)
+        off = np.abs(approximate.frequencies_hz / full.frequencies_hz - 1.0)
+        frequency = max(frequency, float(off.max()))
+        shapes = ours.shapes_at_sensors(approximate), theirs.shapes_at_sensors(full)
+        if shapes[0].shape[1] > 1:
+            alike = np.array([np.diag(mac(a, b)) for a, b in zip(*shapes, strict=True)])
+            seen = alike[~np.isnan(alike)]  # by the sensors
+            least_mac = float(seen.min(initial=least_mac))
+    return frequency, least_mac
+
+
+def _just_below_one(number: float) -> str:
+    """The number as text, with enough digits to show that it is not one."""
+    digits = min(max(4, 1 - math.floor(math.log10(max(1.0 - number, 1e-9)))), 9)
+    return f"{math.floor(number * 10**digits) / 10**digits:.{digits}f}"

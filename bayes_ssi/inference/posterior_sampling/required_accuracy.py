@@ -21,6 +21,12 @@ class RefinementSettings:
     Attributes:
         error_share: largest error of the approximation, as a share of the data's and the model's
             own errors: added in quadrature, a tenth widens them by half a per cent.
+        stricter: factor of this share where a certified error was small enough by itself, but what
+            it changes in the likelihood is not: that is proportional to it.
+        near_the_band: modes beyond the band by more than this factor can hardly be taken for
+            identified ones.
+        correction_share: largest error of the correction, as a share of the wanted error of the
+            log evidence: the rest is left to sampling.
         largest_correction: largest correction of the log evidence that these draws can support.
     """
 
@@ -34,10 +40,9 @@ class RefinementSettings:
     most_searches: int = 50
     most_rounds: int = 4
     largest_correction: float = 0.3
-
-
-# Modes beyond the band by more than this factor can hardly be taken for identified ones.
-NEAR_THE_BAND = 1.05
+    correction_share: float = 0.5
+    stricter: float = 0.2
+    near_the_band: float = 1.05
 
 
 def with_exact_structures(model_class: ModelClass) -> ModelClass:
@@ -81,17 +86,17 @@ def requirements(
             for each in likelihood.least_errors(own)
         )
         of_structure = own[:, : len(configuration.structure.parameters)]
-        n_modes = n_needed(likelihood, own)
+        n_modes = n_needed(likelihood, own, settings)
         needed.append(Requirement(of_structure, frequency, shape, n_modes))
     return needed
 
 
-def n_needed(likelihood: ModalLikelihood, values: FloatArray) -> int:
+def n_needed(likelihood: ModalLikelihood, values: FloatArray, settings: RefinementSettings) -> int:
     """Number of lowest model modes that are paired, or lie in or near the band, at ``values``."""
     # Where any pairing is possible, none is given.
     paired = max(likelihood.pairing.values(), default=1)
     frequencies = likelihood.modes(values).frequencies_hz
-    reached = frequencies < NEAR_THE_BAND * likelihood.data.band_hz[1]
+    reached = frequencies < settings.near_the_band * likelihood.data.band_hz[1]
     return max(paired, int(reached.sum(axis=1).max(initial=0)))
 
 

@@ -1,18 +1,19 @@
-"""Sample a model class, with exact or approximate structures."""
+"""Sample a model class, with exact, approximate or emulated structures.
+
+Structures that take long are solved at some hundred points, and emulators take their place; all
+else is sampled as any class with approximate structures is.
+"""
 
 from __future__ import annotations
 
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.emulation import (
-    sample_emulated,
-    with_emulated_structures,
-)
 from bayes_ssi.inference.posterior_sampling.refinement import refined
 from bayes_ssi.inference.posterior_sampling.required_accuracy import (
     RefinementSettings,
@@ -20,7 +21,12 @@ from bayes_ssi.inference.posterior_sampling.required_accuracy import (
 )
 from bayes_ssi.inference.posterior_sampling.to_posterior import sample_as_it_is
 from bayes_ssi.inference.sampling.settings import SamplingSettings
+from bayes_ssi.inference.workers.journal import Journal
+from bayes_ssi.inference.workers.recorded_structure import RecordedStructure
 from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.inference.workers.workers import Workers
+from bayes_ssi.structures.emulation.emulated_structure import EmulatedStructure
+from bayes_ssi.structures.structure import Structure
 
 
 @checked
@@ -57,31 +63,75 @@ def sample(
     journal = checkpoint.journal(model_class, seed, settings) if checkpoint else None
     try:
         with run.working(), journal or nullcontext():
+            emulated = model_class
             if settings.economical:
                 emulated = with_emulated_structures(model_class, run.workers, journal)
-                if emulated is not model_class:
-                    return sample_emulated(emulated, seed, settings, run, refinement, known_starts)
+            is_emulated = emulated is not model_class
+            # Emulators are faster than sending them, and their solutions are in the journal.
+            own_run = Run(progress=run.progress) if is_emulated else run
             sample_class = partial(
                 sample_as_it_is,
                 seed=seed,
                 settings=settings,
-                run=run,
-                journal=journal,
+                run=own_run,
+                journal=None if is_emulated else journal,
                 known_starts=known_starts,
             )
-            if is_approximate(model_class):
-                return refined(
-                    model_class,
-                    sample_class,
-                    seed,
-                    settings.log_evidence_error,
-                    run.workers,
-                    refinement,
-                    partial(run.report, model_class.name),
-                )
-            return sample_class(model_class)
+            if not is_approximate(emulated):
+                return sample_class(emulated)
+            posterior = refined(
+                emulated,
+                sample_class,
+                seed,
+                settings.log_evidence_error,
+                own_run.workers,
+                refinement,
+                None if is_emulated else partial(run.report, model_class.name),
+            )
+            return _with_solutions_counted(posterior, emulated) if is_emulated else posterior
     except ValueError:
         if checkpoint and journal and journal.is_empty:
             # It would refuse the class once its input is corrected.
             checkpoint.remove([model_class.name])
         raise
+
+
+def _with_solutions_counted(posterior: Posterior, emulated: ModelClass) -> Posterior:
+    """The posterior with solutions of the emulated structures in place of evaluations."""
+    exact = {id(test.structure.exact): test.structure.exact for test in emulated.configurations}
+    n_solved = sum(each.n_solved for each in exact.values() if isinstance(each, RecordedStructure))
+    return replace(posterior, n_evaluations=n_solved)
+
+
+def with_emulated_structures(
+    model_class: ModelClass, workers: Workers | None = None, journal: Journal | None = None
+) -> ModelClass:
+    """The class with an emulator in place of every structure that takes long.
+
+    Those with small matrices, and those that are approximate already, stay.
+
+    Args:
+        workers: solve the structures; in this process if None.
+    """
+    emulators: dict[int, EmulatedStructure] = {}
+
+    def emulated(structure: Structure, _: int) -> Structure:
+        if structure.is_cheap or not structure.parameters:
+            return structure
+        if id(structure) not in emulators:
+            recorded = RecordedStructure(structure, workers, journal)
+            emulators[id(structure)] = EmulatedStructure(recorded)
+        return emulators[id(structure)]
+
+    return model_class.with_structures(emulated)
+
+
+def emulated_again(model_class: ModelClass, posterior: Posterior) -> ModelClass:
+    """The class with the emulators with which it was sampled; unchanged if there were none."""
+    fits = posterior.emulators
+
+    def emulated(structure: Structure, i: int) -> Structure:
+        fit = fits[i] if fits else None
+        return structure if fit is None else EmulatedStructure(structure, fit=fit)
+
+    return model_class.with_structures(emulated)

@@ -8,15 +8,16 @@ from time import perf_counter
 
 import numpy as np
 
-from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.criticism.adequacy import N_DRAWS, Adequacy, adequacy
+from bayes_ssi.foundations.arrays import FloatArray, joined
+from bayes_ssi.inference.calibration.narrow_regions import NarrowRegions
+from bayes_ssi.inference.criticism.adequacy import Adequacy, adequacy
 from bayes_ssi.inference.criticism.edges import edges
+from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.configuration_modes import configuration_modes
 from bayes_ssi.inference.posterior.datum_terms import AtDraws, at_draws, compared_modes, datum_terms
 from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
-from bayes_ssi.inference.posterior_sampling.class_target import class_target
 from bayes_ssi.inference.sampling.checks import failed_checks
 from bayes_ssi.inference.sampling.diagnostics import r_hat
 from bayes_ssi.inference.sampling.engine import sample_target
@@ -28,8 +29,28 @@ from bayes_ssi.inference.workers.journal import Journal
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.inference.workers.workers import Workers
 
-# Failed evaluations in a smaller share than this lie in the far tails of a prior.
-NEGLIGIBLE_FAILURES = 1e-3
+
+def class_target(
+    model_class: ModelClass,
+    workers: Workers | None = None,
+    journal: Journal | None = None,
+    known_starts: FloatArray | None = None,
+) -> Target:
+    """The log-likelihood of a class, which suggests starts in its posterior's narrow regions.
+
+    Args:
+        workers: where it is evaluated; in this process if None.
+        known_starts: (m, d), near maxima that an earlier search found, in standard-normal
+            coordinates.
+    """
+    return Target(
+        model_class.log_likelihood_at,
+        len(model_class.parameters),
+        workers,
+        journal,
+        NarrowRegions(model_class, workers),
+        known_starts,
+    )
 
 
 def sample_as_it_is(
@@ -116,13 +137,13 @@ def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None)
     else:
         parts = np.array_split(different, min(pool.n_parts, len(different)))
         done = pool.call_each(partial(at_draws, model_class), parts)
-        model = AtDraws(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
+        model = joined(done)
     return AtDraws(*(array[which.ravel()] for array in model))
 
 
 def _adequacy(model_class: ModelClass, values: FloatArray, model: AtDraws, seed: int) -> Adequacy:
     """The adequacy of the class, from some of its draws ``values`` (n, n_parameters)."""
-    chosen = evenly_spaced_indices(len(values), N_DRAWS)
+    chosen = evenly_spaced_indices(len(values), CRITICISM.n_draws)
     at_chosen = AtDraws(*(array[chosen] for array in model))
     modes = compared_modes(model_class, at_chosen)
     return adequacy(model_class, values[chosen], modes, np.random.default_rng([seed, 2]))
@@ -131,7 +152,8 @@ def _adequacy(model_class: ModelClass, values: FloatArray, model: AtDraws, seed:
 def _failures(model_class: ModelClass, target: Target) -> list[str]:
     """One sentence on where and why the model has no answer, unless it hardly ever happens."""
     first = target.first_failure
-    if first is None or target.n_failed <= NEGLIGIBLE_FAILURES * target.n_evaluations:
+    # A smaller share of failures lies in the far tails of a prior.
+    if first is None or target.n_failed <= 1e-3 * target.n_evaluations:
         return []
     z, reason = first
     named = zip(model_class.parameter_names, model_class.values(z[None])[0], strict=True)

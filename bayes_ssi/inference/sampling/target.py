@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.workers.batch import Evaluated, Function, evaluate
 from bayes_ssi.inference.workers.journal import Journal
-from bayes_ssi.inference.workers.workers import Workers
+from bayes_ssi.inference.workers.workers import Evaluated, Function, Workers, evaluate
 
 # Points of a journal that are evaluated again, to see that the model is still the same: a change
 # of the model would hardly spare all of them.

@@ -9,9 +9,6 @@ from typing import Any
 
 from bayes_ssi.inference.workers.workers import Workers
 
-# Time allowed for a cluster to answer, to have its first worker, and to replace its last one.
-CLUSTER_SECONDS = 10.0
-
 
 class DaskWorkers(Workers):
     """The workers of a Dask cluster, whose number may change.
@@ -45,18 +42,20 @@ class DaskWorkers(Workers):
         try:
             # Closing a client of a malformed address hangs.
             get_address_host_port(self.address)
-            self._client = Client(self.address, timeout=CLUSTER_SECONDS, set_as_default=False)
+            self._client = Client(
+                self.address, timeout=self.settings.cluster_seconds, set_as_default=False
+            )
         except (OSError, TimeoutError, ValueError) as error:
             raise ValueError(f"no Dask scheduler answers at {self.address!r}: {error}") from error
         # Dask would take equal calls for one call.
         self._executor = self._client.get_executor(pure=False)
         try:
-            self._client.wait_for_workers(1, timeout=CLUSTER_SECONDS)
+            self._client.wait_for_workers(1, timeout=self.settings.cluster_seconds)
         except TimeoutError:
             self._stop()
             raise ValueError(
                 f"the Dask cluster at {self.address!r} has no workers, not even after "
-                f"{CLUSTER_SECONDS:g} s"
+                f"{self.settings.cluster_seconds:g} s"
             ) from None
         except BaseException:
             self._stop()
@@ -68,15 +67,16 @@ class DaskWorkers(Workers):
 
     def _ready(self, waiting: Collection[Future[Any]]) -> Collection[Future[Any]]:
         """Futures that are ready; raises instead of waiting for workers that are gone."""
-        give_up = monotonic() + CLUSTER_SECONDS
+        seconds = self.settings.cluster_seconds
+        give_up = monotonic() + seconds
         while True:
-            ready = wait(waiting, timeout=CLUSTER_SECONDS / 10, return_when=FIRST_COMPLETED).done
+            ready = wait(waiting, timeout=seconds / 10, return_when=FIRST_COMPLETED).done
             if any(future.cancelled() for future in ready):  # by Dask, without its scheduler
                 raise ValueError("workers: an evaluation was cancelled; is the scheduler gone?")
             if ready:
                 return ready
             if self.n_workers:
-                give_up = monotonic() + CLUSTER_SECONDS
+                give_up = monotonic() + seconds
             elif monotonic() > give_up:
                 raise ValueError("workers: none is left")
 

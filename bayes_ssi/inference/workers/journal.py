@@ -30,7 +30,7 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.codec import to_record
-from bayes_ssi.inference.workers.batch import Evaluated
+from bayes_ssi.inference.workers.workers import Evaluated
 
 FORMAT = 4
 OPEN = (
@@ -45,9 +45,6 @@ OPEN = (
 )
 # In place of coordinates, where a batch holds starts that were suggested.
 SUGGESTION = b"suggested starts"
-# Standard-normal coordinates that differ by less are the same but for rounding: a hundredth of the
-# narrowest posterior that is told from a point.
-SAME = 1e-8
 OTHER_ROUNDING = "they were made on another kind of processor, whose rounding led elsewhere"
 
 
@@ -214,7 +211,8 @@ def _agree(stored: bytes, asked: bytes) -> bool:
     if stored == asked or len(stored) != len(asked) or SUGGESTION in (stored, asked):
         return stored == asked
     there, here = np.frombuffer(stored), np.frombuffer(asked)
-    near = np.abs(there[2:] - here[2:]) <= SAME * np.sqrt(here[0])
+    # A hundredth of the narrowest posterior that is told from a point.
+    near = np.abs(there[2:] - here[2:]) <= 1e-8 * np.sqrt(here[0])
     return np.array_equal(there[:2], here[:2]) and bool(near.all())
 
 

@@ -9,16 +9,12 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.workers.batch import evaluate
 from bayes_ssi.inference.workers.journal import Journal
-from bayes_ssi.inference.workers.workers import Workers
+from bayes_ssi.inference.workers.workers import Workers, evaluate
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.structures.modal import ModalModel, Modes
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
-
-# Values at the end of a prior count as this far out, in standard deviations.
-FARTHEST = 38.0
 
 
 class RecordedStructure(Structure):
@@ -104,7 +100,8 @@ class RecordedStructure(Structure):
         """Standard-normal coordinates (B, d), which a journal compares; finite ones."""
         each = zip(self.parameters, values.T, strict=True)
         z = np.reshape([p.prior.to_normal(column) for p, column in each], values.T.shape)
-        return np.clip(np.nan_to_num(z.T), -FARTHEST, FARTHEST)
+        # Where the normal distribution ends in double precision.
+        return np.clip(np.nan_to_num(z.T), -38.0, 38.0)
 
     def __getstate__(self) -> dict[str, Any]:
         """State without what belongs to this process."""

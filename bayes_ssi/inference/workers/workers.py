@@ -1,4 +1,4 @@
-"""Workers: the evaluations of a batch spread over the processes or threads of an executor.
+"""Evaluation of a batch, some points of which may fail: here, or by the workers of an executor.
 
 Executors come from other packages: loky's processes, Dask, or any ``concurrent.futures.Executor``,
 such as mpi4py's ``MPIPoolExecutor``. Since row i of an answer depends on row i alone, results do
@@ -8,29 +8,89 @@ not depend on the number of workers.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.workers.batch import Evaluated, Function, SafeFunction
+from bayes_ssi.foundations.error_places import rows_at_fault, with_place
 from bayes_ssi.inference.workers.remote import PackedFunction, call_packed, digest_of, pickled
-
-# Parts of a batch per worker: more than one, so that none waits long for the slowest.
-PARTS_PER_WORKER = 4
-# Lost points are divided into this many groups and evaluated again, down to single points: four
-# isolate the point of a batch of 1024 at which a worker dies after six deaths at most.
-GROUPS = 4
-# Seconds between two looks at the progress of calls.
-LOOK = 0.2
-# Deaths before a run gives up: enough to find some twenty points at which workers die.
-MAX_DEATHS = 100
 
 R = TypeVar("R")
 T = TypeVar("T")
+# (B, d) coordinates → (B,) log-likelihoods. Row i of the answer depends on row i alone, to the
+# last digit: a batch may be evaluated in parts, here or elsewhere.
+Function = Callable[[FloatArray], FloatArray]
+
+
+class Evaluated(NamedTuple):
+    """What a model answers at a batch of points.
+
+    Attributes:
+        values: (B,) log-likelihoods, or (B, n_columns); NaN where the model failed.
+        failures: row → reason, where one is known beyond that the answer was NaN.
+    """
+
+    values: FloatArray
+    failures: Mapping[int, str]
+
+
+def evaluate(function: Function, z: FloatArray, n_columns: int | None = None) -> Evaluated:
+    """``function`` at every row of ``z`` (B, d); rows at which it raises are NaN.
+
+    Args:
+        n_columns: number of values that it returns for each row; None if it is one, (B,).
+    """
+    of_row = () if n_columns is None else (n_columns,)
+    values = np.full((len(z), *of_row), np.nan)
+    failures: dict[int, str] = {}
+    for rows, answer in rows_at_fault(lambda rows: function(z[rows]), len(z)) if len(z) else ():
+        if isinstance(answer, Exception):
+            failures[rows.start] = with_place(answer)
+            continue
+        part = np.asarray(answer, dtype=float)
+        n = rows.stop - rows.start
+        if part.shape != (n, *of_row):
+            expected = "one value" if n_columns is None else f"{n_columns} values"
+            raise ValueError(
+                f"log-likelihood: expected {expected} for each of {n} points, "
+                f"got shape {part.shape}"
+            )
+        values[rows] = part
+    return Evaluated(values, failures)
+
+
+@dataclass(frozen=True)
+class SafeFunction:
+    """:func:`evaluate` of one function."""
+
+    function: Function
+    n_columns: int | None = None
+
+    def __call__(self, z: FloatArray) -> Evaluated:
+        return evaluate(self.function, z, self.n_columns)
+
+
+@dataclass(frozen=True)
+class WorkerSettings:
+    """How work is divided, and when a run gives up.
+
+    Attributes:
+        parts_per_worker: of a batch: more than one, so that none waits long for the slowest.
+        groups: into which lost points are divided to be evaluated again, down to single points:
+            four isolate the point of a batch of 1024 at which a worker dies after six deaths.
+        most_deaths: enough to find some twenty points at which workers die.
+        cluster_seconds: for a cluster to answer, to have its first worker, and to replace its last.
+    """
+
+    parts_per_worker: int = 4
+    groups: int = 4
+    most_deaths: int = 100
+    cluster_seconds: float = 10.0
 
 
 class Workers:
@@ -39,6 +99,8 @@ class Workers:
     A context manager that may be entered repeatedly. Subclasses start their own workers at the
     outermost entry, or at the first call, and stop them at the outermost exit.
     """
+
+    settings = WorkerSettings()
 
     def __init__(self, executor: Executor | None, n_workers: int = 8) -> None:
         """Use an executor.
@@ -61,7 +123,7 @@ class Workers:
     @property
     def n_parts(self) -> int:
         """Best number of parts to divide a batch into."""
-        return PARTS_PER_WORKER * max(self.n_workers, 1)
+        return self.settings.parts_per_worker * max(self.n_workers, 1)
 
     def __enter__(self) -> Workers:
         if not self._n_entered:
@@ -100,7 +162,7 @@ class Workers:
                 failures[int(rows[0])] = "the worker that evaluated it died"
             else:
                 suspect[lost] = True
-                groups += _divided(lost, GROUPS)
+                groups += _divided(lost, self.settings.groups)
         return Evaluated(values, failures)
 
     def call_each(self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
@@ -175,7 +237,7 @@ class Workers:
     def _recover(self, death: BaseException) -> None:
         """Replace workers after one died, or give up."""
         self._n_deaths += 1
-        if self._n_deaths > MAX_DEATHS:
+        if self._n_deaths > self.settings.most_deaths:
             raise ValueError(
                 f"workers: died {self._n_deaths} times, the last time with "
                 f"{type(death).__name__}: {death}"
@@ -201,7 +263,8 @@ class Workers:
 
     def _ready(self, waiting: Collection[Future[Any]]) -> Collection[Future[Any]]:
         """The futures that are ready, of which there may be none yet."""
-        return wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED).done
+        # Between two looks at the progress of calls.
+        return wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED).done
 
     def _while_busy(self) -> None:
         """Called in this process when its workers have something to do."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
-from bayes_ssi.inference.criticism.adequacy import LIMIT_SDS
+from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.criticism.misfit_in_words import misfit_text
 from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
@@ -73,7 +73,8 @@ def comparison_notes(comparison: Comparison, with_scales: bool = True) -> list[s
     scales = [
         f"Evidence against: scale of {comparison.scale}.",
         "Misfit: how far the data are from what the class itself expects, in standard deviations "
-        f"of a normal variable; one right class in a hundred is beyond {LIMIT_SDS:.1f} sd.",
+        "of a normal variable; one right class in a hundred is beyond "
+        f"{CRITICISM.limit_sds:.1f} sd.",
     ]
     notes = scales if with_scales else []
     if any(row.failed_checks for row in comparison.classes):

@@ -14,7 +14,8 @@ import numpy as np
 from scipy.special import betaincc
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.criticism.adequacy import LIMIT, Adequacy
+from bayes_ssi.inference.criticism.adequacy import Adequacy
+from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.criticism.misfit_in_words import (
     inadequacy_in_words,
     misfit_text,
@@ -169,7 +170,7 @@ def unusual_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]
             how_far = misfit_text(fit.overall.sds)
             yield (
                 f"test {test.name!r}, {class_name!r}: the data are as unusual as in one right test "
-                f"of {1.0 / LIMIT:.0f}, {how_far}: {'; '.join(misfits_in_words(fit))}"
+                f"of {1.0 / CRITICISM.limit:.0f}, {how_far}: {'; '.join(misfits_in_words(fit))}"
             )
 
 
@@ -202,4 +203,4 @@ def repeated_errors(class_name: str, tests: Sequence[SingleTest]) -> Iterator[st
 
 def _fails(fit: Adequacy, n_tests: int) -> bool:
     # Of many tests that a right class explains, the most unusual one is far out (Bonferroni).
-    return n_tests * fit.overall.p_value < LIMIT or bool(fit.hints)
+    return n_tests * fit.overall.p_value < CRITICISM.limit or bool(fit.hints)

@@ -184,7 +184,7 @@ class EmulatedStructure(ApproximateStructure):
     def _with(self, fit: EmulatorFit | None, values: FloatArray) -> EmulatorFit:
         """The fit to the solutions of ``fit`` and those at ``values``."""
         failures: tuple[FloatArray, ...]
-        x, modes = self._coordinates(values), solved(self._exact, values)
+        x, modes = self._coordinates(values), self._exact.modes_or_nan(values)
         failed = ~(
             np.isfinite(modes.frequencies_hz).all(axis=1) & (modes.frequencies_hz > 0).all(1)
         )
@@ -311,18 +311,6 @@ class EmulatorFit(NamedTuple):
 
 def _joined(first: Sequence[FloatArray], second: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
     return tuple(np.concatenate(both) for both in zip(first, second, strict=True))
-
-
-def solved(structure: Structure, values: FloatArray) -> Modes:
-    """The structure's modes at ``values`` (B, n_parameters), NaN in rows at which it raises."""
-    try:
-        return Modes(*structure.modes(values))
-    except Exception:  # noqa: BLE001 - whatever a user's model may raise
-        n_dof, n_modes = len(structure.degrees_of_freedom), structure.n_modes
-        if len(values) == 1:
-            return Modes(np.full((1, n_modes), np.nan), np.full((1, n_dof, n_modes), np.nan))
-        rows = [solved(structure, row[None]) for row in values]
-        return Modes(*(np.concatenate(arrays) for arrays in zip(*rows, strict=True)))
 
 
 def mode_errors(modes: Modes, exact: Modes, n_modes: int) -> FloatArray:

@@ -25,8 +25,7 @@ from threadpoolctl import threadpool_limits
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.class_target import class_target
-from bayes_ssi.inference.posterior_sampling.to_posterior import seed_of
+from bayes_ssi.inference.posterior_sampling.to_posterior import class_target, seed_of
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.inference.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
@@ -36,8 +35,8 @@ from bayes_ssi.inference.sampling.regions import local_maxima
 from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
-from bayes_ssi.inference.workers.batch import evaluate
 from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.inference.workers.workers import evaluate
 from bayes_ssi.studies.appendages.places import AppendagePlace
 
 

@@ -21,20 +21,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.criticism.adequacy import LIMIT, Hint, adequacy
+from bayes_ssi.foundations.arrays import FloatArray, joined
+from bayes_ssi.inference.criticism.adequacy import Hint, adequacy
+from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.configuration import Configuration, label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.emulation import emulated_again
 from bayes_ssi.inference.posterior_sampling.required_accuracy import (
     is_approximate,
     with_exact_structures,
 )
+from bayes_ssi.inference.posterior_sampling.sample import emulated_again
 from bayes_ssi.inference.sampling.maxima import ascend
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
@@ -79,7 +79,7 @@ def diagnose(
         repairs_of_frequencies(model_class),
         list(repair_of_pairing(model_class)),
     ]
-    least_gain = math.log(sum(map(len, kinds)) / LIMIT)
+    least_gain = math.log(sum(map(len, kinds)) / CRITICISM.limit)
 
     def convincing(repairs: Sequence[Repair]) -> list[Hint]:
         scored = [(each, _log_posteriors(each, points)) for each in repairs]
@@ -94,7 +94,7 @@ def diagnose(
     if not hints and posterior.adequacy and posterior.adequacy.overall.is_small:
         hints = convincing(list(common_factor(model_class)))
     hints.sort(key=lambda hint: -hint.gain)
-    return tuple(hint for hint in hints if hint.gain > hints[0].gain + math.log(LIMIT))
+    return tuple(hint for hint in hints if hint.gain > hints[0].gain + math.log(CRITICISM.limit))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,38 +137,14 @@ def _points(model_class: ModelClass, posterior: Posterior, workers: Workers | No
     n = len(model_class.parameters)
     of_prior = np.random.default_rng(0).standard_normal((PRIOR_POINTS, n))
     z = np.concatenate([_coordinates(model_class, of_posterior), np.zeros((1, n)), of_prior])
-    modes_at = partial(_modes_at, model_class)
+    values = model_class.values(z)
     if workers is None:
-        return _Points.at(model_class, z, modes_at(z))
-    parts = np.array_split(z, min(workers.n_parts, len(z)))
-    known = workers.try_each(modes_at, parts)
+        return _Points.at(model_class, z, model_class.modes_or_nan(values))
+    parts = np.array_split(np.arange(len(z)), min(workers.n_parts, len(z)))
+    known = workers.try_each(model_class.modes_or_nan, [values[part] for part in parts])
     kept = np.concatenate([parts[i] for i in sorted(known)])
-    return _Points.at(model_class, kept, _joined([known[i] for i in sorted(known)]))
-
-
-def _modes_at(model_class: ModelClass, z: FloatArray) -> list[Modes]:
-    """The modes of each configuration at coordinates ``z`` (n, d), NaN where a structure fails."""
-    try:
-        parts = model_class.parts(model_class.values(z))
-        return [likelihood.modes(own) for _, likelihood, own in parts]
-    except Exception:  # noqa: BLE001 - whatever a user's model may raise
-        if len(z) > 1:
-            return _joined([_modes_at(model_class, row[None]) for row in z])
-        structures = [test.structure for test in model_class.configurations]
-        return [
-            Modes(
-                np.full((1, each.n_modes), np.nan),
-                np.full((1, len(each.degrees_of_freedom), each.n_modes), np.nan),
-            )
-            for each in structures
-        ]
-
-
-def _joined(parts: Sequence[Sequence[Modes]]) -> list[Modes]:
-    return [
-        Modes(*(np.concatenate(arrays) for arrays in zip(*of_test, strict=True)))
-        for of_test in zip(*parts, strict=True)
-    ]
+    of_tests = zip(*(known[i] for i in sorted(known)), strict=True)
+    return _Points.at(model_class, z[kept], [joined(of_test) for of_test in of_tests])
 
 
 def _coordinates(model_class: ModelClass, values: FloatArray) -> FloatArray:

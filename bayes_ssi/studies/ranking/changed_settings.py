@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.choices import require_known
-from bayes_ssi.inference.criticism.adequacy import N_DRAWS, Adequacy, PValue, adequacy
+from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue, adequacy
+from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.criticism.misfit_in_words import inadequacy_in_words
 from bayes_ssi.inference.model_class.configuration import choose_configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -307,6 +308,6 @@ def _adequacy(answer: Varied) -> Adequacy:
     """The adequacy of the changed class, from draws resampled by their weights."""
     changed = answer.changed
     rng = np.random.default_rng(0)
-    values = answer.values[systematic_indices(answer.weights, N_DRAWS, rng)]
+    values = answer.values[systematic_indices(answer.weights, CRITICISM.n_draws, rng)]
     modes = [each.compared_modes(own) for _, each, own in changed.parts(values)]
     return adequacy(changed, values, modes, rng)
