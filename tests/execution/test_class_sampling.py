@@ -1,5 +1,6 @@
 """Several classes with workers: whole classes or shared evaluations, and the same results."""
 
+import json
 import os
 from dataclasses import replace
 
@@ -10,10 +11,16 @@ from pools import spawning
 
 import bayes_ssi as bs
 from bayes_ssi.inference.workers.checkpoint import Checkpoint
-from bayes_ssi.inference.workers.workers import Workers
+from bayes_ssi.inference.workers.workers import Workers, WorkerSettings
 from bayes_ssi.studies.ranking.class_sampling import ProgressFile, _Relay, sample_all
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
+
+
+@pytest.fixture(autouse=True)
+def _few_parts(monkeypatch):
+    """A batch in fewer parts is there sooner: these take longer to send than the model."""
+    monkeypatch.setattr(Workers, "settings", WorkerSettings(parts_per_worker=1))
 
 
 def with_structure(candidate, kind, name="x"):
@@ -118,17 +125,15 @@ def test_classes_in_workers_resume_from_their_checkpoints(tiny_study, alone, tmp
     assert_same(there, alone)
 
 
-@pytest.mark.parametrize("checkpoint", ["a", Checkpoint], ids=["path", "checkpoint"])
-def test_a_relative_checkpoint_is_where_the_run_was_started(
-    tiny_study, tmp_path, monkeypatch, checkpoint
-):
+def test_a_relative_checkpoint_is_where_the_run_was_started(tiny_study, tmp_path, monkeypatch):
     """Independently of the working directory of the workers, as on a cluster."""
     here, there = tmp_path / "here", tmp_path / "there"
     here.mkdir()
     there.mkdir()
     monkeypatch.chdir(here)
     with spawning(1, os.chdir, there) as executor:
-        run = bs.Run(Workers(executor, 1), "a" if checkpoint == "a" else checkpoint("a"))
+        run = bs.Run(Workers(executor, 1), Checkpoint("a"))
+        assert bs.Run(checkpoint="a").checkpoint.directory == run.checkpoint.directory
         sample_all(tiny_study.model_classes, 7, COARSE, run)
     assert list(there.iterdir()) == []
     assert len(list((here / "a").glob("*.journal"))) == 2
@@ -147,10 +152,10 @@ def test_errors_of_a_class_in_a_worker_are_its_own(tiny_study, two_workers):
 
 
 class Fragile(bs.ShearBuilding):
-    """A structure that fails where its stiffness is more than 1.5 times the median."""
+    """A structure that fails where its stiffness is more than 1.8 times the median."""
 
     def modes(self, values):
-        if (values[:, 0] > 1.5).any():
+        if (values[:, 0] > 1.8).any():
             raise ArithmeticError("too stiff")
         return super().modes(values)
 
@@ -164,22 +169,26 @@ def test_failures_in_workers_are_reported(two_workers, tiny_study):
     n_failed, n_evaluations = (int(word) for word in how_often.split() if word.isdigit())
     assert 0 < n_failed < n_evaluations == there.n_evaluations
     value, reason = where.split(": ", 1)
-    assert float(value) > 1.5
+    assert float(value) > 1.8
     assert reason.startswith("ArithmeticError: too stiff (test_class_sampling.py, line ")
 
 
 # ArviZ: there are more chains than steps.
 @pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
 @pytest.mark.usefixtures("no_figures")
-def test_the_command_gives_the_same_with_workers(run, tiny_study_file, tmp_path, monkeypatch):
+def test_the_command_gives_the_same_with_workers(
+    run, alone, tiny_study_file, tmp_path, monkeypatch
+):
     monkeypatch.setattr(
         "bayes_ssi.inference.sampling.settings.SamplingSettings", lambda **_: COARSE
     )
-    arguments = ("rank", tiny_study_file, "--only", "one k", "--accept-failed-checks", "--out")
-    assert run(*arguments, tmp_path / "here").exit_code == 0
-    assert run(*arguments, tmp_path / "there", "--workers", 2).exit_code == 0
-    here, there = ((tmp_path / name / "comparison.json").read_bytes() for name in ("here", "there"))
-    assert here == there
+    result = run(
+        "rank", tiny_study_file, "--only", "one k", "--seed", 7, "--workers", 2,
+        "--accept-failed-checks", "--out", tmp_path / "r",
+    )  # fmt: skip
+    assert (result.exit_code, result.stderr) == (0, "sampled one k\n")
+    (row,) = json.loads((tmp_path / "r" / "comparison.json").read_text())["classes"]
+    assert row["log_evidence"] == alone[0].evidence.log_evidence
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import signal
 import sqlite3
 import subprocess
 import sys
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -165,8 +164,9 @@ def test_damaged_log_likelihoods_and_all_that_follow_are_computed_again(path, co
 def test_a_journal_in_use_is_refused(path):
     with Journal(path, RUN) as journal:
         journal.add(*BATCHES[0])
-        with pytest.raises(ValueError, match=r"a\.journal: another run is using this checkpoint"):
-            Journal(path, RUN)
+        for run in (RUN, {**RUN, "seed": 8}):
+            with pytest.raises(ValueError, match=r"a\.journal: another run is using this check"):
+                Journal(path, run)
         journal.add(*BATCHES[1])
     with Journal(path, RUN) as journal:
         assert_begins_with(journal, 2)
@@ -177,34 +177,28 @@ def test_a_journal_that_cannot_be_written_is_refused(path):
         Journal(path / path.name, RUN)
 
 
-@contextmanager
-def process_with_a_journal(path, *lines):
-    """Another process that opens the journal and then runs some lines, until it is ended."""
-    code = (
-        "import os, time",
-        "from bayes_ssi.inference.workers.journal import Journal",
-        f"journal = Journal({str(path)!r}, {RUN!r})",
-        *lines,
-        "time.sleep(60)",
-    )
-    command = [sys.executable, "-c", "\n".join(code)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
+USES_ITS_JOURNAL = """
+import os, sys, time
+from bayes_ssi.inference.workers.journal import Journal
+journal = Journal(sys.argv[1], {"model class": "each k", "seed": 7})
+if os.fork():
+    time.sleep(60)
+print(os.getpid(), flush=True)
+time.sleep(60)
+"""
 
 
 def test_a_process_that_is_killed_uses_its_journal_no_more(path):
     """Nor do its children, such as a pool that is forked after the journal was opened."""
-    lines = ("if os.fork():", "    time.sleep(60)", "print(os.getpid(), flush=True)")
-    with process_with_a_journal(path, *lines) as process:
+    command = [sys.executable, "-c", USES_ITS_JOURNAL, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         child = int(process.stdout.readline())
-        with pytest.raises(ValueError, match="another run is using this checkpoint"):
-            Journal(path, RUN)
-        process.kill()
-        process.wait()
         try:
+            with pytest.raises(ValueError, match="another run is using this checkpoint"):
+                Journal(path, RUN)
+            process.kill()
+            process.wait()
             Journal(path, RUN).close()
         finally:
+            process.kill()
             os.kill(child, signal.SIGKILL)

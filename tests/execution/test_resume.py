@@ -289,10 +289,10 @@ def test_killed_at_every_moment_of_saving(sampled_command, uninterrupted):
     sampled_command.assert_result_is(uninterrupted)
 
 
-@pytest.mark.parametrize("moment", REPLACING)
-def test_killed_while_an_old_result_is_replaced(sampled_command, uninterrupted, moment):
+def test_killed_while_an_old_result_is_replaced(sampled_command, uninterrupted):
     command = with_old_result(sampled_command, uninterrupted)
-    command.dies("--overwrite", moment=moment)
+    for moment in REPLACING:
+        command.dies("--overwrite", moment=moment)
     assert command.run("--overwrite") == 0
     command.assert_result_is(uninterrupted)
 
@@ -317,15 +317,13 @@ def test_interrupts_and_full_disks_are_said_in_a_line_and_lose_nothing(command, 
     command.assert_result_is(uninterrupted)
 
 
-@pytest.mark.parametrize("n_bytes", LIMITS)
-def test_files_of_a_result_that_cannot_be_written_lose_nothing(
-    sampled_command, uninterrupted, n_bytes
-):
-    assert sampled_command.run(moment=n_bytes) == 2
-    last = sampled_command.stderr.splitlines()[-1]
-    assert last.startswith(f"Error: {sampled_command.result}")
-    assert last.endswith(f": File too large; {NOTHING_LOST}")
-    assert [path.name for path in sampled_command.place.iterdir()] == [".r.checkpoint"]
+def test_files_of_a_result_that_cannot_be_written_lose_nothing(sampled_command, uninterrupted):
+    for n_bytes in LIMITS:
+        assert sampled_command.run(moment=n_bytes) == 2
+        last = sampled_command.stderr.splitlines()[-1]
+        assert last.startswith(f"Error: {sampled_command.result}")
+        assert last.endswith(f": File too large; {NOTHING_LOST}")
+        assert [path.name for path in sampled_command.place.iterdir()] == [".r.checkpoint"]
     assert sampled_command.run() == 0
     sampled_command.assert_result_is(uninterrupted)
 
@@ -372,12 +370,12 @@ def test_the_result_of_other_classes_is_not_overwritten(sampled_command):
     assert load_result(sampled_command.result).comparison.best.name == "one k"
 
 
-@pytest.mark.parametrize("options", [[], ["--overwrite"]])
-def test_two_runs_do_not_share_a_checkpoint(command, options):
+def test_two_runs_do_not_share_a_checkpoint(command):
     process = command.start()
     command.wait_for_journals_of(0)
     os.kill(process.pid, signal.SIGSTOP)
     before = command.journals
-    assert command.run(*options) == 2
-    command.assert_one_line_error("another run is using this checkpoint")
-    assert command.journals == before
+    for options in ([], ["--overwrite"]):
+        assert command.run(*options) == 2
+        command.assert_one_line_error("another run is using this checkpoint")
+        assert command.journals == before
