@@ -12,7 +12,7 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.inference.likelihood.error_model import IdentificationModel
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.known_modes import KnownTest, known_at_draws, known_structure
+from bayes_ssi.inference.posterior.known_modes import known_at_draws, known_structures
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.results.stored_result import StoredResult, load_result
 from bayes_ssi.studies.ranking.changed_settings import (
@@ -30,25 +30,22 @@ def recorded_class(stored: StoredResult, name: str) -> ModelClass:
     own = {p.name: Parameter(p.name, p.prior, p.unit) for p in record.parameters}
     own.update({p.name: p for p in record.error.parameters})
     tests = [
-        KnownTest(
-            each.name,
+        (
             stored.tests[each.name],
             "any" if each.pairing is None else each.pairing,
-            tuple(own[parameter] for parameter in each.parameters),
+            [own[parameter] for parameter in each.parameters],
         )
         for each in record.configurations
     ]
+    structures = known_structures(posterior, tests)
     return ModelClass(
         name,
         error=record.error,
         configurations=[
-            Configuration(
-                test.name,
-                known_structure(posterior, tests, test.name),
-                test.data,
-                pairing=test.pairing,
+            Configuration(each.name, structure, data, pairing=pairing)
+            for each, structure, (data, pairing, _) in zip(
+                record.configurations, structures, tests, strict=True
             )
-            for test in tests
         ],
         identification=IdentificationModel(
             record.detection_probability, record.expected_spurious_modes

@@ -5,10 +5,9 @@ With them, a likelihood under other settings is computed without solving for any
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,43 +72,34 @@ class KnownModes(Structure):
         return {own.tobytes(): i for i, own in enumerate(np.ascontiguousarray(self.values))}
 
 
-class KnownTest(NamedTuple):
-    """A configuration of a class: its name, data and pairing, and its structure's parameters."""
+def known_structures(
+    posterior: Posterior, tests: Iterable[tuple[ModalData, Pairing, Sequence[Parameter]]]
+) -> list[KnownModes]:
+    """The structure of each configuration, known at draws whose shapes the posterior keeps.
 
-    name: str
-    data: ModalData
-    pairing: Pairing
-    parameters: tuple[Parameter, ...]
-
-
-def known_structure(posterior: Posterior, tests: Sequence[KnownTest], name: str) -> KnownModes:
-    """The structure in one configuration, known at draws whose shapes the posterior keeps."""
+    Args:
+        tests: data, pairing and the structure's parameters of each configuration.
+    """
     if posterior.sensor_shapes is None:
         raise ValueError(f"posterior of {posterior.name!r}: keeps no mode shapes at its draws")
-    draws, begin = draws_with_shapes(len(posterior.values)), 0
-    for test in tests:
-        modes, frequencies = posterior.configuration(test.name)
-        kept = modes_with_shape(test.data, test.pairing, modes.n_modes)
-        n_sensors = len(test.data.sensors)
-        end = begin + n_sensors * len(kept)
-        if test.name == name:
-            break
-        begin = end
-    shapes = np.full((len(draws), n_sensors, modes.n_modes), np.nan)
-    own = posterior.sensor_shapes[:, begin:end]
-    shapes[:, :, kept] = own.reshape(len(draws), n_sensors, len(kept))
-    frequencies = frequencies.reshape(-1, modes.n_modes)[draws]
-    columns = [posterior.parameter_names.index(p.name) for p in test.parameters]
-    values = posterior.values[draws][:, columns]
-    return KnownModes(test.parameters, test.data.sensors, values, Modes(frequencies, shapes))
+    draws, remaining = draws_with_shapes(len(posterior.values)), posterior.sensor_shapes
+    known = []
+    for (data, pairing, parameters), modes in zip(tests, posterior.configurations, strict=True):
+        kept = modes_with_shape(data, pairing, modes.n_modes)
+        n_sensors = len(data.sensors)
+        own, remaining = np.split(remaining, [n_sensors * len(kept)], axis=1)
+        shapes = np.full((len(draws), n_sensors, modes.n_modes), np.nan)
+        shapes[:, :, kept] = own.reshape(len(draws), n_sensors, len(kept))
+        _, frequencies = posterior.configuration(modes.name)
+        at_draws = Modes(frequencies.reshape(-1, modes.n_modes)[draws], shapes)
+        columns = [posterior.parameter_names.index(p.name) for p in parameters]
+        values = posterior.values[draws][:, columns]
+        known.append(KnownModes(tuple(parameters), data.sensors, values, at_draws))
+    return known
 
 
 def known_at_draws(model_class: ModelClass, posterior: Posterior) -> ModelClass:
     """The class with structures that know their modes at the draws at which shapes are kept."""
-    tests = [
-        KnownTest(each.name, each.data, each.pairing, each.structure.parameters)
-        for each in model_class.configurations
-    ]
-    return model_class.with_structures(
-        lambda _, i: known_structure(posterior, tests, tests[i].name)
-    )
+    tests = ((t.data, t.pairing, t.structure.parameters) for t in model_class.configurations)
+    known = known_structures(posterior, tests)
+    return model_class.with_structures(lambda _, i: known[i])
