@@ -49,24 +49,20 @@ def refined(
     log_evidence_error: float,
     workers: Workers | None = None,
     settings: RefinementSettings | None = None,
-    report: Callable[[str, float], None] | None = None,
+    report: Callable[[str, float], None] = lambda *_: None,
 ) -> Posterior:
     """The posterior of a class with approximate structures, refined, certified and corrected.
 
     Args:
-        log_evidence_error: wanted standard error of the log evidence.
         workers: where the quick search evaluates the model; in this process if None.
-        report: called when full solutions begin and end, which may take longer than sampling, with
-            the name of this step and 0 or 1.
+        report: called with the name of the step and 0 or 1 when full solutions begin and end.
     """
     settings = wanted = settings or RefinementSettings()
 
     def confirmed_by_full_solutions() -> Confirmation:
-        if report is not None:
-            report("full solutions", 0.0)
+        report("full solutions", 0.0)
         done = confirmed(model_class, posterior, log_evidence_error, wanted)
-        if report is not None:
-            report("full solutions", 1.0)
+        report("full solutions", 1.0)
         return done
 
     model_class.check_structure()

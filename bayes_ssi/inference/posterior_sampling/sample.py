@@ -79,16 +79,13 @@ def sample(
             )
             if not is_approximate(emulated):
                 return sample_class(emulated)
-            posterior = refined(
-                emulated,
-                sample_class,
-                seed,
-                settings.log_evidence_error,
-                own_run.workers,
-                refinement,
-                None if is_emulated else partial(run.report, model_class.name),
-            )
-            return _with_solutions_counted(posterior, emulated) if is_emulated else posterior
+            refine = partial(
+                refined, emulated, sample_class, seed, settings.log_evidence_error,
+                own_run.workers, refinement,
+            )  # fmt: skip
+            if is_emulated:
+                return _with_solutions_counted(refine(), emulated)
+            return refine(report=partial(run.report, model_class.name))
     except ValueError:
         if checkpoint and journal and journal.is_empty:
             # It would refuse the class once its input is corrected.
@@ -109,9 +106,6 @@ def with_emulated_structures(
     """The class with an emulator in place of every structure that takes long.
 
     Those with small matrices, and those that are approximate already, stay.
-
-    Args:
-        workers: solve the structures; in this process if None.
     """
     emulators: dict[int, EmulatedStructure] = {}
 

@@ -36,13 +36,7 @@ def class_target(
     journal: Journal | None = None,
     known_starts: FloatArray | None = None,
 ) -> Target:
-    """The log-likelihood of a class, which suggests starts in its posterior's narrow regions.
-
-    Args:
-        workers: where it is evaluated; in this process if None.
-        known_starts: (m, d), near maxima that an earlier search found, in standard-normal
-            coordinates.
-    """
+    """The log-likelihood of a class, which suggests starts in its posterior's narrow regions."""
     return Target(
         model_class.log_likelihood_at,
         len(model_class.parameters),

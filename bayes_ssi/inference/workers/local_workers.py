@@ -35,12 +35,10 @@ class LocalWorkers(Workers):
         """Prepare ``n`` processes.
 
         Args:
-            copies: whether to start them as copies of this process when they are entered, where
-                that is possible: at once, while a new process takes about a second to import the
-                package. A copy has the state of other threads and libraries as well, so there must
-                be none that it could stumble over.
-            while_busy: called once by this process, while it would only wait for them, for what
-                will be needed later.
+            copies: whether to start them as copies of this process, where that is possible: at
+                once, while a new process imports the package for about a second. There must be no
+                state of other threads and libraries that a copy could stumble over.
+            while_busy: called once by this process, while it would only wait for them.
         """
         if n < 1:
             raise ValueError(f"workers must be at least 1, got {n!r}")
@@ -91,10 +89,11 @@ class LocalWorkers(Workers):
         self._file = self._packed = None
 
     def _stop(self) -> None:
-        self._stop_processes()
+        self.abandon()
         self._remove_file()
 
-    def _stop_processes(self) -> None:
+    def abandon(self) -> None:
+        """Stop the processes in the middle of what they do; the next call starts others."""
         executor, self._executor = self._executor, None
         if executor is not None:
             feeder = getattr(getattr(executor, "_call_queue", None), "_thread", None)
@@ -112,14 +111,10 @@ class LocalWorkers(Workers):
 
     def _replace(self, death: BrokenExecutor) -> None:
         del death
-        self._stop_processes()
-
-    def abandon(self) -> None:
-        """Stop the processes in the middle of what they do; the next call starts others."""
-        self._stop_processes()
+        self.abandon()
 
     def _abandon(self, waiting: Collection[Future[Any]]) -> None:
-        self._stop_processes()
+        self.abandon()
         super()._abandon(waiting)
 
 

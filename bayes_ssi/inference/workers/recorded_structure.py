@@ -23,11 +23,6 @@ class RecordedStructure(Structure):
     def __init__(
         self, structure: Structure, workers: Workers | None = None, journal: Journal | None = None
     ) -> None:
-        """Record the solutions of a structure.
-
-        Args:
-            workers: share the solutions of a batch; in this process if None.
-        """
         self.structure = structure
         self.n_solved = 0
         self.failures: dict[bytes, str] = {}
@@ -61,7 +56,6 @@ class RecordedStructure(Structure):
         return self.structure.description()
 
     def modal_model(self, values: FloatArray) -> ModalModel:
-        """The structure's own; not recorded."""
         return self.structure.modal_model(values)
 
     def modes(self, values: FloatArray) -> Modes:
