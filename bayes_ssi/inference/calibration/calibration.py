@@ -268,18 +268,18 @@ def distances_from(
         The names of the parameters, and name of a class → its distance.
     """
     require_known("reference: no calibrated model class", [reference], calibrations)
-    known = [each for each in classes if each.name in calibrations]
-    bare = [each for each in known if not any(c.structure.appendages for c in each.configurations)]
+    known = [candidate for candidate in classes if candidate.name in calibrations]
+    bare = [c for c in known if not any(test.structure.appendages for test in c.configurations)]
     medians: dict[str, float] = {}
-    for each in bare or known:
-        at_median = each.values(np.zeros((1, len(each.parameter_names))))[0]
-        own = dict(zip(each.parameter_names, at_median.tolist(), strict=True))
-        medians |= {name: own[name] for name in calibrations[each.name].parameter_names}
+    for candidate in bare or known:
+        names = calibrations[candidate.name].parameter_names
+        prior = {p.name: p.prior.quantile(0.5) for p in candidate.parameters}
+        medians |= {name: prior[name] for name in names}
 
     def normalised(name: str) -> dict[str, float]:
         one = calibrations[name]
         values = dict(zip(one.parameter_names, one.best.values, strict=True))
-        return {each: values.get(each, median) / median for each, median in medians.items()}
+        return {key: values.get(key, median) / median for key, median in medians.items()}
 
     at = normalised(reference)
     return tuple(medians), {name: rms_distance(normalised(name), at) for name in calibrations}

@@ -74,9 +74,9 @@ def determination(problem: CalibrationProblem, z: FloatArray) -> Determination:
     determined: list[Combination] = []
     undetermined: list[Combination] = []
     for group in _groups(jacobian, open_):
-        of_group = _marginal(jacobian, group), [problem.names[c] for c in group], slopes[group]
-        determined += _sums(*of_group)
-        undetermined += _changes(*of_group, float(np.linalg.norm(jacobian)))
+        columns, names = _marginal(jacobian, group), [problem.names[c] for c in group]
+        determined += _sums(columns, names, slopes[group])
+        undetermined += _changes(columns, names, slopes[group], float(np.linalg.norm(jacobian)))
     own_unit = _slopes(problem, z, [False] * len(z))
     if problem.with_prior:
         variance = np.linalg.inv(jacobian.T @ jacobian + np.eye(len(z))).diagonal()
@@ -91,7 +91,7 @@ def determination(problem: CalibrationProblem, z: FloatArray) -> Determination:
         positive=tuple(positive),
         singular_values=tuple(singular_values.tolist()),
         determined=tuple(determined),
-        undetermined=tuple(sorted(undetermined, key=lambda each: -each.standard_error)),
+        undetermined=tuple(sorted(undetermined, key=lambda change: -change.standard_error)),
     )
 
 
@@ -99,18 +99,17 @@ def _slopes(problem: CalibrationProblem, z: FloatArray, logarithm: Sequence[bool
     """Change of every parameter, or of its logarithm, per prior standard deviation, (d,)."""
     low, high = problem.values(z[None] + DIFFERENCE_STEP * np.array([[-1.0], [1.0]]))
     with np.errstate(divide="ignore", invalid="ignore"):
-        low, high = (np.where(logarithm, np.log(each), each) for each in (low, high))
+        low, high = (np.where(logarithm, np.log(at), at) for at in (low, high))
     slopes: FloatArray = (high - low) / (2.0 * DIFFERENCE_STEP)
     return slopes
 
 
 def _marginal(jacobian: FloatArray, columns: Sequence[int]) -> FloatArray:
     """The columns (m, k) without what changes of the other parameters can make up for."""
-    own = jacobian[:, columns]
-    others = np.delete(jacobian, columns, axis=1)
-    if not others.size:
-        return own
-    return own - others @ (np.linalg.pinv(others, rcond=CALIBRATION.zero_sensitivity) @ own)
+    chosen, rest = jacobian[:, columns], np.delete(jacobian, columns, axis=1)
+    if not rest.size:
+        return chosen
+    return chosen - rest @ (np.linalg.pinv(rest, rcond=CALIBRATION.zero_sensitivity) @ chosen)
 
 
 def _groups(jacobian: FloatArray, columns: list[int]) -> list[list[int]]:
@@ -130,18 +129,18 @@ def _determined_rows(jacobian: FloatArray) -> FloatArray:
     return determined
 
 
-def _sums(own: FloatArray, names: Sequence[str], slopes: FloatArray) -> list[Combination]:
-    """The determined sums of a group of parameters, of which ``own`` are the columns (m, k)."""
+def _sums(columns: FloatArray, names: Sequence[str], slopes: FloatArray) -> list[Combination]:
+    """The determined sums of a group of parameters, from its ``columns`` (m, k)."""
     sums = []
-    for row in _determined_rows(own):
+    for row in _determined_rows(columns):
         components, scale = _scaled(row / slopes)
-        error = 1.0 / (scale * float(np.linalg.norm(own @ row)))
+        error = 1.0 / (scale * float(np.linalg.norm(columns @ row)))
         sums.append(Combination(dict(zip(names, components, strict=True)), error))
     return sums
 
 
 def _changes(
-    own: FloatArray, names: Sequence[str], slopes: FloatArray, size: float
+    columns: FloatArray, names: Sequence[str], slopes: FloatArray, size: float
 ) -> list[Combination]:
     """Changes of a group of parameters that are not determined, as for :func:`_sums`.
 
@@ -150,8 +149,8 @@ def _changes(
     Each changes as few parameters as possible: one that is free, and as many as the group has
     sums, which make up for it.
     """
-    rows = _determined_rows(own)
-    null = scipy.linalg.null_space(rows) if len(rows) else np.eye(own.shape[1])
+    rows = _determined_rows(columns)
+    null = scipy.linalg.null_space(rows) if len(rows) else np.eye(columns.shape[1])
     n, negligible = null.shape[1], CALIBRATION.zero_sensitivity * size
     # Of parameters that are equally free, the first.
     preferred = null.T * (1.0 - EQUAL_SIZES * np.arange(len(null)))
@@ -159,7 +158,7 @@ def _changes(
     changes = []
     for change in np.linalg.solve(null[free].T, null.T):
         unit = change / np.linalg.norm(change)
-        noticed = float(np.linalg.norm(own @ unit))
+        noticed = float(np.linalg.norm(columns @ unit))
         error = math.inf if noticed <= negligible else 1.0 / noticed
         components, _ = _scaled(change * slopes)
         changes.append(Combination(dict(zip(names, components, strict=True)), error))

@@ -114,7 +114,7 @@ class _Descents:
             return solve(values)
         parts = np.array_split(values, min(len(z), self._workers.n_parts))
         solved = self._workers.call_each(solve, parts)
-        return [joined(of_test) for of_test in zip(*solved, strict=True)]
+        return [joined(modes) for modes in zip(*solved, strict=True)]
 
     def ends(self) -> FloatArray:
         """Where the descents ended, (m, d), each place once."""
@@ -139,7 +139,7 @@ class _Descents:
         missing = self.settings.descents
         for _ in range(self.settings.draws):
             z = self.rng.standard_normal((missing, len(self.model_class.parameters)))
-            solved = [np.isfinite(of_test.frequencies_hz) for of_test in self._modes(z)]
+            solved = [np.isfinite(modes.frequencies_hz) for modes in self._modes(z)]
             drawn.append(z[np.concatenate(solved, axis=1).all(axis=1)])
             missing -= len(drawn[-1])
             if not missing:
@@ -164,20 +164,21 @@ class _Descents:
         for k, width in enumerate(widths):
             again = np.flatnonzero(first < k)
             if len(again):
-                new = self._pairings(z[again], width, [some[again] for some in considered])
-                for of_test, drawn in zip(chosen, new, strict=True):
-                    of_test[again] = drawn
+                drawn = self._pairings(z[again], width, [modes[again] for modes in considered])
+                for pairing, new in zip(chosen, drawn, strict=True):
+                    pairing[again] = new
             now = np.flatnonzero(first <= k)
             if len(now):
-                of_now = [of_test[now] for of_test in chosen]
-                z[now], _ = self._descended(z[now], of_now, width, self.settings.steps_at_width)
+                pairings = [pairing[now] for pairing in chosen]
+                steps = self.settings.steps_at_width
+                z[now], _ = self._descended(z[now], pairings, width, steps)
         return z, chosen
 
     def _widths(self, n_parameters: int) -> FloatArray:
         """Widths of errors, from the widest to the smallest plausible error."""
         low = np.zeros((1, n_parameters))
         low[:, self.sizes] = self.settings.lowest_size
-        sizes = np.concatenate([each.ravel() for pair in self._errors(low, 0.0) for each in pair])
+        sizes = np.concatenate([size.ravel() for test in self._errors(low, 0.0) for size in test])
         widest, narrowing = self.settings.widest, self.settings.narrowing
         n = math.ceil(math.log(widest / sizes.min(initial=widest)) / math.log(narrowing))
         widths: FloatArray = widest / narrowing ** np.arange(n + 1.0)
@@ -201,9 +202,9 @@ class _Descents:
                 rows = np.flatnonzero(chosen[t][np.arange(len(z)), mode] < 0)
                 if not len(rows):
                     continue
-                tried = [of_test[rows] for of_test in chosen]
-                own, modes = self._own(z[rows])[t], self._modes(z[rows])[t]
-                tried[t] = test.with_pair(own, modes, tried[t], mode[rows], width, self.rng)
+                tried = [pairing[rows] for pairing in chosen]
+                values, modes = self._values(z[rows])[t], self._modes(z[rows])[t]
+                tried[t] = test.with_pair(values, modes, tried[t], mode[rows], width, self.rng)
                 ends, curvatures = self._descended(z[rows], tried, 0.0, settings.steps_with_pair)
                 new = self._log_masses(ends, curvatures)
                 better = new > masses[rows]
@@ -211,20 +212,24 @@ class _Descents:
                 chosen[t][rows[better]] = tried[t][better]
         return z
 
-    def _own(self, z: FloatArray) -> list[FloatArray]:
+    def _values(self, z: FloatArray) -> list[FloatArray]:
         """The values of each configuration's parameters."""
-        return [own for _, _, own in self.model_class.parts(self.model_class.values(z))]
+        return [values for _, _, values in self.model_class.parts(self.model_class.values(z))]
 
     def _errors(self, z: FloatArray, width: float) -> list[tuple[FloatArray, FloatArray]]:
-        return [t.errors(own, width) for t, own in zip(self.tests, self._own(z), strict=True)]
+        tests = zip(self.tests, self._values(z), strict=True)
+        return [test.errors(values, width) for test, values in tests]
 
     def _pairings(
         self, z: FloatArray, width: float, considered: Sequence[NDArray[np.bool_]]
     ) -> list[NDArray[np.intp]]:
         if not any(test.inferred for test in self.tests):
             return [test.given_pairings(len(z)) for test in self.tests]
-        each = zip(self.tests, self._own(z), self._modes(z), considered, strict=True)
-        return [test.pairings(own, modes, width, some, self.rng) for test, own, modes, some in each]
+        tests = zip(self.tests, self._values(z), self._modes(z), considered, strict=True)
+        return [
+            test.pairings(values, modes, width, identified, self.rng)
+            for test, values, modes, identified in tests
+        ]
 
     def _descended(
         self, z: FloatArray, chosen: Sequence[NDArray[np.intp]], width: float, most_steps: int
@@ -234,10 +239,10 @@ class _Descents:
 
         def residuals(structural: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
             whole = np.concatenate([structural, z[rows, self.n_structural :]], axis=1)
-            of_tests = zip(self.tests, self._modes(whole), chosen, errors, strict=True)
+            tests = zip(self.tests, self._modes(whole), chosen, errors, strict=True)
             parts = [
-                test.residuals(modes, own[rows], (frequency[rows], shape[rows]))
-                for test, modes, own, (frequency, shape) in of_tests
+                test.residuals(modes, pairing[rows], (frequency[rows], shape[rows]))
+                for test, modes, pairing, (frequency, shape) in tests
             ]
             return np.concatenate([*parts, structural], axis=1)
 
@@ -264,9 +269,8 @@ class _Descents:
     def _log_posteriors(self, z: FloatArray, modes: Sequence[Modes]) -> FloatArray:
         values = self.model_class.values(z)
         log_likelihoods = self.model_class.log_density_of_modes(values, modes)
-        return np.where(np.isnan(log_likelihoods), -np.inf, log_likelihoods) + log_standard_normal(
-            z
-        )
+        log_likelihoods[np.isnan(log_likelihoods)] = -np.inf
+        return log_likelihoods + log_standard_normal(z)
 
     def _log_masses(self, z: FloatArray, curvatures: FloatArray) -> FloatArray:
         """Laplace's approximation of the evidence (n,) around ends of descents."""

@@ -52,11 +52,12 @@ class PairedResiduals:
             parts.append(of_shapes.reshape(n, -1))
         return np.concatenate(parts, axis=1)
 
-    def errors(self, own: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+    def errors(self, values: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
         """Errors of frequencies (B, J) and shapes (B, S), their own and ``width`` together."""
-        sizes = self.likelihood.errors.of_pairs(own)
-        each = self.likelihood.structure.n_modes if self.inferred else 1
-        frequency, shape = (np.sqrt(size[:, ::each] ** 2 + width**2) for size in sizes)
+        sizes = self.likelihood.errors.of_pairs(values)
+        # With any pairing the pairs of an identified mode with all model modes follow each other.
+        step = self.likelihood.structure.n_modes if self.inferred else 1
+        frequency, shape = (np.sqrt(size[:, ::step] ** 2 + width**2) for size in sizes)
         return frequency, shape
 
     def given_pairings(self, n: int) -> NDArray[np.intp]:
@@ -65,7 +66,7 @@ class PairedResiduals:
 
     def pairings(
         self,
-        own: FloatArray,
+        values: FloatArray,
         modes: Modes,
         width: float,
         considered: NDArray[np.bool_],
@@ -74,17 +75,17 @@ class PairedResiduals:
         """A pairing (B, J) for each row, of the considered modes (B, J); -1 for spurious modes."""
         likelihood = self.inferred
         if likelihood is None:
-            return self.given_pairings(len(own))
-        compared = likelihood.compared_modes(own, modes)
+            return self.given_pairings(len(values))
+        compared = likelihood.compared_modes(values, modes)
         if width > 0.0:
             likelihood = replace(likelihood, error=ErrorModel(width, width))
-        weights = likelihood.pairing_weights(own, compared)
+        weights = likelihood.pairing_weights(values, compared)
         log_ratios = np.where(considered[:, :, None], weights.log_ratios, -np.inf)
         return sample_pairings(replace(weights, log_ratios=log_ratios), rng)
 
     def with_pair(
         self,
-        own: FloatArray,
+        values: FloatArray,
         modes: Modes,
         chosen: NDArray[np.intp],
         identified: NDArray[np.intp],
@@ -97,10 +98,10 @@ class PairedResiduals:
         """
         likelihood = self.inferred
         assert likelihood is not None
-        compared = likelihood.compared_modes(own, modes)
+        compared = likelihood.compared_modes(values, modes)
         wide = replace(likelihood, error=ErrorModel(width, width))
-        rows = np.arange(len(own))
-        log_weights = wide.pairing_weights(own, compared).log_ratios[rows, identified]
+        rows = np.arange(len(values))
+        log_weights = wide.pairing_weights(values, compared).log_ratios[rows, identified]
         row, column = np.nonzero(chosen >= 0)
         log_weights[row, chosen[row, column]] = -np.inf
         extended = chosen.copy()

@@ -62,14 +62,14 @@ class KnownModes(Structure):
     def modes(self, values: FloatArray) -> Modes:
         """The modes at some of the known values; ValueError at any others."""
         try:
-            rows = [self._row[own.tobytes()] for own in np.ascontiguousarray(values)]
+            rows = [self._row[value.tobytes()] for value in np.ascontiguousarray(values)]
         except KeyError:
             raise ValueError("modes are known at the stored draws only") from None
-        return Modes(*(each[rows] for each in self.known))
+        return Modes(*(array[rows] for array in self.known))
 
     @cached_property
     def _row(self) -> dict[bytes, int]:
-        return {own.tobytes(): i for i, own in enumerate(np.ascontiguousarray(self.values))}
+        return {row.tobytes(): i for i, row in enumerate(np.ascontiguousarray(self.values))}
 
 
 def known_structures(
@@ -87,9 +87,9 @@ def known_structures(
     for (data, pairing, parameters), modes in zip(tests, posterior.configurations, strict=True):
         kept = modes_with_shape(data, pairing, modes.n_modes)
         n_sensors = len(data.sensors)
-        own, remaining = np.split(remaining, [n_sensors * len(kept)], axis=1)
+        components, remaining = np.split(remaining, [n_sensors * len(kept)], axis=1)
         shapes = np.full((len(draws), n_sensors, modes.n_modes), np.nan)
-        shapes[:, :, kept] = own.reshape(len(draws), n_sensors, len(kept))
+        shapes[:, :, kept] = components.reshape(len(draws), n_sensors, len(kept))
         _, frequencies = posterior.configuration(modes.name)
         at_draws = Modes(frequencies.reshape(-1, modes.n_modes)[draws], shapes)
         columns = [posterior.parameter_names.index(p.name) for p in parameters]

@@ -127,13 +127,13 @@ def _with_errors_of_approximation(
 ) -> ModelClass:
     """The class with the structures' errors at ``values`` added to those of the identification."""
     widened = []
-    for test, likelihood, own in model_class.parts(values):
+    for test, likelihood, columns in model_class.parts(values):
         structure = likelihood.structure
         if not structure.is_approximate:
             widened.append(test)
             continue
         frequency, shape, _ = structure.accuracy(
-            own[:, : len(structure.parameters)], n_needed(likelihood, own, settings)
+            columns[:, : len(structure.parameters)], n_needed(likelihood, columns, settings)
         )
         modes = tuple(
             replace(
@@ -264,12 +264,13 @@ def _differences(
 ) -> tuple[float, float]:
     """Largest relative difference of frequencies, and least MAC at the sensors, at ``values``."""
     frequency, least_mac = 0.0, 1.0
-    for (_, ours, own), theirs in zip(model_class.parts(values), exact.likelihoods, strict=True):
-        approximate, full = ours.modes(own), theirs.modes(own)
+    parts = zip(model_class.parts(values), exact.likelihoods, strict=True)
+    for (_, likelihood, columns), of_full_model in parts:
+        approximate, full = likelihood.modes(columns), of_full_model.modes(columns)
         off = np.abs(approximate.frequencies_hz / full.frequencies_hz - 1.0)
         frequency = max(frequency, float(off.max()))
-        shapes = ours.shapes_at_sensors(approximate), theirs.shapes_at_sensors(full)
-        if shapes[0].shape[1] > 1:
+        shapes = (likelihood.shapes_at_sensors(modes) for modes in (approximate, full))
+        if len(likelihood.data.sensors) > 1:
             alike = np.array([np.diag(mac(a, b)) for a, b in zip(*shapes, strict=True)])
             seen = alike[~np.isnan(alike)]  # by the sensors
             least_mac = float(seen.min(initial=least_mac))

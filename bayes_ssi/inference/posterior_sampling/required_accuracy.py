@@ -80,14 +80,14 @@ def requirements(
 ) -> list[Requirement]:
     """The requirement on every configuration, from its own errors at ``values``."""
     needed = []
-    for configuration, likelihood, own in model_class.parts(values):
+    for configuration, likelihood, columns in model_class.parts(values):
         frequency, shape = (
-            settings.error_share * float(np.quantile(each, settings.error_quantile))
-            for each in likelihood.least_errors(own)
+            settings.error_share * float(np.quantile(errors, settings.error_quantile))
+            for errors in likelihood.least_errors(columns)
         )
-        of_structure = own[:, : len(configuration.structure.parameters)]
-        n_modes = n_needed(likelihood, own, settings)
-        needed.append(Requirement(of_structure, frequency, shape, n_modes))
+        structural = columns[:, : len(configuration.structure.parameters)]
+        n_modes = n_needed(likelihood, columns, settings)
+        needed.append(Requirement(structural, frequency, shape, n_modes))
     return needed
 
 
@@ -121,10 +121,10 @@ def improved(model_class: ModelClass, needed: list[Requirement]) -> ModelClass:
 
 def with_solutions_at(model_class: ModelClass, values: FloatArray) -> ModelClass:
     """The class with its approximate structures making use of the exact ones at ``values``."""
-    own = [part for _, _, part in model_class.parts(values)]
+    columns = [part for _, _, part in model_class.parts(values)]
 
     def better(structure: Structure, i: int) -> Structure:
-        return structure.with_solutions_at(own[i][:, : len(structure.parameters)])
+        return structure.with_solutions_at(columns[i][:, : len(structure.parameters)])
 
     return model_class.with_structures(better)
 
