@@ -11,8 +11,9 @@ from pathlib import Path
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.inference.likelihood.error_model import IdentificationModel
 from bayes_ssi.inference.model_class.configuration import Configuration
-from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
 from bayes_ssi.inference.posterior.known_modes import known_at_draws, known_structures
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.results.stored_result import StoredResult, load_result
 from bayes_ssi.studies.ranking.changed_settings import (
@@ -29,7 +30,7 @@ def recorded_class(stored: StoredResult, name: str) -> ModelClass:
     # A parameter of an error may also be one of a structure: the same object ties them.
     own = {p.name: Parameter(p.name, p.prior, p.unit) for p in record.parameters}
     own.update({p.name: p for p in record.error.parameters})
-    tests = [
+    tests: list[tuple[ModalData, Pairing, list[Parameter]]] = [
         (
             stored.tests[each.name],
             "any" if each.pairing is None else each.pairing,
