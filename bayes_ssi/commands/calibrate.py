@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bayes_ssi.commands.run_options import load, study_argument
+from bayes_ssi.commands.options import (
+    default_option,
+    flag,
+    load,
+    only_option,
+    seed_option,
+    study_argument,
+)
 from bayes_ssi.commands.terminal import (
     console,
     exit_if_failed,
@@ -37,16 +44,14 @@ LEGEND = (
 
 @click.command()
 @study_argument
-@click.option("--only", metavar="NAME,…", help="Calibrate only these model classes.")
+@only_option("Calibrate only these model classes.")
 @click.option("--shape-weight", type=float,
               help="λ, weight of shapes relative to frequencies; 0 leaves shapes out.  "
               "[default: σ_f/σ_φ of the class's error model]")  # fmt: skip
-@click.option("--starts", type=int, default=64, show_default=True, help="Number of local searches.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
-              help="Seed of their starting points.")  # fmt: skip
-@click.option("--with-prior", is_flag=True,
-              help="Fit the prior, too (regularised least squares): it determines what the data "
-              "leave open.")  # fmt: skip
+@default_option("--starts", 64, "Number of local searches.")
+@seed_option("Seed of their starting points.")
+@flag("--with-prior", text="Fit the prior, too (regularised least squares): it determines what the "
+      "data leave open.")  # fmt: skip
 @click.option("--reference", metavar="CLASS",
               help="Print how far the best fits are from that of this class.")  # fmt: skip
 @json_option

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.record_options import record_of, record_options
+from bayes_ssi.commands.options import PATH, record_options
 from bayes_ssi.commands.terminal import (
     console,
     exit_if_failed,
@@ -30,20 +30,17 @@ MODE_FIELDS = (
 
 
 @click.command()
-@click.argument("data", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.argument("data", type=PATH, nargs=-1, required=True)
 @record_options
 @json_option
-def check(
-    data: tuple[Path, ...], rate: float | None, quantity: str | None, unit: str | None,
-    sensors: tuple[str, ...], keys: tuple[str, ...],
-) -> None:  # fmt: skip
+def check(data: tuple[Path, ...], stated: dict[str, Any]) -> None:
     """Show the identified modes read from DATA (CSV), with warnings about them.
 
     Where DATA is a vibration record, in one file or in several of the same instants, warns of
     sensors that are dead, clipped, drifting, late or alike, of gaps and of machines. The exit code
     is 3 where the modes are of an identification that failed a check.
     """
-    from bayes_ssi.measurements.records.record_files import is_record
+    from bayes_ssi.measurements.records.record_files import is_record, read_record
 
     if data[0].suffix == ".py" or data[0].is_dir():
         what, use = ("a directory", "report") if data[0].is_dir() else ("a study", "rank")
@@ -52,18 +49,13 @@ def check(
             f"{'a result' if use == 'report' else 'one'}, run: bayes-ssi {use} {data[0]}"
         )
     if len(data) > 1 or is_record(data[0]):
-        _check_record(record_of(data, rate, quantity, unit, sensors, keys))
+        _check_record(read_record(data, **stated))
         return
-    stated = {
-        "--rate": rate,
-        "--quantity": quantity,
-        "--unit": unit,
-        "--sensor": sensors,
-        "--key": keys,
-    }
-    for name, value in stated.items():
-        if value:
-            raise ValueError(f"--{name}: applies to vibration records, but {data[0]} holds modes")
+    for option in click.get_current_context().command.params:
+        if stated.get(str(option.name)):
+            raise ValueError(
+                f"{option.opts[0]}: applies to vibration records, but {data[0]} holds modes"
+            )
     _check_modes(data[0])
 
 
@@ -75,9 +67,7 @@ def _check_record(record: Record) -> None:
         f"{record.source}: {record.quantity} in {record.unit}, {record.n_samples:,} samples at "
         f"{record.rate_hz:g} Hz ({record.duration_s:g} s), up to {record.nyquist_hz:g} Hz. "
         f"Sensors: {_listed(record.sensors)}.",
-        *(f"(!) {remark}" for remark in remarks[:MOST]),
-        *([_not_shown(len(remarks), "warnings")] if len(remarks) > MOST else []),
-        *([] if remarks else ["No warnings."]),
+        *(_warnings(remarks) or ["No warnings."]),
     )
     print_record(
         lambda: {
@@ -110,12 +100,15 @@ def _check_modes(path: Path) -> None:
         where,
         f"Band: {low:g} to {high:g} Hz. Sensors: {_listed(modes.sensors)}. Digest: {modes.digest}.",
         *([] if modes.covariance is None else ["Errors have a joint covariance."]),
-        *(f"(!) {remark}" for remark in remarks[:MOST]),
-        *([_not_shown(len(remarks), "warnings")] if len(remarks) > MOST else []),
-        *([] if remarks or failed else ["No warnings."]),
+        *(_warnings(remarks) or ([] if failed else ["No warnings."])),
     )
     say_warnings(where, data_warnings(failed))
     exit_if_failed(failed)
+
+
+def _warnings(remarks: Sequence[str]) -> list[str]:
+    lines = [f"(!) {remark}" for remark in remarks[:MOST]]
+    return lines + ([_not_shown(len(remarks), "warnings")] if len(remarks) > MOST else [])
 
 
 def _listed(sensors: Sequence[str]) -> str:

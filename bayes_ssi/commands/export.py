@@ -9,6 +9,13 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bayes_ssi.commands.options import (
+    configuration_option,
+    flag,
+    path_option,
+    result_argument,
+    study_option,
+)
 from bayes_ssi.commands.terminal import console, say
 
 if TYPE_CHECKING:
@@ -16,17 +23,14 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("result", type=click.Path(path_type=Path))
-@click.option("--study", type=click.Path(path_type=Path),
-              help="Study file, if it has moved since the result was saved.")  # fmt: skip
+@result_argument
+@study_option
 @click.option("--class", "name", metavar="NAME",
               help="Model class, or hypothesis of a search.  "
               "[default: the most probable]")  # fmt: skip
-@click.option("--configuration", metavar="NAME",
-              help="Configuration of the structure, if several were tested.")  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path),
-              help="Directory for the files.  [default: RESULT/updated]")  # fmt: skip
-@click.option("--overwrite", is_flag=True, help="Replace existing files.")
+@configuration_option
+@path_option("--out", text="Directory for the files.  [default: RESULT/updated]")
+@flag("--overwrite", text="Replace existing files.")
 def export(
     result: Path,
     study: Path | None,

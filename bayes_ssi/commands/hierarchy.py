@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from bayes_ssi.commands.options import PATH, default_option, flag, path_option, seed_option
 from bayes_ssi.commands.saved_run import RESULTS
 from bayes_ssi.commands.terminal import (
     command_line,
@@ -24,30 +25,25 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("results", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("results", nargs=-1, required=True, type=PATH)
 @click.option("--class", "class_name", metavar="NAME",
               help="Model class; not needed where the results are of one class.")  # fmt: skip
-@click.option("--covariate", "covariate_file", type=click.Path(path_type=Path), metavar="FILE",
-              help="CSV file with two columns: test (the name of its result directory), and the "
-              "covariate, such as the temperature, named by the heading.")  # fmt: skip
+@path_option("--covariate", "covariate_file", metavar="FILE",
+             text="CSV file with two columns: test (the name of its result directory), and the "
+             "covariate, such as the temperature, named by the heading.")  # fmt: skip
 @click.option("--parameters", metavar="NAME,…",
               help="Parameters that are related between tests; the others are independent.  "
               "[default: all of the structure]")  # fmt: skip
-@click.option("--spread", type=float, default=0.5, show_default=True,
-              help="Scale of the half-normal prior of the standard deviation from test to test, in "
-              "standard deviations of the parameter's prior.")  # fmt: skip
-@click.option("--slope", type=float, default=0.5, show_default=True,
-              help="Standard deviation of the normal prior of the change by one standard deviation "
-              "of the covariate, in the same unit.")  # fmt: skip
+@default_option("--spread", 0.5, "Scale of the half-normal prior of the standard deviation from "
+                "test to test, in standard deviations of the parameter's prior.")  # fmt: skip
+@default_option("--slope", 0.5, "Standard deviation of the normal prior of the change by one "
+                "standard deviation of the covariate, in the same unit.")  # fmt: skip
 @click.option("--at", type=float, metavar="VALUE",
               help="Covariate of the next test.  [default: mean of the tests]")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
-              help="The result follows from it.")  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path),
-              help="Directory of the result.  [default: runs/results/hierarchy]")  # fmt: skip
-@click.option("--overwrite", is_flag=True, help="Replace a result that exists.")
-@click.option("--accept-failed-checks", is_flag=True,
-              help="Exit with code 0 where checks failed.")  # fmt: skip
+@seed_option("The result follows from it.")
+@path_option("--out", text="Directory of the result.  [default: runs/results/hierarchy]")
+@flag("--overwrite", text="Replace a result that exists.")
+@flag("--accept-failed-checks", text="Exit with code 0 where checks failed.")
 @json_option
 def hierarchy(
     results: tuple[Path, ...], class_name: str | None, covariate_file: Path | None,

@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.record_options import record_of, record_options
+from bayes_ssi.commands.options import (
+    default_option,
+    files_argument,
+    flag,
+    modes_option,
+    path_option,
+    record_options,
+)
 from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
 from bayes_ssi.measurements.records import methods
 
@@ -18,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("files", type=click.Path(path_type=Path), nargs=-1, required=True)
+@files_argument
 @click.option(
     "--band",
     type=(float, float),
@@ -40,27 +47,30 @@ if TYPE_CHECKING:
     "one that is named ground or base, if the others follow it. '' for none.",
 )
 @record_options
-@click.option(
+@default_option(
     "--method",
-    type=click.Choice(list(methods.NAMES)),
-    default=methods.BAYESIAN_FFT,
-    show_default=True,
-    help="Whose modes are written; the others look near those of the Bayesian FFT.",
+    methods.BAYESIAN_FFT,
+    "Whose modes are written; the others look near those of the Bayesian FFT.",
+    click.Choice(list(methods.NAMES)),
 )
-@click.option("--compare", is_flag=True, help="Print the modes by every method in one table.")
-@click.option("--out", type=click.Path(path_type=Path), help="CSV file for the modes, a new one.")
-@click.option(
+@flag("--compare", text="Print the modes by every method in one table.")
+@modes_option
+@path_option(
     "--figures",
-    type=click.Path(path_type=Path),
-    help="Directory for figures of spectra, poles, residuals and shapes, a new one.",
+    text="Directory for figures of spectra, poles, residuals and shapes, a new one.",
 )
 @json_option
 def identify(
-    files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], ground: str | None,
-    rate: float | None,
-    quantity: str | None, unit: str | None, sensors: tuple[str, ...], keys: tuple[str, ...],
-    method: str, compare: bool, out: Path | None, figures: Path | None,
-) -> None:  # fmt: skip
+    files: tuple[Path, ...],
+    band: tuple[float, float],
+    at: tuple[float, ...],
+    ground: str | None,
+    stated: dict[str, Any],
+    method: str,
+    compare: bool,
+    out: Path | None,
+    figures: Path | None,
+) -> None:
     """Identify the modes of the record in FILES, all of one setup and the same instants.
 
     Writes them with their uncertainties to a CSV file, the data of model classes; --json gives
@@ -72,13 +82,14 @@ def identify(
         write_modal_data,
     )
     from bayes_ssi.measurements.records import modal_identification
+    from bayes_ssi.measurements.records.record_files import read_record
     from bayes_ssi.report.tables.mode_tables import estimates_table
     from bayes_ssi.results.result_files import require_new_files
     from bayes_ssi.results.wording import listed
 
     written = () if out is None else possible_modal_files(out)
     require_new_files(*written, *(() if figures is None else (figures,)))
-    record = record_of(files, rate, quantity, unit, sensors, keys)
+    record = read_record(files, **stated)
     found = modal_identification.identify(record, band, at=at, ground=ground)
     # Floors lag behind the ground that shakes them.
     warnings = (record.selected(found.quoted.sensors) if found.ground else record).warnings()

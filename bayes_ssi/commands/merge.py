@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from bayes_ssi.commands.options import files_argument, modes_option
 from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
 
 if TYPE_CHECKING:
@@ -14,8 +15,8 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("files", type=click.Path(path_type=Path), nargs=-1, required=True)
-@click.option("--out", type=click.Path(path_type=Path), help="CSV file for the modes, a new one.")
+@files_argument
+@modes_option
 @json_option
 def merge(files: tuple[Path, ...], out: Path | None) -> None:
     """Merge the modes in FILES: of setups that share reference sensors, of several records, or of

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import click
 
+from bayes_ssi.commands.options import PATH, default_option
 from bayes_ssi.commands.terminal import console, say
 
 KINDS = ("shear-building", "matrices", "function")
@@ -54,10 +55,10 @@ def _in_a_docstring(text: str) -> str:
 
 
 @click.command()
-@click.argument("name", type=click.Path(path_type=Path))
-@click.option("--kind", type=click.Choice(KINDS), default="shear-building", show_default=True,
-              help="Kind of structure: storeys and floors, matrices of a finite-element program, "
-              "or a Python function (around OpenSees, for instance).")  # fmt: skip
+@click.argument("name", type=PATH)
+@default_option("--kind", KINDS[0], "Kind of structure: storeys and floors, matrices of a "
+                "finite-element program, or a Python function (around OpenSees, for instance).",
+                click.Choice(KINDS))  # fmt: skip
 def new(name: Path, kind: str) -> None:
     """Write an example study NAME.py and its identified modes NAME.csv, to adapt to your own.
 

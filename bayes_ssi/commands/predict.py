@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.response_options import response_request
+from bayes_ssi.commands.options import (
+    configuration_option,
+    default_option,
+    flag,
+    path_option,
+    repeated_option,
+    result_argument,
+    study_option,
+)
 from bayes_ssi.commands.terminal import (
     console,
     exit_if_failed,
@@ -23,43 +30,33 @@ from bayes_ssi.commands.terminal import (
 if TYPE_CHECKING:
     from bayes_ssi.results.predictions.prediction_files import PredictionsRecord
     from bayes_ssi.results.predictions.predictions import Predictions
-    from bayes_ssi.results.predictions.response_bands import ResponseBands, ResponseRequest
+    from bayes_ssi.results.predictions.response_bands import ResponseRequest
     from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
+    from bayes_ssi.structures.response.output import Damping, Output, Quantity
 
 
 @click.command()
-@click.argument("result", type=click.Path(path_type=Path))
-@click.option(
-    "--study",
-    type=click.Path(path_type=Path),
-    help="Study file, if it has moved since the result was saved.",
-)
-@click.option(
+@result_argument
+@study_option
+@repeated_option(
     "--class",
     "classes",
-    metavar="NAME",
-    multiple=True,
-    help="Model class, or hypothesis of a search; may be repeated.  [default: average, over all by "
+    "NAME",
+    "Model class, or hypothesis of a search; may be repeated.  [default: average, over all by "
     "their probabilities]",
 )
-@click.option(
-    "--configuration",
-    metavar="NAME",
-    help="Configuration of the structure, if several were tested.",
-)
-@click.option(
+@configuration_option
+@default_option(
     "--quantity",
-    type=click.Choice(["displacement", "acceleration", "drift"]),
-    default="acceleration",
-    show_default=True,
-    help="Displacement relative to the ground, absolute acceleration, or drift.",
+    "acceleration",
+    "Displacement relative to the ground, absolute acceleration, or drift.",
+    click.Choice(["displacement", "acceleration", "drift"]),
 )
-@click.option(
+@repeated_option(
     "--at",
     "places",
-    metavar="PLACE",
-    multiple=True,
-    help="Degree of freedom or sensor of the structure; for drift LOWER:UPPER, where LOWER may be "
+    "PLACE",
+    "Degree of freedom or sensor of the structure; for drift LOWER:UPPER, where LOWER may be "
     "'ground'; may be repeated.  [default: the top]",
 )
 @click.option(
@@ -80,36 +77,19 @@ if TYPE_CHECKING:
     metavar="LOW HIGH",
     help="Frequencies of transfer functions in Hz.  [default: band of the data]",
 )
-@click.option(
+@path_option(
     "--record",
     "records",
-    type=click.Path(path_type=Path),
     metavar="FILE",
     multiple=True,
-    help="Ground motion (AT2, text or CSV) for time histories; may be repeated.",
+    text="Ground motion (AT2, text or CSV) for time histories; may be repeated.",
 )
 @click.option("--unit", help="Unit of the records (g, m/s2, cm/s2, …), in place of the file's.")
 @click.option("--dt", type=float, help="Time step of the records in s, if not in the file.")
-@click.option(
-    "--level",
-    type=float,
-    default=0.95,
-    show_default=True,
-    help="Probability of the credible bands.",
-)
-@click.option(
-    "--draws",
-    type=click.IntRange(min=1),
-    default=1000,
-    show_default=True,
-    help="Number of posterior draws.",
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Directory for tables and figures.  [default: RESULT/predictions]",
-)
-@click.option("--overwrite", is_flag=True, help="Replace existing predictions.")
+@default_option("--level", 0.95, "Probability of the credible bands.")
+@default_option("--draws", 1000, "Number of posterior draws.", click.IntRange(min=1))
+@path_option("--out", text="Directory for tables and figures.  [default: RESULT/predictions]")
+@flag("--overwrite", text="Replace existing predictions.")
 @json_option
 def predict(
     result: Path, study: Path | None, classes: tuple[str, ...], out: Path | None, overwrite: bool,
@@ -126,7 +106,7 @@ def predict(
     from bayes_ssi.results.answer import answer
     from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
     from bayes_ssi.results.predictions.prediction_files import MARKER, save_predictions
-    from bayes_ssi.results.predictions.predictions import AVERAGE
+    from bayes_ssi.results.predictions.predictions import AVERAGE, predicted_modes
     from bayes_ssi.results.predictions.response_bands import predict_responses
     from bayes_ssi.results.predictions.stored_predictions import load_predictions
     from bayes_ssi.results.result_files import new_directory, require_new, write_json
@@ -134,7 +114,7 @@ def predict(
     predicted = load_predictions(result, study, draws, configuration)
     of_one = len(predicted.model_classes) == 1
     names = dict.fromkeys(classes or (list(predicted.model_classes) if of_one else [AVERAGE]))
-    request, remarks = response_request(predicted, predicted.of(next(iter(names))), **options)
+    request, remarks = _request(predicted, predicted.of(next(iter(names))), **options)
     directory = out or result / "predictions"
     require_new(directory, marker=MARKER, overwrite=overwrite)
     record = _record(predicted, list(names), request)
@@ -179,7 +159,15 @@ def predict(
         lambda: {
             "directory": str(directory),
             **to_record(record),
-            "modes": _modes(predicted, responses),
+            "modes": {
+                each.name: {
+                    mode.label: list(mode.after_hz)
+                    for mode in predicted_modes(
+                        predicted.data, each.predictions, each.request.level
+                    )
+                }
+                for each in responses
+            },
             "failed_checks": failed,
         }
     )
@@ -187,17 +175,115 @@ def predict(
         exit_if_failed(failed)
 
 
-def _modes(predicted: StoredPredictions, responses: Sequence[ResponseBands]) -> dict[str, Any]:
-    """Predicted frequencies, for a JSON record: low, median and high of each mode."""
-    from bayes_ssi.results.predictions.predictions import predicted_modes
+def _request(
+    predicted: StoredPredictions,
+    first: Predictions,
+    *,
+    quantity: Quantity,
+    places: tuple[str, ...],
+    damping: str | None,
+    transfer: str | None,
+    band: tuple[float, float] | None,
+    records: tuple[Path, ...],
+    unit: str | None,
+    dt: float | None,
+    level: float,
+) -> tuple[ResponseRequest, list[str]]:
+    """The request from the options, and remarks on it."""
+    import numpy as np
 
-    return {
-        each.name: {
-            mode.label: list(mode.after_hz)
-            for mode in predicted_modes(predicted.data, each.predictions, each.request.level)
-        }
-        for each in responses
-    }
+    from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
+    from bayes_ssi.results.predictions.response_bands import (
+        ResponseRequest,
+        default_frequencies,
+        default_output,
+    )
+    from bayes_ssi.structures.response.ground_motion import UNITS
+    from bayes_ssi.structures.response.ground_motion_files import read_ground_motion
+    from bayes_ssi.structures.response.modal_response import ground_influence
+    from bayes_ssi.structures.response.output import (
+        GROUND,
+        HEAVY_DAMPING,
+        damping_ratios,
+        heavy_damping_warning,
+    )
+
+    for name, value in (("--unit", unit), ("--dt", dt)):
+        if value is not None and not records:
+            raise ValueError(f"{name}: applies to records, but no --record is given")
+    ratios, remark = _damping(predicted, damping)
+    lowest = damping_ratios(ratios, np.size(ratios)).min()
+    output = _output(quantity, places) if places else default_output(first, quantity)
+    remarks = [remark]
+    heaviest = float(np.max(ratios))
+    if heaviest > HEAVY_DAMPING:
+        remarks.append(f"(!) {heavy_damping_warning(heaviest)}")
+    frequencies = None
+    if transfer is None:
+        structures = [each.structure for each in first.classes]
+        unknown = [one for one in structures if ground_influence(one) is None]
+        transfer = "none" if unknown else GROUND
+        if unknown:
+            remarks.append(
+                "No transfer functions: how ground motion acts on the degrees of freedom of the "
+                f"{type(unknown[0]).__name__} is not known."
+            )
+    if transfer != "none":
+        frequencies = default_frequencies(predicted.data, lowest, band)
+        source = "the ground's acceleration" if transfer == GROUND else f"a force at {transfer!r}"
+        remarks.append(
+            f"Transfer functions: from {source}, {len(frequencies)} frequencies from "
+            f"{frequencies[0]:g} to {frequencies[-1]:g} Hz."
+        )
+        if len(frequencies) == PREDICTION_SETTINGS.most_frequencies:
+            remarks.append(
+                "(!) The frequencies may miss the top of a narrow peak; give a narrower --band."
+            )
+    elif band is not None:
+        raise ValueError("--band: applies to transfer functions, but --transfer is none")
+    motions = tuple(read_ground_motion(file, unit=unit, dt=dt) for file in records)
+    remarks += [
+        f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
+        f"{motion.peak_acceleration / UNITS['g']:.3g} g."
+        for motion in motions
+    ]
+    frequencies_of_modes = np.median(first.classes[0].frequencies_hz, axis=0)
+    remarks += [
+        f"(!) {warning}." for motion in motions for warning in motion.warnings(frequencies_of_modes)
+    ]
+    force_at = None if transfer in (GROUND, "none") else transfer
+    return ResponseRequest(output, ratios, frequencies, force_at, motions, level), remarks
+
+
+def _damping(predicted: StoredPredictions, text: str | None) -> tuple[Damping, str]:
+    """The damping from the option or from the data, and a sentence about it."""
+    from bayes_ssi.results.predictions.response_bands import default_damping
+
+    if text is None:
+        default, source = default_damping(predicted.data)
+        return default, f"Damping: {100 * default:.3g} % in all modes, {source}."
+    try:
+        ratios = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(
+            f"--damping: must be a fraction, or one for each mode separated by commas, got {text!r}"
+        ) from None
+    each = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)
+    if len(ratios) == 1:
+        return ratios[0], f"Damping: {each} % in all modes, as given."
+    return ratios, f"Damping: {each} % mode by mode, as given."
+
+
+def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
+    from bayes_ssi.structures.response.output import Output
+
+    if quantity != "drift":
+        return Output(quantity, places)
+    for place in places:
+        if place.count(":") != 1:
+            raise ValueError(f"--at: a drift is given as LOWER:UPPER, got {place!r}")
+    pairs = [place.partition(":") for place in places]
+    return Output(quantity, tuple((lower, upper) for lower, _, upper in pairs))
 
 
 def _composition(predictions: Predictions) -> str:

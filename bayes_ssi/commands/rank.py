@@ -6,18 +6,16 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.run_options import load, run_options, study_argument
-from bayes_ssi.commands.saved_run import RunOptions
-from bayes_ssi.commands.shown_result import notes_of, say_misfit
+from bayes_ssi.commands.options import flag, load, only_option, study_argument
+from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options, say_misfit
 from bayes_ssi.commands.terminal import console, say
 
 
 @click.command()
 @study_argument
-@click.option("--only", metavar="NAME,…", help="Rank only these model classes.")
-@click.option("--any-pairing", is_flag=True,
-              help="Infer which identified mode is which model mode; classes that differ in "
-              "nothing else become one.")  # fmt: skip
+@only_option("Rank only these model classes.")
+@flag("--any-pairing", text="Infer which identified mode is which model mode; classes that differ "
+      "in nothing else become one.")  # fmt: skip
 @run_options
 def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) -> None:
     """Sample every model class of STUDY, rank them by evidence, and save the result.

@@ -7,17 +7,14 @@ from pathlib import Path
 
 import click
 
+from bayes_ssi.commands.options import flag, path_option, result_argument
 from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
 
 
 @click.command()
-@click.argument("result", type=click.Path(path_type=Path))
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Directory of the report.  [default: RESULT/report]",
-)
-@click.option("--overwrite", is_flag=True, help="Replace an existing report.")
+@result_argument
+@path_option("--out", text="Directory of the report.  [default: RESULT/report]")
+@flag("--overwrite", text="Replace an existing report.")
 @json_option
 def report(result: Path, out: Path | None, overwrite: bool) -> None:
     """Write a report of RESULT, a directory that rank or search saved.

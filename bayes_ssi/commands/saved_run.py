@@ -5,19 +5,27 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.shown_result import json_record
+from bayes_ssi.commands.options import (
+    Command,
+    Decorator,
+    flag,
+    gathered,
+    path_option,
+    seed_option,
+)
 from bayes_ssi.commands.terminal import (
-    INTERRUPTED,
+    ExitCode,
     command_line,
     console,
     exit_if_failed,
     is_quiet,
+    json_option,
     print_record,
     progress_bars,
     say,
@@ -26,6 +34,8 @@ from bayes_ssi.commands.terminal import (
 )
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from bayes_ssi.inference.model_class.model_class import ModelClass
     from bayes_ssi.inference.sampling.settings import SamplingSettings
     from bayes_ssi.inference.workers.checkpoint import Checkpoint
@@ -108,7 +118,7 @@ class RunOptions:
                 yield Run(workers, place.checkpoint, progress)
         except KeyboardInterrupt:  # below the progress bars, which have ended
             click.echo(f"Interrupted; resume with: {command_line()}", err=True)
-            sys.exit(INTERRUPTED)
+            sys.exit(ExitCode.INTERRUPTED)
 
     def _workers(self, candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
         from bayes_ssi.inference.workers.dask_workers import DaskWorkers
@@ -182,9 +192,40 @@ class RunOptions:
         answered = answer(result)
         say_warnings(console(), answered.warnings)
         say_in_paragraphs(console(), *answered.paragraphs)
-        print_record(lambda: json_record(result, records))
+        print_record(lambda: _json_record(result, records))
         if not self.accept_failed_checks:
             exit_if_failed(result.comparison.failed_checks)
+
+
+def run_options(command: Command) -> Command:
+    """The command with the options of :class:`RunOptions`, as one argument ``options``."""
+    options: dict[str, Decorator] = {
+        "seed": seed_option("The result follows from it."),
+        "log_evidence_error": click.option(
+            "--error", "log_evidence_error", type=float, default=0.01, show_default=True,
+            help="Wanted standard error of each log evidence, in nats."),
+        "economical": flag(
+            "--economical", text="Emulate the modes of slow models from some hundred solutions, "
+            "hundreds of times fewer."),
+        "out": path_option("--out", text="Result directory; in runs/results if not given."),
+        "overwrite": flag(
+            "--overwrite", text="Replace a result, or an unfinished run, that exists."),
+        "sensitivity": flag(
+            "--sensitivity", text="Rank again with every setting halved and doubled: missed and "
+            "spurious modes, error sizes, widths of priors."),
+        "workers": click.option(
+            "--workers", type=click.IntRange(min=1), metavar="N",
+            help="Sample in N processes on this machine, at most one for each core. If not given: "
+            "one for each core that has a class to sample, but only this process where a model is "
+            "a user's own function or class of structure, or a single small one."),
+        "dask": click.option(
+            "--dask", metavar="ADDRESS",
+            help="Sample on a Dask cluster, by its scheduler's address."),
+        "accept_failed_checks": flag(
+            "--accept-failed-checks", text="Exit with code 0 where checks failed; they are shown "
+            "and saved all the same."),
+    }  # fmt: skip
+    return json_option(gathered(command, "options", RunOptions, options))
 
 
 @contextmanager
@@ -248,3 +289,49 @@ def _figures(ranking: Ranking, records: Mapping[str, Any]) -> list[ResultFigure]
         *result_figures.figures_of_modes(classes[ranked[0].name], ranked[0]),
         *result_figures.figures_of_identified_shapes(classes[ranked[0].name]),
     ]
+
+
+def _json_record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, Any]:
+    """The record that ``--json`` prints: ranking, numbers of posteriors, path of the result."""
+    from bayes_ssi.results.answer import answer
+
+    return {
+        "directory": str(result.directory),
+        "study": result.record.study,
+        "answer": answer(result).paragraphs,
+        **asdict(result.comparison),
+        "failed_checks": list(result.comparison.failed_checks),
+        "not_distinguishable": list(result.comparison.not_distinguishable),
+        "parameters": {
+            posterior.name: [asdict(row) for row in posterior.summary]
+            for posterior in result.ranked_posteriors
+        },
+        "adequacy": {
+            posterior.name: posterior.adequacy and asdict(posterior.adequacy)
+            for posterior in result.ranked_posteriors
+        },
+        "pairings": {
+            posterior.name: {modes.name: dict(modes.pairing) for modes in posterior.configurations}
+            for posterior in result.ranked_posteriors
+        },
+        **{Path(file).stem: record for file, record in records.items()},
+    }
+
+
+def say_misfit(where: Console, result: StoredResult) -> None:
+    """Say ahead of everything else that the best class misses an appendage, or the data."""
+    for text in (result.comparison.unmodelled_appendage, result.comparison.misfit):
+        if text:
+            say_in_paragraphs(where, f"(!) {text[0].upper()}{text[1:]}.")
+
+
+def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:
+    """Notes below the tables of a ranking."""
+    from bayes_ssi.report.tables.ranking_tables import comparison_notes, pairing_notes, region_notes
+
+    notes = comparison_notes(result.comparison, with_scales=result.search is None)
+    for posterior in result.ranked_posteriors[: 1 if best_only else None]:
+        for heading, items in (*pairing_notes(posterior), *region_notes(posterior)):
+            notes += [heading, *(f"  {item}" for item in items)]
+        notes += [f"{posterior.name!r}: {remark}." for remark in posterior.remarks]
+    return notes

@@ -6,37 +6,38 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.run_options import load, run_options, study_argument
-from bayes_ssi.commands.saved_run import RunOptions
-from bayes_ssi.commands.shown_result import notes_of, say_misfit
+from bayes_ssi.commands.options import (
+    default_option,
+    load,
+    path_option,
+    repeated_option,
+    study_argument,
+)
+from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options, say_misfit
 from bayes_ssi.commands.terminal import console, say
 
 
 @click.command()
 @study_argument
-@click.option(
+@repeated_option(
     "--baseline",
     "baselines",
-    metavar="NAME",
-    multiple=True,
-    help="Model class to hang appendages on; may be repeated. Every class of the study "
-    "without an appendage of its own, averaged over, if not given.",
+    "NAME",
+    "Model class to hang appendages on; may be repeated. Every class of the study without an "
+    "appendage of its own, averaged over, if not given.",
 )
-@click.option(
+@path_option(
     "--candidates",
     "candidates_file",
-    type=click.Path(path_type=Path),
     metavar="FILE",
-    help="CSV file of the places where appendages may hang, with columns name and place. Floors "
+    text="CSV file of the places where appendages may hang, with columns name and place. Floors "
     "and storeys where a structure has them, else all sensors, if not given.",
 )
-@click.option(
+@repeated_option(
     "--in",
     "present_in",
-    metavar="TEST",
-    multiple=True,
-    help="Configuration that has the appendages; may be repeated. All with these places if not "
-    "given.",
+    "TEST",
+    "Configuration that has the appendages; may be repeated. All with these places if not given.",
 )
 @click.option(
     "--mass",
@@ -52,13 +53,12 @@ from bayes_ssi.commands.terminal import console, say
     help="Log-uniform prior of an appendage's frequency in Hz; from half the lowest "
     "identified frequency to the band's upper limit if not given.",
 )
-@click.option(
+@default_option(
     "--most",
+    2,
+    "Largest number of appendages at once.",
     # The prior weight of twenty is 0.2^19, 1e-13: more are as good as excluded.
-    type=click.IntRange(min=1, max=20),
-    default=2,
-    show_default=True,
-    help="Largest number of appendages at once.",
+    click.IntRange(min=1, max=20),
 )
 @run_options
 def search(

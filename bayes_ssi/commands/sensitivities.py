@@ -7,15 +7,14 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.run_options import load, study_argument
+from bayes_ssi.commands.options import load, only_option, path_option, study_argument
 from bayes_ssi.commands.terminal import console, json_option, print_record, say
 
 
 @click.command()
 @study_argument
-@click.option("--only", metavar="NAME,…", help="Only these model classes.")
-@click.option("--figures", type=click.Path(path_type=Path),
-              help="Directory for a heat map of each class, a new one.")  # fmt: skip
+@only_option("Only these model classes.")
+@path_option("--figures", text="Directory for a heat map of each class, a new one.")
 @json_option
 def sensitivities(study: Path, only: str | None, figures: Path | None) -> None:
     """Print how the modes of STUDY's model classes change with their parameters.

@@ -8,30 +8,31 @@ prints go to standard error.
 from __future__ import annotations
 
 import functools
+import io
+import json
 import os
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout, suppress
+from enum import IntEnum
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from bayes_ssi.commands.record_output import (
-    discard_standard_output,
-    json_text,
-    standard_output_on_standard_error,
-)
-
 if TYPE_CHECKING:
     from rich.console import Console
 
-OUTPUT_CLOSED = 1  # as rich has it
-BAD_INPUT = 2
-FAILED_CHECK = 3
-INTERRUPTED = 130  # as shells have it: 128 + SIGINT
-WIDTH = 80
-LONGEST_LINE = 2000
+
+class ExitCode(IntEnum):
+    """How a command ends that does not succeed."""
+
+    OUTPUT_CLOSED = 1  # as rich has it
+    BAD_INPUT = 2
+    FAILED_CHECK = 3
+    INTERRUPTED = 130  # as shells have it: 128 + SIGINT
+
+
 META = "bayes_ssi"
 COMMAND_LINE, QUIET, JSON = f"{META}.command_line", f"{META}.quiet", f"{META}.json"
 RECORD = f"{META}.record"
@@ -71,18 +72,18 @@ class OneLineErrors(click.Group):
                 code = run()
                 click.echo(nl=False)  # what is still in the buffer
         except BrokenPipeError:  # its reader, such as head, has seen enough
-            discard_standard_output()
-            sys.exit(OUTPUT_CLOSED)
+            _discard_standard_output()
+            sys.exit(ExitCode.OUTPUT_CLOSED)
         except click.exceptions.NoArgsIsHelpError as error:
             click.echo(error.format_message(), err=True)
-            sys.exit(BAD_INPUT)
+            sys.exit(ExitCode.BAD_INPUT)
         except click.ClickException as error:
             # Options may not have been parsed.
             as_json = "--json" in (sys.argv[1:] if args is None else args)
             _fail(error.format_message(), as_json)
         except click.Abort:
             click.echo("Interrupted.", err=True)
-            sys.exit(INTERRUPTED)
+            sys.exit(ExitCode.INTERRUPTED)
         sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -101,19 +102,19 @@ def _one_line_errors() -> Iterator[None]:
             # An error of a file that has no name is one of standard output.
             text = f"{error.filename or 'output'}: {error.strerror}"
             if error.filename is None:
-                discard_standard_output()
+                _discard_standard_output()
         raise click.ClickException(text) from error
 
 
 def _fail(text: str, as_json: bool) -> NoReturn:
     """Report an error in one line on standard error, and as a record if one is wanted; exit."""
     line = " ".join(text.split())
-    if len(line) > LONGEST_LINE:  # whatever it repeats; choices are at its end
-        line = f"{line[: LONGEST_LINE // 2]} … {line[-LONGEST_LINE // 2 :]}"
+    if len(line) > 2000:  # whatever it repeats, it fits on a screen; choices are at its end
+        line = f"{line[:1000]} … {line[-1000:]}"
     click.echo(f"Error: {line}", err=True)
     if as_json:
         click.echo(json_text({"error": line}))
-    sys.exit(BAD_INPUT)
+    sys.exit(ExitCode.BAD_INPUT)
 
 
 def command_line() -> str:
@@ -154,7 +155,7 @@ def json_option(command: Callable[..., None]) -> Callable[..., None]:
             command(**options)
             return
         try:
-            with standard_output_on_standard_error():
+            with _standard_output_on_standard_error():
                 command(**options)
         finally:
             if RECORD in _meta():
@@ -183,7 +184,7 @@ def console() -> Console:
         return Console(quiet=True)
     made = Console()
     # Piped output has no width of its own, unless COLUMNS gives one.
-    return made if made.is_terminal or "COLUMNS" in os.environ else Console(width=WIDTH)
+    return made if made.is_terminal or "COLUMNS" in os.environ else Console(width=80)
 
 
 def exit_if_failed(checks: Sequence[str]) -> None:
@@ -193,7 +194,7 @@ def exit_if_failed(checks: Sequence[str]) -> None:
     if is_quiet():
         several = "s" if len(checks) > 1 else ""
         click.echo(f"(!) {len(checks)} failed check{several}: {'; '.join(checks)}", err=True)
-    sys.exit(FAILED_CHECK)
+    sys.exit(ExitCode.FAILED_CHECK)
 
 
 def say_in_paragraphs(where: Console, *paragraphs: str) -> None:
@@ -269,3 +270,43 @@ def _bars(stderr: Console) -> Iterator[Callable[[str, str, float], None]]:
             progress.update(tasks[name], completed=begin + done * (end - begin), step=step)
 
         yield show
+
+
+@contextmanager
+def _standard_output_on_standard_error() -> Iterator[None]:
+    """Send to standard error what is printed: by Python, by libraries, and by new processes."""
+    if sys.stdout is not None:  # None where it is closed
+        sys.stdout.flush()
+    with redirect_stdout(sys.stderr), _redirected_descriptor():
+        yield
+
+
+@contextmanager
+def _redirected_descriptor() -> Iterator[None]:
+    """Redirect also what is written to the descriptor, which processes started here inherit."""
+    try:
+        own, target = sys.__stdout__.fileno(), sys.__stderr__.fileno()  # type: ignore[union-attr]
+        kept = os.dup(own)
+    except (AttributeError, OSError, io.UnsupportedOperation):  # a stream without descriptor
+        yield
+        return
+    os.dup2(target, own)
+    try:
+        yield
+    finally:
+        sys.stderr.flush()
+        os.dup2(kept, own)
+        os.close(kept)
+
+
+def _discard_standard_output() -> None:
+    """Write to nowhere from now on: what is left in the buffer would fail again at the exit."""
+    with suppress(AttributeError, OSError, io.UnsupportedOperation):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def json_text(record: Mapping[str, Any]) -> str:
+    """The record as JSON; infinities and NaN are text."""
+    from bayes_ssi.foundations.codec import to_record
+
+    return json.dumps(to_record(record), indent=2, allow_nan=False)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import click
 
+from bayes_ssi.commands.options import repeated_option, result_argument
 from bayes_ssi.commands.terminal import (
     console,
     exit_if_failed,
@@ -28,13 +29,12 @@ PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
 
 
 @click.command(name="what-if")
-@click.argument("result", type=click.Path(path_type=Path))
-@click.option(
+@result_argument
+@repeated_option(
     "--prior",
     "priors",
-    metavar="NAME=PRIOR",
-    multiple=True,
-    help='New prior of a parameter, such as "k1=LogNormal(1, 0.5)"; may be repeated.',
+    "NAME=PRIOR",
+    'New prior of a parameter, such as "k1=LogNormal(1, 0.5)"; may be repeated.',
 )
 @click.option(
     "--frequency-cov",
@@ -55,20 +55,18 @@ PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
     metavar="NUMBER",
     help="Expected number of spurious modes in the band.",
 )
-@click.option(
+@repeated_option(
     "--band",
     "bands",
-    metavar="[NAME=]LOW,HIGH",
-    multiple=True,
-    help="Band of the search for modes in Hz, of configuration NAME where there are "
-    "several; may be repeated.",
+    "[NAME=]LOW,HIGH",
+    "Band of the search for modes in Hz, of configuration NAME where there are several; may be "
+    "repeated.",
 )
-@click.option(
+@repeated_option(
     "--weight",
     "weights",
-    metavar="NAME=WEIGHT",
-    multiple=True,
-    help="Prior weight of a model class; may be repeated.",
+    "NAME=WEIGHT",
+    "Prior weight of a model class; may be repeated.",
 )
 @json_option
 def what_if(

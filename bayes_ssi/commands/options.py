@@ -1,0 +1,118 @@
+"""Arguments and options that several commands have."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from bayes_ssi.studies.ranking.study import Study
+
+PATH = click.Path(path_type=Path)
+Command = Callable[..., Any]
+Decorator = Callable[[Command], Command]
+
+
+def path_option(*names: str, text: str, **more: Any) -> Decorator:
+    """An option whose value is the path of a file or directory."""
+    return click.option(*names, type=PATH, help=text, **more)
+
+
+def default_option(name: str, default: Any, text: str, kind: Any = None) -> Decorator:
+    """An option with a default that the help shows."""
+    return click.option(name, type=kind, default=default, show_default=True, help=text)
+
+
+def flag(*names: str, text: str) -> Decorator:
+    """An option without a value."""
+    return click.option(*names, is_flag=True, help=text)
+
+
+def repeated_option(name: str, argument: str, metavar: str, text: str) -> Decorator:
+    """An option that may be given several times."""
+    return click.option(name, argument, metavar=metavar, multiple=True, help=text)
+
+
+study_argument = click.argument("study", type=PATH)
+result_argument = click.argument("result", type=PATH)
+files_argument = click.argument("files", type=PATH, nargs=-1, required=True)
+# Of a result, whose structures are those of the study file.
+study_option = path_option(
+    "--study", text="Study file, if it has moved since the result was saved."
+)
+configuration_option = click.option(
+    "--configuration",
+    metavar="NAME",
+    help="Configuration of the structure, if several were tested.",
+)
+modes_option = path_option("--out", text="CSV file for the modes, a new one.")
+
+
+def only_option(text: str) -> Decorator:
+    """The model classes of a study."""
+    return click.option("--only", metavar="NAME,…", help=text)
+
+
+def seed_option(text: str) -> Decorator:
+    """The seed of random numbers."""
+    return default_option("--seed", 0, text, click.IntRange(min=0))
+
+
+def load(path: Path, only: str | None = None) -> Study:
+    """The study from a file, with all its model classes or only the listed ones."""
+    from bayes_ssi.studies.ranking.study_file import load_study
+
+    study = load_study(path)
+    if only is None:
+        return study
+    if only in study.names:  # a name may itself hold commas
+        return study.only([only])
+    return study.only([name.strip() for name in only.split(",") if name.strip()])
+
+
+def applied(command: Command, *options: Decorator) -> Command:
+    """The command with options, which the help lists in this order."""
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def gathered(
+    command: Command, argument: str, made: Callable[..., Any], options: Mapping[str, Decorator]
+) -> Command:
+    """The command with options whose values, by their names, become one of its arguments."""
+
+    @functools.wraps(command)
+    def wrapped(**values: Any) -> None:
+        own = {name: values.pop(name) for name in options}
+        command(**{argument: made(**own)}, **values)
+
+    return applied(wrapped, *options.values())
+
+
+def record_options(command: Command) -> Command:
+    """What the files of a vibration record do not state, as arguments of ``read_record``."""
+    options: dict[str, Decorator] = {
+        "rate_hz": click.option(
+            "--rate", "rate_hz", type=float,
+            help="Samples per second, if the files do not state it."),
+        "quantity": click.option(
+            "--quantity",
+            help="acceleration, velocity or displacement, if not stated; of .v2, which."),
+        "unit": click.option("--unit", help="Unit of the samples, if not stated."),
+        "sensors": repeated_option(
+            "--sensor", "sensors", "NAME",
+            "Name of a sensor, for all in their order, in place of the files' own names."),
+        "keys": repeated_option(
+            "--key", "keys", "NAME",
+            "Array of a .mat, .npz or HDF5 file, or group of a TDMS file; may be repeated."),
+    }  # fmt: skip
+    return gathered(command, "stated", _stated, options)
+
+
+def _stated(sensors: tuple[str, ...], **others: Any) -> dict[str, Any]:
+    return {"sensors": sensors or None, **others}
