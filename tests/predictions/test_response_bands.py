@@ -6,6 +6,7 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
+from conftest import TINY_STUDY
 from rich.console import Console
 from whole_tables import assert_every_cell_is_whole
 
@@ -30,20 +31,22 @@ OUTPUT = Output("acceleration", ("floor 1", "floor 2"))
 FREQUENCIES = np.linspace(0.2, 2.5, 24)
 
 
-@pytest.fixture
-def predicted(tiny_ranking, tmp_path, tiny_study_file):
-    saved = save_result(tiny_ranking, tmp_path / "result", study_file=str(tiny_study_file))
+@pytest.fixture(scope="module")
+def predicted(tiny_ranking, tmp_path_factory):
+    directory = tmp_path_factory.mktemp("stored")
+    (directory / "tiny.py").write_text(TINY_STUDY, "utf-8")
+    saved = save_result(tiny_ranking, directory / "r", study_file=str(directory / "tiny.py"))
     return load_predictions(saved.directory, n_draws=60)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def response_request():
     rng = np.random.default_rng(0)
     motions = tuple(GroundMotion(rng.standard_normal(64), 0.05, name) for name in ("a", "b"))
     return ResponseRequest(OUTPUT, 0.02, FREQUENCIES, motions=motions, level=0.9)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def responses(predicted, response_request):
     return [predict_responses(predicted, name, response_request) for name in ("average", "one k")]
 
@@ -139,7 +142,8 @@ def test_csv_files_hold_the_bands(predicted, responses, out):
         save_predictions(out, predicted.data, responses)
 
 
-def test_what_is_not_asked_for_is_not_computed(predicted, out):
+def test_what_is_not_asked_for_is_not_computed(predicted, out, monkeypatch):
+    monkeypatch.setattr("bayes_ssi.plots.prediction_plots.save_figure", lambda _, path: path)
     ground_to_1 = Output("drift", (("ground", "floor 1"),))
     actual = predict_responses(predicted, "each k", ResponseRequest(ground_to_1, 0.02, FREQUENCIES))
     assert actual.time_histories == actual.peaks == {}

@@ -74,6 +74,7 @@ def test_the_page_is_whole_and_needs_nothing_else(reported, page):
     assert not re.findall(r"(?:src|@import|url\()\s*=?\s*[\"']?https?:", text)
 
 
+@pytest.mark.usefixtures("no_drawings")
 def test_remarks_of_a_class(tiny_ranking, tmp_path):
     """For instance, the error of a reduced model and its cost."""
     remark = "2302 degrees of freedom reduced to 93 by 19 full solutions"
@@ -240,7 +241,8 @@ def test_the_findings_of_a_search(found_in_case_c, tmp_path):
     assert interval(appendage.mass, 3) in shown
 
 
-def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path):
+def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path, monkeypatch):
+    monkeypatch.setattr("bayes_ssi.report.report_figures._drawn_classes", lambda _: ())
     save_result(found_in_case_c.ranking, tmp_path / "r",
                 extra={"search.json": found_in_case_c.record})  # fmt: skip
     html = write_report(tmp_path / "r").read_text("utf-8")
