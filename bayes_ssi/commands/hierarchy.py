@@ -57,7 +57,7 @@ def hierarchy(
     """
     from bayes_ssi.parameters.families import HalfNormal, Normal
     from bayes_ssi.plots.figure_style import figures_for_files, save_figure
-    from bayes_ssi.plots.population_plot import plot_population
+    from bayes_ssi.plots.parameter_plots import plot_population
     from bayes_ssi.report.tables.prediction_tables import (
         hierarchy_notes,
         population_table,

@@ -4,16 +4,16 @@ Every function draws on given axes, or on those of a new figure, and returns the
 """
 
 from bayes_ssi.plots.appendage_places import plot_places
-from bayes_ssi.plots.before_and_after import (
-    plot_frequency_change,
-    plot_mac_change,
-    plot_parameters,
-)
-from bayes_ssi.plots.corner_plot import plot_corner
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.plots.identified_modes import plot_identified_modes, plot_identified_shapes
-from bayes_ssi.plots.matrix_plots import plot_mac, plot_modal_sensitivities, plot_pairing
-from bayes_ssi.plots.population_plot import plot_population
+from bayes_ssi.plots.mode_plots import (
+    plot_frequency_change,
+    plot_mac,
+    plot_mac_change,
+    plot_modal_sensitivities,
+    plot_pairing,
+)
+from bayes_ssi.plots.parameter_plots import plot_corner, plot_parameters, plot_population
 from bayes_ssi.plots.prediction_plots import plot_time_history, plot_transfer_functions
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
 from bayes_ssi.plots.record_plots import (

@@ -9,18 +9,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from bayes_ssi.plots.figure_style import (
-    BLUE,
-    GREY,
-    SMALL,
     STYLE,
-    WIDTH,
     axes_of,
-    colour_bar,
-    colour_scale,
     hover,
     legend_below,
     legend_of_figure,
-    name_rows,
     rows_of,
 )
 from bayes_ssi.plots.space import colour_bar_axes, draw_structure, space_axes
@@ -62,10 +55,10 @@ def plot_place_map(
     drawn = space_axes(np.array(points), unit, title, ax)
     if geometry is not None:
         draw_structure(drawn, geometry)
-    scale = colour_scale(best.probability)
+    scale = _colour_scale(best.probability)
     dots = sorted({one.at for one in located} - {one.at for one in shown})
     if dots:
-        drawn.scatter(*np.transpose(dots), s=4.0, color=[scale.to_rgba(0.0)], edgecolors=GREY,
+        drawn.scatter(*np.transpose(dots), s=4.0, color=[scale.to_rgba(0.0)], edgecolors=STYLE.grey,
                       linewidths=0.4, depthshade=False, label="improbable place",
                       rasterized=len(dots) > STYLE.most_vectors)  # fmt: skip
     for one in shown:
@@ -75,7 +68,7 @@ def plot_place_map(
             hover(artist, f"{one.record.place.name}: probability {text}")
         else:
             artist.set_rasterized(True)
-    colour_bar(drawn, scale, colour_bar_axes(drawn) if ax is None else None)
+    _colour_bar(drawn, scale, colour_bar_axes(drawn) if ax is None else None)
     legend_of_figure(drawn.figure, [drawn])
     return drawn
 
@@ -123,19 +116,19 @@ def plot_places_on_building(places: Sequence[PlaceRecord], ax: Axes | None = Non
     columns, width = _columns(each.place for each in places)
     # In the least height of a floor, probabilities of floors still keep apart.
     tall = n_floors * min(0.7, max(0.2, 4.0 / n_floors))
-    ax = axes_of(ax, (max(WIDTH, 1.0 + 0.75 * len(columns)), 1.6 + tall))
+    ax = axes_of(ax, (max(STYLE.width, 1.0 + 0.75 * len(columns)), 1.6 + tall))
     ax.plot([-0.5, width + 0.5], [0, 0], color="black", linewidth=2.0)
     for side in (0.0, width):
-        ax.plot([side, side], [0, n_floors], color=GREY, linewidth=1.5)
+        ax.plot([side, side], [0, n_floors], color=STYLE.grey, linewidth=1.5)
     for floor in range(1, n_floors + 1):
         ax.plot([0.0, width], [floor, floor], color="black", linewidth=1.5)
-        ax.text(-0.15, floor, f"floor {floor}", ha="right", va="center", fontsize=SMALL)
-    scale = colour_scale(max(each.probability for each in places))
+        ax.text(-0.15, floor, f"floor {floor}", ha="right", va="center", fontsize=STYLE.small)
+    scale = _colour_scale(max(each.probability for each in places))
     for each, y in zip(places, heights, strict=True):
         place, text = each.place, probability_text(each.probability)
         x = columns[_kind(place)]
         if place.is_outside:
-            ax.plot([width, x], [y, y], color=GREY, linewidth=0.8, linestyle=":")
+            ax.plot([width, x], [y, y], color=STYLE.grey, linewidth=0.8, linestyle=":")
         point = ax.scatter(
             x, y, s=55.0, marker=place.marker, zorder=3, color=[scale.to_rgba(each.probability)],
             edgecolors="black", linewidths=0.6,
@@ -143,18 +136,20 @@ def plot_places_on_building(places: Sequence[PlaceRecord], ax: Axes | None = Non
         hover(point, f"{place.name}: probability {text}")
         # Above the line that joins a column further out to its floor.
         box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
-        ax.text(x + 0.17, y, text, va="center", fontsize=SMALL, bbox=box)
+        ax.text(x + 0.17, y, text, va="center", fontsize=STYLE.small, bbox=box)
     ax.set_xlim(-1.1, max(width, *columns.values()) + 0.7)
     ax.set_ylim(-0.3, n_floors + 0.6)
     ax.axis("off")
     for (_, direction), x in columns.items():
         if direction:
-            ax.text(x, n_floors + 0.35, direction_name(direction), ha="center", fontsize=SMALL)
+            ax.text(
+                x, n_floors + 0.35, direction_name(direction), ha="center", fontsize=STYLE.small
+            )
     for kind in dict.fromkeys(kind for kind, _ in columns):
         ax.plot([], [], linestyle="none", marker=kind.marker, color="black",
                 markerfacecolor="none", label=kind.title)  # fmt: skip
     legend_below(ax, 2)
-    colour_bar(ax, scale)
+    _colour_bar(ax, scale)
     return ax
 
 
@@ -177,19 +172,18 @@ def _columns(places: Iterable[AppendagePlace]) -> tuple[dict[Kind, float], float
 def plot_place_bars(places: Sequence[PlaceRecord], ax: Axes | None = None) -> Axes:
     """The probability of an appendage at the most probable places, and at all others together."""
     first, others = places[: STYLE.most_bars], places[STYLE.most_bars :]
-    bars = [(each.place.name, each.probability, BLUE) for each in first]
+    bars = [(each.place.name, each.probability, STYLE.blue) for each in first]
     if others:
         together = sum(each.probability for each in others)
-        bars.append((f"{len(others)} others together", together, GREY))
+        bars.append((f"{len(others)} others together", together, STYLE.grey))
     names = [name for name, _, _ in bars]
     ax = rows_of(ax, names, extra=0.7)
-    name_rows(ax, names)
     for row, (name, probability, colour) in enumerate(bars):
         text = probability_text(probability)
         (bar,) = ax.barh(row, probability, height=0.6, color=colour)
         hover(bar, f"{name}: probability {text}")
         ax.annotate(text, (probability, row), xytext=(3, 0), textcoords="offset points",
-                    va="center", fontsize=SMALL)  # fmt: skip
+                    va="center", fontsize=STYLE.small)  # fmt: skip
     highest = max(probability for _, probability, _ in bars)
     ax.set_xlim(0.0, 1.25 * highest or 1.0)  # with room for the numbers
     ax.set_xlabel("probability of an appendage")
@@ -208,3 +202,25 @@ def plot_places(search: SearchRecord, ax: Axes | None = None) -> Axes:
     if any(each.place.coordinates is not None for each in search.places):
         return plot_place_map(search.places, search.geometry, ax)
     return plot_place_bars(search.places_by_probability, ax)
+
+
+def _colour_scale(highest: float) -> Any:
+    """Colours of probabilities from zero to the highest that is drawn, a ``ScalarMappable``."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    # ColorBrewer's map from pale yellow to dark red: its lightness falls evenly, so that
+    # colour-blind readers, and greyscale, keep the order.
+    return ScalarMappable(Normalize(0.0, highest or 1.0), "YlOrRd")
+
+
+def _colour_bar(ax: Axes, scale: Any, cax: Axes | None = None) -> None:
+    """A colour bar, below ``ax`` or in axes of its own."""
+    from matplotlib.ticker import MaxNLocator
+
+    room: Any = {"cax": cax, "orientation": "horizontal"}
+    if cax is None:
+        room = {"ax": ax, "location": "bottom", "shrink": 0.7, "aspect": 30, "pad": 0.02}
+    bar = ax.figure.colorbar(scale, ticks=MaxNLocator(4), **room)
+    bar.set_label("probability of an appendage", fontsize=STYLE.small)
+    bar.ax.tick_params(labelsize=STYLE.small)

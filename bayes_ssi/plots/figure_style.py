@@ -11,31 +11,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bayes_ssi.foundations.arrays import FloatArray
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-# Okabe and Ito's palette: its colours can be distinguished by colour-blind readers and, by their
-# lightness, in greyscale. Where colours repeat, markers and lines differ.
-COLOURS = BLUE, ORANGE, GREEN, VERMILION, GREY = (
-    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7F7F7F"
-)  # fmt: skip
-MARKERS = "osD^v"
-LINES = ("-", "--", "-.", ":")
-
-# Inches: the width of most figures. Two fit next to one another on the page of a report, and on a
-# telephone, 360 pixels of 1/96 in wide without the margins, the smallest text still has 7 points.
-WIDTH = 4.3
-# Points: text of axes and legends, and of ticks and notes, the smallest.
-TEXT, SMALL = 9.0, 8.0
-
-
 @dataclass(frozen=True)
 class FigureStyle:
-    """Sizes of figures in inches, and how much a figure can show.
+    """Colours, sizes of figures in inches and of text in points, and how much a figure can show.
+
+    Colours are Okabe and Ito's: colour-blind readers can tell them apart and, by their lightness,
+    so can readers in greyscale.
 
     Attributes:
+        width: of most figures. Two fit next to one another on the page of a report, and on a
+            telephone, 360 pixels of 1/96 in wide without the margins, the smallest text still has
+            7 points.
+        text: of axes and legends.
+        small: of ticks and notes.
         row_names: most that the names of rows may take.
         row_line: height of a line of such a name.
         panel: width of a panel of a mode shape.
@@ -51,6 +46,14 @@ class FigureStyle:
         least_share: of the highest probability; less cannot be told from zero by its colour.
     """
 
+    blue: str = "#0072B2"
+    orange: str = "#E69F00"
+    green: str = "#009E73"
+    vermilion: str = "#D55E00"
+    grey: str = "#7F7F7F"
+    width: float = 4.3
+    text: float = 9.0
+    small: float = 8.0
     row_names: float = 1.65
     row_line: float = 0.14
     panel: float = 1.13
@@ -67,6 +70,10 @@ class FigureStyle:
 
 
 STYLE = FigureStyle()
+# Where colours repeat, markers and lines differ.
+COLOURS = (STYLE.blue, STYLE.orange, STYLE.green, STYLE.vermilion, STYLE.grey)
+MARKERS = "osD^v"
+LINES = ("-", "--", "-.", ":")
 # Prefix of the SVG id of a point with a hover text.
 HOVER = "hover: "
 
@@ -83,9 +90,9 @@ RC: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
     "figure.dpi": 150,
     "savefig.dpi": 150,
-    "font.size": TEXT,
-    "xtick.labelsize": SMALL,
-    "ytick.labelsize": SMALL,
+    "font.size": STYLE.text,
+    "xtick.labelsize": STYLE.small,
+    "ytick.labelsize": STYLE.small,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.titlesize": 10,
@@ -138,12 +145,12 @@ def figure_of(figure: Figure | None, size: tuple[float, float]) -> Figure:
         return plt.figure(figsize=size)
 
 
-def axes_of(ax: Axes | None, size: tuple[float, float], projection: str | None = None) -> Axes:
-    """The axes given, or those of a new figure of ``size`` (inches), such as ``"3d"`` ones."""
+def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
+    """The axes given, or those of a new figure of ``size`` (inches)."""
     if ax is not None:
         return ax
     with style():
-        return figure_of(None, size).add_subplot(projection=projection)
+        return figure_of(None, size).add_subplot()
 
 
 def whole_figure(drawn: Axes | Figure) -> Figure:
@@ -170,27 +177,38 @@ def without_math(*texts: Any) -> None:
         text.set_parse_math(False)
 
 
-def name_rows(ax: Axes, names: Sequence[str]) -> None:
-    """Name the rows of axes, the first one at the top."""
-    ax.set_yticks(range(len(names)), [wrapped(name, STYLE.row_names, SMALL) for name in names])
+def rows_of(ax: Axes | None, names: Sequence[str], extra: float) -> Axes:
+    """The axes given, or those of a new figure, with named rows, the first one at the top.
+
+    Args:
+        extra: inches of a new figure that are not for rows.
+    """
+    shown = [wrapped(name, STYLE.row_names, STYLE.small) for name in names]
+    lines = max((name.count("\n") + 1 for name in shown), default=1)
+    ax = axes_of(ax, (STYLE.width, extra + STYLE.row_line * (1 + lines) * len(names)))
+    ax.set_yticks(range(len(names)), shown)
     without_math(*ax.get_yticklabels())
     ax.set_ylim(len(names) - 0.5, -0.5)
+    return ax
 
 
-def rows_of(ax: Axes | None, names: Sequence[str], extra: float) -> Axes:
-    """The axes given, or those of a new figure with room for named rows and ``extra`` inches."""
-    lines = max(
-        (wrapped(name, STYLE.row_names, SMALL).count("\n") + 1 for name in names), default=1
-    )
-    return axes_of(ax, (WIDTH, extra + STYLE.row_line * (1 + lines) * len(names)))
+def interval_after(
+    ax: Axes, y: int, interval: Sequence[float] | FloatArray, label: str, text: str
+) -> None:
+    """A square with its interval after updating, low, median and high, in a named row."""
+    low, median, high = interval
+    square = ax.errorbar(median, y, xerr=[[median - low], [high - median]], fmt="s",
+                         color=STYLE.blue, markersize=5, capsize=3,
+                         label=None if y else label)  # fmt: skip
+    hover(square, text)
 
 
-def letters_across(inches: float, points: float = TEXT) -> float:
+def letters_across(inches: float, points: float = STYLE.text) -> float:
     """Number of letters that fit a width: on average, a letter is 0.6 of its font size wide."""
     return inches * 72.0 / (0.6 * points)
 
 
-def wrapped(text: str, inches: float, points: float = TEXT) -> str:
+def wrapped(text: str, inches: float, points: float = STYLE.text) -> str:
     """A text in lines that fit a width; its own line breaks are kept."""
     letters = max(1, int(letters_across(inches, points)))
     return "\n".join(textwrap.fill(line, letters) for line in text.split("\n"))
@@ -199,7 +217,7 @@ def wrapped(text: str, inches: float, points: float = TEXT) -> str:
 def title_of(ax: Axes, text: str) -> None:
     """A title above axes, in lines no wider than they are."""
     width = whole_figure(ax).get_figwidth() * ax.get_position().width
-    ax.set_title(wrapped(text, width, SMALL), fontsize=TEXT, parse_math=False)
+    ax.set_title(wrapped(text, width, STYLE.small), fontsize=STYLE.text, parse_math=False)
 
 
 def width_of_modes(n_modes: int) -> float:
@@ -207,7 +225,7 @@ def width_of_modes(n_modes: int) -> float:
 
     The frequency of a mode, written below the axis, takes 0.66 in.
     """
-    return max(WIDTH, 0.7 + 0.66 * n_modes)
+    return max(STYLE.width, 0.7 + 0.66 * n_modes)
 
 
 def panels_across(n_panels: int) -> int:
@@ -218,7 +236,7 @@ def panels_across(n_panels: int) -> int:
 
 def width_of_panels(across: int) -> float:
     """Inches: the width of a figure with so many panels next to one another."""
-    return WIDTH + STYLE.panel * max(0, across - STYLE.panels_across)
+    return STYLE.width + STYLE.panel * max(0, across - STYLE.panels_across)
 
 
 def panels_of(
@@ -250,13 +268,13 @@ def legend_below(ax: Axes, columns: int) -> None:
 def legend_of_figure(figure: Any, axes: Iterable[Axes], columns: int = 3) -> None:
     """The legend of all axes below their figure, in fewer columns where names are long."""
     drawn = _labelled(axes)
-    room = int(letters_across(figure.get_figwidth(), SMALL))
+    room = int(letters_across(figure.get_figwidth(), STYLE.small))
     line = 6  # letters that the line of an entry and the space after it take
     columns = max(1, min(columns, room // (max(map(len, drawn), default=1) + line)))
     names = [textwrap.fill(name, room // columns - line) for name in drawn]
     outside = "outside " if figure.get_layout_engine() else ""  # else there is room below already
     legend = figure.legend(
-        [*drawn.values()], names, loc=f"{outside}lower center", ncols=columns, fontsize=SMALL
+        [*drawn.values()], names, loc=f"{outside}lower center", ncols=columns, fontsize=STYLE.small
     )
     without_math(*legend.get_texts())
 
@@ -269,28 +287,3 @@ def _labelled(axes: Iterable[Axes]) -> dict[str, Any]:
     labelled = {str(artist.get_label() or "_nolegend_"): artist for artist in drawn}
     own = ("_child", "_container", "_nolegend_")
     return {label: artist for label, artist in labelled.items() if not label.startswith(own)}
-
-
-# ColorBrewer's map from pale yellow to dark red: its lightness falls evenly, so that colour-blind
-# readers, and greyscale, keep the order.
-MAP = "YlOrRd"
-
-
-def colour_scale(highest: float) -> Any:
-    """Colours of probabilities from zero to the highest that is drawn, a ``ScalarMappable``."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    return ScalarMappable(Normalize(0.0, highest or 1.0), MAP)
-
-
-def colour_bar(ax: Axes, scale: Any, cax: Axes | None = None) -> None:
-    """A colour bar, below ``ax`` or in axes of its own."""
-    from matplotlib.ticker import MaxNLocator
-
-    room: Any = {"cax": cax, "orientation": "horizontal"}
-    if cax is None:
-        room = {"ax": ax, "location": "bottom", "shrink": 0.7, "aspect": 30, "pad": 0.02}
-    bar = ax.figure.colorbar(scale, ticks=MaxNLocator(4), **room)
-    bar.set_label("probability of an appendage", fontsize=SMALL)
-    bar.ax.tick_params(labelsize=SMALL)

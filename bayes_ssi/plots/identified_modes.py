@@ -16,13 +16,7 @@ from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.configuration_modes import moves_sideways
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    SMALL,
     STYLE,
-    VERMILION,
     figure_of,
     hover,
     legend_of_figure,
@@ -71,35 +65,35 @@ def plot_identified_modes(
         ax = figure.add_subplot(grid[1 + i // across, i % across])
         shape = np.asarray(mode.scaled_shape)
         y = np.arange(len(data.sensors))
-        ax.axvline(0.0, color=GREY, linewidth=0.8)
-        ax.hlines(y, 0.0, shape, color=BLUE, linewidth=1.5)
+        ax.axvline(0.0, color=STYLE.grey, linewidth=0.8)
+        ax.hlines(y, 0.0, shape, color=STYLE.blue, linewidth=1.5)
         for k, component in enumerate(shape):
-            (point,) = ax.plot(component, y[k], "o", color=BLUE, markersize=4)
+            (point,) = ax.plot(component, y[k], "o", color=STYLE.blue, markersize=4)
             hover(point, f"mode {mode.label}, {data.sensors[k]}: {component:.3f}")
         ax.set_xlim(-1.1, 1.1)
         ax.set_ylim(-0.6, len(y) - 0.4)
         ax.set_yticks(y, data.sensors if i % across == 0 else [""] * len(y))
         ax.set_xticks([-1, 0, 1])
-        title = ax.set_title(f"mode {mode.label}", fontsize=SMALL)
+        title = ax.set_title(f"mode {mode.label}", fontsize=STYLE.small)
         without_math(title, *ax.get_yticklabels())
     return figure
 
 
 def _band(ax: Axes, data: ModalData, configuration: str) -> None:
     low, high = data.band_hz
-    ax.axvspan(low, high, color=GREY, alpha=0.12, linewidth=0)
+    ax.axvspan(low, high, color=STYLE.grey, alpha=0.12, linewidth=0)
     # The label of a mode and the space next to it, on the scale of the axis.
     longest = max(len(mode.label) for mode in data.modes) + 1
-    room = (high - low) * longest / letters_across(whole_figure(ax).get_figwidth(), SMALL)
+    room = (high - low) * longest / letters_across(whole_figure(ax).get_figwidth(), STYLE.small)
     for height, mode in zip(_levels(data.frequencies_hz, room), data.modes, strict=True):
         if mode.frequency_cov is not None:
             half = 1.96 * mode.frequency_cov * mode.frequency_hz
-            ax.axvspan(mode.frequency_hz - half, mode.frequency_hz + half, color=GREY, alpha=0.5,
-                       linewidth=0)  # fmt: skip
-        (line,) = ax.plot([mode.frequency_hz] * 2, [0.0, height], color=BLUE, linewidth=1.5)
+            ax.axvspan(mode.frequency_hz - half, mode.frequency_hz + half, color=STYLE.grey,
+                       alpha=0.5, linewidth=0)  # fmt: skip
+        (line,) = ax.plot([mode.frequency_hz] * 2, [0.0, height], color=STYLE.blue, linewidth=1.5)
         hover(line, f"mode {mode.label}: {mode.frequency_hz:.5g} Hz")
         label = ax.text(mode.frequency_hz, height + 0.04, mode.label, ha="center", va="bottom",
-                        fontsize=SMALL, bbox={"facecolor": "white", "edgecolor": "none",
+                        fontsize=STYLE.small, bbox={"facecolor": "white", "edgecolor": "none",
                                           "alpha": 0.8, "pad": 0.5})  # fmt: skip
         without_math(label)
     ax.set_xlim(low - 0.02 * (high - low), high + 0.02 * (high - low))
@@ -181,13 +175,15 @@ def _over_sensors(
     groups = by_direction(sensors, ())
     ordered = [name for group in groups.values() for name in group]
     for shape, ax in zip(shapes, axes, strict=True):
-        ax.axvline(0.0, color=GREY, linewidth=0.8)
-        for (name, group), colour in zip(groups.items(), cycle((BLUE, GREEN, ORANGE))):
+        ax.axvline(0.0, color=STYLE.grey, linewidth=0.8)
+        for (name, group), colour in zip(
+            groups.items(), cycle((STYLE.blue, STYLE.green, STYLE.orange))
+        ):
             at = [list(sensors).index(sensor) for sensor in group]
             direction = "" if len(groups) == 1 else f"{name.removeprefix(MODEL)}, "
             bars = ax.errorbar(shape.components[at], [ordered.index(sensor) for sensor in group],
                                xerr=shape.half_widths[at], fmt=".-", color=colour,
-                               linewidth=0.8, markersize=3, ecolor=VERMILION, elinewidth=1.5,
+                               linewidth=0.8, markersize=3, ecolor=STYLE.vermilion, elinewidth=1.5,
                                capsize=3, label=direction + INTERVAL)  # fmt: skip
             hover(bars, shape.title.replace("\n", ", "))
         ax.set_xlim(-1.2, 1.2)
@@ -242,10 +238,10 @@ def _in_space(
             if np.isfinite(component):
                 end = point + component * along
                 interval = np.array([end - half * along, end + half * along])
-                ax.plot(*point[:, None], ".", color=BLUE, markersize=3)
-                ax.plot(*np.array([point, end]).T, color=BLUE, linewidth=1.0,
+                ax.plot(*point[:, None], ".", color=STYLE.blue, markersize=3)
+                ax.plot(*np.array([point, end]).T, color=STYLE.blue, linewidth=1.0,
                         label="identified component")  # fmt: skip
-                ax.plot(*interval.T, color=VERMILION, linewidth=2.5, solid_capstyle="butt",
+                ax.plot(*interval.T, color=STYLE.vermilion, linewidth=2.5, solid_capstyle="butt",
                         label=INTERVAL)  # fmt: skip
     legend_of_figure(figure, panels[:1])
     return figure

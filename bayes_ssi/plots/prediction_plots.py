@@ -12,13 +12,10 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.posterior.configuration_modes import moves_sideways
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.plots.before_and_after import plot_frequency_change
 from bayes_ssi.plots.figure_style import (
     COLOURS,
-    GREY,
     LINES,
-    TEXT,
-    WIDTH,
+    STYLE,
     axes_of,
     figure_of,
     figures_for_files,
@@ -28,7 +25,7 @@ from bayes_ssi.plots.figure_style import (
     title_of,
     wrapped,
 )
-from bayes_ssi.plots.matrix_plots import plot_mac
+from bayes_ssi.plots.mode_plots import plot_frequency_change, plot_mac
 from bayes_ssi.plots.shape_plots import DrawnShape, plot_shapes
 from bayes_ssi.results.predictions.bands import Band
 from bayes_ssi.results.predictions.predictions import Predictions, predicted_modes, shown_places
@@ -81,7 +78,7 @@ def plot_time_history(
     Arguments are as in :func:`plot_transfer_functions`, over ``times`` (s).
     """
     ax = _draw(ax, times, bands, reference, 0.7)
-    ax.axhline(0.0, color=GREY, linewidth=0.5)
+    ax.axhline(0.0, color=STYLE.grey, linewidth=0.5)
     _label(ax, "time (s)", quantity, legend)
     return ax
 
@@ -95,7 +92,7 @@ def _draw(
 ) -> Axes:
     if len(bands) > len(LINES):
         raise ValueError(f"a figure holds at most {len(LINES)} bands, got {len(bands)}")
-    ax = axes_of(ax, (WIDTH, 3.2))
+    ax = axes_of(ax, (STYLE.width, 3.2))
     for (name, band), colour, line in zip(bands.items(), COLOURS, LINES, strict=False):
         ax.fill_between(x, band.low, band.high, color=colour, alpha=0.35, linewidth=0)
         ax.plot(x, band.median, color=colour, linestyle=line, linewidth=1.2, label=name)
@@ -160,7 +157,7 @@ def _by_place(
     places: Sequence[str], bands: Mapping[str, Band], plot: Callable[..., Axes], title: str
 ) -> Figure:
     """A panel for each place, one below the other, with one legend."""
-    figure = figure_of(None, (WIDTH, 1.0 + 2.2 * len(places)))
+    figure = figure_of(None, (STYLE.width, 1.0 + 2.2 * len(places)))
     axes = figure.subplots(len(places), 1, squeeze=False, sharex=True)[:, 0]
     for i, (place, ax) in enumerate(zip(places, axes, strict=True)):
         plot({name: Band(*(part[i] for part in band)) for name, band in bands.items()}, ax,
@@ -186,8 +183,8 @@ def _mode_figures(
     ]
     figure = plot_shapes(structure, places, shapes, sideways=moves_sideways(structure))
     title = f"{own.name!r}: mode shapes, {100 * level:g} % bands, {SHAPE_SCALE}"
-    figure.suptitle(wrapped(title, figure.get_figwidth(), TEXT), fontsize=TEXT, x=0.02, ha="left",
-                    parse_math=False)  # fmt: skip
+    title = wrapped(title, figure.get_figwidth())
+    figure.suptitle(title, fontsize=STYLE.text, x=0.02, ha="left", parse_math=False)
     yield "mode_shapes", figure
     measured = [mode for mode in data.modes if mode.unit_shape is not None]
     if measured:

@@ -11,15 +11,12 @@ from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
-    BLUE,
     COLOURS,
-    GREY,
     MARKERS,
-    VERMILION,
+    STYLE,
     axes_of,
     hover,
     legend_below,
-    name_rows,
     rows_of,
     title_of,
     width_of_modes,
@@ -51,16 +48,15 @@ def plot_evidence(
     y = np.arange(len(rows))
     evidence = np.array([row.log_evidence for row in rows])
     fit = np.array([row.mean_log_likelihood for row in rows])
-    ax.barh(y, fit - evidence, left=evidence, height=0.35, color=BLUE, alpha=0.25,
+    ax.barh(y, fit - evidence, left=evidence, height=0.35, color=STYLE.blue, alpha=0.25,
             label="information gained")  # fmt: skip
-    ax.plot(fit, y, "|", color=BLUE, markersize=11, label="fit: mean log-likelihood")
+    ax.plot(fit, y, "|", color=STYLE.blue, markersize=11, label="fit: mean log-likelihood")
     for i, row in enumerate(rows):
-        point = ax.errorbar(row.log_evidence, i, xerr=row.error, fmt="o", color=VERMILION,
+        point = ax.errorbar(row.log_evidence, i, xerr=row.error, fmt="o", color=STYLE.vermilion,
                             capsize=3,
                             label=None if i else "log evidence ± 1 standard error")  # fmt: skip
         hover(point, f"{row.name}: log evidence {row.log_evidence:.3f} ± {row.error:.3f}, fit "
               f"{row.mean_log_likelihood:.2f}, probability {row.probability_text}")  # fmt: skip
-    name_rows(ax, names)
     ax.use_sticky_edges = False
     ax.margins(x=0.04)
     ax.set_xlabel("nats")
@@ -90,7 +86,9 @@ def plot_frequencies(
     for i, mode in enumerate(data.modes):
         if mode.frequency_cov is not None:
             half = 196.0 * mode.frequency_cov  # 1.96 standard deviations, in per cent
-            ax.fill_between([i - 0.42, i + 0.42], -half, half, color=GREY, alpha=0.3, linewidth=0)
+            ax.fill_between(
+                [i - 0.42, i + 0.42], -half, half, color=STYLE.grey, alpha=0.3, linewidth=0
+            )
     offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
     for k, (posterior, offset) in enumerate(zip(posteriors, offsets, strict=True)):
         colour = COLOURS[k % len(COLOURS)]
@@ -155,7 +153,7 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
     looks = list(zip(others, COLOURS[:4], MARKERS, strict=False))
     for y, row in enumerate(rows):
         if row.best != first:
-            ax.axhspan(y - 0.5, y + 0.5, color=VERMILION, alpha=0.12, linewidth=0)
+            ax.axhspan(y - 0.5, y + 0.5, color=STYLE.vermilion, alpha=0.12, linewidth=0)
         for name, colour, marker in looks:
             probability, of_first = row.probabilities[name], row.probabilities[first]
             if probability <= 0.0 or of_first <= 0.0:
@@ -169,7 +167,6 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
         ax.set_xscale("symlog", linthresh=1.0)
         ax.xaxis.set_major_formatter("{x:g}")
         ax.margins(x=0.06)
-    name_rows(ax, [row.name for row in rows])
     ax.set_xlabel("log of the probability over that of\nthe first class (nats)")
     ax.grid(axis="x", alpha=0.3)
     legend_below(ax, columns=2)

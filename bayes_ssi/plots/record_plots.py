@@ -9,12 +9,7 @@ import numpy as np
 
 from bayes_ssi.measurements.records.identification_result import ModalIdentification
 from bayes_ssi.plots.figure_style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    SMALL,
     STYLE,
-    VERMILION,
     axes_of,
     figures_for_files,
     hover,
@@ -46,16 +41,16 @@ def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> 
     ax = _axes(ax)
     frequencies, measured = found.spectrum
     for k in range(measured.shape[1]):
-        ax.semilogy(frequencies, measured[:, k], color=BLUE, linewidth=0.6, alpha=0.6,
+        ax.semilogy(frequencies, measured[:, k], color=STYLE.blue, linewidth=0.6, alpha=0.6,
                     label=None if k else "record")  # fmt: skip
     for i, band in enumerate(band for band in found.bands if band.is_wanted):
-        ax.semilogy(band.fit.data.frequencies_hz, band.singular_values(), color=VERMILION,
+        ax.semilogy(band.fit.data.frequencies_hz, band.singular_values(), color=STYLE.vermilion,
                     linewidth=1.0)  # fmt: skip
         if i == 0:
             ax.lines[-1].set_label(f"fit, {found.loads}")
     _draw_modes(ax, found)
     for i, (frequency, _) in enumerate(found.not_identified):
-        ax.axvline(frequency, color=GREY, linewidth=0.8, linestyle=":",
+        ax.axvline(frequency, color=STYLE.grey, linewidth=0.8, linestyle=":",
                    label=None if i else "peak not identified")  # fmt: skip
     # What is far below the noise is of no interest.
     ax.set_ylim(bottom=0.3 * float(np.quantile(measured[:, min(3, measured.shape[1]) - 1], 0.02)))
@@ -77,7 +72,7 @@ def plot_stabilisation(found: ModalIdentification, ax: Axes | None = None) -> Ax
     """Poles of every order of each octave, and the modes with 90 % widths."""
     ax = _axes(ax)
     frequencies, orders = found.candidates.stabilisation
-    ax.plot(frequencies, orders, "o", color=BLUE, markersize=2, label="pole")
+    ax.plot(frequencies, orders, "o", color=STYLE.blue, markersize=2, label="pole")
     _draw_modes(ax, found)
     ax.set_ylabel("order")
     title_of(ax, "Stabilisation of poles, octave by octave")
@@ -95,12 +90,12 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     ax = _axes(ax)
     parts = [band.fit.residuals() for band in found.bands if band.is_wanted]
     frequencies, left = (np.concatenate(each) for each in zip(*parts, strict=True))
-    ax.semilogy(frequencies, left, ".", color=BLUE, markersize=3, label="block of lines")
-    ax.axhline(1.0, color=GREY, linewidth=0.8)
+    ax.semilogy(frequencies, left, ".", color=STYLE.blue, markersize=3, label="block of lines")
+    ax.axhline(1.0, color=STYLE.grey, linewidth=0.8)
     n_near = max(1, len(left) // 40)
     smooth = np.convolve(left, np.full(n_near, 1.0 / n_near), "valid")
     middle = np.convolve(frequencies, np.full(n_near, 1.0 / n_near), "valid")
-    ax.plot(middle, smooth, color=ORANGE, linewidth=1.2, label=f"mean of {n_near} blocks")
+    ax.plot(middle, smooth, color=STYLE.orange, linewidth=1.2, label=f"mean of {n_near} blocks")
     ax.set_xlim(frequencies[0], frequencies[-1])
     ax.set_ylabel("chi-square over its number")
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -137,13 +132,13 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
         motion *= np.sign(motion.real[np.abs(motion.real).argmax()])
         for sensor, component in zip(found.quoted.sensors, motion, strict=True):
             phase, size = np.angle(component), abs(component)
-            ax.plot([phase, phase], [0.0, size], color=BLUE, linewidth=1.2)
-            (end,) = ax.plot(phase, size, "o", color=BLUE, markersize=3)
+            ax.plot([phase, phase], [0.0, size], color=STYLE.blue, linewidth=1.2)
+            (end,) = ax.plot(phase, size, "o", color=STYLE.blue, markersize=3)
             hover(end, f"{sensor}: {size:.3f}, {np.degrees(phase):.1f}°")
         ax.set_ylim(0.0, 1.0)
         ax.set_yticks([0.5, 1.0], ["", ""])
-        ax.set_xticks(np.pi * np.arange(4) / 2.0, ["0°", "", "180°", ""], fontsize=SMALL)
-        ax.set_title(f"{frequency:.4g} Hz", fontsize=SMALL)
+        ax.set_xticks(np.pi * np.arange(4) / 2.0, ["0°", "", "180°", ""], fontsize=STYLE.small)
+        ax.set_title(f"{frequency:.4g} Hz", fontsize=STYLE.small)
     return figure
 
 
@@ -177,7 +172,7 @@ def _draw_modes(ax: Axes, found: ModalIdentification) -> None:
         zip(modes.frequencies_hz, modes.frequency_covs, strict=True)
     ):
         half = STYLE.sds_of_90_percent * cov * frequency
-        ax.axvspan(frequency - half, frequency + half, color=ORANGE, alpha=0.6, linewidth=0)
-        line = ax.axvline(frequency, color=ORANGE, linewidth=0.8,
+        ax.axvspan(frequency - half, frequency + half, color=STYLE.orange, alpha=0.6, linewidth=0)
+        line = ax.axvline(frequency, color=STYLE.orange, linewidth=0.8,
                           label=None if i else f"mode by {modes.method}, 90 %")  # fmt: skip
         hover(line, f"{frequency:.5g} Hz ± {100 * cov:.2g} %")

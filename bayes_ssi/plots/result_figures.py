@@ -14,9 +14,9 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.appendage_places import plot_places
-from bayes_ssi.plots.corner_plot import import_corner, plot_corner
 from bayes_ssi.plots.figure_style import STYLE, figures_for_files, save_figure
 from bayes_ssi.plots.identified_modes import has_errors_on, plot_identified_shapes
+from bayes_ssi.plots.parameter_plots import import_corner, plot_corner
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 from bayes_ssi.plots.space import DrawnMode, can_be_drawn, plot_modes_in_space
 from bayes_ssi.results.predictions.nodal_modes import nodal_modes

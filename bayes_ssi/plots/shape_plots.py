@@ -16,13 +16,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.posterior.configuration_modes import UpdatedMode, UpdatedModes
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    SMALL,
     STYLE,
-    VERMILION,
     axes_of,
     legend_of_figure,
     panels_of,
@@ -83,7 +77,7 @@ def plot_shapes(
         else:
             plot_shape_components(structure, places, drawn.shape, ax, reference=drawn.reference,
                                   title=drawn.title)  # fmt: skip
-        ax.tick_params("y", labelsize=SMALL * min(1.0, STYLE.most_rows / len(places)),
+        ax.tick_params("y", labelsize=STYLE.small * min(1.0, STYLE.most_rows / len(places)),
                        labelleft=ax.get_subplotspec().is_first_col())  # fmt: skip
     legend_of_figure(figure, axes, columns=4)
     return figure
@@ -160,15 +154,15 @@ def plot_building_shape(
     floors.sort(key=lambda i: heights[places[i]])
     y = np.array([0.0, *(heights[places[i]] for i in floors)])
     low, median, high = (np.r_[0.0, part[floors]] for part in shape)
-    ax.axvline(0.0, color=GREY, linewidth=0.6, linestyle=":")
+    ax.axvline(0.0, color=STYLE.grey, linewidth=0.6, linestyle=":")
     ax.plot([-reach, reach], [0, 0], color="black", linewidth=2.0)
     for side, labelled in ((-half_width, True), (half_width, False)):
         if before is not None:
             earlier = np.array([0.0, *(before[i] for i in floors)])
-            ax.plot(earlier + side, y, color=GREY, linewidth=0.9, linestyle="--",
+            ax.plot(earlier + side, y, color=STYLE.grey, linewidth=0.9, linestyle="--",
                     label="before updating" if labelled else None)  # fmt: skip
-        ax.fill_betweenx(y, low + side, high + side, color=BLUE, alpha=0.35, linewidth=0)
-        ax.plot(median + side, y, color=BLUE, linewidth=1.2,
+        ax.fill_betweenx(y, low + side, high + side, color=STYLE.blue, alpha=0.35, linewidth=0)
+        ax.plot(median + side, y, color=STYLE.blue, linewidth=1.2,
                 label=name if labelled else None)  # fmt: skip
     for x, height in zip(median[1:], y[1:], strict=True):
         ax.plot([x - half_width, x + half_width], [height, height], color="black", linewidth=2.5)
@@ -196,14 +190,16 @@ def _draw_appendage(ax: Axes, height: float, band: Sequence[float], reach: float
     if abs(median) >= reach:
         _mark_beyond(ax, median, height, reach)
         return
-    ax.errorbar(median, height, xerr=[[median - low], [high - median]], color=VERMILION, capsize=3)
-    ax.plot(median, height, "s", color=VERMILION, markeredgecolor="black", markersize=7,
+    ax.errorbar(
+        median, height, xerr=[[median - low], [high - median]], color=STYLE.vermilion, capsize=3
+    )
+    ax.plot(median, height, "s", color=STYLE.vermilion, markeredgecolor="black", markersize=7,
             linestyle="none", label="appendage", zorder=3)  # fmt: skip
 
 
 def _mark_beyond(ax: Axes, median: float, y: float, reach: float) -> None:
     """An arrow head within the axes, towards a component that lies beyond them."""
-    ax.plot(np.copysign(reach, median), y, "<" if median < 0 else ">", color=VERMILION,
+    ax.plot(np.copysign(reach, median), y, "<" if median < 0 else ">", color=STYLE.vermilion,
             markeredgecolor="black", markersize=7, linestyle="none", label=BEYOND,
             zorder=3)  # fmt: skip
 
@@ -215,11 +211,11 @@ def _write_below(
     # Adding zero turns a negative zero into a plain one.
     rounded = np.round(np.array(shape).T, 1) + 0.0
     far = [
-        f"{wrapped(place, STYLE.panel, SMALL)}:\n{median:.1f}\n({low:.1f} to {high:.1f})"
+        f"{wrapped(place, STYLE.panel, STYLE.small)}:\n{median:.1f}\n({low:.1f} to {high:.1f})"
         for i, (place, (low, median, high)) in enumerate(zip(places, rounded, strict=True))
         if place in structure.appendages and max(-shape.low[i], shape.high[i]) >= reach
     ]
-    ax.set_xlabel("\n".join(far), fontsize=SMALL, parse_math=False)
+    ax.set_xlabel("\n".join(far), fontsize=STYLE.small, parse_math=False)
 
 
 def plot_shape_components(
@@ -248,10 +244,10 @@ def plot_shape_components(
     main = [bands[place] for place in places if place not in structure.appendages]
     largest = np.abs(main).max(initial=0.0)
     reach = 1.15 * largest if largest > 0.0 else 1.0
-    ax.axvline(0.0, color=GREY, linewidth=0.6)
-    colours = cycle((BLUE, GREEN, ORANGE))
+    ax.axvline(0.0, color=STYLE.grey, linewidth=0.6)
+    colours = cycle((STYLE.blue, STYLE.green, STYLE.orange))
     for name, group in groups.items():
-        colour = VERMILION if name == APPENDAGES else next(colours)
+        colour = STYLE.vermilion if name == APPENDAGES else next(colours)
         rows = np.array([y[place] for place in group])
         low, median, high = np.array([bands[place] for place in group]).T
         ax.barh(rows, median, height=0.7, color=colour, alpha=0.6, label=name)

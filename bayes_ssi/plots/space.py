@@ -12,11 +12,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.plots.figure_style import (
-    GREY,
-    SMALL,
     STYLE,
-    TEXT,
-    WIDTH,
     figure_of,
     panels_across,
     title_of,
@@ -91,10 +87,10 @@ def _draw_deformed(
     size = np.linalg.norm(moved, axis=1)
     size = size / (size.max() or 1.0)
     borders = outline(points, faces)
-    _draw_lines(ax, points[np.concatenate([borders, lines])], GREY, 0.5)
+    _draw_lines(ax, points[np.concatenate([borders, lines])], STYLE.grey, 0.5)
     deformed = points + moved
     if not len(lines) and not faces:
-        ax.scatter(*points.T, s=0.6, color=GREY, depthshade=False, rasterized=True)
+        ax.scatter(*points.T, s=0.6, color=STYLE.grey, depthshade=False, rasterized=True)
         ax.scatter(*deformed.T, s=1.5, c=scale(size), depthshade=False, rasterized=True)
     draw_faces(ax, deformed, faces, 0.9, lambda corners: scale(size[corners].mean(axis=1)))
     _draw_lines(ax, deformed[borders], "black", 0.4)
@@ -137,9 +133,16 @@ def _frame(ax: Any, points: FloatArray, reach: float) -> None:
     ax.set_box_aspect(tuple(high - low), zoom=1.08)
     length = 0.16 * float((high - low).max())
     for name, along in zip("xyz", length * np.eye(3), strict=True):
-        ax.plot(*np.stack([low, low + along]).T, color=GREY, linewidth=0.8,
+        ax.plot(*np.stack([low, low + along]).T, color=STYLE.grey, linewidth=0.8,
                 clip_on=False)  # fmt: skip
-        ax.text(*(low + 1.25 * along), name, fontsize=SMALL, color=GREY, ha="center", va="center")
+        ax.text(
+            *(low + 1.25 * along),
+            name,
+            fontsize=STYLE.small,
+            color=STYLE.grey,
+            ha="center",
+            va="center",
+        )
 
 
 def _parallel(ax: Any) -> None:
@@ -159,7 +162,7 @@ def space_axes(points: FloatArray, unit: str, title: str, ax: Axes | None = None
     own = ax is None
     if ax is None:
         # Without the layout of other figures, in which axes in three dimensions are too small.
-        figure = figure_of(None, (WIDTH, WIDTH))
+        figure = figure_of(None, (STYLE.width, STYLE.width))
         figure.set_layout_engine("none")
         ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d")
     drawn: Any = ax
@@ -174,15 +177,15 @@ def space_axes(points: FloatArray, unit: str, title: str, ax: Axes | None = None
         axis = getattr(drawn, f"{name}axis")
         getattr(drawn, f"set_{name}lim")(middle[i] - half[i], middle[i] + half[i])
         axis.set_major_locator(_ticks(name, float(half[i] / half.max()), bool(high[i] > low[i])))
-        axis.set_tick_params(pad=-2.0, labelsize=SMALL)
+        axis.set_tick_params(pad=-2.0, labelsize=STYLE.small)
         axis.pane.set_visible(False)
     drawn.grid(visible=False)
     _name_axes(drawn, middle, half, unit)
     if not own:
         title_of(drawn, title)
         return drawn
-    text = wrapped(title, WIDTH)
-    drawn.figure.suptitle(text, x=0.02, ha="left", fontsize=TEXT, parse_math=False)
+    text = wrapped(title, STYLE.width)
+    drawn.figure.suptitle(text, x=0.02, ha="left", fontsize=STYLE.text, parse_math=False)
     _fill(drawn, middle + half * np.array([*product((-1.0, 1.0), repeat=3)]))
     return drawn
 
@@ -195,7 +198,7 @@ def _name_axes(ax: Any, middle: FloatArray, half: FloatArray, unit: str) -> None
         (f"\n     y{in_unit}", (1, 0, -1), "left", "top"),
         (f"z{in_unit}", (1, 1, 1), "center", "bottom"),
     ):
-        ax.text(*(middle + half * corner), text, ha=ha, va=va, fontsize=SMALL)
+        ax.text(*(middle + half * corner), text, ha=ha, va=va, fontsize=STYLE.small)
 
 
 def _ticks(name: str, share: float, has_extent: bool) -> Any:
@@ -217,13 +220,13 @@ def _fill(ax: Any, corners: FloatArray) -> None:
     across, up = np.ptp(on_page, axis=0)
     # Inches: ticks and names of axes around it, a title above, a colour bar and a legend below.
     around, above, below = 0.5, 0.3, 1.0
-    zoom = min((WIDTH - 2.0 * around) / across, STYLE.tallest / up)
+    zoom = min((STYLE.width - 2.0 * around) / across, STYLE.tallest / up)
     ax.set_box_aspect(tuple(np.ptp(corners, axis=0)), zoom=zoom)
     height = above + zoom * up + around + below
-    ax.figure.set_size_inches(WIDTH, height)
+    ax.figure.set_size_inches(STYLE.width, height)
     # The box is in the middle of its axes, a square as wide as the figure.
-    bottom = below + around + 0.5 * zoom * up - 0.5 * WIDTH
-    ax.set_position((0.0, bottom / height, 1.0, WIDTH / height))
+    bottom = below + around + 0.5 * zoom * up - 0.5 * STYLE.width
+    ax.set_position((0.0, bottom / height, 1.0, STYLE.width / height))
 
 
 def colour_bar_axes(ax: Any) -> Axes:
@@ -237,13 +240,15 @@ def draw_structure(ax: Any, geometry: Geometry) -> None:
     """The faces and lines of a structure, or its nodes where neither are known."""
     nodes = np.array(list(geometry.nodes.values()))
     if not geometry.lines and not geometry.faces:
-        ax.scatter(*nodes.T, s=0.6, color=GREY, depthshade=False, rasterized=True)
+        ax.scatter(*nodes.T, s=0.6, color=STYLE.grey, depthshade=False, rasterized=True)
         return
     number = {node: i for i, node in enumerate(geometry.nodes)}
     faces = [[number[corner] for corner in face] for face in geometry.faces]
-    draw_faces(ax, nodes, faces, 0.08, GREY)
+    draw_faces(ax, nodes, faces, 0.08, STYLE.grey)
     pairs = np.concatenate([outline(nodes, faces), _numbered_lines(geometry, number)])
-    _draw_lines(ax, nodes[pairs], GREY, 0.5, alpha=0.5, rasterized=len(pairs) > STYLE.most_vectors)
+    _draw_lines(
+        ax, nodes[pairs], STYLE.grey, 0.5, alpha=0.5, rasterized=len(pairs) > STYLE.most_vectors
+    )
 
 
 def _draw_lines(

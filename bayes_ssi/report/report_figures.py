@@ -20,15 +20,10 @@ from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.appendage_places import plot_places
-from bayes_ssi.plots.before_and_after import (
-    plot_frequency_change,
-    plot_mac_change,
-    plot_parameters,
-)
-from bayes_ssi.plots.corner_plot import plot_corner
 from bayes_ssi.plots.figure_style import HOVER, RC, STYLE, figures_for_files, whole_figure
 from bayes_ssi.plots.identified_modes import plot_identified_modes
-from bayes_ssi.plots.matrix_plots import plot_pairing
+from bayes_ssi.plots.mode_plots import plot_frequency_change, plot_mac_change, plot_pairing
+from bayes_ssi.plots.parameter_plots import plot_corner, plot_parameters
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
 from bayes_ssi.plots.result_figures import IDENTIFIED_SHAPES, MODES
 from bayes_ssi.plots.shape_plots import plot_mode_shapes

@@ -8,13 +8,9 @@ from matplotlib.figure import Figure
 
 from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing, PairingShare
 from bayes_ssi.inference.posterior.configuration_modes import configuration_modes
-from bayes_ssi.plots.before_and_after import (
-    plot_frequency_change,
-    plot_mac_change,
-    plot_parameters,
-)
 from bayes_ssi.plots.identified_modes import plot_identified_modes
-from bayes_ssi.plots.matrix_plots import plot_pairing
+from bayes_ssi.plots.mode_plots import plot_frequency_change, plot_mac_change, plot_pairing
+from bayes_ssi.plots.parameter_plots import plot_parameters
 from bayes_ssi.plots.ranking_plots import plot_sensitivity
 from bayes_ssi.plots.shape_plots import plot_mode_shapes
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow

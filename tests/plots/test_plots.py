@@ -12,8 +12,8 @@ from bayes_ssi.inference.posterior.configuration_modes import (
     UpdatedMode,
     UpdatedModes,
 )
-from bayes_ssi.plots.corner_plot import plot_corner
 from bayes_ssi.plots.figure_style import figures_for_files, style
+from bayes_ssi.plots.parameter_plots import plot_corner
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 from bayes_ssi.plots.result_figures import result_figures
 

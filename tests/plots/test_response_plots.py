@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.plots.before_and_after import plot_frequency_change
-from bayes_ssi.plots.matrix_plots import plot_mac
+from bayes_ssi.plots.mode_plots import plot_frequency_change, plot_mac
 from bayes_ssi.plots.prediction_plots import plot_time_history, plot_transfer_functions
 from bayes_ssi.plots.shape_plots import BEYOND, plot_building_shape, plot_shape_components
 from bayes_ssi.results.predictions.bands import Band

@@ -242,7 +242,10 @@ def test_the_findings_of_a_search(found_in_case_c, tmp_path):
 
 
 def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.report.report_figures._drawn_classes", lambda _: ())
+    monkeypatch.setattr(
+        "bayes_ssi.report.report_figures._drawn_classes",
+        lambda stored: [(stored.comparison.best.name, False)],
+    )
     save_result(found_in_case_c.ranking, tmp_path / "r",
                 extra={"search.json": found_in_case_c.record})  # fmt: skip
     html = write_report(tmp_path / "r").read_text("utf-8")

@@ -1,0 +1,198 @@
+"""Modes of a model: before and after updating, and matrices of MACs, pairings and sensitivities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.calibration.modal_sensitivities import ModalSensitivities
+from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
+from bayes_ssi.inference.posterior.configuration_modes import KEPT, UpdatedMode
+from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.plots.figure_style import (
+    STYLE,
+    axes_of,
+    hover,
+    interval_after,
+    legend_below,
+    rows_of,
+    without_math,
+)
+from bayes_ssi.results.predictions.predictions import PredictedMode
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
+
+
+class _Row(NamedTuple):
+    """One mode: where it is drawn before, and (low, median, high) after; texts are for hovering."""
+
+    name: str
+    before: float
+    after: Sequence[float] | FloatArray
+    text_before: str
+    text_after: str
+
+
+def plot_frequency_change(
+    modes: Sequence[UpdatedMode] | Sequence[PredictedMode],
+    data: ModalData,
+    ax: Axes | None = None,
+    *,
+    level: float = KEPT.level,
+) -> Axes:
+    """Frequencies of modes before and after updating, relative to the identified ones.
+
+    Args:
+        ax: axes; new ones if None.
+        level: probability of the intervals.
+    """
+    rows = []
+    for mode in modes:
+        label, hz = mode.label, data.mode(mode.label).frequency_hz
+        before, *after = 100.0 * (np.array([mode.before_hz, *mode.after_hz]) / hz - 1.0)
+        low, median, high = after
+        rows.append(
+            _Row(
+                f"{label}\n{hz:.4g} Hz",
+                before,
+                after,
+                f"mode {label} before: {mode.before_hz:.4g} Hz, {before:+.2f} %",
+                f"mode {label} after: {mode.after_hz[1]:.4g} Hz, {median:+.2f} % "
+                f"({low:+.2f} to {high:+.2f} %)",
+            )
+        )
+    ax = rows_of(ax, [row.name for row in rows], 1.1)
+    ax.axvline(0.0, color="black", linewidth=0.8)
+    _draw(ax, rows, level)
+    ax.set_xlabel("model / identified - 1 (%)")
+    return ax
+
+
+def plot_mac_change(modes: Sequence[UpdatedMode], ax: Axes | None = None) -> Axes:
+    """MACs of paired modes with the identified shapes, before and after updating.
+
+    Modes without an identified shape are left out.
+    """
+    rows = []
+    for mode in modes:
+        if mode.mac_after is not None and mode.mac_before is not None:
+            low, median, high = mode.mac_after
+            rows.append(
+                _Row(
+                    mode.label,
+                    mode.mac_before,
+                    mode.mac_after,
+                    f"mode {mode.label} before: MAC {mode.mac_before:.4f}",
+                    f"mode {mode.label} after: MAC {median:.4f} ({low:.4f} to {high:.4f})",
+                )
+            )
+    if not rows:
+        raise ValueError("plot_mac_change: no paired mode has an identified shape")
+    ax = rows_of(ax, [row.name for row in rows], 1.1)
+    _draw(ax, rows, KEPT.level)
+    ax.set_xlabel("MAC with the identified shape\n(1: the same shape)")
+    return ax
+
+
+def _draw(ax: Axes, rows: Sequence[_Row], level: float) -> None:
+    """Rows of a circle before updating, joined to a square with its interval after."""
+    for y, row in enumerate(rows):
+        ax.plot([row.before, row.after[1]], [y, y], color=STYLE.grey, linewidth=0.8)
+        (circle,) = ax.plot(row.before, y, "o", color=STYLE.vermilion, markerfacecolor="white",
+                            markersize=6, label=None if y else "before: prior medians")  # fmt: skip
+        hover(circle, row.text_before)
+        interval_after(ax, y, row.after, f"after: posterior, {100 * level:g} %", row.text_after)
+    ax.set_ylabel("identified mode")
+    ax.grid(axis="x", alpha=0.3)
+    legend_below(ax, columns=2)
+
+
+def plot_mac(
+    matrix: FloatArray,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    ax: Axes | None = None,
+    *,
+    of: tuple[str, str] = ("", ""),
+) -> Axes:
+    """A matrix of modal assurance criteria, with the values written in its cells.
+
+    Args:
+        matrix: (n_rows, n_columns), as of :func:`~bayes_ssi.structures.modal.mac`; NaN is left
+            blank.
+        ax: axes; new ones if None.
+    """
+    ax = axes_of(ax, (2.0 + 0.55 * len(columns), 1.1 + 0.45 * len(rows)))
+    image = _annotate(ax, matrix, rows, columns, of, decimals=2)
+    ax.figure.colorbar(image, ax=ax, label="MAC")
+    return ax
+
+
+def plot_pairing(inferred: InferredPairing, n_modes: int, ax: Axes | None = None) -> Axes:
+    """The probability that each identified mode is each model mode, or spurious."""
+    labels = list(inferred.of_modes)
+    columns = ["spurious", *(str(number) for number in range(1, n_modes + 1))]
+    ax = axes_of(ax, (1.3 + 0.5 * len(columns), 1.1 + 0.34 * len(labels)))
+    probabilities = np.array(
+        [[inferred.of_modes[label].get(i, 0.0) for i in range(n_modes + 1)] for label in labels]
+    )
+    # Values that round to 0.000 are left blank.
+    shown = np.where(probabilities < 0.0005, np.nan, probabilities)
+    _annotate(ax, shown, labels, columns, ("identified mode", "model mode"), decimals=3)
+    return ax
+
+
+def plot_modal_sensitivities(sensitivities: ModalSensitivities, ax: Axes | None = None) -> Axes:
+    """How many percent each frequency rises where a parameter rises by one.
+
+    Parameters proposed for updating are in bold.
+    """
+    modes, names = sensitivities.modes, sensitivities.parameters
+    ax = axes_of(ax, (2.4 + 0.55 * len(names), 1.3 + 0.3 * len(modes)))
+    matrix = sensitivities.of_frequencies
+    largest = max(float(np.abs(matrix).max()), np.finfo(float).tiny)
+    image = ax.imshow(matrix, cmap="RdBu_r", vmin=-largest, vmax=largest, aspect="auto")
+    for (i, k), value in np.ndenumerate(matrix):
+        ax.text(k, i, f"{value:+.2f}" if abs(value) >= 0.005 else "", ha="center", va="center",
+                fontsize=STYLE.small,
+                color="white" if abs(value) > 0.6 * largest else "black")  # fmt: skip
+    ax.set_xticks(range(len(names)), names)
+    ax.set_yticks(range(len(modes)), modes)
+    for label in ax.get_xticklabels():
+        if label.get_text() in sensitivities.proposed:
+            label.set_fontweight("bold")
+    without_math(*ax.get_xticklabels(), *ax.get_yticklabels())
+    ax.spines[:].set_visible(False)
+    ax.tick_params(length=0)
+    ax.set_ylabel("mode")
+    ax.set_xlabel("parameter; bold: proposed for updating")
+    ax.figure.colorbar(image, ax=ax, label="% of frequency per % of parameter")
+    return ax
+
+
+def _annotate(
+    ax: Axes,
+    matrix: FloatArray,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    of: tuple[str, str],
+    decimals: int,
+) -> AxesImage:
+    image = ax.imshow(matrix, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    for (i, k), value in np.ndenumerate(matrix):
+        if np.isfinite(value):
+            ax.text(k, i, f"{value:.{decimals}f}", ha="center", va="center", fontsize=STYLE.small,
+                    color="white" if value > 0.6 else "black")  # fmt: skip
+    ax.set_xticks(range(len(columns)), columns)
+    ax.set_yticks(range(len(rows)), rows)
+    without_math(*ax.get_xticklabels(), *ax.get_yticklabels())
+    ax.set_ylabel(of[0])
+    ax.set_xlabel(of[1])
+    ax.spines[:].set_visible(False)
+    ax.tick_params(length=0)
+    return image
