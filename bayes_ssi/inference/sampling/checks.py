@@ -72,20 +72,20 @@ def _evidence_estimates(sampled: SamplingResult) -> Iterator[str]:
 
 def _regions(sampled: SamplingResult) -> Iterator[str]:
     """Regions that a part of the sampling missed."""
-    regions, shares = sampled.regions, sampled.region_shares
+    regions, region_shares = sampled.regions, sampled.region_shares
     if regions.n_regions == 1:
         return
     n_searches = sampled.searches_of_regions
-    shares_of_compressions = [regions.shares(each.draws) for each in sampled.compressions]
-    shares_of_chains = regions.shares(np.concatenate([each.draws for each in sampled.draws]))
-    for region in np.flatnonzero(shares > CHECKS.small_share):
-        name = f"a region with {100 * shares[region]:.1f} % of the posterior"
+    shares_of_compressions = [regions.shares(one.draws) for one in sampled.compressions]
+    shares_of_chains = regions.shares(np.concatenate([part.draws for part in sampled.draws]))
+    for region in np.flatnonzero(region_shares > CHECKS.small_share):
+        name = f"a region with {100 * region_shares[region]:.1f} % of the posterior"
         if n_searches[region] < 2:
             yield (
                 f"{name} was found by {n_searches[region]} of {sampled.search.n_searches} "
                 "independent searches; there may be others"
             )
-        missed = sum(each[region] == 0 for each in shares_of_compressions)
+        missed = sum(shares[region] == 0 for shares in shares_of_compressions)
         if missed:
             yield (
                 f"{name} was missed by {missed} of {len(shares_of_compressions)} compressions of "

@@ -98,12 +98,8 @@ class _Sampling:
         return max(self.chains.walkers, 4 * self.target.n_dimensions)
 
     def result(self) -> SamplingResult:
-        search = search_maxima(
-            self.target,
-            self.settings.searches,
-            self.seeds[4],
-            part(self.progress, "searches"),
-        )
+        progress = part(self.progress, "searches")
+        search = search_maxima(self.target, self.settings.searches, self.seeds[4], progress)
         result = None
         if self.target.suggest_starts is not None and search.converged:
             result = self._from_maxima(search)
@@ -160,13 +156,13 @@ class _Sampling:
             part(self.progress, "compression of the prior"),
         )
         # Particles may have passed through regions that no search found: climb from there, too.
-        climbers = np.concatenate([each.climbers(search.maxima) for each in compressions])
+        climbers = np.concatenate([one.climbers(search.maxima) for one in compressions])
         fitting = self._fitting(find_maxima(self.target, climbers, search.maxima))
         return self._sampled(
             search,
             fitting,
-            fitting.fitted(*(each.draws for each in compressions)),
-            [each.walkers(self.n_walkers, self.rng) for each in compressions],
+            fitting.fitted(*(one.draws for one in compressions)),
+            [one.walkers(self.n_walkers, self.rng) for one in compressions],
             [compression_estimate(compressions)],
             compressions,
         )
@@ -181,19 +177,14 @@ class _Sampling:
         compressions: tuple[Compression, ...] = (),
     ) -> SamplingResult:
         """Ensembles and importance draws."""
+        max_steps, seeds = self.settings.max_steps, self.seeds[2:4]
         ensembles, trial = run_ensembles(
-            walkers,
-            fitting,
-            trial,
-            self.settings.max_steps,
-            self.seeds[2:4],
-            self.progress,
-            compressions,
+            walkers, fitting, trial, max_steps, seeds, self.progress, compressions
         )
         importance, regions = self._importance(trial, (*ensembles, *compressions))
         resampled: tuple[Ensemble, ...] = ()
-        longer_allowed = self.settings.max_steps > self.chains.steps_of_check
-        if longer_allowed and not all(each.is_long_enough for each in ensembles):
+        longer_allowed = max_steps > self.chains.steps_of_check
+        if longer_allowed and not all(ensemble.is_long_enough for ensemble in ensembles):
             importance, resampled = self._in_place_of_chains(importance)
         return SamplingResult(
             search=search,

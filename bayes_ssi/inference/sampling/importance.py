@@ -26,17 +26,13 @@ from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 
 class ScoredDraws(Protocol):
-    """Draws of an ensemble, or particles of a compression."""
+    """Draws (n, d) of an ensemble, or particles, and their likelihood times prior density."""
 
     @property
-    def draws(self) -> FloatArray:
-        """(n, d), in standard-normal coordinates."""
-        ...
+    def draws(self) -> FloatArray: ...
 
     @property
-    def log_posteriors(self) -> FloatArray:
-        """Likelihood times prior density, n values."""
-        ...
+    def log_posteriors(self) -> FloatArray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +112,7 @@ class ImportanceSample:
 
     @property
     def log_likelihood_mean(self) -> float:
-        """Posterior mean of the log-likelihood."""
-        weights = self.weights
-        return float(weights @ np.where(weights > 0, self.log_likelihoods, 0.0))
+        return float(self.weights @ np.where(self.weights > 0, self.log_likelihoods, 0.0))
 
     def share_errors(self, groups: NDArray[np.intp], n_groups: int) -> FloatArray:
         """Standard errors (n_groups,) of the posterior's shares in ``groups`` (n,)."""
@@ -126,7 +120,7 @@ class ImportanceSample:
         shares = np.bincount(groups, weights, minlength=n_groups)
         member = groups == np.arange(n_groups)[:, None]
         terms = weights * (member - shares[:, None])
-        return np.array([self._error_of_sum(of_group) for of_group in terms])
+        return np.array([self._error_of_sum(group_terms) for group_terms in terms])
 
     def share_beyond(self, others: Sequence[ScoredDraws]) -> float:
         """The largest share of other posterior draws that weigh more than any of these draws.
@@ -160,7 +154,7 @@ class ImportanceSample:
     def with_more(self, more: ImportanceSample) -> ImportanceSample:
         """These draws and ``more`` from the same mixture."""
         both = zip(self._by_draw, more._by_draw, strict=True)
-        return ImportanceSample(self.mixture, *(np.concatenate(values) for values in both))
+        return ImportanceSample(self.mixture, *map(np.concatenate, both))
 
     @property
     def _by_draw(self) -> tuple[NDArray[Any], ...]:
@@ -207,19 +201,16 @@ class ImportanceSampler:
         return self._draw(mixture.with_prior_component(self.prior_share), self.batch)
 
     def refined(
-        self,
-        sample: ImportanceSample,
-        wanted_error: float,
-        others: Sequence[ScoredDraws] = (),
+        self, sample: ImportanceSample, wanted_error: float, others: Sequence[ScoredDraws] = ()
     ) -> ImportanceSample:
         """``sample`` and more draws, until the log evidence's error is ``wanted_error``.
 
-        The number of draws follows from the present error. Where the weights have a heavy tail,
-        a single one is heavy, or the efficiency is too low, components are first
-        added at the heaviest draws (incremental mixture importance sampling, Raftery and Bao
-        2010). So they are at the heaviest of ``others`` where these weigh more: a walker or
-        particle that stays where no importance draw goes may be stuck, or stand for a part of the
-        posterior, which the draws from such a component decide. Then all draws are new.
+        The number of draws follows from the present error. Where the weights have a heavy tail, a
+        single one is heavy, or the efficiency is too low, components are first added at the
+        heaviest draws (incremental mixture importance sampling, Raftery and Bao 2010). So they are
+        at the heaviest of ``others`` where these weigh more: a walker or particle that stays where
+        no importance draw goes may be stuck, or stand for a part of the posterior, which the draws
+        from such a component decide. Then all draws are new.
         """
         least_missing = IMPORTANCE.least_missing * wanted_error
         left_to_add = IMPORTANCE.most_added
@@ -283,8 +274,7 @@ class ImportanceSampler:
         """``sample`` with about ``factor`` times as many draws, at most four times."""
         n = len(sample.z)
         wanted = int(min(1.1 * factor * n, 4.0 * n, self.max_draws))
-        more = self._draw(sample.mixture, max(wanted - n, self.batch))
-        return sample.with_more(more)
+        return sample.with_more(self._draw(sample.mixture, max(wanted - n, self.batch)))
 
     def _draw(self, mixture: StudentMixture, n: int) -> ImportanceSample:
         """``n`` draws, of every component in proportion to its weight."""
@@ -372,7 +362,6 @@ def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> EvidenceEst
             break
     f1, f2 = (np.exp(terms - terms.max()) for terms in (from_proposal, from_posterior))
     time = float(autocorrelation_times(f2[..., None])[0])
-    relative_variance = f1.var() / (f1.mean() ** 2 * f1.size) + time * f2.var() / (
-        f2.mean() ** 2 * f2.size
-    )
-    return EvidenceEstimate("bridge sampling", log_evidence, float(np.sqrt(relative_variance)))
+    variance = f1.var() / (f1.mean() ** 2 * f1.size)
+    variance += time * f2.var() / (f2.mean() ** 2 * f2.size)
+    return EvidenceEstimate("bridge sampling", log_evidence, float(np.sqrt(variance)))

@@ -53,9 +53,9 @@ class StudentMixture:
     @cached_property
     def _log_constants(self) -> FloatArray:
         d, dof = self.means.shape[1], self.dof
-        of_tails = gammaln((dof + d) / 2) - gammaln(dof / 2) - 0.5 * d * np.log(dof * math.pi)
+        constants = gammaln((dof + d) / 2) - gammaln(dof / 2) - 0.5 * d * np.log(dof * math.pi)
         log_determinants: FloatArray = np.linalg.slogdet(self.factors)[1]
-        return of_tails - log_determinants
+        return constants - log_determinants
 
     def squared_distances(self, z: FloatArray) -> FloatArray:
         """Mahalanobis distances squared of ``z`` (n, d) from every component, (K, n).
@@ -103,14 +103,8 @@ class StudentMixture:
         ridge: weights of draws from it then have no heavy tail. Their own tails are the heaviest.
         """
         bends = tuple(bend and bend.widened(2.0) for bend in self.bends)
-        return self.mixed_with(
-            replace(
-                self,
-                factors=2.0 * self.factors,
-                bends=bends,
-                dof=np.minimum(self.dof, MIXTURES.heaviest_tails),
-            )
-        )
+        dof = np.minimum(self.dof, MIXTURES.heaviest_tails)
+        return self.mixed_with(replace(self, factors=2.0 * self.factors, bends=bends, dof=dof))
 
     def mixed_with(
         self, other: StudentMixture, share: float = MIXTURES.defensive_share

@@ -91,26 +91,25 @@ def search_maxima(
         possible = np.isfinite(target.log_likelihood(target.known_starts))
         if possible.any():
             searches.append(find_maxima(target, target.known_starts[possible]))
-    n_earlier = len(searches)
     seeds = seed.spawn(max(MAXIMA.most_times_wanted * n_searches, 2))
-    for n_own, own_seed in enumerate(seeds, start=1):
-        n = n_earlier + n_own
-        searches.append(_search(target, n_draws, n_ascents, np.random.default_rng(own_seed)))
-        progress(min(n / n_searches, 1.0))
-        if n < n_searches:
+    for n_made, seed_of_search in enumerate(seeds, start=1):
+        rng = np.random.default_rng(seed_of_search)
+        searches.append(_search(target, n_draws, n_ascents, rng))
+        progress(min(len(searches) / n_searches, 1.0))
+        if len(searches) < n_searches:
             continue
         ends = np.concatenate([search.z for search in searches])
         if not len(ends):
             raise ValueError(
-                f"the likelihood is zero at all of {n_own * n_draws} draws from the prior; "
+                f"the likelihood is zero at all of {n_made * n_draws} draws from the prior; "
                 "are the priors, the pairing and the units those of the data?"
             )
         # Climbing on from all of them merges those that stopped short of the same maximum.
         maxima = find_maxima(target, ends)
         found_by = np.array(
-            [reached(target, maxima, own.z, own.log_posteriors).any(axis=1) for own in searches]
+            [reached(target, maxima, one.z, one.log_posteriors).any(axis=1) for one in searches]
         )
-        result = MultistartSearch(maxima, found_by, n_own * n_draws)
+        result = MultistartSearch(maxima, found_by, n_made * n_draws)
         if result.converged:
             break
     return result

@@ -70,12 +70,11 @@ class Regions:
         # The squared distance is |z|² - 2 (z·x - |x|²/2). All distances in one product are faster
         # than a tree, which in ten dimensions looks into nearly all its branches; those of 32
         # points at a time stay in a cache.
-        points = np.column_stack([z @ self._whitening, np.ones(len(z))])
-        nearest = np.empty(len(z), dtype=np.intp)
-        for start in range(0, len(z), 32):
-            rows = slice(start, start + 32)
-            nearest[rows] = (points[rows] @ self._whitened).argmax(axis=1)
-        return self.labels[nearest]
+        whitening, whitened = self._whitened
+        points = np.column_stack([z @ whitening, np.ones(len(z))])
+        parts = np.split(points, range(32, len(z), 32))
+        nearest = [(part @ whitened).argmax(axis=1) for part in parts]
+        return self.labels[np.concatenate(nearest)]
 
     def shares(self, z: FloatArray, weights: FloatArray | None = None) -> FloatArray:
         """The share (n_regions,) of draws, or of their weights, in each region."""
@@ -83,14 +82,11 @@ class Regions:
         return shares / shares.sum()
 
     @cached_property
-    def _whitening(self) -> FloatArray:
-        return _local_whitening(self.draws)
-
-    @cached_property
-    def _whitened(self) -> FloatArray:
-        """The draws x, scaled, and -|x|²/2, as columns (d + 1, n)."""
-        whitened = self.draws @ self._whitening
-        return np.vstack([whitened.T, -0.5 * (whitened**2).sum(axis=1)])
+    def _whitened(self) -> tuple[FloatArray, FloatArray]:
+        """A whitening (d, d), and the draws x times it with -|x|²/2, as columns (d + 1, n)."""
+        whitening = _local_whitening(self.draws)
+        whitened = self.draws @ whitening
+        return whitening, np.vstack([whitened.T, -0.5 * (whitened**2).sum(axis=1)])
 
 
 def find_regions(target: Target, draws: FloatArray, log_posteriors: FloatArray) -> Regions:

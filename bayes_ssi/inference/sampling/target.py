@@ -105,8 +105,8 @@ class Target:
             return np.empty((0, self.n_dimensions))
         recalled = self.journal and self.journal.recalled_suggestion(self.n_dimensions)
         # A child: what follows is the same whether they are recalled or not.
-        own_rng = rng.spawn(1)[0]
-        z, n_evaluations = recalled or self.suggest_starts(own_rng)
+        rng_of_starts = rng.spawn(1)[0]
+        z, n_evaluations = recalled or self.suggest_starts(rng_of_starts)
         if self.journal and not recalled:
             self.journal.add_suggestion(z, n_evaluations)
         self.n_evaluations += n_evaluations
