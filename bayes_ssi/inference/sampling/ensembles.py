@@ -54,7 +54,6 @@ class Ensemble:
 
     @property
     def walkers(self) -> Walkers:
-        """Where the ensemble ended."""
         return Walkers(self.positions[-1], self.log_posteriors[-1])
 
     @property
@@ -64,7 +63,6 @@ class Ensemble:
 
     @property
     def needed_steps(self) -> int:
-        """The smallest sufficient number of steps."""
         return math.ceil(CHAINS.autocorrelation_times * self.autocorrelation_times.max())
 
     @property

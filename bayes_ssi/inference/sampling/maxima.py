@@ -1,8 +1,7 @@
 """Maxima of a posterior by many local ascents at once, and Laplace's approximation at each.
 
-Particles reach a region in proportion to its mass on the way from the prior; an ascent reaches it
-from anywhere in its basin. Components at the maxima are added to the proposals of the sampling, so
-regions that the particles lost are still visited.
+Components at the maxima are added to all proposals, so that regions that particles lost, which
+reach one in proportion to its mass on the way from the prior, are still visited.
 """
 
 from __future__ import annotations
@@ -120,11 +119,7 @@ def no_maxima(n_dimensions: int) -> Maxima:
 
 
 def find_maxima(target: Target, starts: FloatArray, known: Maxima | None = None) -> Maxima:
-    """Climb from every row of ``starts`` (S, d) and collect the distinct maxima reached.
-
-    Args:
-        target: whose log-likelihood times prior density is climbed.
-    """
+    """Climb from every row of ``starts`` (S, d): the distinct maxima reached, and those known."""
     d = target.n_dimensions
     known = known or no_maxima(d)
     unit = np.tile(np.eye(d), (len(starts), 1, 1))

@@ -51,7 +51,7 @@ class MultistartSearch:
         A larger region in which the likelihood is higher than around it was climbed to; a smaller
         one can only have been found by a slope that leads there, or by a suggested start.
         """
-        return float(-np.expm1(np.log(MAXIMA.missed_by_chance) / self.n_draws))
+        return float(-np.expm1(np.log(0.05) / self.n_draws))
 
     @property
     def converged(self) -> bool:
@@ -76,12 +76,10 @@ def search_maxima(
     """Search for maxima until independent searches agree.
 
     Args:
-        target: whose log-likelihood times prior density is climbed.
         n_searches: the least number, the target's earlier one included; more follow while they do
             not agree.
-        progress: called with the completed share of ``n_searches``.
-        n_draws: prior draws per search; :class:`MaximaSettings` has the default.
-        n_ascents: at once from the highest of them.
+        n_draws: prior draws per search, and
+        n_ascents: how many of them are climbed from at once; the settings have the defaults.
     """
     alone = target.suggest_starts is None
     n_draws = n_draws or (MAXIMA.draws if alone else MAXIMA.draws_beside_starts)

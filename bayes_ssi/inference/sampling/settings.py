@@ -110,8 +110,6 @@ class MaximaSettings:
     # of its own.
     expected_unseen: float = 0.5
     most_rounds: int = 5
-    # A region counts as excluded where draws would have missed it with at most this probability.
-    missed_by_chance: float = 0.05
 
 
 @dataclass(frozen=True)
