@@ -12,10 +12,9 @@ from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.merging import merge_modal_data
-from bayes_ssi.measurements.modes.modal_csv import write_modal_data
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.modes.modal_files import read_modal_data
-from bayes_ssi.measurements.modes.modal_pyoma2 import modal_data_from_pyoma2
+from bayes_ssi.measurements.modes.modal_files import read_modal_data, write_modal_data
+from bayes_ssi.measurements.modes.modal_tools import modal_data_from_pyoma2
 from bayes_ssi.measurements.records.modal_identification import identify
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.record_files import read_record

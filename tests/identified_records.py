@@ -1,9 +1,9 @@
 """Records of identifications for tests of what comes after them."""
 
-from bayes_ssi.measurements.modes.identification_record import (
+from bayes_ssi.measurements.modes.identification_summary import (
     EstimatedMode,
     EstimatedPeak,
-    IdentificationRecord,
+    IdentificationSummary,
     MeasuredRecord,
 )
 
@@ -24,4 +24,4 @@ def identified(source, **others):
         "remarks": (),
         "failed_checks": (),
     }
-    return IdentificationRecord(**{**given, **others})
+    return IdentificationSummary(**{**given, **others})

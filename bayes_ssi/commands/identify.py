@@ -76,7 +76,7 @@ def identify(
     Writes them with their uncertainties to a CSV file, the data of model classes; --json gives
     their whole covariance.
     """
-    from bayes_ssi.measurements.modes.modal_csv import (
+    from bayes_ssi.measurements.modes.modal_files import (
         modal_files,
         possible_modal_files,
         write_modal_data,

@@ -125,7 +125,7 @@ def _given(path: Path | None, measured: tuple[str, ...]) -> _Given:
 def _sensors_of_universal_file(path: Path) -> tuple[str, ...]:
     """Sensors "node direction" of its time responses (data sets 58), else of its modes (55)."""
     from bayes_ssi.foundations.universal_files import read_data_sets, response_direction
-    from bayes_ssi.measurements.modes.modal_uff import moving_sensors
+    from bayes_ssi.measurements.modes.modal_tools import moving_sensors
 
     measured = [(one, response_direction(one)) for one in read_data_sets(path, 58)]
     names = tuple(

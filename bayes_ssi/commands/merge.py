@@ -27,12 +27,12 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     larger, and where an identification failed a check.
     """
     from bayes_ssi.measurements.modes.merging import merge_modal_data
-    from bayes_ssi.measurements.modes.modal_csv import (
+    from bayes_ssi.measurements.modes.modal_files import (
         modal_files,
         possible_modal_files,
+        read_modal_data,
         write_modal_data,
     )
-    from bayes_ssi.measurements.modes.modal_files import read_modal_data
     from bayes_ssi.report.tables.mode_tables import merged_table
     from bayes_ssi.results.result_files import require_new_files
     from bayes_ssi.results.wording import listed

@@ -17,7 +17,7 @@ from bayes_ssi.inference.model_class.class_record import ClassRecord, Configurat
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
-from bayes_ssi.measurements.modes.identification_record import EstimatedPeak, IdentificationRecord
+from bayes_ssi.measurements.modes.identification_summary import EstimatedPeak, IdentificationSummary
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.identification_settings import IDENTIFICATION
 from bayes_ssi.plots.record_plots import CAPTIONS
@@ -232,7 +232,7 @@ def _identifications(
     ]
 
 
-def _labels(record: IdentificationRecord, data: ModalData) -> list[str | None]:
+def _labels(record: IdentificationSummary, data: ModalData) -> list[str | None]:
     """The label of each identified mode in the data; None where it was left out of them.
 
     Modes may have been renamed or merged since: two are the same where each is the nearest to the
@@ -250,7 +250,7 @@ def _configuration(of_class: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 def _explained(
     peak: EstimatedPeak,
-    record: IdentificationRecord,
+    record: IdentificationSummary,
     labels: Sequence[str | None],
     configuration: Mapping[str, Any],
 ) -> Iterator[str]:
@@ -270,7 +270,7 @@ def _explained(
             yield f"mode {mode['number']} ({mode['hz']:.4g} Hz) missed"
 
 
-def _figures(record: IdentificationRecord) -> Iterator[EmbeddedFigure]:
+def _figures(record: IdentificationSummary) -> Iterator[EmbeddedFigure]:
     """Those of its figures that are still there."""
     for path in filter(Path.is_file, map(Path, record.figures)):
         # A result numbers the figures by their records.

@@ -35,8 +35,8 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.measurements.modes.modal_csv import read_modal_csv, write_modal_data
 from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.measurements.modes.modal_files import read_modal_csv, write_modal_data
 from bayes_ssi.results.draws import load_draws, save_draws
 from bayes_ssi.results.result_files import (
     check_digest,

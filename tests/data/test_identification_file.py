@@ -7,7 +7,7 @@ import pytest
 from identified_records import identified
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.modes.identification_record import EstimatedMode
+from bayes_ssi.measurements.modes.identification_summary import EstimatedMode
 
 RECORD = identified(
     "a.csv",

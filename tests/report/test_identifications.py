@@ -9,7 +9,7 @@ from identified_records import identified
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.modes.identification_record import EstimatedMode, EstimatedPeak
+from bayes_ssi.measurements.modes.identification_summary import EstimatedMode, EstimatedPeak
 from bayes_ssi.report import write_report
 from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.results.stored_result import load_result, save_result

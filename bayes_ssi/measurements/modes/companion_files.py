@@ -24,7 +24,7 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.codec import from_record, to_record
-from bayes_ssi.measurements.modes.identification_record import IdentificationRecord
+from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.joint_covariance import of_modes
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -32,7 +32,7 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 
 @dataclass(frozen=True)
 class _Identifications:
-    identifications: tuple[IdentificationRecord, ...]
+    identifications: tuple[IdentificationSummary, ...]
 
 
 def identification_path(path: str | Path) -> Path:
@@ -40,7 +40,7 @@ def identification_path(path: str | Path) -> Path:
     return Path(path).with_suffix(".identification.json")
 
 
-def write_identifications(identifications: Sequence[IdentificationRecord], path: Path) -> None:
+def write_identifications(identifications: Sequence[IdentificationSummary], path: Path) -> None:
     """Write how modes were identified to a new file."""
     moved = tuple(
         replace(each, figures=tuple(os.path.relpath(file, path.parent) for file in each.figures))
@@ -50,7 +50,7 @@ def write_identifications(identifications: Sequence[IdentificationRecord], path:
         json.dump(to_record(_Identifications(moved)), file, indent=1)
 
 
-def read_identifications(path: Path, csv_path: Path) -> tuple[IdentificationRecord, ...]:
+def read_identifications(path: Path, csv_path: Path) -> tuple[IdentificationSummary, ...]:
     """How the modes in a CSV file were identified."""
     try:
         content = from_record(_Identifications, json.loads(path.read_text(encoding="utf-8")))

@@ -4,8 +4,6 @@ Their frequencies and shapes are merged by weighted least squares with their cov
 (:mod:`~bayes_ssi.measurements.modes.weighted_shapes`), and the scatter between tests is compared
 with the errors that they claim. Bands may differ, as where one record was identified band by band;
 then a mode that two of them have counts once.
-
-Bands of several tests as one, in which no mode of a record counts twice.
 """
 
 from __future__ import annotations
@@ -14,69 +12,35 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.measurements.modes.identification_record import IdentificationRecord
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
-from bayes_ssi.measurements.modes.matched_modes import (
-    Group,
-    joined_shape,
-    matched_modes,
-    mean_log_frequency,
-)
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.weighted_shapes import Merged, PartOfTest, weighted_least_squares
+from bayes_ssi.structures.modal import mac_of_pairs
+
+# Name of a test → its mode.
+Group = dict[str, IdentifiedMode]
 
 
-def joined_band(tests: Mapping[str, ModalData]) -> tuple[float, float]:
-    """From the lowest to the highest frequency (Hz) of all bands."""
-    first, *others = sorted(tests, key=lambda name: tests[name].band_hz)
-    low, high = tests[first].band_hz
-    for name in others:
-        begin, end = tests[name].band_hz
-        if begin > high:
-            raise ValueError(
-                f"merging: no modes were sought from {high:g} to {begin:g} Hz, below the band of "
-                f"{name}; merge bands that touch or overlap"
-            )
-        high = max(high, end)
-    return low, high
+@dataclass(frozen=True)
+class MergingSettings:
+    """When modes of two tests are one, and when tests disagree."""
+
+    # Two estimates of a mode at the edge of a band, on either side of it, are hardly farther from
+    # it than this, in standard deviations.
+    edge_sds: float = 3.0
+    disagreement_p: float = 0.01  # tests that agree are said to disagree one time in a hundred
+    # About the width of a peak where the damping is 1 %, within which its frequency is read off a
+    # spectrum: a mode so close to one that was not identified is that mode.
+    peak_width: float = 0.02
 
 
-def independent_modes(group: Group, tests: Mapping[str, ModalData]) -> Group:
-    """The group with one mode of each record: that from the band whose edges are farthest."""
-    hz = float(np.exp(mean_log_frequency(group)))
-
-    def from_edges(name: str) -> float:
-        low, high = tests[name].band_hz
-        return min(hz - low, high - hz)
-
-    kept: list[str] = []
-    for name in sorted(group, key=from_edges, reverse=True):
-        if not any(_are_of_one_record(tests[name], tests[other]) for other in kept):
-            kept.append(name)
-    return {name: mode for name, mode in group.items() if name in kept}
-
-
-def _are_of_one_record(one: ModalData, other: ModalData) -> bool:
-    """Whether two tests are of one record in two bands; in one band, names merely repeat."""
-    records = [
-        {
-            (each.record.source, each.record.duration_s, each.record.rate_hz)
-            for each in data.identifications
-            if each.record.source
-        }
-        for data in (one, other)
-    ]
-    return one.band_hz != other.band_hz and not records[0].isdisjoint(records[1])
-
-
-# Tests that agree are said to disagree one time in a hundred.
-LIMIT = 0.01
-# About the width of a peak where the damping is 1 %, within which its frequency is read off a
-# spectrum: a mode so close to one that was not identified is that mode.
-PEAK_WIDTH = 0.02
+MERGING = MergingSettings()
 
 
 @dataclass(frozen=True)
@@ -142,123 +106,248 @@ def merge_modal_data(tests: Mapping[str, ModalData]) -> MergedModes:
     """
     if len(tests) < 2:
         raise ValueError(f"merging: give two tests or more, got {len(tests)}")
-    band_hz = joined_band(tests)
-    sensors = tuple(dict.fromkeys(sensor for data in tests.values() for sensor in data.sensors))
-    groups = matched_modes(tests, sensors)
-    independent = [independent_modes(group, tests) for group in groups]
-    merged = _merged(independent, tests, sensors)
-    labels = _labels(groups)
-    modes = tuple(
-        MergedMode(
-            label,
-            {name: mode.label for name, mode in group.items()},
-            _scatter(group, tests, sensors, shapes=False),
-            _scatter(group, tests, sensors, frequencies=False),
+    return _Merging(tests).merged_modes()
+
+
+class _Merging:
+    """Tests that are merged, at the sensors of all."""
+
+    def __init__(self, tests: Mapping[str, ModalData]) -> None:
+        self.tests = tests
+        self.band_hz = _joined_band(tests)
+        self.sensors = tuple(dict.fromkeys(s for data in tests.values() for s in data.sensors))
+
+    def merged_modes(self) -> MergedModes:
+        groups = self._matched_modes()
+        independent = [self._independent(group) for group in groups]
+        labels = _labels(groups)
+        merged = self._merged(independent)
+        modes = tuple(
+            MergedMode(
+                label,
+                {name: mode.label for name, mode in group.items()},
+                self._scatter(group, shapes=False),
+                self._scatter(group, frequencies=False),
+            )
+            for label, group in zip(labels, groups, strict=True)
         )
-        for label, group in zip(labels, groups, strict=True)
-    )
-    joined = tuple(_identified_modes(merged, independent, labels, tests, sensors))
-    failed = tuple(_failed(modes, joined))
-    data = ModalData(
-        joined,
-        band_hz,
-        sensors,
-        "merged from " + ", ".join(tests),
-        merged.covariance,
-        tuple(_identifications(modes, joined, tests)),
-        (*failed, *(check for each in tests.values() for check in each.failed_checks)),
-    )
-    remarks = tuple(_remarks(modes, joined, independent, tests))
-    return MergedModes(data, modes, remarks, failed)
+        joined = tuple(self._identified_modes(merged, independent, labels))
+        failed = tuple(_failed(modes, joined))
+        data = ModalData(
+            joined,
+            self.band_hz,
+            self.sensors,
+            "merged from " + ", ".join(self.tests),
+            merged.covariance,
+            tuple(self._identifications(modes, joined)),
+            (*failed, *(check for test in self.tests.values() for check in test.failed_checks)),
+        )
+        return MergedModes(data, modes, tuple(self._remarks(modes, joined, independent)), failed)
+
+    def _matched_modes(self) -> list[Group]:
+        """Groups of modes that are the same, in ascending order of frequency.
+
+        A mode of one more test belongs to a group where each is the nearest to the other, by the
+        square of the difference of ln f and by 1 - MAC at the sensors that both have. Modes that
+        lie outside of the band of the other's test, by more than their errors allow, are different.
+        """
+        groups: list[Group] = []
+        for test, data in self.tests.items():
+            distances = np.array(
+                [[self._distance(test, mode, group) for mode in data.modes] for group in groups]
+            ).reshape(len(groups), len(data.modes))
+            for j, mode in enumerate(data.modes):
+                nearest = int(distances[:, j].argmin()) if len(distances) else -1
+                mutual = nearest >= 0 and int(distances[nearest].argmin()) == j
+                if mutual and np.isfinite(distances[nearest, j]):
+                    groups[nearest][test] = mode
+                else:
+                    groups.append({test: mode})
+        return sorted(groups, key=_mean_log_frequency)
+
+    def _distance(self, test: str, mode: IdentifiedMode, group: Group) -> float:
+        for name, member in group.items():
+            if not (_may_be_in(mode, self.tests[name]) and _may_be_in(member, self.tests[test])):
+                return np.inf
+        apart = (np.log(mode.frequency_hz) - _mean_log_frequency(group)) ** 2
+        others = np.array([self._shape(name, member) for name, member in group.items()])
+        alike = mac_of_pairs(np.broadcast_to(self._shape(test, mode), others.shape), others)
+        return float(apart + (1.0 - np.nanmean(alike) if np.isfinite(alike).any() else 0.0))
+
+    def _shape(self, test: str, mode: IdentifiedMode) -> FloatArray:
+        """The unit shape (N,) at all sensors; NaN where not measured."""
+        shape = np.full(len(self.sensors), np.nan)
+        if mode.scored_shape is not None:
+            places = [self.sensors.index(sensor) for sensor in self.tests[test].sensors]
+            shape[places] = mode.scored_shape
+        return shape
+
+    def _independent(self, group: Group) -> Group:
+        """The group with one mode of each record: that from the band whose edges are farthest."""
+        hz = float(np.exp(_mean_log_frequency(group)))
+
+        def from_edges(name: str) -> float:
+            low, high = self.tests[name].band_hz
+            return min(hz - low, high - hz)
+
+        kept: list[str] = []
+        for name in sorted(group, key=from_edges, reverse=True):
+            if not any(_are_of_one_record(self.tests[name], self.tests[other]) for other in kept):
+                kept.append(name)
+        return {name: mode for name, mode in group.items() if name in kept}
+
+    def _joined_shape(self, group: Group) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """A first estimate of the shape (N,) at unit length, and which components were measured."""
+        left = {name: self._shape(name, mode) for name, mode in group.items()}
+        left = {name: shape for name, shape in left.items() if np.isfinite(shape).any()}
+        if not left:
+            return np.zeros(len(self.sensors)), np.zeros(len(self.sensors), dtype=bool)
+        joined = left.pop(max(left, key=lambda name: int(np.isfinite(left[name]).sum())))
+        while left:
+            shared = {
+                name: np.isfinite(joined) & np.isfinite(shape) for name, shape in left.items()
+            }
+            name = max(shared, key=lambda test: int(shared[test].sum()))
+            common, shape = shared[name], left.pop(name)
+            if not common.any():
+                raise ValueError(
+                    f"merging: {name} shares no sensor with the other tests in the mode at "
+                    f"{group[name].frequency_hz:.4g} Hz; setups are joined by reference sensors"
+                )
+            product, length = joined[common] @ shape[common], shape[common] @ shape[common]
+            scale = product / length if product and length else 1.0
+            joined = np.where(np.isfinite(joined), joined, scale * shape)
+        measured = np.isfinite(joined)
+        joined = np.nan_to_num(joined)
+        return joined / np.linalg.norm(joined), measured
+
+    def _merged(
+        self, groups: Sequence[Group], *, frequencies: bool = True, shapes: bool = True
+    ) -> Merged:
+        """Groups of modes by weighted least squares, of frequencies or shapes, or of both."""
+        parts = []
+        for name, data in self.tests.items():
+            places = {g[name].label: i for i, g in enumerate(groups) if name in g}
+            if places:
+                parts.append(PartOfTest(name, data, places, self.sensors, frequencies, shapes))
+        first = [self._joined_shape(group) for group in groups]
+        measured = np.array([known for _, known in first]) & shapes
+        logs = np.array([_mean_log_frequency(group) for group in groups])
+        estimates = np.where(measured, [shape for shape, _ in first], 0.0)
+        return weighted_least_squares(parts, logs, estimates, measured)
+
+    def _scatter(
+        self, group: Group, *, frequencies: bool = True, shapes: bool = True
+    ) -> Scatter | None:
+        """Of a mode's frequencies or shapes; None where nothing was measured twice."""
+        if not frequencies and all(mode.scored_shape is None for mode in group.values()):
+            return None
+        merged = self._merged([group], frequencies=frequencies, shapes=shapes)
+        n, squares = merged.degrees_of_freedom, merged.squares
+        return Scatter(float(np.sqrt(squares / n)), float(chdtrc(n, squares))) if n else None
+
+    def _identified_modes(
+        self, merged: Merged, groups: Sequence[Group], labels: Sequence[str]
+    ) -> Iterator[IdentifiedMode]:
+        for label, log_f, shape, group in zip(
+            labels, merged.log_frequencies, merged.shapes, groups, strict=True
+        ):
+            _, measured = self._joined_shape(group)
+            damping, damping_sd = _damping(list(group.values()))
+            yield IdentifiedMode(
+                label,
+                float(np.exp(log_f)),
+                np.where(measured, shape, np.nan) if measured.any() else None,
+                damping=damping,
+                damping_sd=damping_sd,
+            )
+
+    def _identifications(
+        self, modes: Sequence[MergedMode], joined: Sequence[IdentifiedMode]
+    ) -> Iterator[IdentificationSummary]:
+        """Those of all tests; what one did not identify and another did is identified."""
+        for name, data in self.tests.items():
+            found = [
+                mode.frequency_hz
+                for row, mode in zip(modes, joined, strict=True)
+                if name not in row.labels
+            ]
+            for summary in data.identifications:
+                missing = tuple(
+                    (hz, reason)
+                    for hz, reason in summary.not_identified
+                    if not any(abs(hz / other - 1.0) < MERGING.peak_width for other in found)
+                )
+                yield replace(summary, not_identified=missing)
+
+    def _remarks(
+        self,
+        modes: Sequence[MergedMode],
+        joined: Sequence[IdentifiedMode],
+        independent: Sequence[Group],
+    ) -> Iterator[str]:
+        """Which tests lack a mode in their band, and which are left out as of the same record."""
+        for row, mode, group in zip(modes, joined, independent, strict=True):
+            lacking = [
+                name
+                for name, data in self.tests.items()
+                if name not in row.labels
+                and data.band_hz[0] <= mode.frequency_hz <= data.band_hz[1]
+            ]
+            if lacking:
+                yield f"mode {row.label!r}: not in {', '.join(lacking)}"
+            if left_out := [name for name in row.labels if name not in group]:
+                yield (
+                    f"mode {row.label!r}: from {', '.join(group)} alone; {', '.join(left_out)} is "
+                    "of the same record, in a band whose edge is nearer"
+                )
 
 
-def _merged(
-    groups: Sequence[Group],
-    tests: Mapping[str, ModalData],
-    sensors: Sequence[str],
-    *,
-    frequencies: bool = True,
-    shapes: bool = True,
-) -> Merged:
-    """Some groups of modes by weighted least squares, with frequencies or shapes, or with both."""
-    places = {
-        name: {group[name].label: i for i, group in enumerate(groups) if name in group}
-        for name in tests
-    }
-    parts = [
-        PartOfTest.of(name, tests[name], own, sensors, frequencies=frequencies, shapes=shapes)
-        for name, own in places.items()
-        if own
+def _joined_band(tests: Mapping[str, ModalData]) -> tuple[float, float]:
+    """From the lowest to the highest frequency (Hz) of all bands."""
+    first, *others = sorted(tests, key=lambda name: tests[name].band_hz)
+    low, high = tests[first].band_hz
+    for name in others:
+        begin, end = tests[name].band_hz
+        if begin > high:
+            raise ValueError(
+                f"merging: no modes were sought from {high:g} to {begin:g} Hz, below the band of "
+                f"{name}; merge bands that touch or overlap"
+            )
+        high = max(high, end)
+    return low, high
+
+
+def _mean_log_frequency(group: Group) -> float:
+    return float(np.mean([np.log(mode.frequency_hz) for mode in group.values()]))
+
+
+def _may_be_in(mode: IdentifiedMode, test: ModalData) -> bool:
+    """Whether a mode lies in a test's band, or so close to it that an estimate from there may."""
+    error = MERGING.edge_sds * (mode.frequency_cov or 0.0)
+    low, high = test.band_hz
+    return low * (1.0 - error) <= mode.frequency_hz <= high * (1.0 + error)
+
+
+def _are_of_one_record(one: ModalData, other: ModalData) -> bool:
+    """Whether two tests are of one record in two bands; in one band, names merely repeat."""
+    records = [
+        {
+            (summary.record.source, summary.record.duration_s, summary.record.rate_hz)
+            for summary in data.identifications
+            if summary.record.source
+        }
+        for data in (one, other)
     ]
-    first = [joined_shape(group, tests, sensors) for group in groups]
-    measured = np.array([each for _, each in first]) & shapes
-    logs = np.array([mean_log_frequency(group) for group in groups])
-    estimates = np.where(measured, [shape for shape, _ in first], 0.0)
-    return weighted_least_squares(parts, logs, estimates, measured)
-
-
-def _scatter(
-    group: Group,
-    tests: Mapping[str, ModalData],
-    sensors: Sequence[str],
-    *,
-    frequencies: bool = True,
-    shapes: bool = True,
-) -> Scatter | None:
-    """The scatter of a mode's frequencies or shapes; None where nothing was measured twice."""
-    if not frequencies and all(mode.scored_shape is None for mode in group.values()):
-        return None
-    merged = _merged([group], tests, sensors, frequencies=frequencies, shapes=shapes)
-    n, squares = merged.degrees_of_freedom, merged.squares
-    return Scatter(float(np.sqrt(squares / n)), float(chdtrc(n, squares))) if n else None
+    return one.band_hz != other.band_hz and not records[0].isdisjoint(records[1])
 
 
 def _labels(groups: Sequence[Group]) -> list[str]:
     """The labels of the tests where all agree, otherwise 1, 2, …"""
-    each = [{mode.label for mode in group.values()} for group in groups]
-    labels = [min(own) for own in each]
-    agree = all(len(own) == 1 for own in each) and len(set(labels)) == len(labels)
+    of_groups = [{mode.label for mode in group.values()} for group in groups]
+    labels = [min(names) for names in of_groups]
+    agree = all(len(names) == 1 for names in of_groups) and len(set(labels)) == len(labels)
     return labels if agree else [str(i) for i in range(1, len(groups) + 1)]
-
-
-def _identified_modes(
-    merged: Merged,
-    groups: Sequence[Group],
-    labels: Sequence[str],
-    tests: Mapping[str, ModalData],
-    sensors: tuple[str, ...],
-) -> Iterator[IdentifiedMode]:
-    for label, log_f, shape, group in zip(
-        labels, merged.log_frequencies, merged.shapes, groups, strict=True
-    ):
-        _, measured = joined_shape(group, tests, sensors)
-        damping, damping_sd = _damping(list(group.values()))
-        yield IdentifiedMode(
-            label,
-            float(np.exp(log_f)),
-            np.where(measured, shape, np.nan) if measured.any() else None,
-            damping=damping,
-            damping_sd=damping_sd,
-        )
-
-
-def _identifications(
-    modes: Sequence[MergedMode], joined: Sequence[IdentifiedMode], tests: Mapping[str, ModalData]
-) -> Iterator[IdentificationRecord]:
-    """Those of all tests; what one did not identify and another did is identified."""
-    for name, data in tests.items():
-        found = [
-            each.frequency_hz
-            for row, each in zip(modes, joined, strict=True)
-            if name not in row.labels
-        ]
-        for each in data.identifications:
-            missing = tuple(
-                (hz, reason)
-                for hz, reason in each.not_identified
-                if not any(abs(hz / other - 1.0) < PEAK_WIDTH for other in found)
-            )
-            yield replace(each, not_identified=missing)
 
 
 def _damping(modes: Sequence[IdentifiedMode]) -> tuple[float | None, float | None]:
@@ -274,38 +363,16 @@ def _damping(modes: Sequence[IdentifiedMode]) -> tuple[float | None, float | Non
     return float(weights @ dampings / weights.sum()), float(1.0 / np.sqrt(weights.sum()))
 
 
-def _remarks(
-    modes: Sequence[MergedMode],
-    joined: Sequence[IdentifiedMode],
-    independent: Sequence[Group],
-    tests: Mapping[str, ModalData],
-) -> Iterator[str]:
-    """Which tests lack a mode in their band, and which are left out as of the same record."""
-    for row, mode, group in zip(modes, joined, independent, strict=True):
-        lacking = [
-            name
-            for name, data in tests.items()
-            if name not in row.labels and data.band_hz[0] <= mode.frequency_hz <= data.band_hz[1]
-        ]
-        if lacking:
-            yield f"mode {row.label!r}: not in {', '.join(lacking)}"
-        if left_out := [name for name in row.labels if name not in group]:
-            yield (
-                f"mode {row.label!r}: from {', '.join(group)} alone; {', '.join(left_out)} is of "
-                "the same record, in a band whose edge is nearer"
-            )
-
-
 def _failed(modes: Sequence[MergedMode], joined: Sequence[IdentifiedMode]) -> Iterator[str]:
     """Scatter that chance would give in one of a hundred merges of so many quantities."""
-    each = [
+    scatters = [
         (mode, what, scatter)
         for row, mode in zip(modes, joined, strict=True)
         for what, scatter in (("frequencies", row.frequency), ("shapes", row.shape))
         if scatter is not None
     ]
-    for mode, what, scatter in each:
-        if scatter.p_value < LIMIT / len(each):
+    for mode, what, scatter in scatters:
+        if scatter.p_value < MERGING.disagreement_p / len(scatters):
             yield (
                 f"mode {mode.label!r} at {mode.frequency_hz:.4g} Hz: the tests' {what} scatter by "
                 f"{scatter.ratio:.1f} times their errors (p = {scatter.p_value:.1g})"

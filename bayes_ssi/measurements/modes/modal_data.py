@@ -15,7 +15,7 @@ from bayes_ssi.foundations.argument_types import require
 from bayes_ssi.foundations.arrays import FloatArray, steady_digest
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
-from bayes_ssi.measurements.modes.identification_record import IdentificationRecord
+from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
 from bayes_ssi.measurements.modes.identified_mode import (
     RESERVED_NAMES,
     IdentifiedMode,
@@ -64,7 +64,7 @@ class ModalData(Displayed):
     sensors: tuple[str, ...] = ()
     source: str = ""
     covariance: FloatArray | None = None
-    identifications: tuple[IdentificationRecord, ...] = ()
+    identifications: tuple[IdentificationSummary, ...] = ()
     failed_checks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

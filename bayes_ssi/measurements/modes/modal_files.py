@@ -1,15 +1,88 @@
-"""Files of identified modes, in any format that the package reads."""
+"""Files of identified modes: mostly CSV, with one row per mode, as a spreadsheet saves it.
+
+::
+
+    # source, ambient vibration test of 12 May
+    # band_hz, 0, 6
+    # covariance, modes.covariance.json
+    # identification, modes.identification.json
+    label, frequency_hz, frequency_cov, damping, floor 1, floor 2, floor 3
+    1,     0.983,        0.001,         0.012,   0.331,   0.593,   0.734
+    2a,    2.604,        ,              ,        0.674,   0.240,
+
+Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
+the search, required), ``source`` (text), ``failed_check`` (a sentence; there may be several such
+rows), ``covariance`` and ``identification`` (files in the same directory, see
+:mod:`bayes_ssi.measurements.modes.companion_files`); anything else there is a comment. Then a row
+of column names, also spelled ``Frequency [Hz]``: ``label`` and ``frequency_hz`` are required,
+``frequency_cov``, ``shape_sd``, ``damping`` and ``damping_sd`` (fractions) are optional, and
+**every other column is a sensor**, named as the structure's degree of freedom. An empty cell is a
+value not measured. Complex components are written
+``0.3+0.1j`` (or ``i``). Columns are separated by commas, semicolons or tabs, as a first line
+``sep=;`` may say; with semicolons or tabs a decimal comma is understood.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import csv
+import io
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.text_files import read_columns
 from bayes_ssi.foundations.universal_files import is_universal_file
-from bayes_ssi.measurements.modes.modal_csv import read_modal_csv
+from bayes_ssi.measurements.modes.companion_files import (
+    covariance_path,
+    identification_path,
+    read_covariance,
+    read_identifications,
+    write_covariance,
+    write_identifications,
+)
+from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
+from bayes_ssi.measurements.modes.identified_mode import RESERVED_NAMES, IdentifiedMode, repeated
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.modes.modal_uff import read_modal_uff
+from bayes_ssi.measurements.modes.modal_tools import read_modal_uff
+
+T = TypeVar("T", float, complex)
+
+REQUIRED_COLUMNS = ("label", "frequency_hz")
+NUMBER_COLUMNS = RESERVED_NAMES[1:]
+FILE_KEYS = ("covariance", "identification")
+HEAD_KEYS = ("source", "band_hz", *FILE_KEYS)
+DELIMITERS = ",;\t"
+
+
+@dataclass(frozen=True)
+class _Line:
+    """One line of the file that is not blank."""
+
+    path: Path
+    number: int
+    cells: list[str]
+    decimal_comma: bool
+
+    @property
+    def is_comment(self) -> bool:
+        return self.cells[0].startswith("#")
+
+    def error(self, message: str) -> ValueError:
+        return ValueError(f"{self.path}, line {self.number}: {message}")
+
+    def parse(self, kind: Callable[[str], T], text: str, column: str) -> T:
+        try:
+            if "_" in text:  # Python would accept the underscore, a typing error here
+                raise ValueError
+            return kind(text.replace(",", ".") if self.decimal_comma else text)
+        except ValueError:
+            raise self.error(f"{column}: {text!r} is not a number") from None
 
 
 @checked
@@ -21,8 +94,8 @@ def read_modal_data(
 ) -> ModalData:
     """Read identified modes from a CSV file, or from the data sets 55 of a universal file.
 
-    A universal file is recognised by its first line; :mod:`bayes_ssi.measurements.modes.modal_csv`
-    describes the CSV file.
+    A universal file is recognised by its first line; the CSV file is described in
+    :mod:`bayes_ssi.measurements.modes.modal_files`.
 
     Args:
         path: the file.
@@ -45,3 +118,243 @@ def read_modal_data(
     if sensors is not None:
         raise ValueError(f"{path}: sensors are given, but the columns of a CSV file name its own")
     return read_modal_csv(path, band_hz=band_hz)
+
+
+def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) -> ModalData:
+    """Read identified modes from a CSV file (see the module's docstring for its form).
+
+    Args:
+        band_hz: lowest and highest frequency (Hz) of the search, in place of the file's own.
+    """
+    path = Path(path)
+    lines = _split(path)
+    n_head = next((i for i, line in enumerate(lines) if not line.is_comment), len(lines))
+    head, body = lines[:n_head], lines[n_head:]
+    if not body:
+        raise ValueError(f"{path}: the file holds no table of modes")
+    for line in body:
+        if line.is_comment:
+            raise line.error(
+                "a row beginning with '#' below the column names; comments and keys belong above "
+                "them, and no mode's label may begin with '#'"
+            )
+    columns = _column_names(body[0])
+    modes = tuple(_mode(line, columns) for line in body[1:])
+    if not modes:
+        raise ValueError(f"{path}: no mode below the column names")
+
+    stated = _read_head(head)
+    band = band_hz if band_hz is not None else stated.band_hz
+    if band is None:
+        raise ValueError(
+            f"{path}: no band; add a line such as '# band_hz, 0, 6' above the column names: the "
+            "lowest and highest frequency (Hz) of the search for modes"
+        )
+    low, high = band
+    sensors = tuple(name for name in columns if name not in RESERVED_NAMES)
+    covariance = None
+    identifications: tuple[IdentificationSummary, ...] = ()
+    if name := stated.files.get("covariance"):
+        covariance = read_covariance(path.parent / name, path, modes, sensors)
+    if name := stated.files.get("identification"):
+        identifications = read_identifications(path.parent / name, path)
+    try:
+        return ModalData(
+            modes, (low, high), sensors, stated.source, covariance, identifications,
+            stated.failed_checks,
+        )  # fmt: skip
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+@checked
+def write_modal_data(data: ModalData, path: str | Path) -> None:
+    """Write identified modes to a new CSV file.
+
+    Their joint covariance, and how they were identified, are in files next to it.
+
+    Args:
+        data: the modes; :func:`bayes_ssi.read_modal_data` reads them back unchanged.
+        path: path of the file; the others end in ``.covariance.json`` and
+            ``.identification.json`` in place of ``.csv``.
+
+    Raises:
+        FileExistsError: a file exists.
+    """
+    path = Path(path)
+    for own in modal_files(data, path):
+        if own.exists():
+            raise FileExistsError(f"{own} exists; give another name")
+    optional = [
+        name
+        for name in NUMBER_COLUMNS[1:]
+        if any(getattr(mode, name) is not None for mode in data.modes)
+    ]
+    with path.open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if data.source:
+            writer.writerow(["# source", data.source])
+        writer.writerows(["# failed_check", check] for check in data.failed_checks)
+        writer.writerow(["# band_hz", *(repr(float(bound)) for bound in data.band_hz)])
+        if data.covariance is not None:
+            writer.writerow(["# covariance", covariance_path(path).name])
+        if data.identifications:
+            writer.writerow(["# identification", identification_path(path).name])
+        writer.writerow([*REQUIRED_COLUMNS, *optional, *data.sensors])
+        for mode in data.modes:
+            numbers = [getattr(mode, name) for name in ("frequency_hz", *optional)]
+            components = [np.nan] * len(data.sensors) if mode.shape is None else mode.shape
+            writer.writerow(
+                [mode.label]
+                + ["" if number is None else repr(float(number)) for number in numbers]
+                + [_component_text(component) for component in components]
+            )
+    if data.covariance is not None:
+        write_covariance(data, covariance_path(path))
+    if data.identifications:
+        write_identifications(data.identifications, identification_path(path))
+
+
+def modal_files(data: ModalData, path: str | Path) -> tuple[Path, ...]:
+    """The files that :func:`write_modal_data` writes."""
+    every = possible_modal_files(path)
+    is_written = (True, data.covariance is not None, bool(data.identifications))
+    return tuple(compress(every, is_written))
+
+
+def possible_modal_files(path: str | Path) -> tuple[Path, ...]:
+    """The files that :func:`write_modal_data` may write."""
+    return Path(path), covariance_path(path), identification_path(path)
+
+
+def _component_text(component: complex) -> str:
+    if not np.isfinite(component):
+        return ""
+    if isinstance(component, complex):
+        return f"{float(component.real)!r}{float(component.imag):+}j"
+    return repr(float(component))
+
+
+def _split(path: Path) -> list[_Line]:
+    """The lines that are not blank, at the delimiter that gives the required columns."""
+    text, stated = read_columns(path)
+    delimiters = DELIMITERS if stated is None else stated
+    for delimiter in delimiters:
+        lines = _lines(path, text, delimiter)
+        if any(set(REQUIRED_COLUMNS) <= set(map(_spelled, line.cells)) for line in lines):
+            return lines
+    return _lines(path, text, delimiters[0])
+
+
+def _lines(path: Path, text: str, delimiter: str) -> list[_Line]:
+    """The lines that are not blank, cut at ``delimiter``."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True)
+    lines, number = [], 1
+    try:
+        for row in reader:
+            if any(cell.strip() for cell in row):
+                lines.append(_Line(path, number, [cell.strip() for cell in row], delimiter != ","))
+            number = reader.line_num + 1  # a quoted cell may run over several lines
+    except csv.Error as error:
+        raise ValueError(f"{path}, line {number}: not CSV: {error}") from None
+    return lines
+
+
+def _spelled(name: str) -> str:
+    """A name of this file's own columns as it is documented; others, of sensors, as they are."""
+    plain = re.sub(r"[\s_()\[\]]+", "_", name.lower()).strip("_")
+    return plain if plain in RESERVED_NAMES else name
+
+
+def _column_names(line: _Line) -> list[str]:
+    names = [_spelled(cell) for cell in line.cells]
+    while names and not names[-1]:
+        names.pop()
+    for required in REQUIRED_COLUMNS:
+        if required not in names:
+            raise line.error(
+                f"no column {required!r} among {', '.join(map(repr, names))}; the columns are "
+                "label, frequency_hz, optionally frequency_cov, shape_sd, damping and damping_sd, "
+                "and one for each sensor"
+            )
+    for name in names:
+        if not name:
+            raise line.error("a column has no name")
+    if len(set(names)) < len(names):
+        raise line.error(f"two columns are named {repeated(names)!r}")
+    return names
+
+
+class _Head(NamedTuple):
+    """What the lines above the column names state; ``files`` by their keys."""
+
+    source: str
+    band_hz: tuple[float, float] | None
+    files: dict[str, str]
+    failed_checks: tuple[str, ...]
+
+
+def _read_head(head: list[_Line]) -> _Head:
+    source, band = "", None
+    files: dict[str, str] = {}
+    failed: list[str] = []
+    first: dict[str, int] = {}
+    for line in head:
+        cells = [line.cells[0].lstrip("# ").strip(), *line.cells[1:]]
+        # '# band_hz: 0, 6', '# band_hz = 0, 6' and '# band_hz, 0, 6' are what people write.
+        if stated := re.fullmatch(r"(\w+)\s*[:=]\s*(.*)", cells[0]):
+            cells = [*stated.groups(), *cells[1:]]
+        values = [cell for cell in cells[1:] if cell]
+        key = cells[0].lower()
+        if key in HEAD_KEYS and first.setdefault(key, line.number) != line.number:
+            raise line.error(f"a second line of {key}; the first is line {first[key]}")
+        if key == "source":
+            source = ", ".join(values)
+        elif key == "failed_check":
+            failed.append(", ".join(values))
+        elif key in FILE_KEYS:
+            if len(values) != 1:
+                raise line.error(f"{key} needs the name of one file, got {values!r}")
+            files[key] = values[0]
+        elif key == "band_hz":
+            if not line.decimal_comma:
+                values = [part for value in values for part in re.split(r"[,\s]+", value) if part]
+            if len(values) != 2:
+                raise line.error(f"band_hz needs two frequencies in Hz, got {values!r}")
+            low, high = (line.parse(float, value, "band_hz") for value in values)
+            band = (low, high)
+    return _Head(source, band, files, tuple(failed))
+
+
+def _component(text: str, column: str, line: _Line) -> complex:
+    if not text:
+        return complex("nan")
+    # Space around the sign, as in "0.3 + 0.1i", is how people write complex numbers.
+    written = re.sub(r"(?<=[\dji])\s*([+-])\s*(?=[\d.])", r"\1", text) if " " in text else text
+    value = line.parse(complex, written.replace("i", "j"), f"sensor {column!r}")
+    if not np.isfinite(value):
+        raise line.error(f"sensor {column!r}: {text!r} is not finite; leave a missing value empty")
+    return value
+
+
+def _mode(line: _Line, columns: list[str]) -> IdentifiedMode:
+    if any(line.cells[len(columns) :]):
+        raise line.error(f"{len(line.cells)} cells for {len(columns)} columns")
+    cells = dict(zip(columns, line.cells + [""] * len(columns), strict=False))
+    numbers = {
+        name: line.parse(float, cells[name], name) for name in NUMBER_COLUMNS if cells.get(name)
+    }
+    if "frequency_hz" not in numbers:
+        raise line.error("frequency_hz: the cell is empty")
+    shape = np.array(
+        [_component(cells[name], name, line) for name in columns if name not in RESERVED_NAMES]
+    )
+    measured = shape[np.isfinite(shape)]
+    if not np.any(measured.imag):
+        shape = shape.real
+    try:
+        return IdentifiedMode(
+            label=cells["label"], shape=shape if len(measured) else None, **numbers
+        )
+    except ValueError as error:
+        raise line.error(str(error)) from None

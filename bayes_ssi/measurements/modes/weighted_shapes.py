@@ -9,8 +9,7 @@ tests share join the parts of a shape, each with the weight that its error gives
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,46 +20,24 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.modes.joint_covariance import plane_bases
 from bayes_ssi.measurements.modes.modal_data import ModalData
 
-MOST_STEPS = 50
-# Steps this small, in standard deviations, change nothing that is shown.
-CONVERGED = 1e-6
 
-
-@dataclass(frozen=True, eq=False)
 class PartOfTest:
-    """What one test says of some of the merged modes.
+    """What one test says of some of the merged modes, of frequencies, shapes or both.
 
-    Attributes:
-        log_frequencies: (p,), of its modes.
-        frequency_places: (p,), the merged mode of each.
-        unit_shapes: for each shape, (n,), zero where not measured.
-        measured: for each shape, (n,), whether the sensor measured it.
-        bases: for each shape, (n, d - 1), directions at right angles to it.
-        columns: (n,), place of each sensor of the test among those of all.
-        whitening: (k, k), turns errors of frequencies, then of shapes in their planes, into
-            independent ones of size one.
+    Args:
+        places: label of a mode → the merged mode.
+        sensors: N names of all tests' sensors.
     """
 
-    log_frequencies: FloatArray
-    frequency_places: tuple[int, ...]
-    unit_shapes: tuple[FloatArray, ...]
-    measured: tuple[NDArray[np.bool_], ...]
-    shape_places: tuple[int, ...]
-    bases: tuple[FloatArray, ...]
-    columns: tuple[int, ...]
-    whitening: FloatArray
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         name: str,
         data: ModalData,
-        places: dict[str, int],
+        places: Mapping[str, int],
         sensors: Sequence[str],
-        frequencies: bool = True,
-        shapes: bool = True,
-    ) -> PartOfTest:
-        """A part of a test's data."""
+        frequencies: bool,
+        shapes: bool,
+    ) -> None:
         chosen = [mode for mode in data.modes if mode.label in places]
         with_shape = [mode for mode in chosen if shapes and mode.scored_shape is not None]
         m, n = len(data.modes), len(data.sensors)
@@ -69,7 +46,7 @@ class PartOfTest:
             sizes = [(mode.frequency_cov, mode.shape_sd) for mode in data.modes]
             for mode in chosen:
                 needed = ["frequency_cov"] + ["shape_sd"] * (mode.scored_shape is not None)
-                if lacking := [each for each in needed if getattr(mode, each) is None]:
+                if lacking := [size for size in needed if getattr(mode, size) is None]:
                     raise ValueError(
                         f"{name}: mode {mode.label!r} has no {lacking[0]}; modes are merged by the "
                         "weight of their errors"
@@ -79,11 +56,12 @@ class PartOfTest:
         basis = np.zeros((len(covariance), 0))
         if frequencies:
             basis = np.eye(len(covariance))[:, [data.labels.index(mode.label) for mode in chosen]]
-        bases = tuple(plane_bases(with_shape, n))
-        for mode, own in zip(with_shape, bases, strict=True):
+        # Directions (n, d - 1) at right angles to each shape.
+        self.bases = plane_bases(with_shape, n)
+        for mode, plane in zip(with_shape, self.bases, strict=True):
             start = m + n * data.labels.index(mode.label)
-            embedded = np.zeros((len(covariance), own.shape[1]))
-            embedded[start : start + n] = own
+            embedded = np.zeros((len(covariance), plane.shape[1]))
+            embedded[start : start + n] = plane
             basis = np.concatenate([basis, embedded], axis=1)
         try:
             root = np.linalg.cholesky(basis.T @ covariance @ basis)
@@ -92,18 +70,16 @@ class PartOfTest:
                 f"{name}: the covariance of its modes is singular, so that they have no weights; "
                 "use each mode's own errors"
             ) from None
+        # Errors of frequencies, then of shapes in their planes, as independent ones of size one.
+        self.whitening = np.linalg.inv(root)
         kept = chosen if frequencies else []
+        self.log_frequencies = np.log([mode.frequency_hz for mode in kept])
+        self.frequency_places = [places[mode.label] for mode in kept]
         units = [np.array(mode.unit_shape, dtype=float) for mode in with_shape]
-        return cls(
-            log_frequencies=np.log([mode.frequency_hz for mode in kept]),
-            frequency_places=tuple(places[mode.label] for mode in kept),
-            unit_shapes=tuple(np.nan_to_num(shape) for shape in units),
-            measured=tuple(np.isfinite(shape) for shape in units),
-            shape_places=tuple(places[mode.label] for mode in with_shape),
-            bases=bases,
-            columns=tuple(sensors.index(sensor) for sensor in data.sensors),
-            whitening=np.linalg.inv(root),
-        )
+        self.unit_shapes = [np.nan_to_num(shape) for shape in units]  # (n,) each
+        self.measured = [np.isfinite(shape) for shape in units]
+        self.shape_places = [places[mode.label] for mode in with_shape]
+        self.columns = [sensors.index(sensor) for sensor in data.sensors]
 
     def residuals(
         self, log_frequencies: FloatArray, shapes: FloatArray, planes: Sequence[FloatArray]
@@ -116,7 +92,7 @@ class PartOfTest:
             planes: for each merged mode, (N, K_j), directions in which its shape may move.
         """
         first = np.cumsum([len(log_frequencies), *(plane.shape[1] for plane in planes)])
-        places = list(self.frequency_places)
+        places = self.frequency_places
         residuals = [self.log_frequencies - log_frequencies[places]]
         slopes = np.zeros((len(places), first[-1]))
         slopes[range(len(places)), places] = 1.0
@@ -124,12 +100,12 @@ class PartOfTest:
         for unit, measured, j, basis in zip(
             self.unit_shapes, self.measured, self.shape_places, self.bases, strict=True
         ):
-            seen = np.where(measured, shapes[j, list(self.columns)], 0.0)
+            seen = np.where(measured, shapes[j, self.columns], 0.0)
             length = np.linalg.norm(seen)
             sign = 1.0 if seen @ unit >= 0.0 else -1.0
             direction = sign * seen / length
             residuals.append(-basis.T @ direction)
-            moved = sign * planes[j][list(self.columns)] * measured[:, None] / length
+            moved = sign * planes[j][self.columns] * measured[:, None] / length
             moved = moved - np.outer(direction, direction @ moved)
             slopes = np.zeros((basis.shape[1], first[-1]))
             slopes[:, first[j] : first[j + 1]] = basis.T @ moved
@@ -168,11 +144,11 @@ def weighted_least_squares(
     """
     m = len(shapes)
     counted = m if any(part.frequency_places for part in parts) else 0
-    for _ in range(MOST_STEPS):
+    for _ in range(50):
         planes = [_plane(*each) for each in zip(shapes, measured, strict=True)]
-        each = [part.residuals(log_frequencies, shapes, planes) for part in parts]
-        residuals = np.concatenate([own for own, _ in each])
-        slopes = np.concatenate([own for _, own in each])[:, m - counted :]
+        of_parts = [part.residuals(log_frequencies, shapes, planes) for part in parts]
+        residuals = np.concatenate([of_part for of_part, _ in of_parts])
+        slopes = np.concatenate([of_part for _, of_part in of_parts])[:, m - counted :]
         if np.linalg.matrix_rank(slopes) < slopes.shape[1]:
             raise ValueError(
                 "merging: sensors that the tests share do not move in a mode, so that the parts of "
@@ -188,8 +164,8 @@ def weighted_least_squares(
             moved.append(turned / np.linalg.norm(turned) if turned.any() else turned)
             first = end
         shapes = np.array(moved)
-        # Relative to the standard deviations that the slopes give.
-        if np.linalg.norm(slopes @ step) < CONVERGED:
+        # In standard deviations, by the slopes: so little changes nothing that is shown.
+        if np.linalg.norm(slopes @ step) < 1e-6:
             break
     else:
         raise ValueError("merging: the tests' modes are too different to be those of one structure")

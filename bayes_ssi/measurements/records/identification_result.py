@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, counted
-from bayes_ssi.measurements.modes.identification_record import (
+from bayes_ssi.measurements.modes.identification_summary import (
     EstimatedMode,
     EstimatedPeak,
-    IdentificationRecord,
+    IdentificationSummary,
     MeasuredRecord,
 )
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
@@ -147,9 +147,9 @@ class ModalIdentification(Displayed):
             data = replace(data, modes=modes)
         return replace(data, identifications=(self._record_of(data.modes),))
 
-    def _record_of(self, modes: tuple[IdentifiedMode, ...]) -> IdentificationRecord:
+    def _record_of(self, modes: tuple[IdentifiedMode, ...]) -> IdentificationSummary:
         quoted, worst = self.quoted, self.worst.fit
-        return IdentificationRecord(
+        return IdentificationSummary(
             record=self.record,
             band_hz=quoted.band_hz,
             method=quoted.method,

@@ -58,7 +58,7 @@ class EstimatedPeak:
 
 
 @dataclass(frozen=True)
-class IdentificationRecord:
+class IdentificationSummary:
     """An identification of modes from one record.
 
     Attributes:
